@@ -1,0 +1,41 @@
+# Two commands for a newcomer: `make demo` (recipe to leaderboard) and `make test`.
+# Both set up .venv by themselves; nothing is installed outside it but libllvm19, where apt may.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: help install demo test test-fast lint clean
+help:
+	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (about a minute)"
+	@echo "make test       linters, types and every test (under ten minutes on two cores)"
+	@echo "make test-fast  linters, types and the short tests (under three minutes)"
+	@echo "make install    only set up .venv"
+	@echo "make clean      remove what demo and test made"
+
+install: $(STAMP)
+
+$(STAMP): pyproject.toml tools/install-llvm.sh
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "saf_gen needs Python 3.11 or newer; this is " + sys.version.split()[0] + ": run make PYTHON=python3.12")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@sh tools/install-llvm.sh
+	@touch $@
+
+demo: install
+	$(BIN)/saf-gen generate recipes/quickstart.yaml --out datasets/quickstart
+	$(BIN)/saf-gen evaluate datasets/quickstart
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: lint
+	$(BIN)/pytest -m 'not gpu and not browser' --durations=10
+
+test-fast: lint
+	$(BIN)/pytest
+
+clean:
+	rm -rf datasets/quickstart .pytest_cache .mypy_cache .ruff_cache

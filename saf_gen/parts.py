@@ -1,0 +1,66 @@
+"""What a part looks like from outside: light schedules, focus measures, searches.
+
+A part is structural: a frozen dataclass with these members, importing nothing of saf_gen but the ground
+floor. The rooms ``lights``, ``measures`` and ``searches`` call parts only through what stands here.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+__all__ = ["Answer", "Light", "Measure", "Search", "View"]
+
+
+class Light(Protocol):
+    """A light schedule: the gain of a light over time, in its own unit of time, the second."""
+
+    def integral(self, seconds: np.ndarray) -> np.ndarray:
+        """Integral of the gain from 0 to each time, float64, gain seconds.
+
+        The camera integrates light over a readout, so a schedule is given by its antiderivative: the mean
+        gain of a readout is then exact, for steps and flicker too.
+        """
+        ...
+
+
+class Measure(Protocol):
+    """A focus measure: spike counts (row, col) in, one number out; larger is sharper."""
+
+    degree: ClassVar[int]
+    """Power of brightness in the score: counts times a give the score times a**degree."""
+
+    def __call__(self, counts: np.ndarray) -> float: ...
+
+
+class View(Protocol):
+    """What a search may see of a recording: its length and the score of any window. Truth is out of reach."""
+
+    @property
+    def frames(self) -> int:
+        """Frames in the recording."""
+        ...
+
+    def score(self, first: int, stop: int) -> float:
+        """The measure's score of the counts in frames ``first <= t < stop`` (0-based, at least one)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Where a search says the focus is.
+
+    ``frame`` is 0-based and may be fractional (the centre of a block of frames a...b-1 is (a+b-1)/2);
+    None abstains. ``trace`` holds the steps on the way in the search's own convention, ``note`` one line
+    of what a reader should know (why it abstained, where it stopped).
+    """
+
+    frame: float | None
+    trace: tuple[float, ...] = ()
+    note: str = ""
+
+
+class Search(Protocol):
+    """A search: looks at windows of a recording through a view, and answers with a frame."""
+
+    def __call__(self, view: View) -> Answer: ...

@@ -1,0 +1,89 @@
+"""Finds parts by name: light schedules, focus measures, searches.
+
+A part is a frozen dataclass in a file of its own, ``saf_gen/<room>/<name>.py``, or anybody's, offered
+under the entry point ``saf_gen.<room>``. Its fields are the keys that a recipe or a method may set (a
+trailing underscore is dropped: the field ``from_`` is the key ``from``). Listing imports nothing, so a
+part with a missing dependency cannot break the others.
+"""
+
+import pkgutil
+from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from saf_gen.errors import BadInput, unknown
+
+__all__ = ["ROOMS", "build", "keys", "names", "part_class"]
+
+ROOMS = {"lights": "light schedule", "measures": "focus measure", "searches": "search"}
+
+
+@cache
+def _own(room: str) -> frozenset[str]:
+    folder = Path(__file__).parent / room
+    return frozenset(m.name for m in pkgutil.iter_modules([str(folder)]) if not m.name.startswith("_"))
+
+
+@cache
+def _offered(room: str) -> dict[str, EntryPoint]:
+    return {e.name: e for e in entry_points(group=f"saf_gen.{room}")}
+
+
+def names(room: str) -> list[str]:
+    """Every registered name of a room, sorted; nothing is imported."""
+    return sorted(_own(room) | set(_offered(room)))
+
+
+@cache
+def part_class(room: str, name: str) -> type:
+    """The dataclass behind a name.
+
+    Raises BadInput for an unknown name, and for a file or entry point that does not hold one dataclass.
+    """
+    if name in _own(room):
+        module = import_module(f"saf_gen.{room}.{name}")
+        found = [v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__]
+        parts = [c for c in found if is_dataclass(c)]
+        if len(parts) != 1:
+            raise BadInput(
+                f"{module.__name__} holds {len(parts)} dataclasses", allowed="one part a file, a frozen dataclass"
+            )
+        return parts[0]
+    if name in _offered(room):
+        offered = _offered(room)[name]
+        try:
+            part = offered.load()
+        except (ImportError, AttributeError) as error:
+            raise BadInput(
+                f"{ROOMS[room]} {name!r} of the entry point {offered.value!r} cannot be loaded: {error}",
+                hint="mend or remove the package that offers it",
+            ) from error
+        if not (isinstance(part, type) and is_dataclass(part)):
+            raise BadInput(f"the entry point {offered.value!r} is no part", allowed="a frozen dataclass")
+        return part
+    raise unknown(ROOMS[room], name, names(room))
+
+
+def keys(room: str, name: str) -> dict[str, str]:
+    """The keys that a part takes, each with the dataclass field that holds it."""
+    return {f.name.rstrip("_"): f.name for f in fields(part_class(room, name)) if f.init}
+
+
+def build(room: str, name: str, /, **options: Any) -> Any:
+    """The part ``name`` with these options.
+
+    Raises BadInput for an unknown name or key, a missing key, or a value the part itself refuses.
+    """
+    cls, known = part_class(room, name), keys(room, name)
+    for key in options:
+        if key not in known:
+            raise unknown(f"key of {ROOMS[room]} {name!r}:", key, known)
+    try:
+        return cls(**{known[k]: v for k, v in options.items()})
+    except TypeError as error:  # a missing key, or a value of the wrong type
+        raise BadInput(
+            f"{ROOMS[room]} {name!r}: {error}", allowed=", ".join(known) or "no keys"
+        ) from error
