@@ -1,0 +1,68 @@
+"""The dataset card: README.md of a dataset folder, for whoever finds it without us."""
+
+import os
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from string import Template
+
+from saf_gen.dataset import Manifest
+from saf_gen.recipe import Recipe
+from saf_gen.scene import Card
+
+__all__ = ["write_card"]
+
+PAGE = Template("""# $name: spike-camera autofocus data
+
+Made by saf_gen from a recipe: scenes rendered by Mitsuba through a thin lens, seen by a model of the spike
+camera `$sensor`. Every sequence is one sweep of the lens over its whole travel and knows its true focus.
+
+| | |
+|---|---|
+| sequences | $count ($splits) |
+| frames a sequence | $frames |
+| focus positions rendered | $positions, $samples samples a pixel |
+| light schedules | $lights |
+| recipe fingerprint | `$fingerprint` |
+
+## Scenes
+
+$scenes
+
+## Files
+
+- `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`.
+- `<split>/<id>.h5`: a spike stream with its truth; `/provenance/recipe` in it makes it again.
+- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; only needed to record more.
+
+```python
+import saf_gen
+with saf_gen.open_stream("$example") as stream:
+    print(stream.shape, stream.truth.position)
+    image = stream.counts(0, 200)
+```
+
+To evaluate focus methods on it: `saf-gen evaluate $folder`
+""")
+
+
+def write_card(folder: Path, recipe: Recipe, manifest: Manifest, scenes: Iterable[Card]) -> None:
+    """Write README.md into a dataset folder, in one piece."""
+    splits = Counter(entry.split for entry in manifest.sequences)
+    text = PAGE.substitute(
+        name=recipe.name,
+        sensor=recipe.camera.sensor,
+        count=len(manifest.sequences),
+        splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
+        frames=recipe.camera.frames,
+        positions=recipe.focus.positions,
+        samples=recipe.render.samples,
+        lights=", ".join(recipe.lights),
+        fingerprint=manifest.recipe_fingerprint,
+        scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence}." for card in scenes),
+        example=f"{folder}/{manifest.sequences[0].file}" if manifest.sequences else "SPLIT/ID.h5",
+        folder=folder,
+    )
+    part = folder / f".README.{os.getpid()}.part"
+    part.write_text(text, encoding="utf-8")
+    part.replace(folder / "README.md")

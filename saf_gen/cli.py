@@ -1,0 +1,330 @@
+"""The command line: parses, calls, prints. The one place that prints, and the one door to typer."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+import saf_gen
+from saf_gen.errors import BadInput, SafGenError
+
+if TYPE_CHECKING:
+    from saf_gen.generate import Work
+
+app = typer.Typer(
+    help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+scenes_app = typer.Typer(help="Scenes that recipes can name.", no_args_is_help=True)
+recipes_app = typer.Typer(help="Recipes of datasets.", no_args_is_help=True)
+app.add_typer(scenes_app, name="scenes")
+app.add_typer(recipes_app, name="recipes")
+
+out = Console()
+err = Console(stderr=True, soft_wrap=True)
+
+OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
+
+
+def main(argv: list[str] | None = None) -> NoReturn:
+    """Run a command; every error a user can cause ends in one line and exit code 2."""
+    try:
+        code = app(args=argv, standalone_mode=False)
+    except SafGenError as error:
+        code = _fail(str(error), error.exit_code)
+    except typer.TyperException as error:
+        code = _fail(f"{error.format_message()}; see: saf-gen --help", 2)
+    except (KeyboardInterrupt, typer.Abort):
+        code = _fail("stopped; what was done is kept: run the same command again to go on", 130)
+    except BrokenPipeError:  # `saf-gen ... | head` has what it wanted
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  python flushes it while exiting
+        code = 0
+    sys.exit(code or 0)
+
+
+def _fail(line: str, code: int) -> int:
+    err.print(f"[bold red]saf-gen:[/] {escape(' '.join(line.split()))}", highlight=False)
+    return code
+
+
+@contextmanager
+def _bars() -> Iterator[Progress]:
+    """Progress bars with the time left, on stderr so that stdout stays clean for pipes."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Progress(*columns, console=err) as progress:
+        yield progress
+
+
+@app.command()
+def generate(
+    recipe: Annotated[Path, typer.Argument(help="A recipe, such as recipes/quickstart.yaml.")],
+    folder: OutFolder = None,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="Sequences recorded at a time.")] = 1,
+    cluster: Annotated[str | None, typer.Option(help="Address of a Dask scheduler to run on.")] = None,
+    shard: Annotated[str, typer.Option(help="I/N: make every N-th sequence from the I-th on.")] = "1/1",
+    variant: Annotated[str, typer.Option(help="auto, llvm, cuda or scalar.")] = "auto",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.")] = False,
+) -> None:
+    """Make a dataset from a recipe, or go on with one that was stopped."""
+    from saf_gen import generate as making
+
+    work = making.prepare(recipe, part=_shard(shard))
+    target = folder or Path("datasets") / work.recipe.name
+    if dry_run:
+        _print_plan(work, target)
+        return
+    with _bars() as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def tell(name: str, done: float) -> None:
+            if name not in tasks:
+                tasks[name] = bars.add_task(name, total=1.0)
+            bars.update(tasks[name], completed=done)
+
+        outcome = making.generate(work, target, workers=workers, variant=variant, cluster=cluster, tell=tell)
+    out.print(
+        f"{len(outcome.recorded)} sequences recorded, {len(outcome.kept)} kept from before, "
+        f"{len(outcome.rendered)} pieces of focal stacks rendered"
+    )
+    out.print(f"dataset: {outcome.folder}   (next: saf-gen evaluate {outcome.folder})", highlight=False)
+    for name, problem in outcome.failed.items():
+        _fail(f"{name} failed: {problem}", 1)
+    if outcome.failed:
+        raise typer.Exit(1)
+
+
+def _shard(text: str) -> tuple[int, int]:
+    index, _, count = text.partition("/")
+    if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
+        raise BadInput(f"--shard is {text!r}", allowed="I/N with I from 1 to N, such as 2/8")
+    return int(index), int(count)
+
+
+def _print_plan(work: "Work", target: Path) -> None:
+    table = Table(title=f"{work.recipe.name}: {len(work.sequences)} sequences in {target}")
+    for column in ("sequence", "split", "frames", "seed", "already there"):
+        table.add_column(column)
+    for s in work.sequences:
+        there = "yes" if (target / s.file).exists() else "no"
+        table.add_row(s.id, s.split, str(work.recipe.camera.frames), str(s.seed), there)
+    out.print(table)
+    missing = work.stacks_missing(target)
+    out.print(f"focal stacks to render: {', '.join(missing) or 'none, all are there'}")
+    seconds, needed = work.seconds_expected(target), work.bytes_expected(target)
+    out.print(
+        f"disk still needed: about {needed / 1e9:.2f} GB; time: about {seconds:.0f} s on two cores with LLVM"
+    )
+
+
+@app.command()
+def evaluate(
+    source: Annotated[Path, typer.Argument(help="A dataset folder or a stream file.")],
+    split: Annotated[str | None, typer.Option(help="Only this split.")] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="MEASURE+SEARCH, options after a colon; may be given again.")
+    ] = None,
+    folder: OutFolder = None,
+    track: Annotated[str, typer.Option(help="recorded: all methods see the same sweep.")] = "recorded",
+    region: Annotated[str, typer.Option(help="target (box round the target) or frame.")] = "target",
+) -> None:
+    """Run focus methods over recordings, rank them, draw their curves."""
+    from saf_gen.evaluate import evaluate as run
+    from saf_gen.leaderboard import columns, table, write_files
+    from saf_gen.report import write_report
+
+    if track != "recorded":
+        raise BadInput(f"unknown track {track!r}", allowed="recorded")
+    target = folder or _beside(source)
+    with _bars() as bars:
+        task = bars.add_task("evaluate", total=1)
+
+        def step(done: int, total: int, what: str) -> None:
+            bars.update(task, completed=done, total=total, description=f"evaluate {what}")
+
+        result = run(source, methods=method, split=split, region=region, progress=step)
+    rows = table(result.records)
+    shown = columns(rows)
+    board = Table(title=f"{source}: {len(result.sweeps)} sequences, region {region}")
+    for column in shown:
+        board.add_column(column.header, justify=column.justify, no_wrap=column.name == "method")
+    for row in rows:
+        board.add_row(*(escape(column.text(row)) for column in shown))
+    out.print(board)
+    for path in (*write_files(target, rows=rows, records=result.records, failures=result.failures),
+                 *write_report(target, rows=rows, evaluation=result, title=str(source))):  # fmt: skip
+        out.print(str(path), highlight=False, soft_wrap=True)
+    for failure in result.failures:
+        _fail(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
+    if result.failures:
+        raise typer.Exit(1)
+
+
+def _beside(source: Path) -> Path:
+    """Where results go unless told: in the dataset's folder, or beside a stream."""
+    return source / "evaluation" if source.is_dir() else source.with_name(f"{source.stem}-evaluation")
+
+
+@app.command()
+def score(
+    stream: Annotated[Path, typer.Argument(help="A stream file.")],
+    measure: Annotated[str, typer.Option(help="A focus measure; see: saf-gen methods.")],
+    window: Annotated[int, typer.Option(min=1, help="Frames a block.")],
+    csv: Annotated[Path | None, typer.Option("--out", help="Write here rather than to the terminal.")] = None,
+    region: Annotated[str, typer.Option(help="frame, or target (box round the target).")] = "frame",
+) -> None:
+    """Score consecutive blocks of a stream: columns `frame` (first of the block, from 0) and `score`."""
+    from saf_gen.evaluate import score_curve
+    from saf_gen.stream import open_stream
+
+    with open_stream(stream) as opened:
+        frames, scores = score_curve(opened, measure, window=window, region=region)
+    text = "frame,score\n" + "".join(
+        f"{f},{s!r}\n" for f, s in zip(frames.tolist(), scores.tolist(), strict=True)
+    )
+    if csv is None:
+        out.file.write(text)
+        return
+    _write_text(csv, text)
+    out.print(f"{len(frames)} blocks in {csv}", highlight=False)
+
+
+def _write_text(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(
+            f"{path} cannot be written: {error.strerror}", hint="give another path to --out"
+        ) from error
+
+
+@app.command(name="import")
+def import_(
+    file: Annotated[Path, typer.Argument(help="A file of another camera or project.")],
+    target: Annotated[Path, typer.Option("--out", help="The stream to write.")],
+    layout: Annotated[str, typer.Option(help="416, dense or sps1000.")] = "416",
+    frames: Annotated[int | None, typer.Option(min=1, help="Only so many frames.")] = None,
+    rate: Annotated[float, typer.Option(help="Readouts a second; no such file records it.")] = 20_000.0,
+    flip: Annotated[bool | None, typer.Option(help="Bottom row first (default: as the layout is).")] = None,
+) -> None:
+    """Turn somebody else's spike file into a stream."""
+    from saf_gen.interop import import_file
+    from saf_gen.stream import open_stream
+
+    digest = import_file(file, target, layout=layout, frames=frames, readout_hz=rate, flip=flip)
+    with open_stream(target) as stream:
+        count, rows, columns = stream.shape
+    out.print(f"{count} frames of {columns}×{rows} in {target}, sha256 {digest[:16]}…", highlight=False)
+
+
+@app.command()
+def export(
+    stream: Annotated[Path, typer.Argument(help="A stream file.")],
+    target: Annotated[Path, typer.Option("--out", help="The file to write.")],
+    layout: Annotated[str, typer.Option(help="416, dense or sps1000.")] = "416",
+) -> None:
+    """Write a stream in somebody else's layout."""
+    from saf_gen.interop import export_file
+
+    out.print(f"{export_file(stream, target, layout=layout)} bytes in {target}", highlight=False)
+
+
+@app.command()
+def inspect(stream: Annotated[Path, typer.Argument(help="A stream file.")]) -> None:
+    """Say what is in a stream: size, light, truth, how it was made."""
+    from saf_gen.stream import open_stream
+
+    with open_stream(stream) as opened:
+        facts = opened.summary()
+    table = Table(show_header=False, title=str(stream))
+    for name, value in facts.items():
+        table.add_row(name, escape(value))
+    out.print(table)
+
+
+@app.command()
+def verify(dataset: Annotated[Path, typer.Argument(help="A dataset folder.")]) -> None:
+    """Check every sequence of a dataset against its manifest, bit by bit."""
+    from saf_gen.dataset import read_manifest, verify_entry
+
+    manifest = read_manifest(dataset)
+    broken = 0
+    for entry in manifest.sequences:
+        try:
+            verify_entry(dataset, entry)
+        except BadInput as error:
+            broken += 1
+            _fail(str(error), 1)
+    out.print(f"{len(manifest.sequences) - broken} of {len(manifest.sequences)} sequences are whole")
+    if broken:
+        raise typer.Exit(1)
+
+
+@app.command()
+def methods() -> None:
+    """List focus measures and searches, each with what it does."""
+    from saf_gen import registry
+
+    for room in ("measures", "searches"):
+        table = Table(title=room)
+        table.add_column("name", no_wrap=True)
+        table.add_column("what it is")
+        for name in registry.names(room):
+            doc = registry.part_class(room, name).__doc__ or ""
+            table.add_row(name, escape(" ".join(doc.split("\n\n")[0].split())))
+        out.print(table)
+    out.print(
+        "A method is MEASURE+SEARCH, such as sd_code+sgfs_code:dt=50. NAME_n divides a measure by brightness."
+    )
+
+
+@scenes_app.command("list")
+def scenes_list() -> None:
+    """List the scenes that can be found."""
+    from saf_gen.scene import find_scene, scene_names
+
+    table = Table("scene", "title", "light groups", "lens", "licence")
+    for name in scene_names():
+        card = find_scene(name).card
+        lens = f"{card.lens.focal_length_mm:g} mm f/{card.lens.f_number:g}"
+        table.add_row(name, card.title, ", ".join(card.lights), lens, card.licence)
+    out.print(table)
+
+
+@recipes_app.command("check")
+def recipes_check(recipe: Annotated[Path, typer.Argument(help="A recipe.")]) -> None:
+    """Check a recipe and all that it names, without making anything."""
+    from saf_gen.generate import prepare
+
+    work = prepare(recipe)
+    out.print(
+        f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}", highlight=False
+    )
+
+
+@app.command()
+def doctor() -> None:
+    """Say what this machine can do, and what would make it faster."""
+    from saf_gen.machine import facts
+
+    described, advice = facts()
+    table = Table(show_header=False, title=f"saf-gen {saf_gen.__version__}")
+    for name, value in described.items():
+        table.add_row(name, escape(value))
+    out.print(table)
+    for line in advice:
+        out.print(f"to be faster: {line}", highlight=False)

@@ -1,0 +1,120 @@
+"""Runs independent jobs: on this machine's cores, or on a Dask cluster. The engine is thin.
+
+A job is a picklable value with ``run(tell)``; it is idempotent and leaves its result on disk, so a job that
+runs twice, or a worker that dies, does no harm. Small values come back.
+"""
+
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Protocol
+
+from saf_gen.errors import BadInput, SafGenError
+
+__all__ = ["Done", "Job", "Tell", "run_jobs"]
+
+Tell = Callable[[str, float], None]
+"""Told the name of a piece of work and the share of it done, 0...1."""
+
+
+class Job(Protocol):
+    """Work that can be sent to another process."""
+
+    @property
+    def name(self) -> str: ...
+
+    def run(self, tell: Tell) -> Any: ...
+
+
+Done = tuple[Any, Any, str]
+"""(job, result, error): the error is '' where the job did well; the result is None where it did not."""
+
+
+def run_jobs(jobs: Sequence[Job], *, workers: int, tell: Tell, address: str | None = None) -> Iterator[Done]:
+    """Run jobs and give each as it ends.
+
+    One that fails is named with its error; the others go on.
+    """
+    if not jobs:
+        return iter(())
+    return _on_dask(jobs, address, tell) if address else _on_cores(jobs, workers, tell)
+
+
+_queue: Any = None
+
+
+def _start(queue: Any) -> None:
+    global _queue
+    _queue = queue
+
+
+def _report(name: str, done: float) -> None:
+    _queue.put((name, done))
+
+
+def _run(job: Job) -> Any:
+    return job.run(_report)
+
+
+def _silent(name: str, done: float) -> None:
+    """On a cluster only whole jobs report."""
+
+
+def _run_silent(job: Job) -> Any:
+    return job.run(_silent)
+
+
+def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell) -> Iterator[Done]:
+    # Spawned, never forked: Mitsuba's and numba's threads do not survive a fork.
+    context = multiprocessing.get_context("spawn")
+    queue = context.SimpleQueue()
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=(queue,)) as pool:
+        waiting: dict[Future[Any], Job] = {pool.submit(_run, job): job for job in jobs}
+        try:
+            while waiting:
+                ended, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
+                while not queue.empty():
+                    tell(*queue.get())
+                for future in ended:
+                    job = waiting.pop(future)
+                    yield (job, *_outcome(future))
+        except (KeyboardInterrupt, GeneratorExit):
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _outcome(future: Any) -> tuple[Any, str]:
+    try:
+        return future.result(), ""
+    except SafGenError as error:
+        return None, str(error)
+    except BrokenProcessPool:
+        return None, "its process died (killed, or out of memory?); run the same command again to go on"
+    except OSError as error:
+        return None, f"{error.strerror or error}{f' ({error.filename})' if error.filename else ''}"
+    except MemoryError:
+        return None, "out of memory; run with fewer --workers"
+
+
+def _on_dask(jobs: Sequence[Job], address: str | None, tell: Tell) -> Iterator[Done]:
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise BadInput(
+            "--cluster needs the package dask.distributed", hint="pip install 'saf-gen[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise BadInput(
+            f"no Dask scheduler answers at {address!r}: {error}", allowed="an address such as tcp://host:8786"
+        ) from error
+    with client:
+        # Each result is small and released at once; a re-run of a finished job finds its file and keeps it.
+        futures = {client.submit(_run_silent, job, pure=False): job for job in jobs}
+        for future in as_completed(list(futures)):
+            job = futures.pop(future)
+            tell(job.name, 1.0)
+            yield (job, *_outcome(future))
+            future.release()

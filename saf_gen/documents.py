@@ -1,0 +1,161 @@
+"""YAML documents read strictly: recipes, scene cards, sensor files.
+
+A document becomes a frozen pydantic model or one line that names the file, the line, the value, what is
+allowed and the nearest. YAML is parsed to nodes first, so that every value knows its line.
+"""
+
+from pathlib import Path
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from saf_gen.errors import BadInput, closest
+
+__all__ = ["Document", "Frozen", "read", "read_as"]
+
+Key = str | int
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Frozen(BaseModel):
+    """A document's value: immutable, and an unknown key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Document:
+    """Plain data of a YAML file, with the line of every value."""
+
+    def __init__(self, path: Path, data: Any, lines: dict[tuple[Key, ...], int], text: str) -> None:
+        self.path, self.data, self.text = path, data, text
+        self._lines = lines
+
+    def where(self, *keys: Key) -> str:
+        """``file:line`` of the value at these keys, or of the nearest enclosing one."""
+        for end in range(len(keys), -1, -1):
+            if keys[:end] in self._lines:
+                return f"{self.path}:{self._lines[keys[:end]]}"
+        return str(self.path)
+
+
+def read(path: str | Path) -> Document:
+    """Read a YAML file.
+
+    Raises BadInput for a missing or unreadable file, broken YAML, or a key given twice.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        near = closest(path.name, [p.name for p in path.parent.glob("*.y*ml")])
+        raise BadInput(f"{path} does not exist", nearest=str(path.with_name(near)) if near else "") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path} cannot be read: {error}") from error
+    lines: dict[tuple[Key, ...], int] = {}
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        data = None if node is None else _plain(node, (), lines, path)
+    except yaml.MarkedYAMLError as error:
+        line = f"{path}:{error.problem_mark.line + 1}" if error.problem_mark else str(path)
+        raise BadInput(f"this is not YAML: {error.problem}", where=line) from error
+    except yaml.YAMLError as error:
+        raise BadInput(f"this is not YAML: {error}", where=str(path)) from error
+    return Document(path, data, lines, text)
+
+
+def read_as(model: type[Model], path: str | Path) -> tuple[Model, Document]:
+    """Read a YAML file as ``model``; raises BadInput with file and line where it does not fit."""
+    document = read(path)
+    if not isinstance(document.data, dict):
+        raise BadInput("the file holds no keys", where=str(path), allowed=", ".join(model.model_fields))
+    try:
+        return model.model_validate(document.data), document
+    except ValidationError as error:
+        raise _told(error, model, document) from error
+
+
+def _plain(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], int], path: Path) -> Any:
+    """Node to plain data, noting lines; YAML itself would let a second key silently win."""
+    lines[at] = node.start_mark.line + 1
+    if isinstance(node, yaml.MappingNode):
+        out: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            key = str(key_node.value)
+            here = f"{path}:{key_node.start_mark.line + 1}"
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise BadInput("a key must be a name", where=here)
+            if key in out:
+                raise BadInput(f"the key {key!r} stands twice", where=here, hint="keep one of the two")
+            out[key] = _plain(value_node, (*at, key), lines, path)
+            lines[(*at, key)] = key_node.start_mark.line + 1
+        return out
+    if isinstance(node, yaml.SequenceNode):
+        return [_plain(item, (*at, i), lines, path) for i, item in enumerate(node.value)]
+    return yaml.SafeLoader("").construct_object(node)
+
+
+def _told(error: ValidationError, model: type[BaseModel], document: Document) -> BadInput:
+    """The first of pydantic's complaints, in our words."""
+    complaints = error.errors()
+    first = complaints[0]
+    more = f"({len(complaints) - 1} more after this one)" if len(complaints) > 1 else ""
+    keys = first["loc"]
+    name = ".".join(str(k) for k in keys)
+    where = document.where(*keys)
+    if first["type"] == "extra_forbidden":
+        known = _keys_at(model, keys[:-1])
+        inside = f" in {'.'.join(str(k) for k in keys[:-1])}" if keys[:-1] else ""
+        return BadInput(
+            f"unknown key {str(keys[-1])!r}{inside}",
+            where=where,
+            allowed=", ".join(known),
+            nearest=closest(keys[-1], known),
+            hint=more,
+        )
+    if first["type"] == "missing":
+        return BadInput(f"the key {name!r} is missing", where=where, hint=more)
+    expected = _expectation(first)
+    value = first["input"]
+    choices = [c.strip().strip("'") for c in expected.replace(" or ", ", ").split(",")]
+    literal = first["type"] == "literal_error"
+    return BadInput(
+        f"{name} is {value!r}",
+        where=where,
+        allowed=", ".join(choices) if literal else expected,
+        nearest=closest(value, choices) if literal else "",
+        hint=more,
+    )
+
+
+def _expectation(complaint: ErrorDetails) -> str:
+    text = complaint["msg"]
+    for prefix in ("Input should be ", "Value error, "):
+        text = text.removeprefix(prefix)
+    return text
+
+
+def _keys_at(model: Any, keys: tuple[Key, ...]) -> list[str]:
+    """The keys allowed at a place in a model, for the message about an unknown one."""
+    for key in keys:
+        model = _inner(model, key)
+    for candidate in _alternatives(model):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            return [f.alias or name for name, f in candidate.model_fields.items()]
+    return []
+
+
+def _inner(model: Any, key: Key) -> Any:
+    for candidate in _alternatives(model):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            if key in candidate.model_fields:
+                return candidate.model_fields[str(key)].annotation
+        elif get_origin(candidate) in (dict, list, tuple):
+            return get_args(candidate)[1 if get_origin(candidate) is dict else 0]
+    return None
+
+
+def _alternatives(model: Any) -> tuple[Any, ...]:
+    return get_args(model) if get_origin(model) in (Union, UnionType) else (model,)

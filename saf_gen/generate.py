@@ -1,0 +1,271 @@
+"""Recipe to dataset: plan, render what is missing, record what is missing, list what is there."""
+
+import hashlib
+import json
+import os
+import platform
+import shutil
+from collections.abc import Sequence as Many
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import yaml
+
+import saf_gen
+from saf_gen import seeds
+from saf_gen.camera import Sensor, get_sensor
+from saf_gen.card import write_card
+from saf_gen.cluster import Tell, run_jobs
+from saf_gen.dataset import Manifest, SequenceEntry, read_manifest, write_manifest
+from saf_gen.errors import BadInput
+from saf_gen.focal_stack import StackSpec, StackStore
+from saf_gen.jobs import RecordJob, RenderJob
+from saf_gen.plan import Sequence, make_plan, recipe_fingerprint, shard
+from saf_gen.recipe import Recipe, read_recipe
+from saf_gen.record import MODEL, Recorder, group_gains
+from saf_gen.scene import Scene, find_scene
+
+__all__ = ["Outcome", "Work", "generate", "prepare"]
+
+PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "h5py", "isal", "OpenEXR")
+STACK_BYTES, STREAM_BITS = 4, 0.4  # a value of a stack; a pixel and frame of a stream, on the safe side
+# Two cores of 2.8 GHz with LLVM: paths traced and splatted, pixel·frames encoded, stored and verified.
+PATHS_A_SECOND, SPIKES_A_SECOND = 3e6, 0.7e9
+
+
+@dataclass(frozen=True)
+class Work:
+    """A recipe with everything found and checked, before anything is made."""
+
+    recipe: Recipe
+    sequences: list[Sequence]
+    scenes: dict[str, Scene]
+    specs: dict[str, StackSpec]
+    sensor: Sensor
+
+    def stacks_missing(self, folder: Path) -> list[str]:
+        """Scenes whose focal stack is not whole in this dataset folder."""
+        wanted = dict.fromkeys(s.scene for s in self.sequences)
+        return [s for s in wanted if StackStore(folder / "stacks", self.specs[s]).missing()]
+
+    def bytes_expected(self, folder: Path) -> int:
+        """Disk that the work still to do will take, about, a little on the safe side."""
+        pixels = self.sensor.rows * self.sensor.columns
+        stacks = (self.specs[s] for s in self.stacks_missing(folder))
+        rendered = sum(len(s.groups) * s.positions * pixels * STACK_BYTES for s in stacks)
+        to_record = sum(not (folder / s.file).exists() for s in self.sequences)
+        return rendered + int(to_record * pixels * self.recipe.camera.frames * STREAM_BITS / 8)
+
+    def seconds_expected(self, folder: Path) -> float:
+        """Time that the work still to do will take, roughly, on two cores with LLVM."""
+        pixels = self.sensor.rows * self.sensor.columns
+        stacks = (self.specs[s] for s in self.stacks_missing(folder))
+        rendering = sum(len(s.groups) * s.samples * pixels for s in stacks) / PATHS_A_SECOND
+        to_record = sum(not (folder / s.file).exists() for s in self.sequences)
+        return rendering + to_record * pixels * self.recipe.camera.frames / SPIKES_A_SECOND
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run did: pieces of stacks rendered, sequences recorded and kept, failures by name."""
+
+    folder: Path
+    manifest: Manifest
+    rendered: list[str]
+    recorded: list[str]
+    kept: list[str]
+    failed: dict[str, str]
+
+
+def prepare(recipe_path: str | Path, *, part: tuple[int, int] = (1, 1)) -> Work:
+    """Read a recipe, find its scenes and sensor, draw its sequences, and check that they fit together.
+
+    ``part`` is (I, N): only every N-th sequence from the I-th on.
+
+    Raises BadInput for whatever does not fit; nothing has been written then.
+    """
+    recipe = read_recipe(recipe_path)
+    sensor = _sensor(recipe)
+    scenes = {name: find_scene(name) for split in recipe.splits.values() for name in split.scenes}
+    specs = {name: _spec(recipe, scene, sensor) for name, scene in scenes.items()}
+    sequences = make_plan(recipe)
+    for sequence in sequences:
+        # Cheap, and it finds a group or a negative gain now rather than after the rendering.
+        try:
+            group_gains(sequence.schedule, specs[sequence.scene].groups, 16, sensor.readout_hz)
+        except BadInput as error:
+            raise BadInput(
+                f"light {sequence.light!r} on {sequence.scene}: {error}", where=str(recipe_path)
+            ) from error
+    return Work(recipe, shard(sequences, *part), scenes, specs, sensor)
+
+
+def generate(
+    work: Work,
+    folder: str | Path | None = None,
+    *,
+    workers: int = 1,
+    variant: str = "auto",
+    cluster: str | None = None,
+    tell: Tell = lambda name, done: None,
+) -> Outcome:
+    """Make the dataset, or what of it is missing, in ``folder`` (default: datasets/ and the recipe's name).
+
+    Stopped at any moment and started again, it goes on: finished stacks and sequences are verified and
+    kept, half-finished ones were never given their names.
+
+    Raises BadInput before anything is made; what fails on the way is in the outcome.
+    """
+    folder = Path(folder) if folder is not None else Path("datasets") / work.recipe.name
+    _check_folder(work, folder)
+    chosen = _variant(variant) if work.stacks_missing(folder) else variant
+    threads = max(1, len(os.sched_getaffinity(0)) // workers)
+    stacks = folder / "stacks"
+    render_jobs = [
+        RenderJob(work.scenes[s], work.specs[s], stacks, chosen, len(os.sched_getaffinity(0)))
+        for s in work.stacks_missing(folder)
+    ]
+    rendered: list[str] = []
+    failed: dict[str, str] = {}
+    # One scene at a time: a render takes every core by itself.
+    for job, pieces, error in run_jobs(render_jobs, workers=1, tell=tell, address=cluster):
+        if error:
+            failed[job.name] = error
+        else:
+            rendered += [f"{job.scene.id} · {piece}" for piece in pieces]
+    recorder = Recorder(
+        sensor=work.sensor,
+        frames=work.recipe.camera.frames,
+        device_seed=seeds.integer(work.recipe.seed, "device"),
+        provenance=_provenance(work.recipe),
+    )
+    record_jobs = [
+        RecordJob(recorder, s, work.specs[s.scene], stacks, folder / s.file, _fingerprint(work, s), threads)
+        for s in work.sequences
+        if f"render {s.scene}" not in failed
+    ]
+    recorded: list[str] = []
+    kept: list[str] = []
+    digests: dict[str, str] = {}
+    for job, result, error in run_jobs(record_jobs, workers=workers, tell=tell, address=cluster):
+        if error:
+            failed[job.name] = error
+        else:
+            (kept if result.kept else recorded).append(job.sequence.id)
+            digests[job.sequence.id] = result.content_sha256
+    manifest = _list(work, folder, digests)
+    return Outcome(folder, manifest, rendered, recorded, kept, failed)
+
+
+def _sensor(recipe: Recipe) -> Sensor:
+    camera = recipe.camera
+    laws = {"reset": camera.reset, "saturation": camera.saturation}
+    switches = camera.noise.model_dump(exclude_none=True)
+    sensor = get_sensor(camera.sensor, **{k: v for k, v in laws.items() if v is not None})
+    return sensor.with_noise(**switches)
+
+
+def _spec(recipe: Recipe, scene: Scene, sensor: Sensor) -> StackSpec:
+    if scene.card.lens.drive != recipe.focus.drive:
+        raise BadInput(
+            f"the recipe asks for the drive {recipe.focus.drive!r}; scene {scene.id!r} has another",
+            allowed=scene.card.lens.drive,
+        )
+    return StackSpec(
+        scene=scene.id,
+        scene_digest=scene.digest,
+        groups=tuple(scene.card.lights),
+        drive=scene.drive(recipe.camera.exposure.f_number),
+        rows=sensor.rows,
+        columns=sensor.columns,
+        pitch_m=sensor.pitch_m,
+        positions=recipe.focus.positions,
+        samples=recipe.render.samples,
+        max_depth=recipe.render.max_depth,
+    )
+
+
+def _variant(requested: str) -> str:
+    from saf_gen.render import variant  # loads Mitsuba: only where something must be rendered
+
+    return variant.choose(requested, variant.probe())
+
+
+def _fingerprint(work: Work, sequence: Sequence) -> str:
+    """Digest of everything that decides a sequence's numbers, so that an old file is never taken for it."""
+    decisive = {
+        "model": MODEL,
+        "sequence": asdict(sequence),
+        "stack": work.specs[sequence.scene].key,
+        "sensor": asdict(work.sensor),
+        "frames": work.recipe.camera.frames,
+        "seed": work.recipe.seed,
+    }
+    return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
+
+
+def _provenance(recipe: Recipe) -> dict[str, str]:
+    versions = {"saf_gen": saf_gen.__version__, "python": platform.python_version()}
+    versions |= {name: version(name) for name in PACKAGES}
+    return {
+        "recipe": yaml.safe_dump(recipe.model_dump(mode="json"), sort_keys=False),
+        "recipe_fingerprint": recipe_fingerprint(recipe),
+        "versions": json.dumps(versions, indent=1),
+    }
+
+
+def _check_folder(work: Work, folder: Path) -> None:
+    if (folder / "manifest.json").exists():
+        there = read_manifest(folder).name
+        if there != work.recipe.name:
+            raise BadInput(
+                f"{folder} holds the dataset {there!r}, the recipe makes {work.recipe.name!r}",
+                hint="give another folder with --out",
+            )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f".writable.{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise BadInput(
+            f"{folder} cannot be written: {error.strerror}", hint="give another folder with --out"
+        ) from error
+    needed, free = work.bytes_expected(folder), shutil.disk_usage(folder).free
+    if needed > free:
+        raise BadInput(
+            f"the dataset needs about {needed / 1e9:.1f} GB in {folder}, {free / 1e9:.1f} GB are free",
+            hint="free some, or give another folder with --out",
+        )
+
+
+def _list(work: Work, folder: Path, digests: dict[str, str]) -> Manifest:
+    """Write manifest.json and README.md over every finished sequence, those of other shards too."""
+    entries = {}
+    if (folder / "manifest.json").exists():
+        entries = {e.id: e for e in read_manifest(folder).sequences}
+    entries |= {s.id: _entry(work, s, digests[s.id]) for s in work.sequences if s.id in digests}
+    planned: Many[Sequence] = make_plan(work.recipe)
+    listed = tuple(entries[s.id] for s in planned if s.id in entries and (folder / s.file).exists())
+    manifest = Manifest(
+        name=work.recipe.name, recipe_fingerprint=recipe_fingerprint(work.recipe), sequences=listed
+    )
+    write_manifest(folder, manifest)
+    write_card(folder, work.recipe, manifest, [s.card for s in work.scenes.values()])
+    return manifest
+
+
+def _entry(work: Work, sequence: Sequence, digest: str) -> SequenceEntry:
+    return SequenceEntry(
+        id=sequence.id,
+        split=sequence.split,
+        scene=sequence.scene,
+        light=sequence.light,
+        repeat=sequence.repeat,
+        seed=sequence.seed,
+        file=sequence.file,
+        frames=work.recipe.camera.frames,
+        fingerprint=_fingerprint(work, sequence),
+        content_sha256=digest,
+    )

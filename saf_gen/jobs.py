@@ -1,0 +1,118 @@
+"""The two kinds of work of a dataset, as values that can be sent to another process."""
+
+import errno
+from dataclasses import dataclass
+from pathlib import Path
+
+import numba
+
+from saf_gen.cluster import Tell
+from saf_gen.errors import BadInput
+from saf_gen.focal_stack import StackSpec, StackStore
+from saf_gen.plan import Sequence
+from saf_gen.record import Recorder
+from saf_gen.scene import Scene
+from saf_gen.stream import open_stream
+
+__all__ = ["Recorded", "RecordJob", "RenderJob"]
+
+
+@dataclass(frozen=True)
+class RenderJob:
+    """Render what one focal stack lacks; gives the names of the pieces rendered."""
+
+    scene: Scene
+    spec: StackSpec
+    stacks: Path
+    variant: str
+    threads: int
+
+    @property
+    def name(self) -> str:
+        return f"render {self.scene.id}"
+
+    def run(self, tell: Tell) -> list[str]:
+        from saf_gen.render import render_missing  # only a process that renders pays for loading Mitsuba
+
+        def told(piece: str, done: float) -> None:
+            tell(f"{self.name} · {piece}", done)
+
+        try:
+            return render_missing(
+                self.scene,
+                self.spec,
+                self.stacks,
+                variant_name=self.variant,
+                threads=self.threads,
+                progress=told,
+            )
+        except OSError as error:
+            raise _disk_error(error, self.stacks) from error
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What became of a sequence: its digest, and whether an earlier run had already made it."""
+
+    content_sha256: str
+    kept: bool
+
+
+@dataclass(frozen=True)
+class RecordJob:
+    """Make one sequence, or find it made: same fingerprint, and a digest that still holds."""
+
+    recorder: Recorder
+    sequence: Sequence
+    spec: StackSpec
+    stacks: Path
+    path: Path
+    fingerprint: str
+    threads: int
+
+    @property
+    def name(self) -> str:
+        return f"record {self.sequence.id}"
+
+    def run(self, tell: Tell) -> Recorded:
+        numba.set_num_threads(self.threads)  # a worker of several must not take every core
+        tell(self.name, 0.0)
+        digest = _digest_if_whole(self.path, self.fingerprint)
+        kept = digest is not None
+        if digest is None:
+            stack = StackStore(self.stacks, self.spec).load()
+            try:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                digest = self.recorder.record(
+                    self.sequence,
+                    stack,
+                    self.path,
+                    fingerprint=self.fingerprint,
+                    progress=lambda done: tell(self.name, done),
+                )
+            except OSError as error:
+                raise _disk_error(error, self.path) from error
+        tell(self.name, 1.0)
+        return Recorded(digest, kept)
+
+
+def _digest_if_whole(path: Path, fingerprint: str) -> str | None:
+    """The digest of a finished file of this very sequence; None where there is none, or it is damaged."""
+    if not path.is_file():
+        return None
+    try:
+        with open_stream(path) as stream:
+            if stream.metadata.provenance.get("fingerprint") != fingerprint:
+                return None
+            stream.verify()
+            return stream.content_sha256
+    except BadInput:
+        return None
+
+
+def _disk_error(error: OSError, path: Path) -> BadInput:
+    if error.errno == errno.ENOSPC:
+        return BadInput(
+            f"no space left to write {path}", hint="free some and run the same command: it goes on"
+        )
+    return BadInput(f"{path} cannot be written: {error.strerror or error}")

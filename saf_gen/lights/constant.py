@@ -1,0 +1,22 @@
+"""Constant light."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Constant:
+    """The same gain throughout: ``level`` (0 and more; 0 is a lamp that is off)."""
+
+    level: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.level >= 0:
+            raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Gain seconds from 0 to each time."""
+        return self.level * np.asarray(seconds, dtype=np.float64)

@@ -1,0 +1,33 @@
+"""Light that rises or falls evenly, the paper's "continuous variation"."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A straight line from gain ``from`` to gain ``to`` over ``over_s`` seconds, level afterwards.
+
+    Without ``over_s`` the line takes the whole recording.
+    """
+
+    from_: float
+    to: float
+    over_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (self.from_ >= 0 and self.to >= 0):
+            raise BadInput(f"from {self.from_!r} to {self.to!r}", allowed="gains of 0 or more")
+        if self.over_s is not None and not self.over_s > 0:
+            raise BadInput(f"over_s is {self.over_s!r}", allowed="seconds above 0")
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Gain seconds from 0 to each time."""
+        length = duration_s if self.over_s is None else self.over_s
+        seconds = np.asarray(seconds, dtype=np.float64)
+        moving = np.minimum(seconds, length)
+        slope = (self.to - self.from_) / length
+        return self.from_ * moving + 0.5 * slope * moving**2 + self.to * (seconds - moving)

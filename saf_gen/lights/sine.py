@@ -1,0 +1,32 @@
+"""Light that swings: a dimmer moved by hand, or mains flicker at its first harmonic."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Sine:
+    """Gain ``level`` · (1 + ``swing`` · sin(2π · ``hz`` · t + ``phase``)), phase in radians."""
+
+    hz: float
+    swing: float = 0.5
+    level: float = 1.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.hz > 0:
+            raise BadInput(f"hz is {self.hz!r}", allowed="a frequency above 0 in Hz")
+        if not 0 <= self.swing <= 1:
+            raise BadInput(f"swing is {self.swing!r}", allowed="0 to 1: there is no negative light")
+        if not self.level >= 0:
+            raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Gain seconds from 0 to each time."""
+        seconds = np.asarray(seconds, dtype=np.float64)
+        omega = 2 * np.pi * self.hz
+        swung = (np.cos(self.phase) - np.cos(omega * seconds + self.phase)) / omega
+        return self.level * (seconds + self.swing * swung)

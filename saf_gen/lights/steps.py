@@ -1,0 +1,29 @@
+"""Light that jumps between levels, the paper's "sudden change"."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Steps:
+    """A new gain every ``every_s`` seconds: the ``levels`` in turn, round and round."""
+
+    every_s: float
+    levels: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.every_s > 0:
+            raise BadInput(f"every_s is {self.every_s!r}", allowed="seconds above 0")
+        if len(self.levels) < 1 or not all(level >= 0 for level in self.levels):
+            raise BadInput(f"levels are {self.levels!r}", allowed="a list of gains of 0 or more")
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Gain seconds from 0 to each time: whole steps summed, plus the part of the step begun."""
+        seconds = np.asarray(seconds, dtype=np.float64)
+        count = int(np.ceil(duration_s / self.every_s)) + 1
+        levels = np.resize(np.asarray(self.levels, dtype=np.float64), count)
+        knots = np.arange(count + 1) * self.every_s
+        return np.interp(seconds, knots, np.concatenate(([0.0], np.cumsum(levels) * self.every_s)))

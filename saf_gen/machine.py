@@ -1,0 +1,41 @@
+"""What this machine can do: variant, LLVM, card, cores, memory, versions."""
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+__all__ = ["facts"]
+
+PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib")
+
+
+def facts() -> tuple[dict[str, str], list[str]]:
+    """(facts by name, advice on what to install): nothing is rendered, and a missing renderer is a fact."""
+    described: dict[str, str] = {}
+    advice: list[str] = []
+    try:
+        from saf_gen.render import variant
+    except ImportError as error:
+        described["variant"] = f"none: {error}; streams can still be evaluated"
+        advice.append("install the renderer: pip install saf-gen")
+    else:
+        found = variant.probe()
+        described["variant"] = variant.choose("auto", found)
+        described["LLVM"] = found.llvm_in_words
+        described["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
+        if not found.llvm_usable and not found.cuda:
+            advice.append(variant.ADVICE)
+    described["cores"] = f"{len(os.sched_getaffinity(0))} usable of {os.cpu_count()}"
+    described["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
+    described["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
+    described["Python"] = platform.python_version()
+    for name in PACKAGES:
+        described[name] = _version(name)
+    return described, advice
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,69 @@
+"""What the camera looks at, without light: depth, the target's pixels, the truth that follows from them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.optics import ImageDistance
+from saf_gen.render.film import Film, field_of_view, film_dict
+
+__all__ = ["Geometry", "look"]
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Through a pinhole at the lens centre, at the image distance that focuses the target.
+
+    depth : float32 (row, col), axial distance (m) of the first surface; inf where there is none.
+    target : bool (row, col).
+    """
+
+    depth: np.ndarray
+    target: np.ndarray
+
+
+def look(
+    world: Any, to_world: Any, drive: ImageDistance, film: Film, target_shapes: tuple[str, ...]
+) -> Geometry:
+    """Depth and target mask, one ray through each pixel's centre.
+
+    The picture breathes as the lens moves, so the mask is taken where the target is in focus: once at the
+    middle of the travel to learn its distance, then there.
+
+    Raises BadInput when no pixel sees the target.
+    """
+    geometry = _look_at(world, to_world, drive, film, target_shapes, 0.5)
+    best = float(np.clip(drive.truth(geometry.depth[geometry.target]), 0, 1))
+    return _look_at(world, to_world, drive, film, target_shapes, best)
+
+
+def _look_at(world, to_world, drive, film, target_shapes, position) -> Geometry:
+    sensor = mi.load_dict(
+        {
+            "type": "perspective",
+            "to_world": to_world,
+            "near_clip": 1e-4,
+            **field_of_view(film, float(drive.image_distance(position))),
+            "film": film_dict(film),
+            # One sample, not jittered: the ray through the pixel's centre.
+            "sampler": {"type": "stratified", "sample_count": 1, "jitter": False},
+        }
+    )
+    integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
+    planes = np.array(mi.render(world, sensor=sensor, integrator=integrator, spp=1), dtype=np.float64)
+    point, shape = planes[..., 0:3], planes[..., 3]
+    to_camera = np.linalg.inv(np.array(to_world.matrix, dtype=np.float64))
+    axial = point @ to_camera[2, :3] + to_camera[2, 3]
+    depth = np.where(shape > 0, axial, np.inf).astype(np.float32)  # index 0: the ray met nothing
+    wanted = [i + 1 for i, s in enumerate(world.shapes()) if s.id() in target_shapes]
+    target = np.isin(shape.astype(np.int64), wanted)
+    if not target.any():
+        raise BadInput(
+            f"the target ({', '.join(target_shapes)}) is not visible to the camera",
+            allowed="a target shape that at least one pixel sees",
+            hint="check camera and target in scene.yaml",
+        )
+    return Geometry(depth, target)

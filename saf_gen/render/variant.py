@@ -1,0 +1,74 @@
+"""Which Mitsuba to run: cuda, else llvm, else scalar. Probed without running a kernel.
+
+LLVM 15 and 16 abort the whole process at the first kernel ("cannot select fminimum"); nothing can be
+caught then, so the version is asked before.
+"""
+
+import os
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from saf_gen.errors import BadInput, unknown
+
+__all__ = ["OLDEST_LLVM", "Probe", "choose", "probe", "use"]
+
+OLDEST_LLVM = 17
+MITSUBA_NAMES = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
+ADVICE = "install LLVM 17 or newer (Debian, Ubuntu: apt install libllvm19) to render many times faster"
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What this machine can render with: the LLVM found (None: none), and whether a card is usable."""
+
+    llvm: tuple[int, int, int] | None
+    cuda: bool
+
+    @property
+    def llvm_usable(self) -> bool:
+        return self.llvm is not None and self.llvm[0] >= OLDEST_LLVM
+
+    @property
+    def llvm_in_words(self) -> str:
+        if self.llvm is None:
+            return "no LLVM library was found"
+        version = ".".join(str(n) for n in self.llvm)
+        if self.llvm_usable:
+            return f"LLVM {version}"
+        return f"LLVM {version} is too old: Mitsuba needs {OLDEST_LLVM} or newer and would abort"
+
+
+def probe() -> Probe:
+    """Look for LLVM and CUDA; starts no kernel and cannot abort."""
+    found = tuple(int(n) for n in dr.detail.llvm_version())
+    llvm = (found[0], found[1], found[2]) if found[0] > 0 else None
+    return Probe(llvm, bool(dr.has_backend(dr.JitBackend.CUDA)))
+
+
+def choose(requested: str, machine: Probe) -> str:
+    """The variant to use: 'cuda', 'llvm' or 'scalar'; ``requested`` may also be 'auto'.
+
+    Raises BadInput for an unknown name, or one that this machine cannot run.
+    """
+    if requested == "auto":
+        return "cuda" if machine.cuda else "llvm" if machine.llvm_usable else "scalar"
+    if requested not in MITSUBA_NAMES:
+        raise unknown("variant", requested, ["auto", *MITSUBA_NAMES])
+    if requested == "llvm" and not machine.llvm_usable:
+        raise BadInput(f"variant llvm cannot run here: {machine.llvm_in_words}", hint=ADVICE)
+    if requested == "cuda" and not machine.cuda:
+        raise BadInput(
+            "variant cuda cannot run here: no NVIDIA card with a driver that Mitsuba can use was found",
+            allowed="llvm, scalar",
+        )
+    return requested
+
+
+def use(variant: str, *, threads: int | None = None) -> None:
+    """Switch Mitsuba to this variant and its threads (default: the cores this process may use)."""
+    # Must come before a scene is loaded: loading starts the thread pool.
+    dr.set_thread_count(threads or len(os.sched_getaffinity(0)))
+    mi.set_log_level(mi.LogLevel.Error)
+    mi.set_variant(MITSUBA_NAMES[variant])

@@ -1,0 +1,74 @@
+"""YAML is read strictly, and what does not fit is told with its line."""
+
+from typing import Literal
+
+import pytest
+from pydantic import Field
+
+from saf_gen.documents import Frozen, read_as
+from saf_gen.errors import BadInput
+
+
+class Inner(Frozen):
+    size: int = Field(ge=1, le=9)
+    kind: Literal["round", "square"] = "round"
+
+
+class Outer(Frozen):
+    name: str
+    inner: Inner
+    many: dict[str, Inner] = Field(default_factory=dict)
+
+
+def read(tmp_path, text):
+    path = tmp_path / "doc.yaml"
+    path.write_text(text)
+    return read_as(Outer, path)
+
+
+def complaint(tmp_path, text):
+    with pytest.raises(BadInput) as caught:
+        read(tmp_path, text)
+    return str(caught.value).replace(str(tmp_path) + "/", "")
+
+
+def test_a_good_document_becomes_a_frozen_value_that_knows_its_lines(tmp_path):
+    value, document = read(tmp_path, "name: x\ninner:\n  size: 3\n")
+    assert value == Outer(name="x", inner=Inner(size=3))
+    assert document.where("inner", "size").endswith("doc.yaml:3")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("name: x\ninner: {size: 3}\ninnr: 1\n", "doc.yaml:3: unknown key 'innr'; allowed: name, inner, many; "
+         "did you mean 'inner'?"),
+        ("name: x\ninner:\n  size: 3\n  kid: round\n", "doc.yaml:4: unknown key 'kid' in inner; allowed: size, "
+         "kind; did you mean 'kind'?"),
+        ("name: x\ninner: {size: 3}\nmany:\n  a:\n    sise: 1\n", "doc.yaml:4: the key 'many.a.size' is missing; "
+         "(1 more after this one)"),
+        ("name: x\ninner: {size: 12}\n", "doc.yaml:2: inner.size is 12; allowed: less than or equal to 9"),
+        ("name: x\ninner: {size: big}\n", "doc.yaml:2: inner.size is 'big'; allowed: a valid integer, unable to "
+         "parse string as an integer"),
+        ("name: x\ninner:\n  size: 2\n  kind: sqare\n", "doc.yaml:4: inner.kind is 'sqare'; allowed: round, "
+         "square; did you mean 'square'?"),
+        ("name: x\n", "doc.yaml:1: the key 'inner' is missing"),
+        ("name: x\nname: y\n", "doc.yaml:2: the key 'name' stands twice; keep one of the two"),
+        ("name: [x\n", "doc.yaml:2: this is not YAML: expected ',' or ']', but got '<stream end>'"),
+        ("", "doc.yaml: the file holds no keys; allowed: name, inner, many"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_told_in_one_line(tmp_path, text, told):
+    assert complaint(tmp_path, text) == told
+
+
+def test_a_missing_file_is_told_with_the_nearest_one(tmp_path):
+    (tmp_path / "quickstart.yaml").write_text("name: x")
+    with pytest.raises(BadInput, match=r"quickstrt.yaml does not exist; did you mean '.*quickstart.yaml'\?"):
+        read_as(Outer, tmp_path / "quickstrt.yaml")
+
+
+def test_a_file_that_is_not_text_is_told(tmp_path):
+    (tmp_path / "doc.yaml").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(BadInput, match="doc.yaml cannot be read"):
+        read_as(Outer, tmp_path / "doc.yaml")

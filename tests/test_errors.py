@@ -1,0 +1,26 @@
+"""One line, whatever was passed in."""
+
+import pickle
+
+from saf_gen.errors import BadInput, closest, unknown
+
+
+def test_a_message_is_one_line_with_value_allowed_nearest_and_next_step():
+    error = BadInput("mode is 'x'", where="a.yaml:3", allowed="y, z", nearest="y", hint="see\n  the docs")
+    assert str(error) == "a.yaml:3: mode is 'x'; allowed: y, z; did you mean 'y'?; see the docs"
+
+
+def test_an_unknown_name_is_told_with_the_nearest_known_one():
+    text = str(unknown("measure", "sd_cod", ["sd_code", "er_count"]))
+    assert text == "unknown measure 'sd_cod'; allowed: er_count, sd_code; did you mean 'sd_code'?"
+
+
+def test_nothing_is_suggested_when_nothing_is_near():
+    assert closest("zzz", ["sd_code"]) == ""
+
+
+def test_an_error_crosses_a_process_border_whole():
+    error = BadInput("value", where="here", allowed="that", nearest="this", hint="do")
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == str(error)
+    assert again.exit_code == 2

@@ -1,0 +1,28 @@
+"""OpenEXR planes come back as they went."""
+
+import numpy as np
+import pytest
+
+from saf_gen.errors import BadInput
+from saf_gen.exr import read_planes, write_planes
+
+
+def test_planes_and_attributes_come_back_bit_for_bit(tmp_path):
+    random = np.random.default_rng(0)
+    planes = {f"focus.{k:04d}": random.random((5, 7), dtype=np.float32) for k in range(12)}
+    write_planes(tmp_path / "a.exr", planes, {"unit": "m"})
+    back, attributes = read_planes(tmp_path / "a.exr")
+    assert set(back) == set(planes)
+    assert all(np.array_equal(back[name], planes[name]) for name in planes)
+    assert attributes["unit"] == "m"
+
+
+def test_infinite_depth_survives(tmp_path):
+    write_planes(tmp_path / "a.exr", {"depth": np.array([[1.0, np.inf]])}, {})
+    assert np.isinf(read_planes(tmp_path / "a.exr")[0]["depth"][0, 1])
+
+
+def test_a_file_that_is_no_exr_is_told(tmp_path):
+    (tmp_path / "a.exr").write_bytes(b"not an image")
+    with pytest.raises(BadInput, match=r"a.exr is no whole OpenEXR file: .*delete it"):
+        read_planes(tmp_path / "a.exr")

@@ -1,0 +1,91 @@
+"""The store of focal stacks: keyed by content, whole or missing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saf_gen.errors import BadInput
+from saf_gen.focal_stack import StackSpec, StackStore
+from saf_gen.optics import ImageDistance
+
+SPEC = StackSpec(
+    scene="plane",
+    scene_digest="0" * 64,
+    groups=("lamp", "room"),
+    drive=ImageDistance(0.025, 2.0, (0.6, 0.42)),
+    rows=4,
+    columns=6,
+    pitch_m=20e-6,
+    positions=3,
+    samples=16,
+    max_depth=4,
+)
+
+
+def filled(root):
+    random = np.random.default_rng(1)
+    store = StackStore(root, SPEC)
+    radiance = random.random((2, 3, 4, 6), dtype=np.float32)
+    depth = random.random((4, 6), dtype=np.float32)
+    target = depth > 0.5
+    for g, group in enumerate(SPEC.groups):
+        store.put_group(group, radiance[g], "llvm")
+    store.put_geometry(depth, target, "llvm")
+    return store, radiance, depth, target
+
+
+def test_what_is_stored_comes_back(tmp_path):
+    store, radiance, depth, target = filled(tmp_path)
+    stack = store.load()
+    assert np.array_equal(stack.radiance, radiance)
+    assert np.array_equal(stack.depth, depth)
+    assert np.array_equal(stack.target, target)
+    assert stack.variant == "llvm"
+
+
+def test_pieces_are_missing_until_they_are_there(tmp_path):
+    store = StackStore(tmp_path, SPEC)
+    assert store.missing() == ["geometry", "lamp", "room"]
+    store.put_group("lamp", np.zeros((3, 4, 6)), "llvm")
+    assert StackStore(tmp_path, SPEC).missing() == ["geometry", "room"]
+
+
+def test_a_damaged_piece_counts_as_missing(tmp_path):
+    store, *_ = filled(tmp_path)
+    path = store.folder / "lamp.exr"
+    content = bytearray(path.read_bytes())
+    content[-3] ^= 1
+    path.write_bytes(content)
+    assert store.missing() == ["lamp"]
+    path.write_bytes(content[:100])
+    assert store.missing() == ["lamp"]
+
+
+def test_a_stack_that_lacks_a_piece_is_told(tmp_path):
+    store, *_ = filled(tmp_path)
+    (store.folder / "room.exr").unlink()
+    with pytest.raises(BadInput, match=r"lacks room; run saf-gen generate again"):
+        store.load()
+
+
+def test_half_an_index_makes_nothing_whole(tmp_path):
+    store, *_ = filled(tmp_path)
+    index = store.folder / "stack.json"
+    index.write_text(index.read_text()[:50])
+    assert store.missing() == ["geometry", "lamp", "room"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"scene_digest": "1" * 64},
+        {"samples": 17},
+        {"positions": 4},
+        {"pitch_m": 10e-6},
+        {"drive": ImageDistance(0.025, 2.8, (0.6, 0.42))},
+        {"groups": ("lamp",)},
+    ],
+)
+def test_the_key_sees_everything_that_changes_a_stack(change):
+    assert replace(SPEC, **change).key != SPEC.key

@@ -1,0 +1,69 @@
+"""The run-by-run splat against adding every path at every position, one by one."""
+
+import numpy as np
+import pytest
+
+from saf_gen.render import splat
+
+
+def one_by_one(first_x, first_y, step_x, step_y, value, shape):
+    """The readable twin: mean of the values that fall into each pixel at each position."""
+    focus, rows, columns = shape
+    total, count = np.zeros(shape), np.zeros(shape, dtype=int)
+    for x, y, dx, dy, v in zip(first_x, first_y, step_x, step_y, value, strict=True):
+        for k in range(focus):
+            column, row = int(np.floor(x + k * dx)), int(np.floor(y + k * dy))
+            if 0 <= row < rows and 0 <= column < columns:
+                total[k, row, column] += v
+                count[k, row, column] += 1
+    return total, count
+
+
+def paths(seed, count, shape):
+    focus, rows, columns = shape
+    random = np.random.default_rng(seed)
+    first_x = random.uniform(-3, columns + 3, count)
+    first_y = random.uniform(-3, rows + 3, count)
+    step_x = random.normal(0, 4 / focus, count)
+    step_y = random.normal(0, 4 / focus, count)
+    step_x[: count // 10] = 0.0  # rays through the lens centre do not move
+    return [np.asarray(a, dtype=np.float32) for a in (first_x, first_y, step_x, step_y, random.random(count))]
+
+
+@pytest.mark.parametrize("shape", [(17, 9, 13), (2, 5, 4), (64, 6, 6)])
+def test_the_stack_is_that_of_adding_paths_one_by_one(shape):
+    arrays = paths(5, 3000, shape)
+    sums = splat.accumulators(2, shape)
+    assert splat.splat(sums, *arrays, 2.0**30, 1e9) == 0
+    total, count = one_by_one(*arrays, shape)
+    seen = count > 0
+    # float32 places may fall on the other side of a pixel's border in the twin's order of rounding
+    agree = np.isclose(splat.resolve(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
+    assert agree.mean() > 0.9995
+
+
+def test_the_number_of_workers_changes_no_bit():
+    shape = (17, 9, 13)
+    arrays = paths(6, 5000, shape)
+    stacks = []
+    for workers in (1, 2, 5):
+        sums = splat.accumulators(workers, shape)
+        splat.splat(sums, *arrays, 2.0**30, 1e9)
+        stacks.append(splat.resolve(sums, 2.0**30))
+    assert np.array_equal(stacks[0], stacks[1])
+    assert np.array_equal(stacks[0], stacks[2])
+
+
+def test_a_path_that_stays_in_its_pixel_is_seen_at_every_position():
+    one = np.ones(1, dtype=np.float32)
+    sums = splat.accumulators(1, (9, 3, 3))
+    splat.splat(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, 0.25 * one, 2.0**30, 1e9)
+    assert splat.resolve(sums, 2.0**30)[:, 1, 1] == pytest.approx(0.25)
+
+
+def test_fireflies_are_clipped_and_counted():
+    one = np.ones(3, dtype=np.float32)
+    sums = splat.accumulators(1, (2, 3, 3))
+    value = np.array([1, 2, 500], dtype=np.float32)
+    assert splat.splat(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, value, 2.0**20, 100.0) == 1
+    assert splat.resolve(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)
