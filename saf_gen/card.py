@@ -1,12 +1,11 @@
 """The dataset card: README.md of a dataset folder, for whoever finds it without us."""
 
-import os
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from string import Template
 
-from saf_gen.dataset import Manifest
+from saf_gen.dataset import Manifest, write_text
 from saf_gen.recipe import Recipe
 from saf_gen.scene import Card
 
@@ -63,6 +62,4 @@ def write_card(folder: Path, recipe: Recipe, manifest: Manifest, scenes: Iterabl
         example=f"{folder}/{manifest.sequences[0].file}" if manifest.sequences else "SPLIT/ID.h5",
         folder=folder,
     )
-    part = folder / f".README.{os.getpid()}.part"
-    part.write_text(text, encoding="utf-8")
-    part.replace(folder / "README.md")
+    write_text(folder / "README.md", text)

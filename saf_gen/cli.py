@@ -188,6 +188,7 @@ def score(
     region: Annotated[str, typer.Option(help="frame, or target (box round the target).")] = "frame",
 ) -> None:
     """Score consecutive blocks of a stream: columns `frame` (first of the block, from 0) and `score`."""
+    from saf_gen.dataset import write_text
     from saf_gen.evaluate import score_curve
     from saf_gen.stream import open_stream
 
@@ -199,17 +200,8 @@ def score(
     if csv is None:
         out.file.write(text)
         return
-    _write_text(csv, text)
+    write_text(csv, text)
     out.print(f"{len(frames)} blocks in {csv}", highlight=False)
-
-
-def _write_text(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BadInput(
-            f"{path} cannot be written: {error.strerror}", hint="give another path to --out"
-        ) from error
 
 
 @app.command(name="import")
@@ -246,10 +238,11 @@ def export(
 @app.command()
 def inspect(stream: Annotated[Path, typer.Argument(help="A stream file.")]) -> None:
     """Say what is in a stream: size, light, truth, how it was made."""
+    from saf_gen.inspection import describe
     from saf_gen.stream import open_stream
 
     with open_stream(stream) as opened:
-        facts = opened.summary()
+        facts = describe(opened)
     table = Table(show_header=False, title=str(stream))
     for name, value in facts.items():
         table.add_row(name, escape(value))
@@ -259,18 +252,13 @@ def inspect(stream: Annotated[Path, typer.Argument(help="A stream file.")]) -> N
 @app.command()
 def verify(dataset: Annotated[Path, typer.Argument(help="A dataset folder.")]) -> None:
     """Check every sequence of a dataset against its manifest, bit by bit."""
-    from saf_gen.dataset import read_manifest, verify_entry
+    from saf_gen.inspection import check_dataset
 
-    manifest = read_manifest(dataset)
-    broken = 0
-    for entry in manifest.sequences:
-        try:
-            verify_entry(dataset, entry)
-        except BadInput as error:
-            broken += 1
-            _fail(str(error), 1)
-    out.print(f"{len(manifest.sequences) - broken} of {len(manifest.sequences)} sequences are whole")
-    if broken:
+    count, problems = check_dataset(dataset)
+    for name, problem in problems.items():
+        _fail(f"{name}: {problem}", 1)
+    out.print(f"{count - len(problems)} of {count} sequences are whole")
+    if problems:
         raise typer.Exit(1)
 
 

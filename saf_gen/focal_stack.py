@@ -72,6 +72,10 @@ class StackStore:
         whole = self._files()
         return [name for name in ("geometry", *self.spec.groups) if not self._is_whole(name, whole)]
 
+    def variants(self) -> set[str]:
+        """The variants that rendered what is there."""
+        return {str(entry["variant"]) for entry in self._files().values() if "variant" in entry}
+
     def put_group(self, group: str, radiance: np.ndarray, variant: str) -> None:
         """Store one light group, float32 (focus, row, col)."""
         planes = {f"focus.{k:04d}": plane for k, plane in enumerate(radiance)}
@@ -123,7 +127,11 @@ class StackStore:
             part.replace(self._path(name))
         finally:
             part.unlink(missing_ok=True)
-        entry = {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+        entry = {
+            "bytes": len(content),
+            "sha256": hashlib.sha256(content).hexdigest(),
+            "variant": attributes["variant"],
+        }
         index = {
             "format": FORMAT,
             "spec": asdict(self.spec),

@@ -248,8 +248,12 @@ def _list(work: Work, folder: Path, digests: dict[str, str]) -> Manifest:
     entries |= {s.id: _entry(work, s, digests[s.id]) for s in work.sequences if s.id in digests}
     planned: Many[Sequence] = make_plan(work.recipe)
     listed = tuple(entries[s.id] for s in planned if s.id in entries and (folder / s.file).exists())
+    variants = set().union(*(StackStore(folder / "stacks", spec).variants() for spec in work.specs.values()))
     manifest = Manifest(
-        name=work.recipe.name, recipe_fingerprint=recipe_fingerprint(work.recipe), sequences=listed
+        name=work.recipe.name,
+        recipe_fingerprint=recipe_fingerprint(work.recipe),
+        variant=", ".join(sorted(variants)),
+        sequences=listed,
     )
     write_manifest(folder, manifest)
     write_card(folder, work.recipe, manifest, [s.card for s in work.scenes.values()])

@@ -15,8 +15,8 @@ __all__ = ["Answer", "Light", "Measure", "Search", "View"]
 class Light(Protocol):
     """A light schedule: the gain of a light over time, in its own unit of time, the second."""
 
-    def integral(self, seconds: np.ndarray) -> np.ndarray:
-        """Integral of the gain from 0 to each time, float64, gain seconds.
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Integral of the gain from 0 to each time (0...duration_s), float64, gain seconds.
 
         The camera integrates light over a readout, so a schedule is given by its antiderivative: the mean
         gain of a readout is then exact, for steps and flicker too.

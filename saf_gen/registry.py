@@ -49,7 +49,8 @@ def part_class(room: str, name: str) -> type:
         parts = [c for c in found if is_dataclass(c)]
         if len(parts) != 1:
             raise BadInput(
-                f"{module.__name__} holds {len(parts)} dataclasses", allowed="one part a file, a frozen dataclass"
+                f"{module.__name__} holds {len(parts)} dataclasses",
+                allowed="one part a file, a frozen dataclass",
             )
         return parts[0]
     if name in _offered(room):
@@ -84,6 +85,4 @@ def build(room: str, name: str, /, **options: Any) -> Any:
     try:
         return cls(**{known[k]: v for k, v in options.items()})
     except TypeError as error:  # a missing key, or a value of the wrong type
-        raise BadInput(
-            f"{ROOMS[room]} {name!r}: {error}", allowed=", ".join(known) or "no keys"
-        ) from error
+        raise BadInput(f"{ROOMS[room]} {name!r}: {error}", allowed=", ".join(known) or "no keys") from error

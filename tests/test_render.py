@@ -146,6 +146,14 @@ def test_depth_and_target_are_where_the_plane_is(plane):
     assert seen.target.all()
 
 
+@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+def test_the_target_is_found_beside_other_scenes_in_the_process(plane, name):
+    others = [loaded(plane, name=name) for _ in range(2)]
+    lit, _, to_world, drive, film = loaded(plane, name=name)
+    assert geometry.look(lit, to_world, drive, film, ("plane",)).target.all()
+    assert len(others) == 2
+
+
 @needs_llvm
 def test_a_target_out_of_sight_is_told(plane):
     lit, _, to_world, drive, film = loaded(plane)

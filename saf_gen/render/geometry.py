@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -58,7 +59,7 @@ def _look_at(world, to_world, drive, film, target_shapes, position) -> Geometry:
     to_camera = np.linalg.inv(np.array(to_world.matrix, dtype=np.float64))
     axial = point @ to_camera[2, :3] + to_camera[2, 3]
     depth = np.where(shape > 0, axial, np.inf).astype(np.float32)  # index 0: the ray met nothing
-    wanted = [i + 1 for i, s in enumerate(world.shapes()) if s.id() in target_shapes]
+    wanted = [_index(s, i) for i, s in enumerate(world.shapes()) if s.id() in target_shapes]
     target = np.isin(shape.astype(np.int64), wanted)
     if not target.any():
         raise BadInput(
@@ -67,3 +68,14 @@ def _look_at(world, to_world, drive, film, target_shapes, position) -> Geometry:
             hint="check camera and target in scene.yaml",
         )
     return Geometry(depth, target)
+
+
+def _index(shape: Any, place: int) -> int:
+    """What the shape_index channel holds for a shape.
+
+    A JIT variant counts through every shape alive in the process, in the order in which threads happened to
+    make them; the place in the scene is right in scalar alone.
+    """
+    if not dr.is_jit_v(mi.Float):
+        return place + 1
+    return int(np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])

@@ -1,0 +1,23 @@
+"""The spike camera: sensors, light to charge, charge to spikes."""
+
+from saf_gen.camera.encoder import Encoder, encode, knot_weights
+from saf_gen.camera.exposure import (
+    charge_stack,
+    electrons_per_irradiance,
+    exposure_scale,
+    irradiance_per_radiance,
+)
+from saf_gen.camera.sensor import Sensor, get_sensor, sensor_names
+
+__all__ = [
+    "Encoder",
+    "Sensor",
+    "charge_stack",
+    "electrons_per_irradiance",
+    "encode",
+    "exposure_scale",
+    "get_sensor",
+    "irradiance_per_radiance",
+    "knot_weights",
+    "sensor_names",
+]

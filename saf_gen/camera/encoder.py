@@ -1,0 +1,216 @@
+"""Charge in, spikes out: the integrate-and-fire pixels of a spike camera.
+
+A pixel adds the charge of each readout to what it holds. When that reaches its threshold it fires at this
+readout, at most once, gives up the threshold, and draws its next one:
+
+    threshold_pixel + N(0, 1)·sqrt(threshold_pixel [shot] + (threshold_noise_rms·threshold_pixel)² [noise])
+
+Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a Gamma(n)
+share of the mean charge, so an inter-spike interval measured in mean charge has variance exactly n e-².
+The draw is a sum of four bytes (kernel.py), the first phase uniform in [0, threshold). Of the charge over
+the threshold at most ``sensor.kept_thresholds`` are kept, so that overload does not echo for long. The
+readout after a spike collects ``1 - sensor.loss`` of its charge (dark charge too).
+
+Source: T. Huang et al., 1000x faster camera and machine vision with ordinary devices, Engineering 25,
+2023, doi:10.1016/j.eng.2022.01.012 (the principle); Acnext/SCSim (reset loss, threshold noise).
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import numpy as np
+
+from saf_gen.camera.kernel import LANES, NOISE_MEAN, NOISE_SD, advance
+from saf_gen.camera.response import fixed_pattern
+from saf_gen.camera.sensor import Sensor, get_sensor
+from saf_gen.errors import BadInput
+from saf_gen.seeds import generator, integer
+from saf_gen.signals import checked
+
+__all__ = ["Encoder", "encode", "knot_weights"]
+
+
+def encode(charge: np.ndarray, sensor: Sensor | str, frames: int, seed: int) -> np.ndarray:
+    """Spikes of a charge that runs linearly between knots.
+
+    Parameters
+    ----------
+    charge : float32 (K, H, W), e- per readout at K knots evenly spaced over [0, frames]; K = 1: constant.
+        Readout t integrates the ramp over [t, t + 1], which is its value in the middle.
+    sensor : a sensor or its name; the array takes the shape of ``charge``, whatever the sensor's own.
+    frames : number of readouts.
+    seed : names the device, its phases and its noise; the same seed gives the same bits, anywhere.
+
+    Returns
+    -------
+    uint8 (H, W, ceil(frames / 8)); frame t is bit t mod 8, least significant first, of byte t div 8.
+
+    Raises BadInput for an unknown sensor, a wrong shape, or charge that is negative or not finite.
+    """
+    charge = checked("charge", charge)
+    if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
+        raise BadInput(f"frames is {frames!r}", allowed="a whole number of readouts, at least 1")
+    sensor = sensor if isinstance(sensor, Sensor) else get_sensor(sensor)
+    index, fraction = knot_weights((np.arange(frames) + 0.5) / frames, charge.shape[0])
+    encoder = Encoder(sensor, charge.shape[1:], seed)
+    return encoder.encode(charge[None], index, fraction, np.ones((frames, 1), np.float32))
+
+
+def knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where positions 0...1 lie among evenly spaced knots: index int64 and fraction float64, both (T,)."""
+    place = np.clip(np.asarray(position, np.float64), 0.0, 1.0) * (knots - 1)
+    index = np.minimum(place.astype(np.int64), max(knots - 2, 0))
+    return index, place - index
+
+
+class Encoder:
+    """A spike camera that is recording: block after block of time, with the state of every pixel between.
+
+    Any cut into blocks gives the same bits, and so does any number of threads. Memory does not grow with
+    the length of the recording.
+
+    Parameters
+    ----------
+    sensor : the sensor.
+    shape : (rows, columns) of the array to simulate.
+    seed : names phases and noise (one recording).
+    device_seed : names the fixed pattern (one device); ``seed`` where not given.
+    threads : at most so many; the processors this process may use where not given.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        shape: tuple[int, ...],
+        seed: int,
+        *,
+        device_seed: int | None = None,
+        threads: int | None = None,
+    ) -> None:
+        if len(shape) != 2 or min(shape) < 1:
+            raise BadInput(f"the array's shape is {tuple(shape)}", allowed="(rows, columns), each at least 1")
+        self.sensor, self.shape = sensor, (int(shape[0]), int(shape[1]))
+        self.pattern = fixed_pattern(sensor, self.shape, seed=seed if device_seed is None else device_seed)
+        self._frames = 0
+        self._word_key = integer("encoder", seed, "words")
+        self._response = self.pattern.response.ravel()
+        self._fixed = _fixed(sensor, self.pattern.threshold.ravel(), self.pattern.dark.ravel())
+        size = self._response.size
+        lanes = generator("encoder", seed, "lanes")
+        self._random = lanes.integers(1, 2**32, size, dtype=np.uint32)  # xorshift stays at 0 from 0
+        self._state = np.ones((3, size), np.float32)
+        first = generator("encoder", seed, "first thresholds").integers(0, 256, (4, size)).sum(axis=0)
+        self._state[1] = self._fixed[1] + self._fixed[2] * first.astype(np.float32)
+        phase = generator("encoder", seed, "phases").random(size, dtype=np.float32)
+        self._state[0] = phase * self._state[1]
+        self._threads = threads or _processors()
+
+    @property
+    def frames(self) -> int:
+        """Readouts recorded so far."""
+        return self._frames
+
+    def encode(
+        self, stack: np.ndarray, index: np.ndarray, fraction: np.ndarray, gain: np.ndarray
+    ) -> np.ndarray:
+        """Record the next n readouts.
+
+        Readout t collects, before response and dark charge, the sum over light groups g of
+        ``gain[t, g]·((1 - fraction[t])·stack[g, index[t]] + fraction[t]·stack[g, index[t] + 1])``.
+
+        Parameters
+        ----------
+        stack : float32 (G, K, H, W), e- per readout at gain 1.
+        index, fraction : (n,), the knot before each readout and the way to the next one, 0...1.
+        gain : (n, G), the light schedule, at least 0.
+
+        Returns
+        -------
+        uint8 (H, W, ceil(n / 8)). n is a multiple of 8 in every call but the last.
+        """
+        if self._frames % 8:
+            raise BadInput(
+                f"the block before ended at readout {self._frames}",
+                allowed="blocks of a multiple of 8 readouts, but for the last",
+            )
+        stack = np.asarray(stack)
+        if stack.dtype != np.float32 or stack.ndim != 4 or stack.shape[2:] != self.shape or 0 in stack.shape:
+            raise BadInput(
+                f"the stack is {stack.dtype} of shape {stack.shape}",
+                allowed=f"float32 (light, focus, {self.shape[0]}, {self.shape[1]})",
+            )
+        groups, knots = stack.shape[:2]
+        index, fraction, gain = _schedule(index, fraction, gain, groups, knots)
+        used = stack[:, index.min() : index.max() + 2]
+        if not (used.min() >= 0 and used.max() < np.inf):  # also false where a NaN is
+            raise BadInput("the charge is negative or not finite", allowed="electrons a readout, at least 0")
+        frames, size = index.size, self._response.size
+        high = (gain * fraction[:, None]).astype(np.float32)
+        low = (gain * (1.0 - fraction)[:, None]).astype(np.float32)
+        words = _words(self._word_key, self._frames, frames)
+        flat = np.ascontiguousarray(stack).reshape(groups, knots, size)
+        out = np.empty((size, -(-frames // 8)), np.uint8)
+        share = np.float32(1.0 - self.sensor.loss)
+        blocks = -(-size // LANES)
+        cuts = np.linspace(0, blocks, min(self._threads, blocks) + 1).astype(int).tolist()
+        with ThreadPoolExecutor(self._threads) as pool:  # the kernel lets go of the interpreter's lock
+            jobs = [
+                pool.submit(
+                    advance, first, stop, flat, index, low, high, words, self._response, self._fixed, share,
+                    self._state, self._random, out,
+                )
+                for first, stop in pairwise(cuts)
+            ]  # fmt: skip
+            for job in jobs:
+                job.result()
+        self._frames += frames
+        return out.reshape(*self.shape, -1)
+
+
+def _fixed(sensor: Sensor, threshold: np.ndarray, dark: np.ndarray) -> np.ndarray:
+    """The kernel's constants a pixel, float32 (4, P): dark charge, base, slope, cap."""
+    level = threshold.astype(np.float64)
+    variance = np.zeros_like(level)
+    if sensor.noise.shot:
+        variance += level
+    if sensor.noise.threshold_noise:
+        variance += (sensor.threshold_noise_rms * level) ** 2
+    slope = np.sqrt(variance) / NOISE_SD
+    cap = level * (sensor.kept_thresholds if sensor.reset == "subtract" else 0)
+    return np.stack([dark, level - NOISE_MEAN * slope, slope, cap]).astype(np.float32)
+
+
+def _schedule(
+    index: np.ndarray, fraction: np.ndarray, gain: np.ndarray, groups: int, knots: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    index = np.ascontiguousarray(index, dtype=np.int64)
+    fraction, gain = np.asarray(fraction, np.float64), np.asarray(gain, np.float64)
+    frames = index.size
+    if index.ndim != 1 or frames == 0 or fraction.shape != (frames,) or gain.shape != (frames, groups):
+        raise BadInput(
+            f"index, fraction and gain have shapes {index.shape}, {fraction.shape}, {gain.shape}",
+            allowed=f"(n,), (n,) and (n, {groups}) with n at least 1",
+        )
+    if not (fraction.min() >= 0 and fraction.max() <= 1):
+        raise BadInput("fraction leaves 0...1", allowed="the way from one knot to the next")
+    last = int((index + (fraction > 0)).max())
+    if index.min() < 0 or last >= knots:
+        raise BadInput(f"knots {index.min()} to {last} are asked for", allowed=f"0 to {knots - 1}")
+    if not (gain.min() >= 0 and gain.max() < np.inf):
+        raise BadInput("gain is negative or not finite", allowed="light gains, at least 0")
+    return index, fraction, gain
+
+
+def _words(key: int, first: int, count: int) -> np.ndarray:
+    """A uniform word for each readout, a function of its number alone (the finaliser of SplitMix64)."""
+    word = np.arange(first, first + count, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(key)
+    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return (word ^ (word >> np.uint64(31))).astype(np.uint32)
+
+
+def _processors() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

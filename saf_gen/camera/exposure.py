@@ -1,0 +1,157 @@
+"""From light to charge: irradiance through the lens, photo-electrons a readout, and the scale of exposure.
+
+    E = transmission·π·R²/v²·cos⁴θ·L          Q = E·pitch²·FF·QE·λ/(h·c)/readout_hz
+
+A sensor's mean rate, in spikes a readout, follows its mean charge q: rate = q/(threshold + loss·q),
+at most 1 (16/17 with ``dead_readout``). ``loss`` is the share of its charge that the readout after a
+spike loses.
+"""
+
+from math import frexp, ldexp, pi
+
+import numpy as np
+from scipy.constants import c, h
+
+from saf_gen.camera.sensor import Sensor
+from saf_gen.errors import BadInput
+
+__all__ = [
+    "charge_stack",
+    "electrons_per_irradiance",
+    "exposure_scale",
+    "irradiance_per_radiance",
+    "mean_rate_of",
+]
+
+
+def irradiance_per_radiance(
+    shape: tuple[int, int],
+    image_distance: np.ndarray,
+    *,
+    pitch_m: float,
+    aperture_radius_m: float,
+    transmission: float = 1.0,
+) -> np.ndarray:
+    """E/L (sr), float64 (K, H, W), for image distances (K,) in m: transmission·π·R²/v²·cos⁴θ.
+
+    θ is the angle between the axis, through the middle of the array, and the line from the middle of the
+    lens to the middle of the pixel. The bellows factor is in v: it is no f-number at infinity.
+    """
+    v2 = np.square(np.asarray(image_distance, np.float64))[:, None, None]
+    rows = (np.arange(shape[0]) - (shape[0] - 1) / 2) * pitch_m
+    columns = (np.arange(shape[1]) - (shape[1] - 1) / 2) * pitch_m
+    r2 = np.square(rows)[:, None] + np.square(columns)
+    cos2 = v2 / (v2 + r2)
+    return transmission * pi * aperture_radius_m**2 / v2 * cos2 * cos2
+
+
+def electrons_per_irradiance(sensor: Sensor) -> float:
+    """Photo-electrons a readout for 1 W m⁻² on the sensor."""
+    energy = sensor.pitch_m**2 * sensor.fill_factor / sensor.readout_hz
+    return energy * sensor.quantum_efficiency * sensor.wavelength_m / (h * c)
+
+
+def charge_stack(
+    radiance: np.ndarray,
+    image_distance: np.ndarray,
+    aperture_radius_m: float,
+    sensor: Sensor,
+    *,
+    transmission: float = 1.0,
+) -> np.ndarray:
+    """Photo-electrons a readout, float32 (G, K, H, W), for radiance (G, K, H, W) in W m⁻² sr⁻¹ at gain 1.
+
+    ``image_distance`` (K,) in m. Raises BadInput where shapes do not fit or a length is not positive.
+    """
+    radiance, image_distance = np.asarray(radiance), np.asarray(image_distance, np.float64)
+    if radiance.ndim != 4 or image_distance.shape != radiance.shape[1:2]:
+        raise BadInput(
+            f"radiance has shape {radiance.shape}, image_distance {image_distance.shape}",
+            allowed="(light, focus, row, col) and (focus,)",
+        )
+    if not (image_distance > 0).all():
+        raise BadInput(f"the image distance is {image_distance.min():g} m", allowed="metres, above 0")
+    if not aperture_radius_m > 0:
+        raise BadInput(f"the aperture's radius is {aperture_radius_m:g} m", allowed="metres, above 0")
+    if not 0 < transmission <= 1:
+        raise BadInput(f"the lens's transmission is {transmission:g}", allowed="above 0, at most 1")
+    electrons = electrons_per_irradiance(sensor)
+    out = np.empty(radiance.shape, np.float32)
+    for k, distance in enumerate(image_distance):  # one position at a time: the stack may be large
+        factor = irradiance_per_radiance(
+            (radiance.shape[2], radiance.shape[3]),
+            distance[None],
+            pitch_m=sensor.pitch_m,
+            aperture_radius_m=aperture_radius_m,
+            transmission=transmission,
+        )
+        out[:, k] = radiance[:, k] * (factor[0] * electrons)
+    return out
+
+
+def mean_rate_of(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Spikes a readout at a constant mean charge (e- a readout, dark charge included); any shape.
+
+    charge/(threshold + loss·charge), at most what the charge kept over the threshold can feed.
+
+    Exact for ``reset: subtract``. A hard reset loses the charge over the threshold and lies below.
+    """
+    charge = np.asarray(charge, np.float64)
+    return np.minimum(charge / (sensor.threshold_e + sensor.loss * charge), _highest_rate(sensor))
+
+
+def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, sensor: Sensor, mean_rate: float) -> float:
+    """The factor on light that makes the target fire ``mean_rate`` spikes a readout, dark current included.
+
+    Parameters
+    ----------
+    charge_at_best : (H, W), e- a readout of all light groups together at the target's best focus, gain 1.
+    target : bool (H, W).
+
+    The mean is over the target's pixels through the law of :func:`mean_rate_of`. The factor is rounded
+    to 20 bits, so that the order in which a processor adds cannot reach the spikes.
+
+    Raises BadInput for a rate at or below the dark rate, at or above the highest one, or that the target
+    cannot reach because part of it gives no light; and for a target that is empty.
+    """
+    light = np.asarray(charge_at_best, np.float64)[np.asarray(target, bool)]
+    if light.size == 0:
+        raise BadInput("the target holds no pixel", hint="check the target's shape ids and the focus travel")
+    dark = sensor.mean_dark_e
+    floor = float(mean_rate_of(np.array(dark), sensor))
+    lit = float(np.mean(light > 0))
+    highest = _highest_rate(sensor)
+    ceiling = lit * highest + (1 - lit) * floor
+    if not floor < mean_rate < highest:
+        raise BadInput(
+            f"mean_rate is {mean_rate:g}",
+            allowed=f"above the dark rate {floor:.3g} and below {highest:.3g} spikes a readout",
+        )
+    if not mean_rate < ceiling:
+        raise BadInput(
+            f"mean_rate is {mean_rate:g}, but only {lit:.1%} of the target gives light",
+            allowed=f"below {ceiling:.3g}",
+            hint="light the target, or lower mean_rate",
+        )
+    low, high = 0.0, _charge_of(mean_rate, sensor) / light.max()
+    while np.mean(mean_rate_of(high * light + dark, sensor)) < mean_rate:
+        high *= 2
+    for _ in range(64):  # the mean rate rises with the factor: bisection, to the last bits of a double
+        middle = (low + high) / 2
+        if np.mean(mean_rate_of(middle * light + dark, sensor)) < mean_rate:
+            low = middle
+        else:
+            high = middle
+    mantissa, exponent = frexp(high)
+    return ldexp(round(ldexp(mantissa, 20)), exponent - 20)
+
+
+def _highest_rate(sensor: Sensor) -> float:
+    """Under endless light a lit readout fires, then what it left fires, then one readout is dead."""
+    kept = sensor.kept_thresholds
+    return (kept + 1) / (kept + 2) if sensor.saturation == "dead_readout" else 1.0
+
+
+def _charge_of(rate: float, sensor: Sensor) -> float:
+    """The mean charge that gives this rate: the law inverted."""
+    return rate * sensor.threshold_e / (1 - sensor.loss * rate)

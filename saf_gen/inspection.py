@@ -1,0 +1,67 @@
+"""What is in a stream or a dataset, and whether it is whole."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.dataset import read_manifest
+from saf_gen.errors import BadInput
+from saf_gen.stream import SpikeStream, open_stream
+
+__all__ = ["check_dataset", "describe"]
+
+
+def describe(stream: SpikeStream) -> dict[str, str]:
+    """Facts about a stream in words, by name: size, light, lens, truth, how it was made."""
+    frames, rows, columns = stream.shape
+    spikes = int(stream.counts(0, frames).sum(dtype=np.int64))
+    facts = {
+        "pixels": f"{columns}×{rows}",
+        "frames": f"{frames} at {stream.readout_hz:g} Hz ({frames / stream.readout_hz:g} s)",
+        "mean rate": f"{spikes / (frames * rows * columns):.4f} spikes a pixel and readout",
+        "size": f"{Path(stream.path).stat().st_size * 8 / (frames * rows * columns):.3f} bit a pixel and frame",
+        "focus": _span(stream.focus_position, "of the travel"),
+        "object in focus": _span(stream.metadata.object_distance, "m"),
+    }
+    if stream.gain is not None:
+        for name, gain in zip(stream.light_names, stream.gain.T, strict=True):
+            facts[f"light {name}"] = f"gain {gain.min():.3g} to {gain.max():.3g}"
+    truth = stream.truth
+    if truth.known:
+        near, far = truth.depth_of_focus
+        passed = f"at frame {truth.frame:.1f}" if math.isfinite(truth.frame) else "never passed"
+        facts["true focus"] = f"{truth.position:.5f} of the travel, {passed}"
+        facts["depth of focus"] = f"{near:.5f} to {far:.5f} of the travel"
+    else:
+        facts["true focus"] = "unknown"
+    for name, text in stream.metadata.provenance.items():
+        if name == "versions":
+            facts["made with"] = ", ".join(f"{k} {v}" for k, v in json.loads(text).items())
+        elif "\n" not in text:
+            facts[name] = text
+    facts["content sha256"] = stream.content_sha256
+    return facts
+
+
+def _span(values: np.ndarray | None, unit: str) -> str:
+    return "not recorded" if values is None else f"{values[0]:.4g} to {values[-1]:.4g} {unit}"
+
+
+def check_dataset(folder: str | Path) -> tuple[int, dict[str, str]]:
+    """Read every sequence of a dataset and compare it with the manifest.
+
+    Returns (number of sequences, what is wrong by sequence). Raises BadInput where there is no manifest.
+    """
+    manifest = read_manifest(folder)
+    problems = {}
+    for entry in manifest.sequences:
+        try:
+            with open_stream(Path(folder) / entry.file) as stream:
+                stream.verify()
+                if stream.content_sha256 != entry.content_sha256:
+                    problems[entry.id] = f"{entry.file} is whole, but not the stream that the manifest lists"
+        except BadInput as error:
+            problems[entry.id] = str(error)
+    return len(manifest.sequences), problems

@@ -1,0 +1,29 @@
+"""Event rate, as the spike dispersion's released code carries it over to spikes."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from saf_gen.measures._counts import as_numbers
+from saf_gen.measures._moments import sum_of_squares
+
+
+@dataclass(frozen=True)
+class EventRateSquares:
+    """Sum of squared counts, Σc²: follows the light by construction (sd_code = er_sumsq/ū² − N).
+
+    Range 0 ... N·n² for windows of n frames, degree 2, one multiplication and one addition a pixel.
+    """
+
+    degree: ClassVar[int] = 2
+    source: ClassVar[str] = (
+        "released code of Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, "
+        "doi:10.1109/CVPR52733.2024.02363, after Lin et al., Autofocus for Event Cameras, CVPR 2022, "
+        "doi:10.1109/CVPR52688.2022.01586"
+    )
+    score_range: ClassVar[str] = "0 ... N n^2 for N pixels and n frames"
+
+    def __call__(self, counts: np.ndarray) -> float:
+        """Score of counts (row, col), any number type."""
+        return float(sum_of_squares(as_numbers(counts)))

@@ -1,0 +1,28 @@
+"""Spike dispersion, free of the number of pixels."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from saf_gen.measures._moments import squared_contrast
+
+
+@dataclass(frozen=True)
+class SpikeDispersion:
+    """Squared contrast of the counts: variance over squared mean, V/ū²; 0.0 where there is no spike.
+
+    Equation 6 of the paper without its factor N, so that regions of different size compare.
+    Range 0 ... N − 1, degree 0, about two additions and one multiplication a pixel.
+    """
+
+    degree: ClassVar[int] = 0
+    source: ClassVar[str] = (
+        "Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, eq. 12, "
+        "doi:10.1109/CVPR52733.2024.02363"
+    )
+    score_range: ClassVar[str] = "0 ... N - 1 for N pixels"
+
+    def __call__(self, counts: np.ndarray) -> float:
+        """Score of counts (row, col), any number type."""
+        return squared_contrast(counts)

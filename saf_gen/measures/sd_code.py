@@ -1,0 +1,27 @@
+"""Spike dispersion as printed in the paper and as its released code computes it."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from saf_gen.measures._moments import squared_contrast
+
+
+@dataclass(frozen=True)
+class SpikeDispersionCode:
+    """Sum of squared deviations over squared mean, Σ(c − ū)²/ū²; 0.0 where there is no spike.
+
+    It is N times ``sd``, and er_sumsq/ū² − N exactly. Range 0 ... N(N − 1), degree 0, cost as ``sd``.
+    """
+
+    degree: ClassVar[int] = 0
+    source: ClassVar[str] = (
+        "Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, eq. 6, "
+        "doi:10.1109/CVPR52733.2024.02363, and its released code"
+    )
+    score_range: ClassVar[str] = "0 ... N(N - 1) for N pixels"
+
+    def __call__(self, counts: np.ndarray) -> float:
+        """Score of counts (row, col), any number type."""
+        return squared_contrast(counts, pixels=True)

@@ -1,0 +1,283 @@
+"""Between chunks on disk and windows in memory: gather, deflate, inflate, and the slabs a reader keeps.
+
+A chunk holds some rows, all columns and 250 bytes along time; the chunks of one stretch of time are a slab.
+In a chunk bytes stand pixel by pixel, as they deflate best; a kept slab is turned to planes (bytes, H, W),
+where a window of all pixels is one contiguous run. Work on chunks runs on threads: isa-l and numpy release
+Python's lock.
+"""
+
+import operator
+import os
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+
+import numpy as np
+from isal import igzip_lib, isal_zlib
+
+from saf_gen.errors import BadInput
+
+__all__ = [
+    "SLAB",
+    "DamagedChunk",
+    "Gather",
+    "Region",
+    "Slabs",
+    "checked_region",
+    "checked_window",
+    "checksum",
+    "chunk_shape",
+    "deflated",
+    "extent",
+    "threads",
+]
+
+SLAB = 250
+_CHUNK = 1_000_000  # bytes in a chunk before deflate: 10 rows of 400 columns
+_KEPT = 128 << 20  # bytes of planes that a reader keeps, and three slabs at least
+
+Region = tuple[slice, slice]
+checksum = isal_zlib.crc32
+
+
+class DamagedChunk(ValueError):
+    """Stored bytes that do not inflate to a chunk."""
+
+
+def threads(name: str) -> ThreadPoolExecutor:
+    """A small pool, one thread for each core this process may use, eight at most."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return ThreadPoolExecutor(min(8, cores), thread_name_prefix=name)
+
+
+def chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+    """The chunk for packed spikes of ``shape`` (H, W, bytes): about one megabyte, all columns."""
+    rows, columns, length = shape
+    slab = min(SLAB, length)
+    return min(rows, max(1, _CHUNK // (columns * slab))), columns, slab
+
+
+def checked_window(a: int, b: int, total: int, *, what: str, where: str) -> tuple[int, int]:
+    """``a`` and ``b`` as integers. Raises BadInput unless 0 <= a <= b <= total."""
+    try:
+        first, stop = operator.index(a), operator.index(b)
+    except TypeError as error:
+        raise BadInput(
+            f"{what} {a!r} to {b!r} were asked for", where=where, allowed="whole numbers"
+        ) from error
+    if not 0 <= first <= stop <= total:
+        raise BadInput(
+            f"{what} {first} to {stop} were asked for", where=where, allowed=f"0 <= first <= stop <= {total}"
+        )
+    return first, stop
+
+
+def checked_region(region: Region | None, size: tuple[int, int], *, where: str) -> Region:
+    """``region`` with both ends filled in. Raises BadInput for an empty one and for one outside ``size``."""
+    bounds = []
+    for part, most, axis in zip(region or (slice(None), slice(None)), size, ("rows", "columns"), strict=True):
+        first = 0 if part.start is None else operator.index(part.start)
+        stop = most if part.stop is None else operator.index(part.stop)
+        if not 0 <= first < stop <= most or part.step not in (None, 1):
+            raise BadInput(
+                f"the region's {axis} are {part}",
+                where=where,
+                allowed=f"0 <= first < stop <= {most}, step 1",
+            )
+        bounds.append(slice(first, stop))
+    return bounds[0], bounds[1]
+
+
+def extent(region: Region) -> tuple[int, int]:
+    """Rows and columns of a region with both ends filled in."""
+    return region[0].stop - region[0].start, region[1].stop - region[1].start
+
+
+def deflated(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
+    """``block`` (rows, W, bytes) as one stored chunk; at the edges zeros fill it, as HDF5 wants."""
+    if block.shape != chunk:
+        whole = np.zeros(chunk, np.uint8)
+        whole[: block.shape[0], :, : block.shape[2]] = block
+        block = whole
+    return isal_zlib.compress(np.ascontiguousarray(block), 1, isal_zlib.MAX_WBITS)
+
+
+def _inflated(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
+    if isinstance(data, np.ndarray):
+        return data
+    size = chunk[0] * chunk[1] * chunk[2]
+    try:
+        return np.frombuffer(isal_zlib.decompress(data, isal_zlib.MAX_WBITS, size), np.uint8).reshape(chunk)
+    except (igzip_lib.IsalError, ValueError) as error:  # type: ignore[misc]  # its stub says instance
+        raise DamagedChunk(str(error)) from error
+
+
+class Gather:
+    """Turns pieces of packed spikes, of any length, into the slabs of a stream of ``shape`` (T, H, W).
+
+    ``length`` is the bytes along time taken so far. A piece that is a whole slab already is not copied.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], *, where: str) -> None:
+        self.length, self._frames, self._size, self._where = 0, shape[0], shape[1:], where
+        self._total = -(-shape[0] // 8)
+        self._slab = min(SLAB, self._total)
+        self._held = np.empty((0, 0, 0), np.uint8)
+
+    def check_complete(self) -> None:
+        """Raise BadInput unless all bytes have come."""
+        if self.length != self._total:
+            raise BadInput(
+                f"only {self.length} bytes along time were written",
+                where=self._where,
+                allowed=f"{self._total} for {self._frames} frames",
+            )
+
+    def _check(self, piece: np.ndarray) -> None:
+        if piece.dtype != np.uint8 or piece.ndim != 3 or piece.shape[:2] != self._size:
+            raise BadInput(
+                f"packed spikes have dtype {piece.dtype} and shape {piece.shape}",
+                where=self._where,
+                allowed=f"uint8 ({self._size[0]}, {self._size[1]}, bytes)",
+            )
+        end, unused = self.length + piece.shape[2], self._frames % 8
+        if end > self._total:
+            raise BadInput(
+                f"{end} bytes along time were written",
+                where=self._where,
+                allowed=f"{self._total} for {self._frames} frames",
+            )
+        if end == self._total and unused and piece.shape[2] and (piece[:, :, -1] >> unused).any():
+            raise BadInput(
+                "the last byte holds spikes after the last frame",
+                where=self._where,
+                allowed=f"0 in bits {unused} to 7, as T = {self._frames}",
+            )
+
+    def add(self, piece: np.ndarray) -> Iterator[np.ndarray]:
+        """Every slab that ``piece`` uint8 (H, W, bytes) completes, the shorter last one included.
+
+        Raises BadInput for a wrong dtype or shape, too many bytes, and spikes after frame T.
+        """
+        self._check(piece)
+        at = 0
+        while at < piece.shape[2]:
+            filled = self.length % self._slab
+            whole = min(self._slab, self._total - self.length + filled)
+            part = piece[:, :, at : at + whole - filled]
+            at += part.shape[2]
+            self.length += part.shape[2]
+            if part.shape[2] == whole:
+                yield part
+                continue
+            if not self._held.size:
+                self._held = np.empty((*self._size, self._slab), np.uint8)
+            self._held[:, :, filled : filled + part.shape[2]] = part
+            if filled + part.shape[2] == whole:
+                yield self._held[:, :, :whole]
+
+
+class Slabs:
+    """Reads packed spikes of ``shape`` (H, W, bytes) and keeps the slabs used last.
+
+    ``read(top, start)`` gives the chunk at that row and byte: deflated bytes, or an array already cut to the
+    edges. It is called from the caller's thread only.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int, int], *, read: Callable[[int, int], bytes | np.ndarray]
+    ) -> None:
+        self.shape, self.chunk, self._read = shape, chunk_shape(shape), read
+        self._kept: OrderedDict[int, tuple[np.ndarray, dict[int, Future]]] = OrderedDict()
+        self._last = -1
+        self._pool = threads("inflate")
+
+    def close(self) -> None:
+        """Free threads and memory."""
+        self._pool.shutdown(cancel_futures=True)
+        self._kept.clear()
+
+    def steps(self, a: int, b: int) -> Iterator[tuple[int, int, int]]:
+        """Frames ``a <= t < b`` slab by slab: the slab's first byte, and the first and stop bit in it."""
+        slab = 8 * self.chunk[2]
+        for start in range(a // slab * slab, b, slab):
+            yield start // 8, max(a - start, 0), min(b - start, slab)
+
+    def blocks(self, start: int) -> Iterator[np.ndarray]:
+        """The slab at byte ``start`` in C order, as bands of rows (rows, W, bytes)."""
+        length = min(self.chunk[2], self.shape[2] - start)
+
+        def block(top: int, data: bytes | np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(_inflated(data, self.chunk)[: self.shape[0] - top, :, :length])
+
+        waiting = [
+            self._pool.submit(block, top, self._read(top, start))
+            for top in self._tops(slice(0, self.shape[0]))
+        ]
+        for future in waiting:
+            yield future.result()
+
+    def planes(self, start: int, rows: slice) -> np.ndarray:
+        """The slab at byte ``start`` as uint8 (bytes, H, W); only ``rows`` of it are sure to be filled."""
+        planes, filling = self._slab(start, rows)
+        after = start + self.chunk[2]
+        if start - self._last == self.chunk[2] and after < self.shape[2]:
+            self._slab(after, rows)  # a sweep: inflate the next slab while the caller works on this one
+        self._last = start
+        for top in self._tops(rows):
+            filling[top].result()
+        return planes
+
+    def packed(self, a: int, b: int, region: Region) -> np.ndarray:
+        """Bytes ``a <= i < b`` along time of a region, uint8 (h, w, b-a)."""
+        out = np.empty((*extent(region), b - a), np.uint8)
+        before: list[Future] = []
+        for start, first, stop in self.steps(8 * a, 8 * b):
+            part = slice(first // 8, stop // 8)
+            piece = out[:, :, start + part.start - a : start + part.stop - a]
+            if start in self._kept or 2 * (part.stop - part.start) < self.chunk[2]:
+                planes = self.planes(start, region[0])[part, region[0], region[1]]
+                for y in range(out.shape[0]):  # row by row: the transpose of one row fits in the cache
+                    piece[y] = planes[:, y].T
+                continue
+            started = self._copied(start, part, region, piece)
+            for future in before:
+                future.result()
+            before = started
+        for future in before:
+            future.result()
+        return out
+
+    def _copied(self, start: int, part: slice, region: Region, out: np.ndarray) -> list[Future]:
+        # For most of a slab at once: straight from the chunks, nothing is turned or kept.
+        rows, columns = region
+
+        def fill(top: int, data: bytes | np.ndarray) -> None:
+            first, stop = max(top, rows.start), min(top + self.chunk[0], rows.stop)
+            block = _inflated(data, self.chunk)[first - top : stop - top, columns, part]
+            out[first - rows.start : stop - rows.start] = block
+
+        return [self._pool.submit(fill, top, self._read(top, start)) for top in self._tops(rows)]
+
+    def _tops(self, rows: slice) -> range:
+        return range(rows.start // self.chunk[0] * self.chunk[0], rows.stop, self.chunk[0])
+
+    def _slab(self, start: int, rows: slice) -> tuple[np.ndarray, dict[int, Future]]:
+        if start in self._kept:
+            self._kept.move_to_end(start)
+        elif len(self._kept) >= max(3, _KEPT // (self.chunk[2] * self.shape[0] * self.shape[1])):
+            planes, filling = self._kept.popitem(last=False)[1]
+            wait(filling.values())
+            self._kept[start] = planes, {}  # memory is used again: fresh pages cost as much as inflating
+        else:
+            self._kept[start] = np.empty((self.chunk[2], *self.shape[:2]), np.uint8), {}
+        planes, filling = self._kept[start]
+
+        def turn(top: int, data: bytes | np.ndarray) -> None:
+            block = _inflated(data, self.chunk)[: self.shape[0] - top]
+            planes[: block.shape[2], top : top + block.shape[0]] = block.transpose(2, 0, 1)
+
+        for top in self._tops(rows):
+            if top not in filling:
+                filling[top] = self._pool.submit(turn, top, self._read(top, start))
+        return planes, filling

@@ -1,0 +1,39 @@
+"""Small focus sweeps with a planted focus, for the tests of the contest's referee."""
+
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.stream import Truth, write_stream
+
+SHAPE = (800, 48, 64)
+
+
+def spikes(peak: float, *, gain: np.ndarray | float = 1.0, shape: tuple[int, int, int] = SHAPE) -> np.ndarray:
+    """Frames uint8 (T, H, W): a checkerboard whose contrast is largest at frame ``peak``.
+
+    Pixels integrate without noise from random phases, so counts differ from the light by less than one spike.
+    """
+    frames, height, width = shape
+    t = np.arange(frames)
+    contrast = 0.05 + 0.9 * np.exp(-(((t - peak) / 90) ** 2))
+    board = np.where(np.add.outer(np.arange(height) // 4, np.arange(width) // 4) % 2, 1.0, -1.0)
+    rate = (0.25 * np.broadcast_to(gain, frames))[:, None, None] * (1 + contrast[:, None, None] * board)
+    phase = np.random.default_rng(7).random((height, width))
+    total = np.floor(phase + np.cumsum(rate, axis=0))
+    return np.diff(total, axis=0, prepend=0.0).clip(0, 1).astype(np.uint8)
+
+
+def truth_at(peak: float, *, frames: int = SHAPE[0], dof: float = 0.1, **more) -> Truth:
+    """The truth of a sweep whose lens stands at t / (frames - 1)."""
+    position = peak / (frames - 1)
+    return Truth(
+        position=position, depth_of_focus=(position - dof / 2, position + dof / 2), frame=peak, **more
+    )
+
+
+def write_sweep(path: Path, peak: float, *, known: bool = True, gain: np.ndarray | float = 1.0) -> str:
+    """A stream file of such a sweep; returns its content_sha256."""
+    optional = {"truth": truth_at(peak)} if known else {}
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    return write_stream(path, spikes(peak, gain=gain), focus_position=lens, **optional)

@@ -1,0 +1,351 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sweeps import SHAPE, spikes, truth_at, write_sweep
+
+from saf_gen import evaluate as referee
+from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
+from saf_gen.errors import BadInput
+from saf_gen.evaluate import evaluate, score_curve
+from saf_gen.measures import get_measure
+from saf_gen.methods import DEFAULT_METHODS, parse_method
+from saf_gen.parts import Answer
+from saf_gen.scores import record_to_json
+from saf_gen.stream import open_stream, write_stream
+
+PEAK = 300.0
+BRIGHTENING = np.linspace(0.4, 2.0, SHAPE[0])
+
+
+@pytest.fixture(scope="module")
+def stream_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("one") / "sweep.h5"
+    write_sweep(path, PEAK)
+    return path
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    entries = []
+    for split, scene, light, gain in [
+        ("train", "board", "constant", 1.0),
+        ("test", "board2", "constant", 1.0),
+        ("test", "board2", "ramp", BRIGHTENING),
+    ]:
+        name = f"{scene}-{light}-0"
+        (folder / split).mkdir(exist_ok=True)
+        digest = write_sweep(folder / split / f"{name}.h5", PEAK, gain=gain)
+        entries.append(
+            SequenceEntry(
+                id=name,
+                split=split,
+                scene=scene,
+                light=light,
+                repeat=0,
+                seed=1,
+                file=f"{split}/{name}.h5",
+                frames=SHAPE[0],
+                fingerprint="f",
+                content_sha256=digest,
+            )
+        )
+    write_manifest(
+        folder, Manifest(name="small", recipe_fingerprint="r", variant="scalar_rgb", sequences=tuple(entries))
+    )
+    return folder
+
+
+def one(path, method, **options):
+    (record,) = evaluate(path, methods=[method], **options).records
+    return record
+
+
+# -- method names ------------------------------------------------------------------------------------
+
+
+def test_a_method_is_a_measure_a_search_and_their_options():
+    method = parse_method("sd_code+argmax:window=50,refine=true")
+    assert (method.measure_name, method.search_name) == ("sd_code", "argmax")
+    assert (method.search.window, method.search.refine) == (50, True)
+    assert method.name == "sd_code+argmax:window=50,refine=true"
+
+
+def test_every_default_method_exists():
+    assert len({parse_method(spec).name for spec in DEFAULT_METHODS}) == len(DEFAULT_METHODS) == 15
+
+
+def test_the_code_digest_follows_options_and_parts_and_nothing_else():
+    assert parse_method("sd+argmax").code == parse_method("sd+argmax").code
+    codes = {
+        parse_method(spec).code
+        for spec in ("sd+argmax", "sd+argmax:window=50", "sd_code+argmax", "sd+egs_code")
+    }
+    assert len(codes) == 4
+
+
+@pytest.mark.parametrize("spec", ["sd_code", "sd_code+", "+argmax", "a+b+c", ""])
+def test_a_method_that_is_no_pair_is_refused_with_an_example(spec):
+    with pytest.raises(BadInput, match=r"allowed: MEASURE\+SEARCH.*saf-gen methods"):
+        parse_method(spec)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("sd_cod+argmax", r"method 'sd_cod\+argmax': unknown focus measure 'sd_cod'.*did you mean 'sd_code'"),
+        ("sd_code+egs_cod", r"unknown search 'egs_cod'.*did you mean 'egs_code'"),
+        ("sd_code+argmax:windw=5", r"unknown key.*'windw'.*did you mean 'window'"),
+        ("sd_code+argmax:window", r"option 'window' of method.*allowed: KEY=VALUE"),
+        ("sd_code+argmax:window=many", "window is 'many'"),
+    ],
+)
+def test_a_wrong_name_or_option_is_named_with_the_nearest(spec, message):
+    with pytest.raises(BadInput, match=message):
+        parse_method(spec)
+
+
+# -- one stream ----------------------------------------------------------------------------------------
+
+
+def test_argmax_finds_the_planted_focus_within_a_block(stream_file):
+    record = one(stream_file, "sd+argmax:window=50")
+    assert record.status == "answered"
+    assert abs(record.frame - PEAK) <= 25.5
+    assert record.error_frames == pytest.approx(record.frame - PEAK)
+    assert record.error == pytest.approx(record.error_frames / (SHAPE[0] - 1), abs=1e-6)
+    assert record.error_dof == pytest.approx(record.error / 0.1)
+    assert record.success_1dof is True
+    assert record.windows == 16
+    assert (record.frames_seen, record.frames) == (800, 800)
+    assert record.lens_travel == pytest.approx(1 + (1 - record.position))
+
+
+def test_the_record_carries_the_digest_of_the_stream_and_what_it_is_of(stream_file):
+    record = one(stream_file, "sd+argmax")
+    with open_stream(stream_file) as stream:
+        assert record.data == stream.content_sha256
+    assert (record.sequence, record.scene, record.split, record.light) == ("sweep", "sweep", None, None)
+
+
+def test_the_traces_of_egs_code_come_through_as_they_are(stream_file):
+    trace = one(stream_file, "sd_code+egs_code").trace
+    assert trace[0] == 400  # the midpoint of the 1-based frames 1 ... 800
+    assert abs(trace[-1] - PEAK) < 80
+
+
+def test_a_stream_without_truth_is_searched_with_null_errors(tmp_path):
+    write_sweep(tmp_path / "blind.h5", PEAK, known=False)
+    record = one(tmp_path / "blind.h5", "sd+argmax:window=50")
+    assert abs(record.frame - PEAK) <= 25.5
+    assert record.position == pytest.approx(record.frame / (SHAPE[0] - 1))
+    assert (record.truth, record.error, record.error_frames, record.error_dof) == (None,) * 4
+    assert record.success_1dof is None
+
+
+def test_a_stream_without_a_lens_record_is_searched_too(tmp_path):
+    write_stream(tmp_path / "bare.h5", spikes(PEAK))
+    record = one(tmp_path / "bare.h5", "sd+argmax:window=50")
+    assert abs(record.frame - PEAK) <= 25.5
+    assert (record.position, record.error, record.lens_travel) == (None, None, None)
+
+
+def test_nan_never_reaches_json(stream_file):
+    record = replace(one(stream_file, "sd+argmax"), error=float("nan"), trace=(1.0, float("inf")))
+    plain = record_to_json(record)
+    assert plain["error"] is None
+    assert plain["trace"] == [1.0, None]
+    assert json.loads(json.dumps(plain, allow_nan=False)) == plain
+
+
+def test_numpy_numbers_become_plain_ones(stream_file):
+    record = replace(one(stream_file, "sd+argmax"), frame=np.float64(3.5), success_1dof=np.bool_(True))
+    assert json.loads(json.dumps(record_to_json(record)))["frame"] == 3.5
+
+
+def test_the_target_region_sees_only_the_box_round_the_target(tmp_path):
+    frames = spikes(PEAK)
+    frames[:, :, 32:] = spikes(600.0)[:, :, 32:]  # the right half comes into focus later
+    target = np.zeros(SHAPE[1:], dtype=bool)
+    target[8:40, 36:60] = True
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    write_stream(tmp_path / "two.h5", frames, focus_position=lens, truth=truth_at(600.0, target=target))
+    box = one(tmp_path / "two.h5", "sd+argmax:window=50")
+    assert box.region == "target"
+    assert abs(box.frame - 600) <= 25.5
+    whole = one(tmp_path / "two.h5", "sd+argmax:window=50", region="frame")
+    assert whole.region == "frame"
+
+
+def test_without_a_target_the_region_is_the_frame(stream_file):
+    assert one(stream_file, "sd+argmax", region="target").region == "frame"
+
+
+class Abstains:
+    def __call__(self, view):
+        view.score(0, 100)
+        return Answer(None, note="nothing seen")
+
+
+class Breaks:
+    def __call__(self, view):
+        raise ZeroDivisionError("no light")
+
+
+class Outside:
+    def __call__(self, view):
+        return Answer(float("nan"))
+
+
+def with_search(monkeypatch, search):
+    spec = parse_method("sd+argmax")
+    monkeypatch.setattr(referee, "parse_method", lambda _: replace(spec, name="sd+mine", search=search))
+
+
+def test_an_abstention_is_recorded_apart_from_errors(stream_file, monkeypatch):
+    with_search(monkeypatch, Abstains())
+    record = one(stream_file, "sd+mine")
+    assert (record.status, record.note) == ("abstained", "nothing seen")
+    assert (record.frame, record.error, record.success_1dof) == (None, None, False)
+    assert record.frames_seen == 100
+    assert record.lens_travel == pytest.approx(99 / 799, abs=1e-6)
+
+
+def test_a_method_that_breaks_is_a_failure_with_its_reason(stream_file, monkeypatch):
+    with_search(monkeypatch, Breaks())
+    record = one(stream_file, "sd+mine")
+    assert (record.status, record.note) == ("failed", "ZeroDivisionError: no light")
+    assert (record.frame, record.success_1dof) == (None, False)
+
+
+def test_an_answer_that_is_no_frame_of_the_recording_is_a_failure(stream_file, monkeypatch):
+    with_search(monkeypatch, Outside())
+    record = one(stream_file, "sd+mine")
+    assert record.status == "failed"
+    assert "not recorded" in record.note
+
+
+def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, monkeypatch):
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    write_stream(tmp_path / "out.h5", spikes(1200.0), focus_position=lens, truth=truth_at(1200.0))
+    with_search(monkeypatch, Breaks())
+    assert one(tmp_path / "out.h5", "sd+mine").success_1dof is False
+    with_search(monkeypatch, Abstains())
+    assert one(tmp_path / "out.h5", "sd+mine").success_1dof is True
+
+
+def test_two_windows_too_long_for_a_recording_fail_by_name(tmp_path):
+    write_stream(tmp_path / "short.h5", spikes(20, shape=(40, 8, 8)))
+    record = one(tmp_path / "short.h5", "sd+argmax")
+    assert record.status == "failed"
+    assert "shorter than one window" in record.note
+
+
+# -- datasets -------------------------------------------------------------------------------------------
+
+
+def test_every_method_meets_every_sequence_in_order(dataset):
+    steps = []
+    out = evaluate(
+        dataset, methods=["sd+argmax", "er_count+argmax"], progress=lambda *step: steps.append(step)
+    )
+    assert [(r.sequence, r.method) for r in out.records] == [
+        (sequence, method)
+        for sequence in ("board-constant-0", "board2-constant-0", "board2-ramp-0")
+        for method in ("sd+argmax", "er_count+argmax")
+    ]
+    assert out.failures == ()
+    assert [done for done, _, _ in steps] == [1, 2, 3, 4, 5, 6]
+    assert {total for _, total, _ in steps} == {6}
+
+
+def test_brightness_fools_the_count_of_spikes_and_not_their_dispersion(dataset):
+    out = evaluate(dataset, methods=["sd+argmax:window=50", "er_count+argmax:window=50"])
+    by = {(r.method.split("+")[0], r.light): r for r in out.records if r.split == "test"}
+    assert by["sd", "ramp"].success_1dof
+    assert by["er_count", "ramp"].frame == 774.5  # the brightest block, at the end
+    assert not by["er_count", "ramp"].success_1dof
+
+
+def test_a_split_picks_its_sequences_and_an_unknown_one_is_named(dataset):
+    assert {r.split for r in evaluate(dataset, methods=["sd+argmax"], split="train").records} == {"train"}
+    with pytest.raises(BadInput, match=r"unknown split 'tset'.*allowed: test, train.*did you mean 'test'"):
+        evaluate(dataset, split="tset")
+
+
+def test_the_curves_are_what_argmax_looked_at(dataset):
+    (sweep,) = evaluate(dataset, methods=["sd+argmax:window=50", "sd+egs_code"], split="train").sweeps
+    (curve,) = sweep.curves
+    with open_stream(dataset / "train" / "board-constant-0.h5") as stream:
+        first, scores = score_curve(stream, "sd", window=50)
+    np.testing.assert_array_equal(curve.frames, first + 24.5)
+    np.testing.assert_array_equal(curve.scores, scores)
+    assert curve.answer == curve.frames[np.argmax(scores)]
+    assert sweep.rate.mean() == pytest.approx(0.25, rel=0.02)
+
+
+def test_a_sequence_that_cannot_be_read_is_named_and_the_others_go_on(dataset, tmp_path):
+    broken = tmp_path / "copy"
+    (broken / "test").mkdir(parents=True)
+    (broken / "train").mkdir()
+    for file in dataset.rglob("*.*"):
+        data = file.read_bytes()
+        cut = len(data) // 2 if file.name == "board2-constant-0.h5" else len(data)
+        (broken / file.relative_to(dataset)).write_bytes(data[:cut])
+    out = evaluate(broken, methods=["sd+argmax"])
+    assert [r.sequence for r in out.records] == ["board-constant-0", "board2-ramp-0"]
+    (failure,) = out.failures
+    assert failure.sequence == "board2-constant-0"
+    assert "board2-constant-0.h5" in failure.problem
+
+
+def test_a_sequence_that_is_not_the_manifests_is_a_failure(dataset, tmp_path):
+    swapped = tmp_path / "copy"
+    (swapped / "test").mkdir(parents=True)
+    (swapped / "train").mkdir()
+    for file in dataset.rglob("*.*"):
+        (swapped / file.relative_to(dataset)).write_bytes(file.read_bytes())
+    write_sweep(swapped / "train" / "board-constant-0.h5", 500.0)
+    (failure,) = evaluate(swapped, methods=["sd+argmax"]).failures
+    assert failure.sequence == "board-constant-0"
+    assert "not the stream that the manifest names" in failure.problem
+
+
+def test_a_single_stream_that_cannot_be_read_is_bad_input(stream_file, tmp_path):
+    (tmp_path / "cut.h5").write_bytes(stream_file.read_bytes()[:3000])
+    with pytest.raises(BadInput, match=r"cut\.h5"):
+        evaluate(tmp_path / "cut.h5")
+
+
+def test_what_is_not_there_is_said_with_the_way_to_make_it(tmp_path):
+    with pytest.raises(BadInput, match=r"no dataset or stream at .*saf-gen generate"):
+        evaluate(tmp_path / "nothing")
+
+
+def test_an_unknown_region_is_refused(stream_file):
+    with pytest.raises(BadInput, match=r"unknown region 'targt'.*did you mean 'target'"):
+        evaluate(stream_file, methods=["sd+argmax"], region="targt")
+
+
+def test_a_split_of_a_single_stream_is_refused(stream_file):
+    with pytest.raises(BadInput, match="split 'test' of the single stream"):
+        evaluate(stream_file, split="test")
+
+
+# -- score curves ---------------------------------------------------------------------------------------
+
+
+def test_a_score_curve_is_the_measure_of_consecutive_blocks(stream_file):
+    with open_stream(stream_file) as stream:
+        first, scores = score_curve(stream, "sd", window=150)
+        assert first.tolist() == [0, 150, 300, 450, 600]  # the last 50 frames fill no block
+        sd = get_measure("sd")
+        assert scores.tolist() == [sd(stream.counts(a, a + 150)) for a in first]
+
+
+@pytest.mark.parametrize("window", [0, -1, 801])
+def test_a_window_that_fits_no_block_is_refused(stream_file, window):
+    with open_stream(stream_file) as stream, pytest.raises(BadInput, match="1 to the stream's 800 frames"):
+        score_curve(stream, "sd", window=window)

@@ -1,0 +1,137 @@
+"""Light to charge, and the scale of exposure, against closed forms and against the encoder."""
+
+from math import atan, cos, hypot, pi
+
+import numpy as np
+import pytest
+
+from saf_gen.camera import Encoder, charge_stack, encode, exposure_scale, get_sensor
+from saf_gen.camera.exposure import electrons_per_irradiance, irradiance_per_radiance, mean_rate_of
+from saf_gen.errors import BadInput
+
+VIDAR = get_sensor("vidar_400x250")
+IDEAL = get_sensor("ideal")
+V, R = 0.052, 0.009
+
+
+def test_irradiance_falls_with_the_fourth_power_of_the_cosine():
+    factor = irradiance_per_radiance((250, 400), np.array([V]), pitch_m=2e-5, aperture_radius_m=R)[0]
+    for row, column in [(0, 0), (124, 200), (249, 17)]:
+        angle = atan(hypot((row - 124.5) * 2e-5, (column - 199.5) * 2e-5) / V)
+        assert factor[row, column] == pytest.approx(pi * R**2 / V**2 * cos(angle) ** 4, rel=1e-12)
+    assert factor[0, 0] < 0.99 * factor[124, 199]  # the corner sees it
+
+
+def test_irradiance_falls_with_the_square_of_the_bellows():
+    near, far = irradiance_per_radiance(
+        (1, 1), np.array([V, 2 * V]), pitch_m=2e-5, aperture_radius_m=R, transmission=0.8
+    )
+    assert near / far == pytest.approx(4)
+    assert near == pytest.approx(0.8 * pi * R**2 / V**2)
+
+
+def test_electrons_are_photons_times_quantum_efficiency_and_fill_factor():
+    photon = 6.62607015e-34 * 299_792_458 / 5.55e-7
+    photons = 3.0 * (2e-5) ** 2 / 20_000 / photon
+    assert 3.0 * electrons_per_irradiance(VIDAR) == pytest.approx(photons * 0.5 * 0.43)
+
+
+def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows():
+    """PHYSICS closed form, within 0.5 %: four quarters of the field at two image distances, seed 1."""
+    radiance = np.full((2, 2, 60, 80), 0.5 * 0.1, np.float32)  # two groups share the light
+    sensor = get_sensor("ideal", pitch_m=2e-4)  # wide angles
+    distances = np.array([V, 1.3 * V])
+    stack = charge_stack(radiance, distances, R, sensor)
+    assert stack.dtype == np.float32
+    for k, v in enumerate(distances):
+        n = 2_000
+        spikes = Encoder(sensor, (60, 80), 1).encode(stack, np.full(n, k), np.zeros(n), np.ones((n, 2)))
+        rate = np.bitwise_count(spikes).sum(axis=-1) / n
+        r2 = ((np.arange(60)[:, None] - 29.5) ** 2 + (np.arange(80) - 39.5) ** 2) * (2e-4) ** 2
+        irradiance = pi * R**2 / v**2 * (1 + r2 / v**2) ** -2 * 0.1
+        expected = irradiance * electrons_per_irradiance(sensor) / sensor.threshold_e
+        assert 0.05 < expected.min() < 0.97 * expected.max() < 0.97
+        for part in (np.s_[:30, :40], np.s_[:30, 40:], np.s_[30:, :40], np.s_[30:, 40:]):
+            assert rate[part].mean() == pytest.approx(expected[part].mean(), rel=0.005)
+
+
+@pytest.mark.parametrize("mean_rate", [0.02, 0.2, 0.6, 0.9])
+@pytest.mark.parametrize("saturation", ["subtract", "dead_readout"])
+@pytest.mark.parametrize("dark", [True, False])
+def test_the_scale_makes_the_encoder_fire_at_the_mean_rate(mean_rate, saturation, dark):
+    """A textured target of 1,500 pixels, 1 % allowed; the response's own mean there is left out; seed 3."""
+    random = np.random.default_rng(3)
+    charge = random.uniform(20, 2_000, (60, 80)).astype(np.float32)
+    target = np.zeros((60, 80), bool)
+    target[5:35, 20:70] = True
+    sensor = get_sensor(
+        "vidar_400x250", saturation=saturation, dark_hot_fraction=0, noise={"response": False, "dark": dark}
+    )
+    scale = exposure_scale(charge, target, sensor, mean_rate)
+    spikes = encode((scale * charge)[None].astype(np.float32), sensor, 1_600, 3)
+    assert np.bitwise_count(spikes).sum(axis=-1)[target].mean() / 1_600 == pytest.approx(mean_rate, rel=0.01)
+
+
+def test_without_noise_the_scale_is_a_ratio():
+    charge = np.array([[100.0, 300.0]])
+    scale = exposure_scale(charge, np.ones((1, 2), bool), IDEAL, 0.2)
+    assert scale == pytest.approx(0.2 * IDEAL.threshold_e / 200, rel=2e-6)
+
+
+def test_the_scale_hides_the_order_of_summation():
+    """Differences in a mean's last bits are rounded away: 20 bits are kept."""
+    charge = np.random.default_rng(1).uniform(1, 1e3, (50, 50))
+    everywhere = np.ones((50, 50), bool)
+    scale = exposure_scale(charge, everywhere, VIDAR, 0.2)
+    assert scale == exposure_scale(charge[::-1].copy(), everywhere, VIDAR, 0.2)
+    assert (scale * 2.0 ** (20 - np.frexp(scale)[1])).is_integer()
+
+
+@pytest.mark.parametrize(
+    ("mean_rate", "saturation", "message"),
+    [
+        (0.004, "subtract", r"mean_rate is 0.004; allowed: above the dark rate 0.0045 and below 1 spikes"),
+        (1.0, "subtract", "mean_rate is 1; allowed"),
+        (0.95, "dead_readout", "below 0.941 spikes"),
+        (float("nan"), "subtract", "mean_rate is nan"),
+        (0.6, "subtract", r"only 50.0% of the target gives light; allowed: below 0.502; light the target"),
+    ],
+)
+def test_a_mean_rate_out_of_reach_is_refused(mean_rate, saturation, message):
+    sensor = get_sensor("vidar_400x250", saturation=saturation)
+    with pytest.raises(BadInput, match=message):
+        exposure_scale(np.array([[0.0, 5.0]]), np.ones((1, 2), bool), sensor, mean_rate)
+
+
+def test_an_empty_target_is_refused():
+    with pytest.raises(BadInput, match="the target holds no pixel"):
+        exposure_scale(np.ones((2, 2)), np.zeros((2, 2), bool), VIDAR, 0.2)
+
+
+def test_the_law_of_rates_is_capped():
+    assert mean_rate_of(np.array([0.0, 0.25, 9.0]) * IDEAL.threshold_e, IDEAL) == pytest.approx([0, 0.25, 1])
+    dead = get_sensor("ideal", saturation="dead_readout")
+    rates = mean_rate_of(np.array([1.0, 1e9]) * dead.threshold_e, dead)
+    assert rates == pytest.approx([0.5, 16 / 17])
+    spikes = encode(np.full((1, 8, 8), 1e9, np.float32), dead, 1_700, 1)
+    assert np.bitwise_count(spikes).sum(axis=-1).mean() / 1_700 == pytest.approx(16 / 17, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"image_distance": np.array([V])}, r"radiance has shape \(1, 2, 3, 4\), image_distance \(1,\)"),
+        ({"image_distance": np.array([V, -1])}, "image distance is -1 m"),
+        ({"aperture_radius_m": 0.0}, "aperture's radius is 0 m"),
+        ({"transmission": 1.2}, "transmission is 1.2; allowed: above 0, at most 1"),
+    ],
+)
+def test_lenses_that_cannot_be_are_refused(changes, message):
+    given = {
+        "radiance": np.ones((1, 2, 3, 4), np.float32),
+        "image_distance": np.array([V, V]),
+        "aperture_radius_m": R,
+        "sensor": VIDAR,
+    }
+    with pytest.raises(BadInput, match=message):
+        charge_stack(**given | changes)

@@ -1,0 +1,193 @@
+"""Generating: whole, the same whoever works, resumed after a kill, refused before anything is made."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+import saf_gen
+from saf_gen.dataset import read_manifest
+from saf_gen.errors import BadInput
+from saf_gen.generate import generate, prepare
+from saf_gen.record import group_gains
+from saf_gen.render import variant
+
+VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
+
+
+def digests(folder):
+    return {e.id: e.content_sha256 for e in read_manifest(folder).sequences}
+
+
+@pytest.fixture
+def work(test_scenes, small_recipe):
+    return prepare(small_recipe)
+
+
+@pytest.fixture
+def made(work, tmp_path):
+    outcome = generate(work, tmp_path / "made", variant=VARIANT)
+    assert outcome.failed == {}
+    return outcome
+
+
+def test_a_recipe_becomes_streams_with_truth(made):
+    assert made.rendered == ["plane · geometry", "plane · lamp", "plane · room"]
+    assert made.recorded == ["plane-constant-00", "plane-continuous-00", "plane-lamp_only-00"]
+    with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
+        assert stream.shape == (400, 40, 64)
+        assert stream.truth.position == pytest.approx(0.46199, abs=1e-4)
+        assert stream.truth.frame == pytest.approx(0.46199 * 400 - 0.5, abs=0.1)
+        assert stream.focus_position[0] == pytest.approx(0.5 / 400)
+        assert stream.truth.target.all()
+        assert stream.truth.sharpness.shape == (9,)
+        counts = stream.counts(0, 400)
+    # Mean rate 0.2 in the target at its best focus: 1.02 million pixel readouts round it, so sampling
+    # noise is below 0.1 %; the light over the sweep varies by 1 % (bellows).
+    assert counts.mean() / 400 == pytest.approx(0.2, rel=0.02)
+
+
+def test_the_file_says_how_it_was_made(made):
+    with h5py.File(made.folder / "test" / "plane-constant-00.h5") as file:
+        recipe = file["provenance/recipe"][()].decode()
+        versions = json.loads(file["provenance/versions"][()])
+        assert file["provenance/variant"][()].decode() == VARIANT
+    assert "name: small" in recipe
+    assert versions["mitsuba"] == "3.9.1"
+
+
+def test_light_schedules_are_stored_a_group_a_column(made):
+    with saf_gen.open_stream(made.folder / "test" / "plane-lamp_only-00.h5") as stream:
+        assert stream.light_names == ("lamp", "room")
+        assert stream.gain[:, 1] == pytest.approx(1.0)
+        assert stream.gain[:, 0] == pytest.approx(np.repeat([1.0, 0.4, 2.0, 1.0], 100), rel=1e-5)
+
+
+def test_one_and_two_workers_give_the_same_digests(work, made, tmp_path):
+    other = generate(work, tmp_path / "other", workers=2, variant=VARIANT)
+    assert digests(other.folder) == digests(made.folder)
+
+
+def test_shards_make_the_same_dataset_together(small_recipe, made, tmp_path):
+    for i in (1, 2):
+        part = generate(prepare(small_recipe, part=(i, 2)), tmp_path / "shards", variant=VARIANT)
+        assert part.failed == {}
+    assert digests(tmp_path / "shards") == digests(made.folder)
+
+
+def test_generating_again_keeps_everything(work, made):
+    again = generate(work, made.folder, variant=VARIANT)
+    assert (again.rendered, again.recorded) == ([], [])
+    assert again.kept == made.recorded
+    assert digests(again.folder) == digests(made.folder)
+
+
+def test_a_damaged_sequence_is_made_again_alone(work, made):
+    before = digests(made.folder)
+    path = made.folder / "test" / "plane-constant-00.h5"
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    again = generate(work, made.folder, variant=VARIANT)
+    assert again.recorded == ["plane-constant-00"]
+    assert again.rendered == []
+    assert digests(again.folder) == before
+
+
+def test_another_seed_records_anew_and_renders_nothing(small_recipe, made):
+    small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
+    again = generate(prepare(small_recipe), made.folder, variant=VARIANT)
+    assert again.rendered == []
+    assert len(again.recorded) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["after the first piece of the stack", "after the first sequence"])
+def test_a_killed_generation_goes_on_where_it_was(small_recipe, made, tmp_path, when):
+    """SIGKILL to the whole process group, then the same command: same digests, nothing rendered twice."""
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "saf_gen", "generate", str(small_recipe), "--out", str(folder)]
+    command += ["--variant", VARIANT]
+    wanted = "stacks/*/lamp.exr" if "stack" in when else "test/*.h5"
+    run = subprocess.Popen(
+        command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + 60
+    while not list(folder.glob(wanted)) and run.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.001)
+    os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+    done = {p.relative_to(folder): p.read_bytes() for p in folder.glob("stacks/*/*.exr")}
+    assert done, "killed before anything was made"
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    assert digests(folder) == digests(made.folder)
+    for name, content in done.items():
+        assert (folder / name).read_bytes() == content
+
+
+def test_a_group_that_the_scene_lacks_is_told_before_anything_is_made(small_recipe, test_scenes):
+    small_recipe.write_text(small_recipe.read_text().replace("    lamp:", "    lmap:"))
+    with pytest.raises(
+        BadInput, match=r"light 'lamp_only' on plane: the scene has no light group 'lmap'; allowed"
+    ):
+        prepare(small_recipe)
+
+
+def test_a_scene_that_is_nowhere_is_told(small_recipe, test_scenes):
+    small_recipe.write_text(small_recipe.read_text().replace("[plane]", "[plain]"))
+    with pytest.raises(BadInput, match=r"unknown scene 'plain'; .*did you mean 'plane'\?"):
+        prepare(small_recipe)
+
+
+def test_a_folder_that_cannot_be_written_is_told(work, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(BadInput, match=r"file/ds cannot be written: .*; give another folder with --out"):
+        generate(work, tmp_path / "file" / "ds", variant=VARIANT)
+
+
+def test_the_folder_of_another_dataset_is_not_touched(work, made, small_recipe):
+    small_recipe.write_text(small_recipe.read_text().replace("name: small", "name: other"))
+    before = sorted(made.folder.rglob("*"))
+    with pytest.raises(
+        BadInput, match=r"holds the dataset 'small', the recipe makes 'other'; give another folder"
+    ):
+        generate(prepare(small_recipe), made.folder, variant=VARIANT)
+    assert sorted(made.folder.rglob("*")) == before
+
+
+def test_a_disk_too_small_is_told_before_anything_is_made(work, tmp_path, monkeypatch):
+    from collections import namedtuple
+
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr("shutil.disk_usage", lambda path: usage(1, 1, 0))
+    with pytest.raises(BadInput, match=r"the dataset needs about .* GB in .*, 0.0 GB are free"):
+        generate(work, tmp_path / "ds", variant=VARIANT)
+    assert not list((tmp_path / "ds").iterdir())
+
+
+def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(
+    small_recipe, tmp_path, monkeypatch, test_scenes
+):
+    import shutil
+
+    shutil.copytree(test_scenes / "plane", tmp_path / "scenes" / "plane")
+    script = tmp_path / "scenes" / "plane" / "scene.py"
+    script.write_text(script.read_text().replace("return {", "return 1/0, {"))
+    monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path / "scenes"))
+    outcome = generate(prepare(small_recipe), tmp_path / "ds", variant=VARIANT)
+    assert list(outcome.failed) == ["render plane"]
+    assert "ZeroDivisionError: division by zero" in outcome.failed["render plane"]
+    assert outcome.manifest.sequences == ()
+    assert not list((tmp_path / "ds").rglob("*.h5"))
+
+
+def test_a_group_without_a_schedule_stays_at_gain_one():
+    gains = group_gains({"lamp": {"kind": "constant", "level": 0.5}}, ("lamp", "room"), 20, 1000.0)
+    assert gains[:, 0] == pytest.approx(0.5)
+    assert gains[:, 1] == pytest.approx(1.0)

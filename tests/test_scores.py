@@ -1,0 +1,118 @@
+import math
+
+import numpy as np
+import pytest
+
+from saf_gen.scores import WITHIN, depth_of_focus, judge, lens_travel, position_at
+
+SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
+
+
+def judged(frame, **given):
+    known = {"truth": 0.5, "truth_frame": 400.0, "ends": (0.45, 0.55)}
+    return judge(frame, frames_seen=801, focus_position=SWEEP, **{**known, **given})
+
+
+def test_the_position_is_linear_between_readouts_and_held_beyond_the_ends():
+    assert position_at(400.5, SWEEP) == pytest.approx(400.5 / 800)
+    assert position_at(-3, SWEEP) == 0
+    assert position_at(900, SWEEP) == 1
+
+
+def test_an_error_is_answer_minus_truth_in_every_unit():
+    late = judged(480.0)
+    assert late.error == pytest.approx(0.1)
+    assert late.error_frames == pytest.approx(80)
+    assert late.error_dof == pytest.approx(1.0)
+    early = judged(320.0)
+    assert (early.error, early.error_frames) == (pytest.approx(-0.1), pytest.approx(-80))
+    assert early.error_dof == pytest.approx(-1.0)
+
+
+def test_a_sweep_from_far_to_near_keeps_the_sign_of_the_position():
+    back = judge(480.0, frames_seen=801, focus_position=SWEEP[::-1], truth=0.5, truth_frame=400.0)
+    assert back.error == pytest.approx(-0.1)
+    assert back.error_frames == pytest.approx(80)
+
+
+def test_the_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus():
+    assert judged(360.0).blur_px == pytest.approx(1.0)
+    assert judged(440.0).blur_px == pytest.approx(1.0)
+    assert judged(400.0).blur_px == pytest.approx(0.0)
+    assert judged(560.0).blur_px == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
+    ("frame", "success"),
+    [
+        (400.0, (True, True, True)),
+        (460.0, (False, True, True)),
+        (520.0, (False, False, True)),
+        (600.0, (False,) * 3),
+    ],
+)
+def test_success_is_judged_within_half_one_and_two_depths_of_focus(frame, success):
+    assert WITHIN == (0.5, 1.0, 2.0)
+    assert judged(frame).success == success
+
+
+def test_an_abstention_has_no_error_and_is_no_success_where_the_focus_was_there():
+    nothing = judged(None)
+    assert (nothing.error, nothing.error_frames, nothing.error_dof, nothing.blur_px) == (None,) * 4
+    assert nothing.success == (False, False, False)
+
+
+def test_an_abstention_is_right_where_no_answer_could_have_been():
+    assert judged(None, truth=1.15, truth_frame=math.nan, ends=(1.1, 1.2)).success == (True, True, False)
+
+
+def test_a_truth_outside_the_travel_still_gives_an_error_but_none_in_frames():
+    end = judged(800.0, truth=1.15, truth_frame=math.nan, ends=(1.1, 1.2))
+    assert end.error == pytest.approx(-0.15)
+    assert end.error_frames is None
+    assert end.success == (False, False, True)
+
+
+def test_an_unknown_truth_gives_no_error_in_any_unit():
+    unknown = judged(400.0, truth=math.nan)
+    assert (unknown.error, unknown.error_frames, unknown.error_dof, unknown.blur_px) == (None,) * 4
+    assert unknown.success == (None, None, None)
+    assert unknown.position == pytest.approx(0.5)
+    assert unknown.lens_travel == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("ends", [(math.nan, math.nan), (0.5, 0.5), (0.4, math.inf)])
+def test_without_a_depth_of_focus_the_error_stands_and_success_is_unknown(ends):
+    assert depth_of_focus(ends) is None
+    one = judged(480.0, ends=ends)
+    assert one.error == pytest.approx(0.1)
+    assert (one.error_dof, one.blur_px, one.success) == (None, None, (None,) * 3)
+    assert judged(None, ends=ends).success == (None,) * 3
+
+
+def test_the_ends_of_the_depth_of_focus_may_come_in_either_order():
+    assert judged(480.0, ends=(0.55, 0.45)) == judged(480.0, ends=(0.45, 0.55))
+
+
+def test_without_a_lens_record_nothing_about_positions_is_known():
+    blind = judge(400.0, frames_seen=801, focus_position=None, truth=0.5, ends=(0.45, 0.55))
+    assert (blind.position, blind.error, blind.lens_travel) == (None, None, None)
+
+
+def test_a_full_sweep_with_the_focus_half_way_costs_one_and_a_half_travels():
+    assert lens_travel(801, 400.0, SWEEP) == pytest.approx(1.5)
+
+
+def test_stopping_early_costs_the_way_there_and_back():
+    # METHODS.md 11: stopping at p0 / 0.8 is about twice as cheap at p0 = 0.5.
+    assert lens_travel(501, 400.0, SWEEP) == pytest.approx(0.625 + 0.125)
+
+
+def test_the_way_counts_every_reversal_of_the_lens():
+    there_and_back = np.concatenate([SWEEP, SWEEP[::-1]])
+    assert lens_travel(1602, None, there_and_back) == pytest.approx(2.0)
+
+
+def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
+    assert lens_travel(801, None, SWEEP) == pytest.approx(1.0)
+    assert lens_travel(0, None, SWEEP) == 0
