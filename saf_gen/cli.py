@@ -30,7 +30,7 @@ recipes_app = typer.Typer(help="Recipes of datasets.", no_args_is_help=True)
 app.add_typer(scenes_app, name="scenes")
 app.add_typer(recipes_app, name="recipes")
 
-out = Console()
+out = Console(width=None if sys.stdout.isatty() else 160)
 err = Console(stderr=True, soft_wrap=True)
 
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
@@ -66,7 +66,7 @@ def _bars() -> Iterator[Progress]:
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    with Progress(*columns, console=err) as progress:
+    with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
         yield progress
 
 
@@ -95,6 +95,10 @@ def generate(
             if name not in tasks:
                 tasks[name] = bars.add_task(name, total=1.0)
             bars.update(tasks[name], completed=done)
+            if (
+                done >= 1 and not err.is_terminal
+            ):  # a log file has no bars: a line for each piece that is done
+                err.print(f"done: {name}", highlight=False)
 
         outcome = making.generate(work, target, workers=workers, variant=variant, cluster=cluster, tell=tell)
     out.print(
@@ -158,7 +162,8 @@ def evaluate(
 
         result = run(source, methods=method, split=split, region=region, progress=step)
     rows = table(result.records)
-    shown = columns(rows)
+    # A narrow terminal gets the columns that rank; the files have them all.
+    shown = [column for column in columns(rows) if out.width >= 150 or not column.minor]
     board = Table(title=f"{source}: {len(result.sweeps)} sequences, region {region}")
     for column in shown:
         board.add_column(column.header, justify=column.justify, no_wrap=column.name == "method")
@@ -166,7 +171,7 @@ def evaluate(
         board.add_row(*(escape(column.text(row)) for column in shown))
     out.print(board)
     for path in (*write_files(target, rows=rows, records=result.records, failures=result.failures),
-                 *write_report(target, rows=rows, evaluation=result, title=str(source))):  # fmt: skip
+                 *write_report(target, rows=rows, evaluation=result, title=source.name)):  # fmt: skip
         out.print(str(path), highlight=False, soft_wrap=True)
     for failure in result.failures:
         _fail(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)

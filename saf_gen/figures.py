@@ -275,7 +275,14 @@ def _truth(axes: Axes, sweep: Sweep) -> None:
     left, right = axes.get_xlim()
     if not left <= truth <= right:
         side, note = (1, f"focus at {truth:.2f} →") if truth > right else (0, f"← focus at {truth:.2f}")
-        axes.text(side, 1.06, note, transform=axes.get_yaxis_transform(), ha="right" if side else "left")
+        axes.text(
+            side,
+            0.9,
+            note,
+            transform=axes.get_yaxis_transform(),
+            ha="right" if side else "left",
+            backgroundcolor="white",
+        )
 
 
 def _frames_on_top(axes: Axes, sweep: Sweep) -> None:

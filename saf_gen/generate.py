@@ -22,6 +22,7 @@ from saf_gen.errors import BadInput
 from saf_gen.focal_stack import StackSpec, StackStore
 from saf_gen.jobs import RecordJob, RenderJob
 from saf_gen.plan import Sequence, make_plan, recipe_fingerprint, shard
+from saf_gen.preview import write_preview
 from saf_gen.recipe import Recipe, read_recipe
 from saf_gen.record import MODEL, Recorder, group_gains
 from saf_gen.scene import Scene, find_scene
@@ -155,6 +156,7 @@ def generate(
             (kept if result.kept else recorded).append(job.sequence.id)
             digests[job.sequence.id] = result.content_sha256
     manifest = _list(work, folder, digests)
+    _preview(work, folder)
     return Outcome(folder, manifest, rendered, recorded, kept, failed)
 
 
@@ -238,6 +240,15 @@ def _check_folder(work: Work, folder: Path) -> None:
             f"the dataset needs about {needed / 1e9:.1f} GB in {folder}, {free / 1e9:.1f} GB are free",
             hint="free some, or give another folder with --out",
         )
+
+
+def _preview(work: Work, folder: Path) -> None:
+    """A contact sheet of every focal stack that is whole and has none yet."""
+    for spec in {s.scene: work.specs[s.scene] for s in work.sequences}.values():
+        sheet = folder / "preview" / f"{spec.key}.png"
+        store = StackStore(folder / "stacks", spec)
+        if not sheet.exists() and not store.missing():
+            write_preview(store.load(), sheet)
 
 
 def _list(work: Work, folder: Path, digests: dict[str, str]) -> Manifest:

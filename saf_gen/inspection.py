@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.dataset import read_manifest
+from saf_gen.dataset import read_manifest, verify_entry
 from saf_gen.errors import BadInput
-from saf_gen.stream import SpikeStream, open_stream
+from saf_gen.stream import SpikeStream
 
 __all__ = ["check_dataset", "describe"]
 
@@ -17,11 +17,12 @@ def describe(stream: SpikeStream) -> dict[str, str]:
     """Facts about a stream in words, by name: size, light, lens, truth, how it was made."""
     frames, rows, columns = stream.shape
     spikes = int(stream.counts(0, frames).sum(dtype=np.int64))
+    readouts = frames * rows * columns
     facts = {
         "pixels": f"{columns}×{rows}",
         "frames": f"{frames} at {stream.readout_hz:g} Hz ({frames / stream.readout_hz:g} s)",
-        "mean rate": f"{spikes / (frames * rows * columns):.4f} spikes a pixel and readout",
-        "size": f"{Path(stream.path).stat().st_size * 8 / (frames * rows * columns):.3f} bit a pixel and frame",
+        "mean rate": f"{spikes / readouts:.4f} spikes a pixel and readout",
+        "size": f"{Path(stream.path).stat().st_size * 8 / readouts:.3f} bit a pixel and frame",
         "focus": _span(stream.focus_position, "of the travel"),
         "object in focus": _span(stream.metadata.object_distance, "m"),
     }
@@ -58,10 +59,7 @@ def check_dataset(folder: str | Path) -> tuple[int, dict[str, str]]:
     problems = {}
     for entry in manifest.sequences:
         try:
-            with open_stream(Path(folder) / entry.file) as stream:
-                stream.verify()
-                if stream.content_sha256 != entry.content_sha256:
-                    problems[entry.id] = f"{entry.file} is whole, but not the stream that the manifest lists"
+            verify_entry(folder, entry)
         except BadInput as error:
             problems[entry.id] = str(error)
     return len(manifest.sequences), problems

@@ -14,7 +14,7 @@ from saf_gen.record import Recorder
 from saf_gen.scene import Scene
 from saf_gen.stream import open_stream
 
-__all__ = ["Recorded", "RecordJob", "RenderJob"]
+__all__ = ["RecordJob", "Recorded", "RenderJob"]
 
 
 @dataclass(frozen=True)

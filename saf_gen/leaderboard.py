@@ -124,9 +124,15 @@ def columns(rows: Sequence[Row]) -> tuple[Column, ...]:
         _column("success_half_dof", "≤½ DoF", dofs, _percent, "Share within ½ depth of focus: blur ≤ 1 px."),
         _column("success_1dof", "≤1 DoF", dofs, _percent, "Share within 1 DoF, blur ≤ 2 px: this ranks."),
         _column("success_2dof", "≤2 DoF", dofs, _percent, "Share within 2 DoF, blur ≤ 4 px."),
-        _column("median_error_dof", "err DoF", errors, _fixed(2), "Median |answer − truth| in depths of focus."),
-        _column("median_error_travel", "err travel", errors, _fixed(4), "The same as a fraction of the travel."),
-        _column("median_error_frames", "err frames", errors, _fixed(0), "The same in frames of the recording."),
+        _column(
+            "median_error_dof", "err DoF", errors, _fixed(2), "Median |answer − truth| in depths of focus."
+        ),
+        _column(
+            "median_error_travel", "err travel", errors, _fixed(4), "The same as a fraction of the travel."
+        ),
+        _column(
+            "median_error_frames", "err frames", errors, _fixed(0), "The same in frames of the recording."
+        ),
         *(_light(light, by_light) for light in lights),
         _column("abstained", "abst.", none, _count, "Sequences on which the search gave no answer."),
         _column(

@@ -17,20 +17,20 @@ FLOORS = (
     ("world", "optics scene lights render exr focal_stack"),
     ("camera", "camera"),
     ("contract", "bits slabs metadata stream dataset"),
-    ("work", "cluster record jobs card generate methods rig scores evaluate measures searches"),
+    ("work", "cluster record jobs card preview generate methods rig scores evaluate measures searches"),
     ("publication", "leaderboard figures report interop inspection machine cli __main__"),
 )
 FLOOR = {name: i for i, (_, names) in enumerate(FLOORS) for name in names.split()}
-GENERATE = {"cluster", "record", "jobs", "card", "generate"}
+GENERATE = {"cluster", "record", "jobs", "card", "preview", "generate"}
 EVALUATE = {"methods", "rig", "scores", "evaluate", "measures", "searches"}
 DOORS = {
     "mitsuba": {"render"},
     "drjit": {"render"},
     "OpenEXR": {"exr"},
-    "h5py": {"stream", "metadata"},
+    "h5py": {"stream"},
     "typer": {"cli"},
     "rich": {"cli"},
-    "matplotlib": {"report", "figures"},
+    "matplotlib": {"figures", "preview"},
     "distributed": {"cluster"},
     "yaml": {"documents", "generate"},
     "multiprocessing": {"cluster"},

@@ -41,23 +41,33 @@ def test_a_good_document_becomes_a_frozen_value_that_knows_its_lines(tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("name: x\ninner: {size: 3}\ninnr: 1\n", "doc.yaml:3: unknown key 'innr'; allowed: name, inner, many; "
-         "did you mean 'inner'?"),
-        ("name: x\ninner:\n  size: 3\n  kid: round\n", "doc.yaml:4: unknown key 'kid' in inner; allowed: size, "
-         "kind; did you mean 'kind'?"),
-        ("name: x\ninner: {size: 3}\nmany:\n  a:\n    sise: 1\n", "doc.yaml:4: the key 'many.a.size' is missing; "
-         "(1 more after this one)"),
+        (
+            "name: x\ninner: {size: 3}\ninnr: 1\n",
+            "doc.yaml:3: unknown key 'innr'; allowed: name, inner, many; did you mean 'inner'?",
+        ),
+        (
+            "name: x\ninner:\n  size: 3\n  kid: round\n",
+            "doc.yaml:4: unknown key 'kid' in inner; allowed: size, kind; did you mean 'kind'?",
+        ),
+        (
+            "name: x\ninner: {size: 3}\nmany:\n  a:\n    sise: 1\n",
+            "doc.yaml:4: the key 'many.a.size' is missing; (1 more after this one)",
+        ),
         ("name: x\ninner: {size: 12}\n", "doc.yaml:2: inner.size is 12; allowed: less than or equal to 9"),
-        ("name: x\ninner: {size: big}\n", "doc.yaml:2: inner.size is 'big'; allowed: a valid integer, unable to "
-         "parse string as an integer"),
-        ("name: x\ninner:\n  size: 2\n  kind: sqare\n", "doc.yaml:4: inner.kind is 'sqare'; allowed: round, "
-         "square; did you mean 'square'?"),
+        (
+            "name: x\ninner: {size: big}\n",
+            "doc.yaml:2: inner.size is 'big'; allowed: a valid integer, unable to parse string as an integer",
+        ),
+        (
+            "name: x\ninner:\n  size: 2\n  kind: sqare\n",
+            "doc.yaml:4: inner.kind is 'sqare'; allowed: round, square; did you mean 'square'?",
+        ),
         ("name: x\n", "doc.yaml:1: the key 'inner' is missing"),
         ("name: x\nname: y\n", "doc.yaml:2: the key 'name' stands twice; keep one of the two"),
         ("name: [x\n", "doc.yaml:2: this is not YAML: expected ',' or ']', but got '<stream end>'"),
         ("", "doc.yaml: the file holds no keys; allowed: name, inner, many"),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_is_told_in_one_line(tmp_path, text, told):
     assert complaint(tmp_path, text) == told
 

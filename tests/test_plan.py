@@ -60,4 +60,4 @@ def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
 
 def test_shards_share_the_work_without_overlap():
     parts = [shard(plan(), i, 3) for i in (1, 2, 3)]
-    assert sorted((s.id for part in parts for s in part)) == sorted(s.id for s in plan())
+    assert sorted(s.id for part in parts for s in part) == sorted(s.id for s in plan())

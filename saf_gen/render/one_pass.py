@@ -146,7 +146,7 @@ def _spread(pixel: Any, sample: Any, seed: int) -> tuple[Any, Any, Any]:
     """
     turns = []
     for j, step in enumerate(STEPS):
-        word = dr.opaque(mi.UInt32, (seed + j) & 0xFFFFFFFF)
+        word: Any = dr.opaque(mi.UInt32, (seed + j) & 0xFFFFFFFF)
         turn, _ = mi.sample_tea_32(pixel, word, 6)
         fixed = turn + sample * mi.UInt32(step)
         turns.append(mi.Float(fixed >> 8) * 2.0**-24)  # 24 bits: what a float32 holds below 1

@@ -40,7 +40,8 @@ def render_at(
             "sampler": {"type": "independent", "sample_count": samples},
         }
     )
-    image = mi.render(world, sensor=sensor, integrator=integrator, spp=samples, seed=seed & 0xFFFFFFFF)
+    seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba takes an int, its stubs ask for an array
+    image = mi.render(world, sensor=sensor, integrator=integrator, spp=samples, seed=seed_word)
     return np.array(image, dtype=np.float32).reshape(film.rows, film.columns)
 
 
