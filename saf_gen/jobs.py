@@ -4,8 +4,6 @@ import errno
 from dataclasses import dataclass
 from pathlib import Path
 
-import numba
-
 from saf_gen.cluster import Tell
 from saf_gen.errors import BadInput
 from saf_gen.focal_stack import StackSpec, StackStore
@@ -75,7 +73,6 @@ class RecordJob:
         return f"record {self.sequence.id}"
 
     def run(self, tell: Tell) -> Recorded:
-        numba.set_num_threads(self.threads)  # a worker of several must not take every core
         tell(self.name, 0.0)
         digest = _digest_if_whole(self.path, self.fingerprint)
         kept = digest is not None
@@ -88,6 +85,7 @@ class RecordJob:
                     stack,
                     self.path,
                     fingerprint=self.fingerprint,
+                    threads=self.threads,
                     progress=lambda done: tell(self.name, done),
                 )
             except OSError as error:

@@ -41,6 +41,7 @@ class Recorder:
         path: Path,
         *,
         fingerprint: str,
+        threads: int | None = None,
         progress: Callable[[float], None] = lambda done: None,
     ) -> str:
         """Encode a sequence into ``path``; returns its content_sha256.
@@ -75,7 +76,7 @@ class Recorder:
             charge, gain = charge.sum(axis=0, keepdims=True), gain[:, :1]
         index, fraction = knot_weights(position, stack.spec.positions)
         shape = (self.sensor.rows, self.sensor.columns)
-        encoder = Encoder(self.sensor, shape, sequence.seed, device_seed=self.device_seed)
+        encoder = Encoder(self.sensor, shape, sequence.seed, device_seed=self.device_seed, threads=threads)
         with StreamWriter(
             path, shape=(self.frames, *shape), readout_hz=self.sensor.readout_hz, metadata=metadata
         ) as writer:

@@ -2,14 +2,18 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections import namedtuple
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
+from small import SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.dataset import read_manifest
@@ -25,16 +29,28 @@ def digests(folder):
     return {e.id: e.content_sha256 for e in read_manifest(folder).sequences}
 
 
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    """The small dataset, made once; tests get copies of it."""
+    folder = tmp_path_factory.mktemp("first")
+    recipe = folder / "small.yaml"
+    recipe.write_text(SMALL_RECIPE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SAF_GEN_SCENES", str(SCENES))
+        return generate(prepare(recipe), folder / "made", variant=VARIANT)
+
+
 @pytest.fixture
 def work(test_scenes, small_recipe):
     return prepare(small_recipe)
 
 
 @pytest.fixture
-def made(work, tmp_path):
-    outcome = generate(work, tmp_path / "made", variant=VARIANT)
-    assert outcome.failed == {}
-    return outcome
+def made(first, test_scenes, tmp_path):
+    """A copy of the small dataset that a test may spoil."""
+    assert first.failed == {}
+    shutil.copytree(first.folder, tmp_path / "made")
+    return replace(first, folder=tmp_path / "made")
 
 
 def test_a_recipe_becomes_streams_with_truth(made):
@@ -162,8 +178,6 @@ def test_the_folder_of_another_dataset_is_not_touched(work, made, small_recipe):
 
 
 def test_a_disk_too_small_is_told_before_anything_is_made(work, tmp_path, monkeypatch):
-    from collections import namedtuple
-
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(1, 1, 0))
     with pytest.raises(BadInput, match=r"the dataset needs about .* GB in .*, 0.0 GB are free"):
@@ -174,8 +188,6 @@ def test_a_disk_too_small_is_told_before_anything_is_made(work, tmp_path, monkey
 def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(
     small_recipe, tmp_path, monkeypatch, test_scenes
 ):
-    import shutil
-
     shutil.copytree(test_scenes / "plane", tmp_path / "scenes" / "plane")
     script = tmp_path / "scenes" / "plane" / "scene.py"
     script.write_text(script.read_text().replace("return {", "return 1/0, {"))

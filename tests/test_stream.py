@@ -8,7 +8,6 @@ import signal
 import struct
 import subprocess
 import sys
-import time
 import tracemalloc
 from pathlib import Path
 
@@ -548,21 +547,3 @@ def test_memory_does_not_grow_with_time(tmp_path, monkeypatch, what):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < peaks[0] + slab.nbytes
-
-
-@pytest.mark.slow
-def test_windows_of_a_long_stream_cost_a_second_of_one_core(tmp_path):
-    """Time of the processor, which other work on the machine does not change: 0.8 s on the bench."""
-    count = 20_000
-    block = np.random.default_rng(0).random((2_000, 250, 400), np.float32) < 0.2
-    packed = pack(block)
-    with StreamWriter(tmp_path / "a.h5", shape=(count, 250, 400)) as writer:
-        for _ in range(10):
-            writer.write(packed)
-    with open_stream(tmp_path / "a.h5") as stream:
-        stream.counts(0, 8)
-        begin = time.process_time()
-        total = sum(int(stream.counts(a, a + 100).sum()) for a in range(0, count, 100))
-        seconds = time.process_time() - begin
-    assert total == 10 * int(block.sum())
-    assert seconds < 3

@@ -1,0 +1,20 @@
+"""The small dataset of the tests: its scenes, its sensor, its recipe."""
+
+from pathlib import Path
+
+HERE = Path(__file__).parent
+SCENES = HERE / "scenes"
+SMALL_RECIPE = f"""\
+name: small
+seed: 3
+camera: {{sensor: {HERE / "small_sensor.yaml"}, frames: 400, exposure: {{mean_rate: 0.2}}}}
+focus: {{drive: image_distance, positions: 9}}
+render: {{samples: 16, max_depth: 3}}
+lights:
+  constant: {{kind: constant}}
+  continuous: {{kind: ramp, from: 0.5, to: 2.0}}
+  lamp_only:
+    lamp: {{kind: steps, every_s: 0.005, levels: [1.0, 0.4, 2.0]}}
+splits:
+  test: {{scenes: [plane], lights: [constant, continuous, lamp_only]}}
+"""
