@@ -1,0 +1,105 @@
+"""One sequence against closed forms: exposure, truth, light, noise switched off."""
+
+import numpy as np
+import pytest
+
+import saf_gen
+from saf_gen.camera import get_sensor
+from saf_gen.errors import BadInput
+from saf_gen.focal_stack import FocalStack, StackSpec
+from saf_gen.optics import ImageDistance
+from saf_gen.plan import Sequence
+from saf_gen.record import Recorder
+
+DRIVE = ImageDistance(0.025, 2.0, (0.6, 0.42))
+SPEC = StackSpec("plane", "0" * 64, ("lamp", "room"), DRIVE, 16, 24, 60e-6, 9, 16, 4)
+SWITCHED_OFF = {name: False for name in ("shot", "dark", "response", "threshold_spread", "threshold_noise")}
+
+
+def stack(depth=0.5, radiance=1.0):
+    """An even field at one depth, a quarter of its light from the lamp."""
+    field = (
+        np.full((2, 9, 16, 24), radiance, dtype=np.float32)
+        * np.array([0.25, 0.75], np.float32)[:, None, None, None]
+    )
+    target = np.ones((16, 24), dtype=bool)
+    return FocalStack(SPEC, field, np.full((16, 24), depth, np.float32), target, "llvm")
+
+
+def record(tmp_path, schedule, *, mean_rate=0.2, frames=2000, given=None, **laws):
+    sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6, reset_loss=0.0, **laws)
+    recorder = Recorder(sensor.with_noise(**SWITCHED_OFF), frames, device_seed=1, provenance={})
+    sequence = Sequence("s", "test", "plane", "light", 0, 5, schedule, mean_rate)
+    recorder.record(sequence, given or stack(), tmp_path / "s.h5", fingerprint="f")
+    return saf_gen.open_stream(tmp_path / "s.h5")
+
+
+def test_the_mean_rate_is_the_one_asked_for_at_best_focus(tmp_path):
+    """Without noise a count is exact to one spike: 400 frames × 384 pixels round the focus, 0.2 %."""
+    with record(tmp_path, {"": {"kind": "constant"}}) as stream:
+        frame = round(stream.truth.frame)
+        counts = stream.counts(frame - 200, frame + 200)
+    assert counts.mean() / 400 == pytest.approx(0.2, rel=0.002)
+
+
+def test_the_rate_over_the_sweep_follows_bellows_and_the_fourth_power_of_the_cosine(tmp_path):
+    """E goes as cos⁴θ/v²: each pixel's rate in 500 frames at both ends of the sweep, one spike in 100."""
+    with record(tmp_path, {"": {"kind": "constant"}}, frames=8000) as stream:
+        best = float(DRIVE.image_distance(stream.truth.position))
+        ends = [stream.counts(0, 500), stream.counts(7500, 8000)]
+        distances = [stream.metadata.image_distance[a : a + 500].mean() for a in (0, 7500)]
+    y, x = np.meshgrid(np.arange(16) - 7.5, np.arange(24) - 11.5, indexing="ij")
+    r2 = (x**2 + y**2) * 60e-6**2
+
+    def light(v):
+        return v**2 / (v**2 + r2) ** 2  # cos⁴θ/v² with cos²θ = v²/(v² + r²)
+
+    for counts, v in zip(ends, distances, strict=True):
+        expected = 0.2 * light(v) / light(best).mean()
+        assert counts.mean() / 500 == pytest.approx(expected.mean(), rel=0.002)
+        assert np.abs(counts - 500 * expected).max() <= 1.001
+
+
+def test_a_group_alone_brings_its_own_share(tmp_path):
+    with record(tmp_path, {"lamp": {"kind": "constant", "level": 0.0}}) as stream:
+        frame = round(stream.truth.frame)
+        rate = stream.counts(frame - 200, frame + 200).mean() / 400
+        assert stream.gain[:, 0].max() == 0
+    assert rate == pytest.approx(0.75 * 0.2, rel=0.003)
+
+
+def test_truth_is_the_optical_focus_of_the_target(tmp_path):
+    with record(tmp_path, {"": {"kind": "constant"}}) as stream:
+        truth = stream.truth
+        assert truth.position == pytest.approx(float(DRIVE.best_position(0.5)), rel=1e-6)
+        assert truth.best_position == pytest.approx(truth.position, rel=1e-4)
+        at_truth = np.interp(truth.frame, np.arange(2000), stream.focus_position)
+        assert at_truth == pytest.approx(truth.position, abs=1e-6)
+
+
+def test_a_target_out_of_reach_has_a_truth_that_no_frame_passes(tmp_path):
+    with record(tmp_path, {"": {"kind": "constant"}}, given=stack(depth=0.8)) as stream:
+        assert stream.truth.position < 0
+        assert np.isnan(stream.truth.frame)
+
+
+def test_absolute_exposure_counts_the_scenes_own_electrons(tmp_path):
+    """Q = τπR²/v²·L·A·FF·QE·λ/(hc)·t on the axis, here written out again."""
+    sensor = get_sensor("vidar_400x250")
+    v = float(DRIVE.image_distance(DRIVE.truth(np.array([0.5]))))
+    flux = np.pi * DRIVE.aperture_radius_m**2 / v**2 * 60e-6**2 * sensor.fill_factor
+    electrons = flux * sensor.quantum_efficiency * sensor.wavelength_m / (6.62607015e-34 * 299792458) / 20_000
+    given = stack(radiance=0.2 * sensor.threshold_e / electrons)
+    with record(tmp_path, {"": {"kind": "constant"}}, mean_rate=None, given=given) as stream:
+        frame = round(stream.truth.frame)
+        rate = stream.counts(frame - 200, frame + 200)[7:9, 11:13].mean() / 400
+    assert rate == pytest.approx(0.2, rel=0.005)
+
+
+def test_a_rate_below_the_dark_current_is_refused(tmp_path):
+    sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6)
+    recorder = Recorder(sensor, 200, device_seed=1, provenance={})
+    sequence = Sequence("s", "test", "plane", "light", 0, 5, {"": {"kind": "constant"}}, 0.002)
+    with pytest.raises(BadInput, match="mean_rate"):
+        recorder.record(sequence, stack(), tmp_path / "s.h5", fingerprint="f")
+    assert not (tmp_path / "s.h5").exists()

@@ -1,0 +1,34 @@
+"""The table of signals, and the check at its borders."""
+
+import numpy as np
+import pytest
+
+from saf_gen.errors import BadInput
+from saf_gen.signals import SIGNALS, checked
+
+
+def test_axes_stand_in_the_order_light_focus_time_row_column():
+    order = ["light", "focus", "frame", "row", "col"]
+    for signal in SIGNALS.values():
+        places = [order.index(a) for a in signal.axes if a in order]
+        if signal.name not in ("spikes", "gain"):  # time lies innermost in packed spikes; gain is a table
+            assert places == sorted(places), signal.name
+
+
+def test_values_are_kept_and_the_dtype_is_the_tables():
+    out = checked("charge", np.ones((2, 3, 4), dtype=np.float64))
+    assert out.dtype == np.float32
+    assert out.flags.c_contiguous
+
+
+@pytest.mark.parametrize(
+    ("array", "told"),
+    [
+        (np.ones((3, 4)), r"charge has shape \(3, 4\); allowed: 3 axes \(focus, row, col\)"),
+        (np.full((1, 1, 1), np.nan), "charge holds values that are not finite"),
+        (np.array([[["a"]]]), "charge has dtype <U1; allowed: numbers"),
+    ],
+)
+def test_an_array_that_does_not_fit_is_refused(array, told):
+    with pytest.raises(BadInput, match=told):
+        checked("charge", array)
