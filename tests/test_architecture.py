@@ -12,7 +12,7 @@ from saf_gen import registry
 PACKAGE = Path(__file__).resolve().parent.parent / "saf_gen"
 
 FLOORS = (
-    ("ground", "errors signals seeds registry parts region"),
+    ("ground", "errors files host signals seeds registry parts region"),
     ("intent", "documents ranges recipe plan"),
     ("world", "optics scene lights render exr focal_stack"),
     ("camera", "camera"),

@@ -8,6 +8,7 @@ position misses a ray at its border; the estimate at every position is then unbi
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -46,31 +47,24 @@ def render_stack(
 
     ``progress`` is told the share done, 0...1. Needs a JIT variant (llvm or cuda).
     """
-    scale, most = _fixed_point(world, integrator, to_world, drive, film, samples, seed)
+    camera = _Camera(to_world, drive, film, positions)
+    scale, most = _fixed_point(world, integrator, camera, samples, seed)
     sums = splat.accumulators(nb.get_num_threads(), (positions, film.rows, film.columns))
-    lines = _Lines(drive, film, positions)
-    for done, paths in _trace(world, integrator, to_world, drive, film, samples, seed):
-        origin_x, origin_y, lens_x, lens_y, radiance = paths
-        first_x, step_x = lines.along(origin_x, lens_x, film.columns)
-        first_y, step_y = lines.along(origin_y, lens_y, film.rows)
+    for done, paths in _trace(world, integrator, camera, samples, seed):
+        first_x, first_y, step_x, step_y, radiance = paths
         splat.splat(sums, first_x, first_y, step_x, step_y, radiance, scale, most)
         progress(done)
     return splat.resolve(sums, scale)
 
 
-class _Lines:
-    """Where paths run through the stack, in pixels against the position's index."""
+@dataclass(frozen=True)
+class _Camera:
+    """Where the lens stands, how it moves, and on what it throws its picture."""
 
-    def __init__(self, drive: ImageDistance, film: Film, positions: int) -> None:
-        v = drive.image_distance(np.array([0.0, 0.5, 1.0]))
-        self._first, self._last = v[0] / v[1], v[2] / v[1]
-        self._steps, self._pitch = positions - 1, film.pitch_m
-
-    def along(self, x: np.ndarray, lens: np.ndarray, pixels: int) -> tuple[np.ndarray, np.ndarray]:
-        """Place at position 0 and step from one position to the next, float32, in pixels from the edge."""
-        first = (self._first * x + (1 - self._first) * lens) / self._pitch + pixels / 2
-        last = (self._last * x + (1 - self._last) * lens) / self._pitch + pixels / 2
-        return first.astype(np.float32), ((last - first) / self._steps).astype(np.float32)
+    to_world: Any
+    drive: ImageDistance
+    film: Film
+    positions: int
 
 
 def guard(drive: ImageDistance, film: Film) -> tuple[int, int]:
@@ -85,14 +79,16 @@ def guard(drive: ImageDistance, film: Film) -> tuple[int, int]:
     return widest[0], widest[1]
 
 
-def _fixed_point(world, integrator, to_world, drive, film, samples, seed) -> tuple[float, float]:
+def _fixed_point(
+    world: Any, integrator: Any, camera: _Camera, samples: int, seed: int
+) -> tuple[float, float]:
     """Fixed-point scale and clipping radiance, from one sample a pixel.
 
     A pixel's sum must stay below 2**VALUE_BITS. Four times the samples asked for may fall in a pixel, and a
     path may carry 64 times the brightest of the trial: what is brighter still is clipped, a firefly.
     """
     brightest = 0.0
-    for _, paths in _trace(world, integrator, to_world, drive, film, 1, seeds.integer(seed, "trial")):
+    for _, paths in _trace(world, integrator, camera, 1, seeds.integer(seed, "trial")):
         brightest = max(brightest, float(paths[-1].max()))
     most = 64 * brightest if brightest > 0 else 1.0
     return 2.0**splat.VALUE_BITS / (4 * samples * most), most
@@ -102,17 +98,20 @@ Paths = tuple[np.ndarray, ...]
 
 
 def _trace(
-    world: Any, integrator: Any, to_world: Any, drive: ImageDistance, film: Film, samples: int, seed: int
+    world: Any, integrator: Any, camera: _Camera, samples: int, seed: int
 ) -> Iterator[tuple[float, Paths]]:
-    """Trace band after band of rows; yields the share done and (x, y, lens x, lens y, radiance), float32.
+    """Trace band after band of rows.
 
-    x, y : sensor coordinates at the reference plane (m, from the axis); lens x, y on the lens (m).
+    Yields the share done and what :func:`splat.splat` takes: place at position 0 (x, y) and step from one
+    position to the next (x, y), in pixels, and radiance, each float32 (path,).
     """
+    drive, film = camera.drive, camera.film
     guard_rows, guard_columns = guard(drive, film)
     rows, columns = film.rows + 2 * guard_rows, film.columns + 2 * guard_columns
     rows_a_pass = max(1, PATHS_A_PASS // (columns * samples))
     sampler = mi.load_dict({"type": "independent"})
     v = float(drive.image_distance(0.5))
+    transform = mi.Transform4f(camera.to_world)
     for begin in range(0, rows, rows_a_pass):
         count = min(rows_a_pass, rows - begin)
         size = count * columns * samples
@@ -123,20 +122,28 @@ def _trace(
         across, down, lens = _spread(row * columns + column, sample, seed)
         x = (mi.Float(column) + across - columns / 2) * film.pitch_m
         y = (mi.Float(row) + down - rows / 2) * film.pitch_m
-        lens_point = mi.warp.square_to_uniform_disk_concentric(lens) * drive.aperture_radius_m
+        a = mi.warp.square_to_uniform_disk_concentric(lens) * drive.aperture_radius_m
         # Slope of the ray in object space: x = -v (s + a/u) with 1/u = 1/f - 1/v, solved for s.
-        slope_x = (lens_point.x - x) / v - lens_point.x / drive.focal_length_m
-        slope_y = (lens_point.y - y) / v - lens_point.y / drive.focal_length_m
-        transform = mi.Transform4f(to_world)
-        ray = mi.RayDifferential3f(
-            transform @ mi.Point3f(lens_point.x, lens_point.y, 0),
-            transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)),
+        slope = mi.Vector3f(
+            (a.x - x) / v - a.x / drive.focal_length_m, (a.y - y) / v - a.y / drive.focal_length_m, 1
         )
+        ray = mi.RayDifferential3f(transform @ mi.Point3f(a.x, a.y, 0), transform @ dr.normalize(slope))
         radiance, _, _ = integrator.sample(world, sampler, ray)
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
-        paths = (x, y, lens_point.x, lens_point.y, value)
+        first_x, step_x = _line(camera, x, a.x, film.columns)
+        first_y, step_y = _line(camera, y, a.y, film.rows)
+        paths = (first_x, first_y, step_x, step_y, value)
         dr.eval(*paths)
         yield (begin + count) / rows, tuple(np.array(p, dtype=np.float32).ravel() for p in paths)
+
+
+def _line(camera: _Camera, x: Any, a: Any, pixels: int) -> tuple[Any, Any]:
+    """Place at position 0 and step between positions, in pixels from the edge, of what lies at x at p = ½."""
+    v = camera.drive.image_distance(np.array([0.0, 0.5, 1.0]))
+    first, last = (float(ratio) for ratio in (v[0] / v[1], v[2] / v[1]))
+    pitch, steps = camera.film.pitch_m, camera.positions - 1
+    place = (x * first + a * (1 - first)) / pitch + pixels / 2
+    return place, (x - a) * ((last - first) / (pitch * steps))
 
 
 def _spread(pixel: Any, sample: Any, seed: int) -> tuple[Any, Any, Any]:

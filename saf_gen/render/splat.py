@@ -27,19 +27,20 @@ def accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
     return np.zeros((workers, rows, columns, focus), dtype=np.int64)
 
 
+NEVER = np.float32(1e9)
+
+
 @nb.njit(nogil=True, cache=True)
-def _end_of_run(start: float, step: float, cell: int, k: int) -> int:
-    """First position after k at which start + position*step has left the cell (large: never)."""
-    if step > 0.0:
-        crossing = (cell + 1 - start) / step
-    elif step < 0.0:
-        crossing = (cell - start) / step
-    else:
-        return 1 << 30
-    if crossing > 1e9:
-        return 1 << 30
-    # Rounding may place the crossing at or before k itself; a run is never empty.
-    return max(k + 1, math.ceil(crossing))
+def _axis(first, step):
+    """How a path walks along an axis: cell, way to the next, positions to its first border and a cell."""
+    cell = np.int32(math.floor(first))
+    if step > 0:
+        pace = np.float32(1) / step
+        return cell, np.int32(1), (np.float32(cell + 1) - first) * pace, pace
+    if step < 0:
+        pace = np.float32(-1) / step
+        return cell, np.int32(-1), (first - np.float32(cell)) * pace, pace
+    return cell, np.int32(0), NEVER, NEVER
 
 
 @nb.njit(nogil=True, cache=True)
@@ -52,17 +53,25 @@ def _splat_some(sums, first_x, first_y, step_x, step_y, value, scale, most):
             radiance = most
             clipped += 1
         word = (np.int64(radiance * scale + 0.5) << COUNT_BITS) + 1
-        x0, y0, dx, dy = first_x[i], first_y[i], step_x[i], step_y[i]
+        # From border to border (Amanatides and Woo 1987): one addition a border, no division.
+        column, right, to_x, pace_x = _axis(first_x[i], step_x[i])
+        row, down, to_y, pace_y = _axis(first_y[i], step_y[i])
         k = 0
         while k < focus:
-            column = math.floor(x0 + k * dx)
-            row = math.floor(y0 + k * dy)
-            end = min(_end_of_run(x0, dx, column, k), _end_of_run(y0, dy, row, k))
-            if 0 <= row < rows and 0 <= column < columns:
-                sums[row, column, k] += word
-                if end < focus:
-                    sums[row, column, end] -= word
-            k = end
+            border = min(to_x, to_y)
+            end = focus if border >= focus else int(border) + 1
+            if end > k:
+                if 0 <= row < rows and 0 <= column < columns:
+                    sums[row, column, k] += word
+                    if end < focus:
+                        sums[row, column, end] -= word
+                k = end
+            if to_x < to_y:
+                column += right
+                to_x += pace_x
+            else:
+                row += down
+                to_y += pace_y
     return clipped
 
 

@@ -1,0 +1,42 @@
+"""Files that are there whole or not at all."""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from saf_gen.errors import BadInput
+
+__all__ = ["replaced", "unwritable"]
+
+
+@contextmanager
+def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary beside ``path`` to write to; on a clean exit it is synced to disk and takes the name.
+
+    The folder is made where it is missing. On an exception the temporary goes and an older ``path`` stays.
+    Two processes may write the same path: the last one wins, whole.
+
+    Raises BadInput when the disk is full or the folder cannot be written.
+    """
+    final = Path(path)
+    part = final.with_name(f".{final.name}.{os.getpid()}.part")
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
+        part.replace(final)
+    except OSError as error:
+        raise unwritable(final, error) from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def unwritable(path: Path, error: OSError) -> BadInput:
+    """The one line for a file that the disk or its owner does not let us write."""
+    reason = os.strerror(error.errno) if error.errno else str(error)
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    hint = "free space and run the same command again: it goes on" if full else "choose another folder"
+    return BadInput(f"{path} cannot be written: {reason}", hint=hint)

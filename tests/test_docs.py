@@ -1,0 +1,400 @@
+"""The pages tell the truth: what they show is run, what they name is there, their tables are the code's.
+
+A page's blocks are run in their order at a *desk*: a folder laid out as a checkout, where the datasets that
+pages name are there, small. A yaml or python block whose first line is a comment with a path in ``recipes/``
+or ``scenes/`` is written there first, so that the commands below it find it.
+"""
+
+import csv
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+import numpy as np
+import pytest
+import typer
+import yaml
+from pydantic import BaseModel
+from small import HERE
+
+from saf_gen import generate as making
+from saf_gen import registry
+from saf_gen.cli import app
+from saf_gen.lights import readout_gains
+from saf_gen.recipe import Recipe, read_recipe
+from saf_gen.render import variant
+from saf_gen.scene import Card
+
+ROOT = HERE.parent
+FIRST = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "datasets/README.md")
+PAGES = [p for p in (*(ROOT / n for n in FIRST), *sorted((ROOT / "docs").glob("*.md"))) if p.exists()]
+COMMAND = typer.main.get_command(app)
+TARGETS = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+FORMATS = ("saf-gen stream", "saf-gen dataset", "saf-gen focal stack 1")  # what files call themselves
+NEEDED = ("must be given", "at least one", "at least one group", "at least one shape")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page: its language ('' where it names none), its text, where it stands."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+
+    @property
+    def where(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+    @property
+    def path(self) -> str:
+        """The path in its first line, '' where it has none."""
+        named = re.match(r"# ((?:recipes|scenes)/\S+)\n", self.text)
+        return named[1] if named else ""
+
+
+def blocks_of(page: Path) -> Iterator[Block]:
+    text = page.read_text(encoding="utf-8")
+    for found in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        yield Block(page, text.count("\n", 0, found.start()) + 2, found[1], found[2])
+
+
+BLOCKS = [block for page in PAGES for block in blocks_of(page)]
+
+
+def of_language(language: str) -> list[Any]:
+    return [pytest.param(b, id=b.where) for b in BLOCKS if b.language == language]
+
+
+def commands(block: Block) -> list[list[str]]:
+    """The words of every command in a block of the shell."""
+    lines = block.text.replace("\\\n", " ").splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
+def inline_commands() -> Iterator[Any]:
+    """Every `saf-gen ...` in prose and in blocks without a language, which are shown and not run."""
+    for page in PAGES:
+        prose = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+        for span in re.findall(r"`(saf-gen \w[^`]*)`", prose):
+            if span not in FORMATS:
+                yield pytest.param(span.split()[1:], id=f"{page.name}: {span}")
+    for block in BLOCKS:
+        for words in commands(block) if block.language == "" and "saf-gen " in block.text else ():
+            if words[0] == "saf-gen":
+                yield pytest.param(words[1:], id=f"{block.where}: {' '.join(words)}")
+
+
+def split_env(words: list[str]) -> tuple[dict[str, str], list[str]]:
+    """Leading NAME=VALUE words, and the rest."""
+    count = next(i for i, word in enumerate(words) if not re.match(r"[A-Z_]+=", word))
+    return dict(word.split("=", 1) for word in words[:count]), words[count:]
+
+
+# --- what needs no dataset ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("words", list(inline_commands()))
+def test_a_command_that_is_named_exists_with_its_options(words):
+    command, rest = COMMAND, list(words)
+    while hasattr(command, "commands") and rest:
+        name = rest.pop(0)
+        assert name in command.commands, f"there is no command {name!r}"
+        command = command.commands[name]
+    known = {option for parameter in command.params for option in parameter.opts} | {"--help"}
+    assert {word.split("=")[0] for word in rest if word.startswith("--")} <= known
+
+
+@pytest.mark.parametrize("block", of_language("sh"))
+def test_a_block_of_the_shell_holds_commands_that_the_tests_can_judge(block):
+    markers = [m.split(":")[0] for m in pyproject()["tool"]["pytest"]["ini_options"]["markers"]]
+    for words in commands(block):
+        _, (program, *rest) = split_env(words)
+        if program == "make":
+            assert set(rest) <= set(TARGETS), f"the Makefile has no target {rest}"
+        elif program == ".venv/bin/pytest":
+            options = [w for i, w in enumerate(rest) if rest[i - 1] == "-m"]
+            assert set(options) <= set(markers)
+            assert all((ROOT / w).exists() for w in rest if w.startswith("tests/"))
+        else:
+            assert program == "saf-gen", f"no test knows what {program!r} does"
+
+
+def pyproject() -> dict[str, Any]:
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_every_language_of_a_block_is_one_that_is_tested():
+    assert {b.language for b in BLOCKS} <= {"", "sh", "yaml", "python", "toml"}
+
+
+@pytest.mark.parametrize("block", of_language("yaml"))
+def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
+    """A recipe, a scene card, or some keys of a recipe, put into the quickstart."""
+    data = yaml.safe_load(block.text)
+    if "lens" in data:
+        assert Card.model_validate(data).id == Path(block.path).parent.name
+        return
+    if "splits" not in data:
+        assert set(data) <= set(Recipe.model_fields), "neither a recipe nor a part of one"
+        data = yaml.safe_load((ROOT / "recipes/quickstart.yaml").read_text()) | data
+        for split in data["splits"].values():
+            split["lights"] = list(data["lights"])
+    path = tmp_path / "recipe.yaml"
+    path.write_text(yaml.safe_dump(data))
+    recipe = read_recipe(path)
+    assert block.path in ("", f"recipes/{recipe.name}.yaml")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_links_and_paths_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    links = [link.split("#")[0] for link in re.findall(r"\]\(([^)]+)\)", prose) if "://" not in link]
+    missing = [link for link in links if link and not (page.parent / link).exists()]
+    named = re.findall(r"`((?:saf_gen|tests|tools)/[^`]*|(?:recipes|scenes|docs)/\w[^`]*)`", prose)
+    made = {block.path for block in blocks_of(page)}
+    real = [n for n in named if not re.search(r"[A-Z]{3}|[*<]|/my_", n) and n not in made]
+    missing += [name for name in real if not (ROOT / name).exists()]
+    assert not missing
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
+    assert [p.name for p in (ROOT / "docs").glob("*.md") if f"({p.name})" not in index] == ["README.md"]
+
+
+# --- tables ------------------------------------------------------------------------------------------
+
+
+def table(page: str, heading: str) -> list[list[str]]:
+    """The rows of the table whose first heading is this, cells stripped."""
+    lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith(f"| {heading} |"))
+    rows = []
+    for line in lines[start + 2 :]:
+        if not line.startswith("|"):
+            break
+        rows.append([cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]])
+    return rows
+
+
+def ticked(cell: str) -> list[str]:
+    return re.findall(r"`([^`]+)`", cell)
+
+
+def leaves(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, bool]]:
+    """Dotted keys of a document's model with whether they must be given; * stands for any name."""
+    for name, field in model.model_fields.items():
+        inner, at = field.annotation, f"{prefix}{name}"
+        if get_origin(inner) is dict and get_args(inner)[1] is not Any:
+            inner, at = get_args(inner)[1], f"{at}.*"
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            yield from leaves(inner, f"{at}.")
+        else:
+            yield at, field.is_required()
+
+
+@pytest.mark.parametrize(
+    ("page", "heading", "model"),
+    [("docs/generate.md", "key", Recipe), ("docs/add-a-scene.md", "key", Card)],
+    ids=["recipe", "card"],
+)
+def test_the_table_of_keys_is_that_of_the_model(page, heading, model):
+    rows = {re.sub(r"\.[A-Z]+", ".*", ticked(row[0])[0]): row[-1] in NEEDED for row in table(page, heading)}
+    assert rows == dict(leaves(model))
+
+
+def test_the_table_of_light_schedules_is_that_of_the_registry():
+    shown: dict[str, dict[str, bool]] = {}
+    kind = ""
+    for first, key, *_, default, _ in table("docs/generate.md", "kind"):
+        kind = ticked(first)[0] if first else kind
+        shown.setdefault(kind, {})[ticked(key)[0]] = default in NEEDED
+    real = {
+        name: {f.name.rstrip("_"): f.default is MISSING for f in fields(registry.part_class("lights", name))}
+        for name in registry.names("lights")
+    }
+    assert shown == real
+
+
+def change(*keys: str, to: Any) -> Callable[[dict[str, Any]], None]:
+    def apply(recipe: dict[str, Any]) -> None:
+        for key in keys[:-1]:
+            recipe = recipe.setdefault(key, {})
+        recipe[keys[-1]] = to
+
+    return apply
+
+
+CHANGES = {
+    "seed": change("seed", to=12),
+    "camera.sensor": change("camera", "sensor", to="ideal"),
+    "camera.frames": change("camera", "frames", to=4008),
+    "camera.exposure.mean_rate": change("camera", "exposure", "mean_rate", to=0.25),
+    "camera.noise.shot": change("camera", "noise", "shot", to=False),
+    "lights.flicker": change("lights", "flicker", "hz", to=120),
+    "splits.test.repeats": change("splits", "test", "repeats", to=3),
+    "camera.exposure.f_number": change("camera", "exposure", "f_number", to=4.0),
+    "focus.positions": change("focus", "positions", to=33),
+    "render.samples": change("render", "samples", to=32),
+    "render.max_depth": change("render", "max_depth", to=3),
+}
+
+
+def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
+    shown = next(b for b in BLOCKS if b.path == "recipes/lamp_study.yaml")
+
+    def fingerprints(apply: Callable[[dict[str, Any]], None]) -> tuple[dict[str, str], dict[str, str]]:
+        recipe = deepcopy(yaml.safe_load(shown.text))
+        apply(recipe)
+        path = tmp_path / "recipe.yaml"
+        path.write_text(yaml.safe_dump(recipe))
+        work = making.prepare(path)
+        stacks = {name: spec.key for name, spec in work.specs.items()}
+        return stacks, {s.id: making._fingerprint(work, s) for s in work.sequences}
+
+    stacks, before = fingerprints(lambda recipe: None)
+    rows = table("docs/generate.md", "you change")
+    assert {ticked(row[0])[0] for row in rows} == set(CHANGES)
+    for first, of_stacks, of_sequences in rows:
+        key = ticked(first)[0]
+        new_stacks, after = fingerprints(CHANGES[key])
+        assert of_stacks == ("kept" if new_stacks == stacks else "rendered again"), key
+        moved = {name for name in before if before[name] != after[name]}
+        expected = {
+            "all made again": set(before),
+            "the old ones kept": set(),
+            "those under that light": {name for name in before if "-flicker-" in name},
+        }
+        assert moved == expected[of_sequences], key
+
+
+def test_the_errors_that_the_page_on_scenes_quotes_are_in_the_code():
+    code = "".join(p.read_text(encoding="utf-8") for p in (ROOT / "saf_gen").rglob("*.py"))
+    code = re.sub(r'"\s+f?"', "", code) + " unknown scene unknown emitter of light group unknown target shape"
+    for row in table("docs/add-a-scene.md", "the line says"):
+        assert ticked(row[0].replace(" `", "`"))[0] in code
+
+
+def test_the_light_schedule_shown_is_a_part(tmp_path):
+    text = next(b.text for b in BLOCKS if b.page.name == "CONTRIBUTING.md" and b.language == "python")
+    space: dict[str, Any] = {"__name__": "shown"}
+    exec(compile(text, "CONTRIBUTING.md", "exec"), space)
+    (part,) = (v for v in space.values() if is_dataclass(v) and isinstance(v, type))
+    gains = readout_gains(part(after_s=0.02), 400, 20_000)
+    assert gains == pytest.approx(np.exp(-(np.arange(400) + 0.5) / 20_000 / 0.02), rel=1e-4)
+
+
+# --- what is run -------------------------------------------------------------------------------------
+
+
+def shrunk(text: str) -> str:
+    """A recipe with a quarter of the pixels, few positions and few samples; all else stays."""
+    recipe = yaml.safe_load(text)
+    recipe["camera"]["sensor"] = "quarter.yaml"
+    recipe["focus"]["positions"] = 9
+    recipe["render"] = {"samples": 4, "max_depth": 3}
+    return yaml.safe_dump(recipe, sort_keys=False)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """A folder as a checkout's, with the quickstart's dataset made small under its own name."""
+    folder = tmp_path_factory.mktemp("desk")
+    shutil.copytree(ROOT / "recipes", folder / "recipes")
+    (folder / "scenes").mkdir()
+    sensor = yaml.safe_load((HERE / "small_sensor.yaml").read_text())
+    sensor |= {"rows": 125, "columns": 200, "pitch_m": 4e-5}
+    (folder / "quarter.yaml").write_text(yaml.safe_dump(sensor))
+    recipe = folder / "quickstart.yaml"
+    recipe.write_text(shrunk((ROOT / "recipes/quickstart.yaml").read_text()))
+    run(folder, ["saf-gen", "generate", recipe.name, "--out", "datasets/quickstart"])
+    shutil.copy(folder / "datasets/quickstart/test/usaf_target-sudden-00.h5", folder / "sequence.h5")
+    return folder
+
+
+def run(folder: Path, words: list[str], where: str = "") -> str:
+    """Run a saf-gen command; one that is meant for a recipe of the project only says what it would do."""
+    environment, (_, *arguments) = split_env(words)
+    whole = [str(p.relative_to(ROOT)) for p in (ROOT / "recipes").glob("*.yaml")]
+    if arguments[0] == "generate" and arguments[1] in whole and "--dry-run" not in arguments:
+        arguments.append("--dry-run")
+    done = subprocess.run(
+        [sys.executable, "-m", "saf_gen", *arguments],
+        cwd=folder,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, f"{where}: saf-gen {shlex.join(arguments)}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_what_a_page_shows_runs_in_its_order(page, desk, monkeypatch):
+    monkeypatch.chdir(desk)
+    for block in blocks_of(page):
+        if block.path:
+            target = desk / block.path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            is_recipe = block.path.startswith("recipes/")
+            target.write_text(shrunk(block.text) if is_recipe else block.text, encoding="utf-8")
+        if block.language == "sh":
+            for words in commands(block):
+                if split_env(words)[1][0] == "saf-gen":
+                    run(desk, words, block.where)
+        elif block.language == "python" and not block.path:
+            exec(compile("\n" * (block.line - 1) + block.text, str(page), "exec"), {"__name__": "shown"})
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not variant.probe().llvm_usable, reason=variant.probe().llvm_in_words)
+def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
+    """The page's own claim, on noise-free sharpness, within one rendered position of nine."""
+    import saf_gen
+
+    for block in blocks_of(ROOT / "docs/add-a-scene.md"):
+        if block.path:
+            target = desk / block.path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_text(shrunk(block.text) if "recipes/" in block.path else block.text)
+    run(desk, ["saf-gen", "generate", "recipes/first_look.yaml"])
+    with saf_gen.open_stream(desk / "datasets/first_look/test/printed_card-constant-00.h5") as stream:
+        sharpest = int(stream.truth.sharpness.argmax()) / 8
+        assert 0.1 < stream.truth.position < 0.9
+        assert abs(sharpest - stream.truth.position) < 1 / 8
+        assert stream.truth.depth[stream.truth.target] == pytest.approx(0.5, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
+    made = desk / "datasets/quickstart"
+    layout = (ROOT / "docs/file-layout.md").read_text(encoding="utf-8")
+    folder = layout.split("## A dataset folder")[1].split("```")[1]
+    for line in folder.strip().splitlines():
+        pattern = re.sub(r"<\w+>", "*", line.split()[0])
+        assert list(made.glob(pattern)), f"{pattern} is not there"
+    run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--method", "sd+argmax"])
+    for row in table("docs/evaluate.md", "file"):
+        assert list((desk / "made").glob(ticked(row[0])[0].replace("SPLIT-SCENE", "*")))
+    record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])
+    assert {key for row in table("docs/evaluate.md", "key") for key in ticked(row[0])} == set(record)
+    with (desk / "made/leaderboard.csv").open() as file:
+        header = next(csv.reader(file))
+    lights = [f"success_1dof_{light}" for light in ("constant", "continuous", "sudden")]
+    named = [key for row in table("docs/evaluate.md", "column") for key in ticked(row[1])]
+    at = named.index("success_1dof_LIGHT")
+    assert sorted(header) == sorted(named[:at] + lights + named[at + 1 :])

@@ -1,0 +1,37 @@
+"""Files are there whole or not at all."""
+
+import pytest
+
+from saf_gen.errors import BadInput
+from saf_gen.files import replaced
+
+
+def test_a_file_appears_when_it_is_whole(tmp_path):
+    with replaced(tmp_path / "new" / "a.txt") as part:
+        part.write_text("whole")
+        assert not (tmp_path / "new" / "a.txt").exists()
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["a.txt"]
+    assert (tmp_path / "new" / "a.txt").read_text() == "whole"
+
+
+def test_an_error_leaves_the_old_file_and_no_temporary(tmp_path):
+    (tmp_path / "a.txt").write_text("old")
+
+    def half_written():
+        with replaced(tmp_path / "a.txt") as part:
+            part.write_text("half")
+            raise ValueError
+
+    with pytest.raises(ValueError):
+        half_written()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "old"
+
+
+def test_a_folder_in_the_way_is_told_in_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(BadInput, match=r"file/a.txt cannot be written: .*; choose another folder"),
+        replaced(tmp_path / "file" / "a.txt"),
+    ):
+        pass
