@@ -36,12 +36,12 @@ $scenes
 
 ```python
 import saf_gen
-with saf_gen.open_stream("$example") as stream:
+with saf_gen.open_stream("$example") as stream:   # from this folder
     print(stream.shape, stream.truth.position)
     image = stream.counts(0, 200)
 ```
 
-To evaluate focus methods on it: `saf-gen evaluate $folder`
+To evaluate focus methods on it, from this folder: `saf-gen evaluate .`
 """)
 
 
@@ -59,7 +59,6 @@ def write_card(folder: Path, recipe: Recipe, manifest: Manifest, scenes: Iterabl
         lights=", ".join(recipe.lights),
         fingerprint=manifest.recipe_fingerprint,
         scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence}." for card in scenes),
-        example=f"{folder}/{manifest.sequences[0].file}" if manifest.sequences else "SPLIT/ID.h5",
-        folder=folder,
+        example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
     write_text(folder / "README.md", text)

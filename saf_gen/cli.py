@@ -90,14 +90,14 @@ def generate(
         return
     with _bars() as bars:
         tasks: dict[str, TaskID] = {}
+        told: set[str] = set()
 
         def tell(name: str, done: float) -> None:
             if name not in tasks:
                 tasks[name] = bars.add_task(name, total=1.0)
             bars.update(tasks[name], completed=done)
-            if (
-                done >= 1 and not err.is_terminal
-            ):  # a log file has no bars: a line for each piece that is done
+            if done >= 1 and not err.is_terminal and name not in told:
+                told.add(name)  # a log file has no bars: a line for each piece that is done
                 err.print(f"done: {name}", highlight=False)
 
         outcome = making.generate(work, target, workers=workers, variant=variant, cluster=cluster, tell=tell)
@@ -105,7 +105,7 @@ def generate(
         f"{len(outcome.recorded)} sequences recorded, {len(outcome.kept)} kept from before, "
         f"{len(outcome.rendered)} pieces of focal stacks rendered"
     )
-    out.print(f"dataset: {outcome.folder}   (next: saf-gen evaluate {outcome.folder})", highlight=False)
+    out.print(f"dataset: {target}   (next: saf-gen evaluate {target})", highlight=False)
     for name, problem in outcome.failed.items():
         _fail(f"{name} failed: {problem}", 1)
     if outcome.failed:
@@ -170,8 +170,9 @@ def evaluate(
     for row in rows:
         board.add_row(*(escape(column.text(row)) for column in shown))
     out.print(board)
-    for path in (*write_files(target, rows=rows, records=result.records, failures=result.failures),
-                 *write_report(target, rows=rows, evaluation=result, title=source.name)):  # fmt: skip
+    tables = write_files(target, rows=rows, records=result.records, failures=result.failures)
+    pictures = write_report(target, rows=rows, evaluation=result, title=source.resolve().name)
+    for path in (*tables, *pictures):
         out.print(str(path), highlight=False, soft_wrap=True)
     for failure in result.failures:
         _fail(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)

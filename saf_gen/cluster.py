@@ -85,16 +85,17 @@ def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell) -> Iterator[Done]:
 
 
 def _outcome(future: Any) -> tuple[Any, str]:
-    try:
+    """(result, ''), or (None, what went wrong): whatever a job raised is told, and the others go on."""
+    error = future.exception()
+    if error is None:
         return future.result(), ""
-    except SafGenError as error:
+    if isinstance(error, SafGenError):
         return None, str(error)
-    except BrokenProcessPool:
+    if isinstance(error, BrokenProcessPool):
         return None, "its process died (killed, or out of memory?); run the same command again to go on"
-    except OSError as error:
-        return None, f"{error.strerror or error}{f' ({error.filename})' if error.filename else ''}"
-    except MemoryError:
+    if isinstance(error, MemoryError):
         return None, "out of memory; run with fewer --workers"
+    return None, f"{type(error).__name__}: {error}"
 
 
 def _on_dask(jobs: Sequence[Job], address: str | None, tell: Tell) -> Iterator[Done]:

@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.files import replaced
 from saf_gen.stream import open_stream
 
 __all__ = [
@@ -61,12 +62,6 @@ class Manifest:
     def splits(self) -> tuple[str, ...]:
         """The names of the splits, in the order of the sequences."""
         return tuple(dict.fromkeys(s.split for s in self.sequences))
-
-    def of_split(self, split: str) -> tuple[SequenceEntry, ...]:
-        """The sequences of one split. Raises BadInput for an unknown name."""
-        if split not in self.splits:
-            raise unknown("split", split, self.splits)
-        return tuple(s for s in self.sequences if s.split == split)
 
 
 def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
@@ -137,23 +132,8 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
     Raises BadInput when the disk is full or the folder cannot be written.
     """
-    final = Path(path)
-    part = final.with_name(f".{final.name}.{os.getpid()}.part")
-    try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with part.open("w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(final)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        raise BadInput(
-            f"cannot be written: {reason}", where=str(path), hint="free space or choose another folder"
-        ) from error
+    with replaced(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def _check_file(entry: SequenceEntry, path: Path) -> None:

@@ -3,7 +3,7 @@
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from saf_gen.errors import BadInput
@@ -31,7 +31,8 @@ def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         raise unwritable(final, error) from error
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # gone already, or its folder never was one
+            part.unlink(missing_ok=True)
 
 
 def unwritable(path: Path, error: OSError) -> BadInput:

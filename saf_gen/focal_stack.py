@@ -1,20 +1,20 @@
 """A focal stack: the scene at every focus position, each light group alone; and where it is stored.
 
 On disk a stack is a folder of OpenEXR files named by its content (scene, lens, film, positions, samples),
-so that every sequence that needs it finds it and nothing is rendered twice. ``stack.json`` lists the files
-that are whole. Reading one needs no renderer.
+so that every sequence that needs it finds it and nothing is rendered twice. Reading one needs no renderer.
 """
 
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from saf_gen import exr
 from saf_gen.errors import BadInput
+from saf_gen.files import replaced
 from saf_gen.optics import ImageDistance
 
 __all__ = ["FocalStack", "StackSpec", "StackStore"]
@@ -61,25 +61,34 @@ class FocalStack:
 
 
 class StackStore:
-    """The folder of one stack: tells what is there, takes what is rendered, gives the whole."""
+    """The folder of one stack: tells what is there, takes what is rendered, gives the whole.
+
+    A piece (a light group, or 'geometry') is ``<name>.exr`` with ``<name>.json`` beside it, which holds its
+    digest and says how it was made; a piece without a digest that fits is no piece.
+    """
 
     def __init__(self, root: Path, spec: StackSpec) -> None:
         self.folder, self.spec = root / spec.key, spec
-        self._index = self.folder / "stack.json"
+        self.pieces = ("geometry", *spec.groups)
 
     def missing(self) -> list[str]:
-        """Names still to be rendered: light groups, and 'geometry'. A damaged file counts as missing."""
-        whole = self._files()
-        return [name for name in ("geometry", *self.spec.groups) if not self._is_whole(name, whole)]
+        """Names of the pieces still to be rendered. A damaged one counts as missing."""
+        return [name for name in self.pieces if not self._is_whole(name)]
+
+    def digest(self) -> str:
+        """SHA-256 over the pieces' own: what sequences made from this very stack are made from."""
+        digests = json.dumps([self._note(name).get("sha256") for name in self.pieces])
+        return hashlib.sha256(digests.encode()).hexdigest()
 
     def variants(self) -> set[str]:
         """The variants that rendered what is there."""
-        return {str(entry["variant"]) for entry in self._files().values() if "variant" in entry}
+        return {str(note["variant"]) for note in map(self._note, self.pieces) if "variant" in note}
 
-    def put_group(self, group: str, radiance: np.ndarray, variant: str) -> None:
-        """Store one light group, float32 (focus, row, col)."""
+    def put_group(self, group: str, radiance: np.ndarray, variant: str, *, clipped: int = 0) -> None:
+        """Store one light group, float32 (focus, row, col), with the number of paths clipped as fireflies."""
         planes = {f"focus.{k:04d}": plane for k, plane in enumerate(radiance)}
-        self._put(group, planes, {"unit": "W m^-2 sr^-1", "light_group": group, "variant": variant})
+        facts = {"unit": "W m^-2 sr^-1 at gain 1", "light_group": group, "clipped_paths": str(clipped)}
+        self._put(group, planes, {**facts, "variant": variant})
 
     def put_geometry(self, depth: np.ndarray, target: np.ndarray, variant: str) -> None:
         """Store depth (m) and target mask."""
@@ -89,7 +98,7 @@ class StackStore:
     def load(self) -> FocalStack:
         """The whole stack.
 
-        Raises BadInput where a file is missing or damaged.
+        Raises BadInput where a piece is missing or damaged.
         """
         missing = self.missing()
         if missing:
@@ -97,47 +106,37 @@ class StackStore:
         shape = (len(self.spec.groups), self.spec.positions, self.spec.rows, self.spec.columns)
         radiance = np.empty(shape, dtype=np.float32)
         for g, group in enumerate(self.spec.groups):
-            planes, _ = exr.read_planes(self._path(group))
+            planes, _ = exr.read_planes(self.folder / f"{group}.exr")
             for k in range(self.spec.positions):
                 radiance[g, k] = planes[f"focus.{k:04d}"]
-        planes, attributes = exr.read_planes(self._path("geometry"))
-        return FocalStack(self.spec, radiance, planes["depth"], planes["target"] > 0.5, attributes["variant"])
+        planes, _ = exr.read_planes(self.folder / "geometry.exr")
+        variant = ", ".join(sorted(self.variants()))
+        return FocalStack(self.spec, radiance, planes["depth"], planes["target"] > 0.5, variant)
 
-    def _path(self, name: str) -> Path:
-        return self.folder / f"{name}.exr"
-
-    def _files(self) -> dict[str, dict[str, object]]:
+    def _note(self, name: str) -> dict[str, object]:
         try:
-            return json.loads(self._index.read_text())["files"]
-        except (OSError, ValueError, KeyError, TypeError):
-            return {}  # no index, or half of one: then nothing is known to be whole
+            note = json.loads((self.folder / f"{name}.json").read_text())
+        except (OSError, ValueError):
+            return {}  # no note, or half of one: then the piece is not known to be whole
+        return note if isinstance(note, dict) else {}
 
-    def _is_whole(self, name: str, files: dict[str, dict[str, object]]) -> bool:
-        entry, path = files.get(name), self._path(name)
-        if entry is None or not path.is_file() or path.stat().st_size != entry.get("bytes"):
+    def _is_whole(self, name: str) -> bool:
+        note, path = self._note(name), self.folder / f"{name}.exr"
+        if not note or not path.is_file():
             return False
-        return hashlib.sha256(path.read_bytes()).hexdigest() == entry.get("sha256")
+        there = path.stat()
+        return _sha256(path, there.st_size, there.st_mtime_ns) == note.get("sha256")
 
-    def _put(self, name: str, planes: dict[str, np.ndarray], attributes: dict[str, str]) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        part = self.folder / f".{name}.{os.getpid()}.part"
-        try:
-            exr.write_planes(part, planes, {"format": FORMAT, "stack": self.spec.key, **attributes})
-            content = part.read_bytes()
-            part.replace(self._path(name))
-        finally:
-            part.unlink(missing_ok=True)
-        entry = {
-            "bytes": len(content),
-            "sha256": hashlib.sha256(content).hexdigest(),
-            "variant": attributes["variant"],
-        }
-        index = {
-            "format": FORMAT,
-            "spec": asdict(self.spec),
-            "focus_position": self.spec.focus.tolist(),
-            "files": {**self._files(), name: entry},
-        }
-        part = self.folder / f".stack.{os.getpid()}.part"
-        part.write_text(json.dumps(index, indent=1))
-        part.replace(self._index)
+    def _put(self, name: str, planes: dict[str, np.ndarray], facts: dict[str, str]) -> None:
+        with replaced(self.folder / f"{name}.exr") as part:
+            exr.write_planes(part, planes, {"format": FORMAT, "stack": self.spec.key, **facts})
+            sha256 = hashlib.sha256(part.read_bytes()).hexdigest()
+        note = {"format": FORMAT, **facts, "sha256": sha256, "spec": asdict(self.spec)}
+        with replaced(self.folder / f"{name}.json") as part:
+            part.write_text(json.dumps(note, indent=1))
+
+
+@lru_cache(maxsize=256)
+def _sha256(path: Path, size: int, changed_ns: int) -> str:
+    """Digest of a file; asked for again it is not read again unless its size or time changed."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -5,7 +5,6 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Sequence as Many
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -20,12 +19,14 @@ from saf_gen.cluster import Tell, run_jobs
 from saf_gen.dataset import Manifest, SequenceEntry, read_manifest, write_manifest
 from saf_gen.errors import BadInput
 from saf_gen.focal_stack import StackSpec, StackStore
+from saf_gen.host import cores
 from saf_gen.jobs import RecordJob, RenderJob
 from saf_gen.plan import Sequence, make_plan, recipe_fingerprint, shard
 from saf_gen.preview import write_preview
 from saf_gen.recipe import Recipe, read_recipe
 from saf_gen.record import MODEL, Recorder, group_gains
 from saf_gen.scene import Scene, find_scene
+from saf_gen.stream import open_stream
 
 __all__ = ["Outcome", "Work", "generate", "prepare"]
 
@@ -118,15 +119,12 @@ def generate(
 
     Raises BadInput before anything is made; what fails on the way is in the outcome.
     """
-    folder = Path(folder) if folder is not None else Path("datasets") / work.recipe.name
+    folder = (Path(folder) if folder is not None else Path("datasets") / work.recipe.name).resolve()
     _check_folder(work, folder)
-    chosen = _variant(variant) if work.stacks_missing(folder) else variant
-    threads = max(1, len(os.sched_getaffinity(0)) // workers)
     stacks = folder / "stacks"
-    render_jobs = [
-        RenderJob(work.scenes[s], work.specs[s], stacks, chosen, len(os.sched_getaffinity(0)))
-        for s in work.stacks_missing(folder)
-    ]
+    to_render = work.stacks_missing(folder)
+    chosen = _variant(variant) if to_render else variant
+    render_jobs = [RenderJob(work.scenes[s], work.specs[s], stacks, chosen, cores()) for s in to_render]
     rendered: list[str] = []
     failed: dict[str, str] = {}
     # One scene at a time: a render takes every core by itself.
@@ -135,27 +133,27 @@ def generate(
             failed[job.name] = error
         else:
             rendered += [f"{job.scene.id} · {piece}" for piece in pieces]
+    prints = _fingerprints(work, stacks)
     recorder = Recorder(
         sensor=work.sensor,
         frames=work.recipe.camera.frames,
         device_seed=seeds.integer(work.recipe.seed, "device"),
         provenance=_provenance(work.recipe),
     )
+    threads = max(1, cores() // workers)
     record_jobs = [
-        RecordJob(recorder, s, work.specs[s.scene], stacks, folder / s.file, _fingerprint(work, s), threads)
+        RecordJob(recorder, s, work.specs[s.scene], stacks, folder / s.file, prints[s.id], threads)
         for s in work.sequences
-        if f"render {s.scene}" not in failed
+        if s.id in prints
     ]
     recorded: list[str] = []
     kept: list[str] = []
-    digests: dict[str, str] = {}
     for job, result, error in run_jobs(record_jobs, workers=workers, tell=tell, address=cluster):
         if error:
             failed[job.name] = error
         else:
             (kept if result.kept else recorded).append(job.sequence.id)
-            digests[job.sequence.id] = result.content_sha256
-    manifest = _list(work, folder, digests)
+    manifest = _list(work, folder)
     _preview(work, folder)
     return Outcome(folder, manifest, rendered, recorded, kept, failed)
 
@@ -194,17 +192,29 @@ def _variant(requested: str) -> str:
     return variant.choose(requested, variant.probe())
 
 
-def _fingerprint(work: Work, sequence: Sequence) -> str:
-    """Digest of everything that decides a sequence's numbers, so that an old file is never taken for it."""
-    decisive = {
-        "model": MODEL,
-        "sequence": asdict(sequence),
-        "stack": work.specs[sequence.scene].key,
-        "sensor": asdict(work.sensor),
-        "frames": work.recipe.camera.frames,
-        "seed": work.recipe.seed,
-    }
-    return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
+def _fingerprints(work: Work, stacks: Path) -> dict[str, str]:
+    """Digest of everything that decides a sequence's numbers, by id: an old file is never taken for it.
+
+    A sequence whose focal stack is not whole has none.
+    """
+    sensor = asdict(work.sensor)
+    del sensor["name"], sensor["sources"]  # words, not numbers
+    prints = {}
+    for name, spec in work.specs.items():
+        store = StackStore(stacks, spec)
+        if store.missing():
+            continue
+        decisive = {
+            "model": MODEL,
+            "stack": [spec.key, store.digest()],
+            "sensor": sensor,
+            "frames": work.recipe.camera.frames,
+            "seed": work.recipe.seed,
+        }
+        for sequence in (s for s in make_plan(work.recipe) if s.scene == name):
+            text = json.dumps([decisive, asdict(sequence)], sort_keys=True)
+            prints[sequence.id] = hashlib.sha256(text.encode()).hexdigest()
+    return prints
 
 
 def _provenance(recipe: Recipe) -> dict[str, str]:
@@ -251,27 +261,35 @@ def _preview(work: Work, folder: Path) -> None:
             write_preview(store.load(), sheet)
 
 
-def _list(work: Work, folder: Path, digests: dict[str, str]) -> Manifest:
-    """Write manifest.json and README.md over every finished sequence, those of other shards too."""
-    entries = {}
-    if (folder / "manifest.json").exists():
-        entries = {e.id: e for e in read_manifest(folder).sequences}
-    entries |= {s.id: _entry(work, s, digests[s.id]) for s in work.sequences if s.id in digests}
-    planned: Many[Sequence] = make_plan(work.recipe)
-    listed = tuple(entries[s.id] for s in planned if s.id in entries and (folder / s.file).exists())
+def _list(work: Work, folder: Path) -> Manifest:
+    """Write manifest.json and README.md over the finished sequences of the recipe, other shards' too.
+
+    Read from the files themselves: nothing is listed that this recipe would make otherwise, and shards that
+    end at the same time cannot lose each other's.
+    """
+    prints = _fingerprints(work, folder / "stacks")
+    entries = (_entry(work, folder, s, prints[s.id]) for s in make_plan(work.recipe) if s.id in prints)
     variants = set().union(*(StackStore(folder / "stacks", spec).variants() for spec in work.specs.values()))
     manifest = Manifest(
         name=work.recipe.name,
         recipe_fingerprint=recipe_fingerprint(work.recipe),
         variant=", ".join(sorted(variants)),
-        sequences=listed,
+        sequences=tuple(entry for entry in entries if entry is not None),
     )
     write_manifest(folder, manifest)
     write_card(folder, work.recipe, manifest, [s.card for s in work.scenes.values()])
     return manifest
 
 
-def _entry(work: Work, sequence: Sequence, digest: str) -> SequenceEntry:
+def _entry(work: Work, folder: Path, sequence: Sequence, fingerprint: str) -> SequenceEntry | None:
+    """The sequence's line in the manifest; None where its file is missing, cut, or of another recipe."""
+    try:
+        with open_stream(folder / sequence.file) as stream:
+            if stream.metadata.provenance.get("fingerprint") != fingerprint:
+                return None
+            digest = stream.content_sha256
+    except BadInput:
+        return None
     return SequenceEntry(
         id=sequence.id,
         split=sequence.split,
@@ -281,6 +299,6 @@ def _entry(work: Work, sequence: Sequence, digest: str) -> SequenceEntry:
         seed=sequence.seed,
         file=sequence.file,
         frames=work.recipe.camera.frames,
-        fingerprint=_fingerprint(work, sequence),
+        fingerprint=fingerprint,
         content_sha256=digest,
     )

@@ -1,7 +1,8 @@
 """Records into a ranking, and the files that tell it.
 
-Methods rank by success within one depth of focus, averaged over scenes (each scene's light schedules
-first), so that a scene with many sequences weighs no more than another. Equal success shares a rank.
+Methods rank by success within one depth of focus. Success and cost are averaged over scenes (each scene's
+light schedules first), so that a scene with many sequences weighs no more than another; the errors are medians
+over all sequences. Equal success shares a rank.
 """
 
 import csv
@@ -47,9 +48,9 @@ class Row:
     abstained: int
     failed: int
     sequences: int
-    frames_seen: float
+    frames_seen: float | None
     lens_travel: float | None
-    seconds: float
+    seconds: float | None
 
 
 @dataclass(frozen=True)
@@ -241,9 +242,9 @@ def _row(method: str, records: Sequence[Record], lights: Sequence[str]) -> Row:
         abstained=sum(r.status == "abstained" for r in records),
         failed=sum(r.status == "failed" for r in records),
         sequences=len(records),
-        frames_seen=float(np.mean([r.frames_seen / r.frames for r in records])),
+        frames_seen=_over_scenes(records, lambda r: r.frames_seen / r.frames),
         lens_travel=_over_scenes(records, lambda r: r.lens_travel),
-        seconds=float(np.mean([r.seconds for r in records])),
+        seconds=_over_scenes(records, lambda r: r.seconds),
     )
 
 

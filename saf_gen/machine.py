@@ -4,6 +4,8 @@ import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
+from saf_gen.host import cores
+
 __all__ = ["facts"]
 
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib")
@@ -25,7 +27,7 @@ def facts() -> tuple[dict[str, str], list[str]]:
         described["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
         if not found.llvm_usable and not found.cuda:
             advice.append(variant.ADVICE)
-    described["cores"] = f"{len(os.sched_getaffinity(0))} usable of {os.cpu_count()}"
+    described["cores"] = f"{cores()} usable of {os.cpu_count()}"
     described["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     described["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
     described["Python"] = platform.python_version()

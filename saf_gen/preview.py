@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from saf_gen.files import replaced
 from saf_gen.focal_stack import FocalStack
 
 __all__ = ["write_preview"]
@@ -35,10 +36,8 @@ def write_preview(stack: FocalStack, path: Path) -> None:
         _show_depth(axes[1, 0], stack)
         _show_curve(axes[1, 1], stack, truth)
         _show_groups(axes[1, 2], stack, white)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.name}.part")
-        figure.savefig(part, format="png")
-        part.replace(path)
+        with replaced(path) as part:
+            figure.savefig(part, format="png")
 
 
 def _show(axes: Axes, image: np.ndarray, white: float) -> None:

@@ -3,7 +3,6 @@
 A draw takes a generator named by sequence and key, so one drawn value never moves another.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -46,6 +45,6 @@ def draw(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
     if kind == "choice":
         return among[int(random.integers(len(among)))]
     low, high = among
-    if kind == "uniform":
-        return float(low + (high - low) * random.random())
-    return float(math.exp(math.log(low) + (math.log(high) - math.log(low)) * random.random()))
+    share = random.random()
+    drawn = low + (high - low) * share if kind == "uniform" else low * (high / low) ** share
+    return float(f"{drawn:.12g}")  # a power's last digits differ between machines, and digests would see it

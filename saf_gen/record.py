@@ -8,7 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.camera import Encoder, Sensor, charge_stack, exposure_scale, knot_weights
+from saf_gen.camera import (
+    Encoder,
+    Sensor,
+    charge_stack,
+    exposure_scale,
+    fixed_pattern,
+    knot_weights,
+)
 from saf_gen.errors import BadInput
 from saf_gen.focal_stack import FocalStack
 from saf_gen.lights import get_light, readout_gains
@@ -97,7 +104,10 @@ class Recorder:
             transmission=drive.transmission,
         )
         if sequence.mean_rate is not None:
-            at_best = _interpolated(charge.sum(axis=0), float(np.clip(best, 0, 1)))
+            # This very device's pixels: what the target collects is not the mean of the whole array.
+            device = fixed_pattern(self.sensor, stack.target.shape, seed=self.device_seed)
+            sensitivity = device.response * (self.sensor.threshold_e / device.threshold)
+            at_best = sensitivity * _interpolated(charge.sum(axis=0), float(np.clip(best, 0, 1)))
             charge *= np.float32(exposure_scale(at_best, stack.target, self.sensor, sequence.mean_rate))
         return charge
 

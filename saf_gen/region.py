@@ -1,20 +1,61 @@
-"""The part of a frame that a camera focuses on: the box round the target."""
+"""Parts of a recording: windows of frames, regions of pixels, and the box round the target."""
+
+import operator
 
 import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["Region", "target_box"]
+__all__ = ["Region", "checked_region", "checked_window", "extent", "target_box"]
 
 Region = tuple[slice, slice]
-"""Rows and columns."""
+"""Rows and columns, steps of 1."""
 
 
-def target_box(target: np.ndarray, margin: int = 0) -> Region:
-    """The rows and columns of the box round a target mask, widened by ``margin`` pixels, cut at the frame.
+def checked_window(first: int, stop: int, total: int, *, what: str = "frames", where: str = "") -> range:
+    """The window ``first <= t < stop`` of ``total`` frames, or of ``what`` is counted.
 
-    ``target`` is bool (H, W). Raises BadInput for a mask without a pixel or a negative margin.
+    Raises BadInput unless both are whole numbers, 0 <= first < stop <= total.
     """
+    try:
+        window = range(operator.index(first), operator.index(stop))
+    except TypeError:
+        window = range(0)
+    if not (0 <= window.start < window.stop <= total):
+        raise BadInput(
+            f"{what} {first} to {stop} were asked for",
+            where=where,
+            allowed=f"whole numbers, 0 <= first < stop <= {total}",
+        )
+    return window
+
+
+def checked_region(region: Region | None, size: tuple[int, int], *, where: str = "") -> Region:
+    """``region`` with both ends filled in; None is the whole frame of ``size`` (rows, columns).
+
+    Raises BadInput for an empty one, for one that leaves the frame, and for steps.
+    """
+    bounds = []
+    for part, most, axis in zip(region or (slice(None), slice(None)), size, ("rows", "columns"), strict=True):
+        first = 0 if part.start is None else operator.index(part.start)
+        stop = most if part.stop is None else operator.index(part.stop)
+        if not 0 <= first < stop <= most or part.step not in (None, 1):
+            raise BadInput(
+                f"the region's {axis} are {part}",
+                where=where,
+                allowed=f"0 <= first < stop <= {most}, step 1",
+            )
+        bounds.append(slice(first, stop))
+    return bounds[0], bounds[1]
+
+
+def extent(region: Region) -> tuple[int, int]:
+    """Rows and columns of a region with both ends filled in."""
+    return region[0].stop - region[0].start, region[1].stop - region[1].start
+
+
+def target_box(target: np.ndarray) -> Region:
+    """The rows and columns of the box round a target mask, bool (H, W). Raises BadInput for an empty one."""
     mask = np.asarray(target, dtype=bool)
     if mask.ndim != 2 or not mask.any():
         raise BadInput(
@@ -22,13 +63,5 @@ def target_box(target: np.ndarray, margin: int = 0) -> Region:
             allowed="(rows, columns), at least one pixel marked",
             hint="use the whole frame: --region frame",
         )
-    if margin < 0:
-        raise BadInput(f"margin {margin}", allowed="0 or more pixels")
-    rows, columns = (
-        slice(max(int(along[0]) - margin, 0), min(int(along[-1]) + 1 + margin, size))
-        for along, size in (
-            (np.flatnonzero(mask.any(axis=1)), mask.shape[0]),
-            (np.flatnonzero(mask.any(axis=0)), mask.shape[1]),
-        )
-    )
-    return rows, columns
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

@@ -5,7 +5,6 @@ The page is a single file: styles inline, pictures embedded, no script; it reads
 
 import base64
 import html
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -14,9 +13,9 @@ from string import Template
 
 from saf_gen import __version__
 from saf_gen.dataset import write_text
-from saf_gen.errors import BadInput
 from saf_gen.evaluate import Evaluation, Failure, Sweep
 from saf_gen.figures import curves_figure, errors_figure, to_png
+from saf_gen.files import replaced
 from saf_gen.leaderboard import Column, Row, columns
 from saf_gen.scores import Record
 
@@ -154,7 +153,8 @@ def write_report(
             png = to_png(errors_figure(records, title=f"{name}: errors"))
             pictures.append(Picture(f"errors/{_file(split, scene)}", name, _ERRORS, png))
     for picture in pictures:
-        _write(out / picture.file, picture.png)
+        with replaced(out / picture.file) as part:
+            part.write_bytes(picture.png)
     text = page(
         rows, title=title, records=evaluation.records, failures=evaluation.failures, pictures=pictures
     )
@@ -192,23 +192,6 @@ def page(
         codes=_pairs(code),
         version=_text(__version__),
     )
-
-
-def _write(path: Path, data: bytes) -> None:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            part.write_bytes(data)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise BadInput(
-            f"cannot be written: {error.strerror}",
-            where=str(path),
-            hint="free space or choose another folder",
-        ) from error
 
 
 def _lead(rows: Sequence[Row]) -> str:

@@ -98,7 +98,7 @@ def scene_roots() -> list[Path]:
     ``$SAF_GEN_SCENES`` (folders separated as in PATH), ``scenes/`` here, ``scenes/`` of the checkout.
     """
     named = [Path(p) for p in os.environ.get("SAF_GEN_SCENES", "").split(os.pathsep) if p]
-    return [*named, Path("scenes"), Path(__file__).resolve().parent.parent / "scenes"]
+    return [*named, Path("scenes").resolve(), Path(__file__).resolve().parent.parent / "scenes"]
 
 
 def scene_names() -> list[str]:

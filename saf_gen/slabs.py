@@ -6,8 +6,6 @@ where a window of all pixels is one contiguous run. Work on chunks runs on threa
 Python's lock.
 """
 
-import operator
-import os
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -16,27 +14,24 @@ import numpy as np
 from isal import igzip_lib, isal_zlib
 
 from saf_gen.errors import BadInput
+from saf_gen.host import cores
+from saf_gen.region import Region, extent
 
 __all__ = [
     "SLAB",
     "DamagedChunk",
     "Gather",
-    "Region",
     "Slabs",
-    "checked_region",
-    "checked_window",
     "checksum",
     "chunk_shape",
     "deflated",
-    "extent",
     "threads",
 ]
 
 SLAB = 250
 _CHUNK = 1_000_000  # bytes in a chunk before deflate: 10 rows of 400 columns
-_KEPT = 128 << 20  # bytes of planes that a reader keeps, and three slabs at least
+_KEPT = 1 << 30  # bytes of planes that a reader keeps, and three slabs at least
 
-Region = tuple[slice, slice]
 checksum = isal_zlib.crc32
 
 
@@ -44,10 +39,9 @@ class DamagedChunk(ValueError):
     """Stored bytes that do not inflate to a chunk."""
 
 
-def threads(name: str) -> ThreadPoolExecutor:
-    """A small pool, one thread for each core this process may use, eight at most."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return ThreadPoolExecutor(min(8, cores), thread_name_prefix=name)
+def threads(name: str, count: int | None = None) -> ThreadPoolExecutor:
+    """A pool of ``count`` threads; where not given, one for each core this process may use, eight at most."""
+    return ThreadPoolExecutor(count or min(8, cores()), thread_name_prefix=name)
 
 
 def chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
@@ -55,42 +49,6 @@ def chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     rows, columns, length = shape
     slab = min(SLAB, length)
     return min(rows, max(1, _CHUNK // (columns * slab))), columns, slab
-
-
-def checked_window(a: int, b: int, total: int, *, what: str, where: str) -> tuple[int, int]:
-    """``a`` and ``b`` as integers. Raises BadInput unless 0 <= a <= b <= total."""
-    try:
-        first, stop = operator.index(a), operator.index(b)
-    except TypeError as error:
-        raise BadInput(
-            f"{what} {a!r} to {b!r} were asked for", where=where, allowed="whole numbers"
-        ) from error
-    if not 0 <= first <= stop <= total:
-        raise BadInput(
-            f"{what} {first} to {stop} were asked for", where=where, allowed=f"0 <= first <= stop <= {total}"
-        )
-    return first, stop
-
-
-def checked_region(region: Region | None, size: tuple[int, int], *, where: str) -> Region:
-    """``region`` with both ends filled in. Raises BadInput for an empty one and for one outside ``size``."""
-    bounds = []
-    for part, most, axis in zip(region or (slice(None), slice(None)), size, ("rows", "columns"), strict=True):
-        first = 0 if part.start is None else operator.index(part.start)
-        stop = most if part.stop is None else operator.index(part.stop)
-        if not 0 <= first < stop <= most or part.step not in (None, 1):
-            raise BadInput(
-                f"the region's {axis} are {part}",
-                where=where,
-                allowed=f"0 <= first < stop <= {most}, step 1",
-            )
-        bounds.append(slice(first, stop))
-    return bounds[0], bounds[1]
-
-
-def extent(region: Region) -> tuple[int, int]:
-    """Rows and columns of a region with both ends filled in."""
-    return region[0].stop - region[0].start, region[1].stop - region[1].start
 
 
 def deflated(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
@@ -181,16 +139,20 @@ class Slabs:
     """Reads packed spikes of ``shape`` (H, W, bytes) and keeps the slabs used last.
 
     ``read(top, start)`` gives the chunk at that row and byte: deflated bytes, or an array already cut to the
-    edges. It is called from the caller's thread only.
+    edges. It is called from the caller's thread only. ``count``: see :func:`threads`.
     """
 
     def __init__(
-        self, shape: tuple[int, int, int], *, read: Callable[[int, int], bytes | np.ndarray]
+        self,
+        shape: tuple[int, int, int],
+        *,
+        read: Callable[[int, int], bytes | np.ndarray],
+        count: int | None = None,
     ) -> None:
         self.shape, self.chunk, self._read = shape, chunk_shape(shape), read
         self._kept: OrderedDict[int, tuple[np.ndarray, dict[int, Future]]] = OrderedDict()
         self._last = -1
-        self._pool = threads("inflate")
+        self._pool = threads("inflate", count)
 
     def close(self) -> None:
         """Free threads and memory."""
@@ -231,33 +193,13 @@ class Slabs:
     def packed(self, a: int, b: int, region: Region) -> np.ndarray:
         """Bytes ``a <= i < b`` along time of a region, uint8 (h, w, b-a)."""
         out = np.empty((*extent(region), b - a), np.uint8)
-        before: list[Future] = []
         for start, first, stop in self.steps(8 * a, 8 * b):
             part = slice(first // 8, stop // 8)
             piece = out[:, :, start + part.start - a : start + part.stop - a]
-            if start in self._kept or 2 * (part.stop - part.start) < self.chunk[2]:
-                planes = self.planes(start, region[0])[part, region[0], region[1]]
-                for y in range(out.shape[0]):  # row by row: the transpose of one row fits in the cache
-                    piece[y] = planes[:, y].T
-                continue
-            started = self._copied(start, part, region, piece)
-            for future in before:
-                future.result()
-            before = started
-        for future in before:
-            future.result()
+            planes = self.planes(start, region[0])[part, region[0], region[1]]
+            for y in range(out.shape[0]):  # row by row: the transpose of one row fits in the cache
+                piece[y] = planes[:, y].T
         return out
-
-    def _copied(self, start: int, part: slice, region: Region, out: np.ndarray) -> list[Future]:
-        # For most of a slab at once: straight from the chunks, nothing is turned or kept.
-        rows, columns = region
-
-        def fill(top: int, data: bytes | np.ndarray) -> None:
-            first, stop = max(top, rows.start), min(top + self.chunk[0], rows.stop)
-            block = _inflated(data, self.chunk)[first - top : stop - top, columns, part]
-            out[first - rows.start : stop - rows.start] = block
-
-        return [self._pool.submit(fill, top, self._read(top, start)) for top in self._tops(rows)]
 
     def _tops(self, rows: slice) -> range:
         return range(rows.start // self.chunk[0] * self.chunk[0], rows.stop, self.chunk[0])

@@ -13,7 +13,7 @@ import math
 import operator
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -23,8 +23,10 @@ import numpy as np
 
 from saf_gen import bits, slabs
 from saf_gen.errors import BadInput, closest
+from saf_gen.files import replaced, unwritable
 from saf_gen.metadata import Metadata, Truth, datasets, digest, entry, line, metadata_from, restored
-from saf_gen.slabs import SLAB, DamagedChunk, Region
+from saf_gen.region import Region, checked_region, checked_window, extent
+from saf_gen.slabs import SLAB, DamagedChunk
 
 __all__ = [
     "FORMAT",
@@ -51,15 +53,19 @@ def _small(file: h5py.File) -> Iterator[tuple[str, Any]]:
             yield f"/{name}", (item.asstr() if h5py.check_string_dtype(item.dtype) else item)[()]
 
 
+class _GivenUp(Exception):
+    """Undoes a writer: what the caller raised may be an OSError, and not one of our file."""
+
+
 class StreamWriter:
     """Writes a stream slab by slab; the final name appears only when the file is whole and read back.
 
-    ``shape`` is (T, H, W), ``readout_hz`` the readouts a second. Use it as a context manager: it writes
-    ``.NAME.PID.part`` beside ``path``, and on a clean exit closes it, opens it again, compares what the file
-    holds with what was given (the small datasets by value, each chunk of spikes by the CRC-32 of its
-    deflated bytes), and renames it. After that ``content_sha256`` is set. On an exception it removes the
-    temporary. Memory does not grow with T. Raises BadInput for wrong shapes and for a folder that cannot be
-    written.
+    ``shape`` is (T, H, W), ``readout_hz`` the readouts a second, ``threads`` how many deflate (None: one a
+    core, eight at most). Use it as a context manager: it writes to a temporary beside ``path``, and on a
+    clean exit closes it, opens it again, compares what the file holds with what was given (the small datasets
+    by value, each chunk of spikes by the CRC-32 of its deflated bytes), and renames it. After that
+    ``content_sha256`` is set. On an exception it removes the temporary. Memory does not grow with T. Raises
+    BadInput for wrong shapes and for a folder that cannot be written.
     """
 
     def __init__(
@@ -69,8 +75,9 @@ class StreamWriter:
         shape: tuple[int, int, int],
         readout_hz: float = 20_000,
         metadata: Metadata | None = None,
+        threads: int | None = None,
     ) -> None:
-        self.path = Path(path)
+        self.path, self._threads = Path(path), threads
         if len(shape) != 3 or min(shape) < 1:
             raise BadInput(f"shape is {tuple(shape)}", where=str(path), allowed="T, H, W, each at least 1")
         if not (math.isfinite(readout_hz) and readout_hz > 0):
@@ -81,19 +88,16 @@ class StreamWriter:
         self._datasets = datasets(metadata or Metadata(), self.shape)
         self._length = -(-frames // 8)
         self._chunk = slabs.chunk_shape((self._rows, self._columns, self._length))
-        self._part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
         self._sha, self._crcs = hashlib.sha256(), dict[tuple[int, int], int]()
         self._gathered = slabs.Gather(self.shape, where=str(path))
         self._done = 0  # bytes along time in the file
         self._file: h5py.File | None = None
 
     def __enter__(self) -> Self:
-        if not self.path.parent.is_dir():
-            raise BadInput(
-                f"there is no folder {str(self.path.parent)!r}", where=str(self.path), hint="make it first"
-            )
-        try:
+        with ExitStack() as undo:
+            self._part = undo.enter_context(replaced(self.path))
             self._file = h5py.File(self._part, "w")
+            undo.callback(self._close)
             self._spikes = self._file.create_dataset(
                 "spikes",
                 (self._rows, self._columns, self._length),
@@ -106,10 +110,8 @@ class StreamWriter:
             for name, value in self._datasets.items():
                 text = isinstance(value, str | tuple)
                 self._file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
-        except OSError as error:
-            self._discard()
-            raise _unwritable(self.path, error) from error
-        self._pool = slabs.threads("deflate")
+            self._pool = undo.enter_context(slabs.threads("deflate", self._threads))
+            self._undo = undo.pop_all()
         return self
 
     def write(self, packed: np.ndarray) -> None:
@@ -136,7 +138,7 @@ class StreamWriter:
                 self._crcs[row, self._done] = slabs.checksum(data)
                 self._spikes.id.write_direct_chunk((row, 0, self._done), data)
         except OSError as error:
-            raise _unwritable(self.path, error) from error
+            raise unwritable(self.path, error) from error
         finally:
             hashing.result()
         self._done += slab.shape[2]
@@ -144,16 +146,15 @@ class StreamWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._pool.shutdown()
-        try:
-            if kind is None:
-                self._publish()
-        except OSError as problem:
-            raise _unwritable(self.path, problem) from problem
-        finally:
-            self._discard()
+        with suppress(_GivenUp), self._undo:
+            if kind is not None:
+                raise _GivenUp
+            sha256 = self._checked()
+        if kind is None:
+            self.content_sha256 = sha256
 
-    def _publish(self) -> None:
+    def _checked(self) -> str:
+        """The file closed, read back and compared; its content_sha256."""
         self._gathered.check_complete()
         spikes = entry("/spikes", "uint8", self._spikes.shape, self._sha.hexdigest())
         lines = [line(n, v) for n, v in self._datasets.items() if not n.startswith("/provenance/")]
@@ -172,26 +173,14 @@ class StreamWriter:
             raise BadInput(
                 "what was read back is not what was written", where=str(self.path), hint="check the disk"
             )
-        with self._part.open("rb") as done:
-            os.fsync(done.fileno())
-        self._part.replace(self.path)
-        self.content_sha256 = sha256
+        return sha256
 
-    def _discard(self) -> None:
+    def _close(self) -> None:
         # A full disk cannot take what HDF5 still holds, nor always be told to forget it: the cause is known.
         with suppress(OSError, RuntimeError):
             if self._file is not None:
                 self._file.close()
         self._file = None
-        with suppress(OSError):
-            self._part.unlink(missing_ok=True)
-
-
-def _unwritable(path: Path, error: OSError) -> BadInput:
-    reason = os.strerror(error.errno) if error.errno else str(error)
-    return BadInput(
-        f"cannot be written: {reason}", where=str(path), hint="free space or choose another folder"
-    )
 
 
 def write_stream(
@@ -225,8 +214,8 @@ def write_stream(
     return writer.content_sha256
 
 
-def open_stream(path: str | os.PathLike[str]) -> "SpikeStream":
-    """Open a stream file for reading; a context manager.
+def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
+    """Open a stream file for reading; a context manager. ``threads``: as of :class:`StreamWriter`.
 
     Raises BadInput when there is no such file (naming the nearest), and when it is no HDF5 file, cut short or
     damaged, HDF5 of another kind, or of a newer layout.
@@ -252,7 +241,7 @@ def open_stream(path: str | os.PathLike[str]) -> "SpikeStream":
     except OSError as error:
         raise _damaged(where, error) from error
     try:
-        return SpikeStream(where, file)
+        return SpikeStream(where, file, threads)
     except BaseException:
         file.close()
         raise
@@ -273,7 +262,7 @@ class SpikeStream:
     [t, t+1)/readout_hz. A region is (slice of rows, slice of columns), of step 1, inside the frame.
     """
 
-    def __init__(self, path: Path, file: h5py.File) -> None:
+    def __init__(self, path: Path, file: h5py.File, threads: int | None = None) -> None:
         self.path, self._file = path, file
         kind, layout = file.attrs.get("format"), file.attrs.get("layout")
         if kind != FORMAT:
@@ -302,7 +291,8 @@ class SpikeStream:
         self.shape = (frames, rows, columns)
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
-        self._slabs = slabs.Slabs(self._spikes.shape, read=self._deflated if self._ours() else self._plain)
+        read = self._deflated if self._ours() else self._plain
+        self._slabs = slabs.Slabs(self._spikes.shape, read=read, count=threads)
 
     def __enter__(self) -> Self:
         return self
@@ -316,31 +306,29 @@ class SpikeStream:
         self._file.close()
 
     def frames(self, a: int, b: int, region: Region | None = None) -> np.ndarray:
-        """Frames ``a <= t < b`` as uint8 (b-a, h, w), 0 or 1. Raises BadInput outside 0...T."""
-        a, b = slabs.checked_window(a, b, self.shape[0], what="frames", where=str(self.path))
-        part = slabs.checked_region(region, self.shape[1:], where=str(self.path))
-        out = np.empty((b - a, *slabs.extent(part)), np.uint8)
-        for start, first, stop in self._slabs.steps(a, b):
-            begin = 8 * start + first - a
+        """Frames ``a <= t < b`` as uint8 (b-a, h, w), 0 or 1. Raises BadInput unless 0 <= a < b <= T."""
+        window, part = self._checked(a, b, region)
+        out = np.empty((len(window), *extent(part)), np.uint8)
+        for start, first, stop in self._slabs.steps(window.start, window.stop):
+            begin = 8 * start + first - window.start
             bits.unpack(self._planes(start, part), first, out[begin : begin + stop - first])
         return out
 
     def counts(self, a: int, b: int, region: Region | None = None) -> np.ndarray:
-        """Spikes in frames ``a <= t < b`` as uint32 (h, w). Raises BadInput outside 0...T."""
-        a, b = slabs.checked_window(a, b, self.shape[0], what="frames", where=str(self.path))
-        part = slabs.checked_region(region, self.shape[1:], where=str(self.path))
-        out = np.zeros(slabs.extent(part), np.uint32)
-        for start, first, stop in self._slabs.steps(a, b):
+        """Spikes in frames ``a <= t < b`` as uint32 (h, w). Raises BadInput unless 0 <= a < b <= T."""
+        window, part = self._checked(a, b, region)
+        out = np.zeros(extent(part), np.uint32)
+        for start, first, stop in self._slabs.steps(window.start, window.stop):
             bits.add_counts(self._planes(start, part), first, stop, out)
         return out
 
     def packed(self, first_byte: int, stop_byte: int, region: Region | None = None) -> np.ndarray:
         """Bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes). Raises BadInput outside."""
         total = self._spikes.shape[2]
-        a, b = slabs.checked_window(first_byte, stop_byte, total, what="bytes", where=str(self.path))
-        part = slabs.checked_region(region, self.shape[1:], where=str(self.path))
+        window = checked_window(first_byte, stop_byte, total, what="bytes", where=str(self.path))
+        part = checked_region(region, self.shape[1:], where=str(self.path))
         with self._damage_told():
-            return self._slabs.packed(a, b, part)
+            return self._slabs.packed(window.start, window.stop, part)
 
     def verify(self) -> None:
         """Read everything and raise BadInput when it is not what ``content_sha256`` says."""
@@ -359,6 +347,12 @@ class SpikeStream:
                 allowed=f"{self.content_sha256[:12]}... as stored",
                 hint="the file was changed or damaged: make it again",
             )
+
+    def _checked(self, a: int, b: int, region: Region | None) -> tuple[range, Region]:
+        where = str(self.path)
+        return checked_window(a, b, self.shape[0], where=where), checked_region(
+            region, self.shape[1:], where=where
+        )
 
     def _planes(self, start: int, region: Region) -> np.ndarray:
         with self._damage_told():

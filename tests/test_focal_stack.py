@@ -69,11 +69,25 @@ def test_a_stack_that_lacks_a_piece_is_told(tmp_path):
         store.load()
 
 
-def test_half_an_index_makes_nothing_whole(tmp_path):
+def test_a_piece_with_half_its_note_is_not_whole(tmp_path):
     store, *_ = filled(tmp_path)
-    index = store.folder / "stack.json"
-    index.write_text(index.read_text()[:50])
-    assert store.missing() == ["geometry", "lamp", "room"]
+    note = store.folder / "room.json"
+    note.write_text(note.read_text()[:50])
+    assert store.missing() == ["room"]
+
+
+def test_the_digest_sees_the_values_of_a_piece(tmp_path):
+    store, *_ = filled(tmp_path)
+    before = store.digest()
+    assert StackStore(tmp_path, SPEC).digest() == before
+    store.put_group("lamp", np.ones((3, 4, 6)), "llvm")
+    assert store.digest() != before
+
+
+def test_a_stack_made_by_two_variants_says_so(tmp_path):
+    store, radiance, *_ = filled(tmp_path)
+    store.put_group("lamp", radiance[0], "scalar")
+    assert store.load().variant == "llvm, scalar"
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,8 @@ from small import SCENES, SMALL_RECIPE
 import saf_gen
 from saf_gen.dataset import read_manifest
 from saf_gen.errors import BadInput
+from saf_gen.exr import read_planes
+from saf_gen.focal_stack import StackStore
 from saf_gen.generate import generate, prepare
 from saf_gen.record import group_gains
 from saf_gen.render import variant
@@ -120,6 +122,28 @@ def test_another_seed_records_anew_and_renders_nothing(small_recipe, made):
     again = generate(prepare(small_recipe), made.folder, variant=VARIANT)
     assert again.rendered == []
     assert len(again.recorded) == 3
+
+
+def test_a_shard_after_a_change_of_recipe_lists_nothing_of_the_old_one(small_recipe, made):
+    small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
+    part = generate(prepare(small_recipe, part=(1, 3)), made.folder, variant=VARIANT)
+    assert [e.id for e in part.manifest.sequences] == part.recorded == ["plane-constant-00"]
+
+
+def test_another_stack_records_anew(small_recipe, work, made):
+    for path in made.folder.glob("stacks/*/lamp.*"):
+        path.unlink()
+    store = StackStore(made.folder / "stacks", work.specs["plane"])
+    store.put_group("lamp", store_radiance(made.folder, work) * 2, VARIANT)
+    again = generate(work, made.folder, variant=VARIANT)
+    assert again.rendered == []
+    assert len(again.recorded) == 3
+
+
+def store_radiance(folder, work):
+    """The room's radiance, here to stand in for another lamp's."""
+    planes, _ = read_planes(next(folder.glob("stacks/*/room.exr")))
+    return np.array([planes[f"focus.{k:04d}"] for k in range(work.specs["plane"].positions)])
 
 
 @pytest.mark.slow

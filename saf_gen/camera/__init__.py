@@ -7,6 +7,7 @@ from saf_gen.camera.exposure import (
     exposure_scale,
     irradiance_per_radiance,
 )
+from saf_gen.camera.response import fixed_pattern
 from saf_gen.camera.sensor import Sensor, get_sensor, sensor_names
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "electrons_per_irradiance",
     "encode",
     "exposure_scale",
+    "fixed_pattern",
     "get_sensor",
     "irradiance_per_radiance",
     "knot_weights",

@@ -15,7 +15,6 @@ Source: T. Huang et al., 1000x faster camera and machine vision with ordinary de
 2023, doi:10.1016/j.eng.2022.01.012 (the principle); Acnext/SCSim (reset loss, threshold noise).
 """
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
@@ -25,6 +24,7 @@ from saf_gen.camera.kernel import LANES, NOISE_MEAN, NOISE_SD, advance
 from saf_gen.camera.response import fixed_pattern
 from saf_gen.camera.sensor import Sensor, get_sensor
 from saf_gen.errors import BadInput
+from saf_gen.host import cores
 from saf_gen.seeds import generator, integer
 from saf_gen.signals import checked
 
@@ -76,7 +76,7 @@ class Encoder:
     shape : (rows, columns) of the array to simulate.
     seed : names phases and noise (one recording).
     device_seed : names the fixed pattern (one device); ``seed`` where not given.
-    threads : at most so many; the processors this process may use where not given.
+    threads : at most so many; one for each core this process may use where not given.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Encoder:
         self._state[1] = self._fixed[1] + self._fixed[2] * first.astype(np.float32)
         phase = generator("encoder", seed, "phases").random(size, dtype=np.float32)
         self._state[0] = phase * self._state[1]
-        self._threads = threads or _processors()
+        self._threads = threads or cores()
 
     @property
     def frames(self) -> int:
@@ -208,9 +208,3 @@ def _words(key: int, first: int, count: int) -> np.ndarray:
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return (word ^ (word >> np.uint64(31))).astype(np.uint32)
-
-
-def _processors() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

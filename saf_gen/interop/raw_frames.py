@@ -17,6 +17,7 @@ import numpy as np
 
 from saf_gen import bits
 from saf_gen.errors import BadInput, unknown
+from saf_gen.files import replaced
 from saf_gen.stream import Metadata, StreamWriter, open_stream
 
 __all__ = ["LAYOUTS", "Layout", "export_file", "import_file"]
@@ -136,9 +137,8 @@ def export_file(
     The inverse of :func:`import_file`; focus, light and truth have no place in the layout and stay behind.
     Raises BadInput when the stream's size is not the layout's, and when ``out`` cannot be written.
     """
-    kind, final = _layout(layout), Path(out)
+    kind = _layout(layout)
     which = kind.pixel_bits(kind.flip if flip is None else bool(flip))
-    part = final.with_name(f".{final.name}.{os.getpid()}.part")
     with open_stream(source) as stream:
         total, rows, columns = stream.shape
         if (rows, columns) != (kind.rows, kind.columns):
@@ -151,22 +151,11 @@ def export_file(
                 if fitting
                 else "no known layout has this size",
             )
-        try:
-            with part.open("wb") as file:
-                for first in range(0, total, _FRAMES):
-                    count = min(_FRAMES, total - first)
-                    packed = stream.packed(first // 8, first // 8 + -(-count // 8))
-                    tracks = np.zeros((8 * kind.frame_bytes, packed.shape[2]), np.uint8)
-                    tracks[which] = packed.reshape(-1, packed.shape[2])
-                    file.write(bits.tracks_to_rows(tracks, count).data)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(final)
-        except OSError as error:
-            reason = os.strerror(error.errno) if error.errno else str(error)
-            raise BadInput(
-                f"cannot be written: {reason}", where=str(out), hint="free space or choose another folder"
-            ) from error
-        finally:
-            part.unlink(missing_ok=True)
+        with replaced(out) as part, part.open("wb") as file:
+            for first in range(0, total, _FRAMES):
+                count = min(_FRAMES, total - first)
+                packed = stream.packed(first // 8, first // 8 + -(-count // 8))
+                tracks = np.zeros((8 * kind.frame_bytes, packed.shape[2]), np.uint8)
+                tracks[which] = packed.reshape(-1, packed.shape[2])
+                file.write(bits.tracks_to_rows(tracks, count).data)
     return total * kind.frame_bytes

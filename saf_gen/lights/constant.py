@@ -1,6 +1,7 @@
 """Constant light."""
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -14,7 +15,7 @@ class Constant:
     level: float = 1.0
 
     def __post_init__(self) -> None:
-        if not self.level >= 0:
+        if not 0 <= self.level < inf:
             raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Light that rises or falls evenly, the paper's "continuous variation"."""
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -19,9 +20,9 @@ class Ramp:
     over_s: float | None = None
 
     def __post_init__(self) -> None:
-        if not (self.from_ >= 0 and self.to >= 0):
+        if not (0 <= self.from_ < inf and 0 <= self.to < inf):
             raise BadInput(f"from {self.from_!r} to {self.to!r}", allowed="gains of 0 or more")
-        if self.over_s is not None and not self.over_s > 0:
+        if self.over_s is not None and not 0 < self.over_s < inf:
             raise BadInput(f"over_s is {self.over_s!r}", allowed="seconds above 0")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:

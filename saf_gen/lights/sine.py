@@ -1,6 +1,7 @@
 """Light that swings: a dimmer moved by hand, or mains flicker at its first harmonic."""
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -17,11 +18,11 @@ class Sine:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.hz > 0:
+        if not 0 < self.hz < inf:
             raise BadInput(f"hz is {self.hz!r}", allowed="a frequency above 0 in Hz")
         if not 0 <= self.swing <= 1:
             raise BadInput(f"swing is {self.swing!r}", allowed="0 to 1: there is no negative light")
-        if not self.level >= 0:
+        if not 0 <= self.level < inf:
             raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Light that jumps between levels, the paper's "sudden change"."""
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -15,9 +16,9 @@ class Steps:
     levels: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if not self.every_s > 0:
+        if not 0 < self.every_s < inf:
             raise BadInput(f"every_s is {self.every_s!r}", allowed="seconds above 0")
-        if len(self.levels) < 1 or not all(level >= 0 for level in self.levels):
+        if len(self.levels) < 1 or not all(0 <= level < inf for level in self.levels):
             raise BadInput(f"levels are {self.levels!r}", allowed="a list of gains of 0 or more")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:

@@ -47,7 +47,7 @@ def render_missing(
             seen = geometry.look(loaded, to_world, spec.drive, film, scene.card.target)
             store.put_geometry(seen.depth, seen.target, variant_name)
         else:
-            radiance = stack_of(
+            radiance, clipped = stack_of(
                 loaded,
                 integrator,
                 to_world,
@@ -58,6 +58,6 @@ def render_missing(
                 seed=seeds.integer("stack", spec.key, name),
                 progress=partial(progress, name),
             )
-            store.put_group(name, radiance, variant_name)
+            store.put_group(name, radiance, variant_name, clipped=clipped)
         progress(name, 1.0)
     return missing

@@ -42,19 +42,21 @@ def render_stack(
     samples: int,
     seed: int,
     progress: Callable[[float], None] = lambda done: None,
-) -> np.ndarray:
+) -> tuple[np.ndarray, int]:
     """Mean radiance at evenly spaced positions, float32 (focus, row, col), in one pass over the scene.
 
+    Returns it with the number of paths that were clipped as fireflies, of all that were traced.
     ``progress`` is told the share done, 0...1. Needs a JIT variant (llvm or cuda).
     """
     camera = _Camera(to_world, drive, film, positions)
     scale, most = _fixed_point(world, integrator, camera, samples, seed)
     sums = splat.accumulators(nb.get_num_threads(), (positions, film.rows, film.columns))
+    clipped = 0
     for done, paths in _trace(world, integrator, camera, samples, seed):
         first_x, first_y, step_x, step_y, radiance = paths
-        splat.splat(sums, first_x, first_y, step_x, step_y, radiance, scale, most)
+        clipped += int(splat.splat(sums, first_x, first_y, step_x, step_y, radiance, scale, most))
         progress(done)
-    return splat.resolve(sums, scale)
+    return splat.resolve(sums, scale), clipped
 
 
 @dataclass(frozen=True)

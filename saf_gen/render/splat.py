@@ -19,11 +19,16 @@ __all__ = ["COUNT_BITS", "VALUE_BITS", "accumulators", "resolve", "splat"]
 
 COUNT_BITS = 20
 VALUE_BITS = 63 - COUNT_BITS
+ACCUMULATOR_BYTES = 1 << 30
 
 
 def accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
-    """Empty accumulators, one a worker: int64 (worker, row, col, focus)."""
+    """Empty accumulators, one a worker: int64 (worker, row, col, focus).
+
+    Fewer workers than asked for where they would take more than ACCUMULATOR_BYTES, but at least one.
+    """
     focus, rows, columns = shape
+    workers = max(1, min(workers, ACCUMULATOR_BYTES // (8 * focus * rows * columns)))
     return np.zeros((workers, rows, columns, focus), dtype=np.int64)
 
 

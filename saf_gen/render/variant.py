@@ -4,13 +4,14 @@ LLVM 15 and 16 abort the whole process at the first kernel ("cannot select fmini
 caught then, so the version is asked before.
 """
 
-import os
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numba
 
 from saf_gen.errors import BadInput, unknown
+from saf_gen.host import cores
 
 __all__ = ["OLDEST_LLVM", "Probe", "choose", "probe", "use"]
 
@@ -69,6 +70,7 @@ def choose(requested: str, machine: Probe) -> str:
 def use(variant: str, *, threads: int | None = None) -> None:
     """Switch Mitsuba to this variant and its threads (default: the cores this process may use)."""
     # Must come before a scene is loaded: loading starts the thread pool.
-    dr.set_thread_count(threads or len(os.sched_getaffinity(0)))
+    dr.set_thread_count(threads or cores())
+    numba.set_num_threads(min(threads or cores(), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     mi.set_log_level(mi.LogLevel.Error)
     mi.set_variant(MITSUBA_NAMES[variant])
