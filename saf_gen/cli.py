@@ -4,14 +4,15 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 import saf_gen
 from saf_gen.errors import BadInput, SafGenError
@@ -30,30 +31,36 @@ recipes_app = typer.Typer(help="Recipes of datasets.", no_args_is_help=True)
 app.add_typer(scenes_app, name="scenes")
 app.add_typer(recipes_app, name="recipes")
 
-out = Console(width=None if sys.stdout.isatty() else 160)
-err = Console(stderr=True, soft_wrap=True)
+# Names are printed as they are: brackets in a path are no markup.
+out = Console(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
+err = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
+STOPPED = 130
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
 
 
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run a command; every error a user can cause ends in one line and exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without θ or ┃ gets a question mark
     try:
         code = app(args=argv, standalone_mode=False)
+        if code == STOPPED:  # what typer makes of Ctrl-C
+            _fail("stopped; what was done is kept: run the same command again to go on", STOPPED)
     except SafGenError as error:
         code = _fail(str(error), error.exit_code)
     except typer.TyperException as error:
-        code = _fail(f"{error.format_message()}; see: saf-gen --help", 2)
-    except (KeyboardInterrupt, typer.Abort):
-        code = _fail("stopped; what was done is kept: run the same command again to go on", 130)
-    except BrokenPipeError:  # `saf-gen ... | head` has what it wanted
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  python flushes it while exiting
+        message = error.format_message()  # empty where the help was shown in its place
+        code = _fail(f"{message}; see: saf-gen --help", 2) if message else 2
+    except (SystemExit, BrokenPipeError):  # so typer leaves when a pipe closes: `| head` has its lines
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # python flushes while it exits
         code = 0
     sys.exit(code or 0)
 
 
 def _fail(line: str, code: int) -> int:
-    err.print(f"[bold red]saf-gen:[/] {escape(' '.join(line.split()))}", highlight=False)
+    err.print(Text.assemble(("saf-gen:", "bold red"), " ", " ".join(line.split())))
     return code
 
 
@@ -98,14 +105,14 @@ def generate(
             bars.update(tasks[name], completed=done)
             if done >= 1 and not err.is_terminal and name not in told:
                 told.add(name)  # a log file has no bars: a line for each piece that is done
-                err.print(f"done: {name}", highlight=False)
+                err.print(f"done: {name}")
 
         outcome = making.generate(work, target, workers=workers, variant=variant, cluster=cluster, tell=tell)
     out.print(
         f"{len(outcome.recorded)} sequences recorded, {len(outcome.kept)} kept from before, "
         f"{len(outcome.rendered)} pieces of focal stacks rendered"
     )
-    out.print(f"dataset: {target}   (next: saf-gen evaluate {target})", highlight=False)
+    out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
     for name, problem in outcome.failed.items():
         _fail(f"{name} failed: {problem}", 1)
     if outcome.failed:
@@ -168,12 +175,12 @@ def evaluate(
     for column in shown:
         board.add_column(column.header, justify=column.justify, no_wrap=column.name == "method")
     for row in rows:
-        board.add_row(*(escape(column.text(row)) for column in shown))
+        board.add_row(*(column.text(row) for column in shown))
     out.print(board)
     tables = write_files(target, rows=rows, records=result.records, failures=result.failures)
     pictures = write_report(target, rows=rows, evaluation=result, title=source.resolve().name)
     for path in (*tables, *pictures):
-        out.print(str(path), highlight=False, soft_wrap=True)
+        out.print(str(path), soft_wrap=True)
     for failure in result.failures:
         _fail(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     if result.failures:
@@ -207,7 +214,7 @@ def score(
         out.file.write(text)
         return
     write_text(csv, text)
-    out.print(f"{len(frames)} blocks in {csv}", highlight=False)
+    out.print(f"{len(frames)} blocks in {csv}")
 
 
 @app.command(name="import")
@@ -226,7 +233,7 @@ def import_(
     digest = import_file(file, target, layout=layout, frames=frames, readout_hz=rate, flip=flip)
     with open_stream(target) as stream:
         count, rows, columns = stream.shape
-    out.print(f"{count} frames of {columns}×{rows} in {target}, sha256 {digest[:16]}…", highlight=False)
+    out.print(f"{count} frames of {columns}×{rows} in {target}, sha256 {digest[:16]}…")
 
 
 @app.command()
@@ -238,7 +245,7 @@ def export(
     """Write a stream in somebody else's layout."""
     from saf_gen.interop import export_file
 
-    out.print(f"{export_file(stream, target, layout=layout)} bytes in {target}", highlight=False)
+    out.print(f"{export_file(stream, target, layout=layout)} bytes in {target}")
 
 
 @app.command()
@@ -251,7 +258,7 @@ def inspect(stream: Annotated[Path, typer.Argument(help="A stream file.")]) -> N
         facts = describe(opened)
     table = Table(show_header=False, title=str(stream))
     for name, value in facts.items():
-        table.add_row(name, escape(value))
+        table.add_row(name, value)
     out.print(table)
 
 
@@ -279,7 +286,7 @@ def methods() -> None:
         table.add_column("what it is")
         for name in registry.names(room):
             doc = registry.part_class(room, name).__doc__ or ""
-            table.add_row(name, escape(" ".join(doc.split("\n\n")[0].split())))
+            table.add_row(name, " ".join(doc.split("\n\n")[0].split()))
         out.print(table)
     out.print(
         "A method is MEASURE+SEARCH, such as sd_code+sgfs_code:dt=50. NAME_n divides a measure by brightness."
@@ -305,9 +312,7 @@ def recipes_check(recipe: Annotated[Path, typer.Argument(help="A recipe.")]) -> 
     from saf_gen.generate import prepare
 
     work = prepare(recipe)
-    out.print(
-        f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}", highlight=False
-    )
+    out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}")
 
 
 @app.command()
@@ -318,7 +323,7 @@ def doctor() -> None:
     described, advice = facts()
     table = Table(show_header=False, title=f"saf-gen {saf_gen.__version__}")
     for name, value in described.items():
-        table.add_row(name, escape(value))
+        table.add_row(name, value)
     out.print(table)
     for line in advice:
-        out.print(f"to be faster: {line}", highlight=False)
+        out.print(f"to be faster: {line}")

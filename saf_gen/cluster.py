@@ -5,6 +5,10 @@ runs twice, or a worker that dies, does no harm. Small values come back.
 """
 
 import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -45,8 +49,19 @@ _queue: Any = None
 
 
 def _start(queue: Any) -> None:
+    """Set a worker up: it reports to the queue, leaves Ctrl-C to its parent, and ends when that ends."""
     global _queue
     _queue = queue
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_after(sentinel: int) -> None:
+    # Without this a killed run leaves workers behind that wait for ever, with their memory.
+    multiprocessing.connection.wait([sentinel])
+    os._exit(1)
 
 
 def _report(name: str, done: float) -> None:
@@ -80,7 +95,10 @@ def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell) -> Iterator[Done]:
                     job = waiting.pop(future)
                     yield (job, *_outcome(future))
         except (KeyboardInterrupt, GeneratorExit):
-            pool.shutdown(wait=False, cancel_futures=True)
+            # Jobs are safe to end in the middle; waiting for a render to finish could take minutes.
+            for process in multiprocessing.active_children():
+                process.terminate()
+            pool.shutdown(wait=True, cancel_futures=True)
             raise
 
 

@@ -83,7 +83,7 @@ def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, OSError) as error:
         raise BadInput(
-            f"is no readable JSON: {error}", where=str(path), hint="run saf-gen generate again"
+            f"is no readable JSON: {error}", where=str(path), hint="remove it and run saf-gen generate again"
         ) from error
     if not isinstance(document, dict) or document.pop("format", None) != FORMAT:
         raise BadInput("is no manifest of a dataset", where=str(path), allowed=f'"format": "{FORMAT}"')

@@ -58,6 +58,8 @@ def read(path: str | Path) -> Document:
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         data = None if node is None else _plain(node, (), lines, path)
+    except RecursionError:
+        raise BadInput("this is nested too deep, or in a circle", where=str(path)) from None
     except yaml.MarkedYAMLError as error:
         line = f"{path}:{error.problem_mark.line + 1}" if error.problem_mark else str(path)
         raise BadInput(f"this is not YAML: {error.problem}", where=line) from error
@@ -99,7 +101,8 @@ def _plain(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], in
 
 def _told(error: ValidationError, model: type[BaseModel], document: Document) -> BadInput:
     """The first of pydantic's complaints, in our words."""
-    complaints = error.errors()
+    # A misspelt key is told before the key that it leaves missing: it is what the user can see.
+    complaints = sorted(error.errors(), key=lambda complaint: complaint["type"] != "extra_forbidden")
     first = complaints[0]
     more = f"({len(complaints) - 1} more after this one)" if len(complaints) > 1 else ""
     keys = first["loc"]

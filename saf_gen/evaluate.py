@@ -17,7 +17,7 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.measures import get_measure
 from saf_gen.methods import DEFAULT_METHODS, Method, parse_method
 from saf_gen.parts import Answer, Measure, Search
-from saf_gen.region import target_box
+from saf_gen.region import Region, target_box
 from saf_gen.scores import Record, judge
 from saf_gen.stream import SpikeStream, open_stream
 
@@ -170,7 +170,7 @@ def _jobs(path: Path, split: str | None) -> list[_Job]:
     ]
 
 
-def _box(stream: SpikeStream, region: str) -> tuple[tuple[slice, slice] | None, str]:
+def _box(stream: SpikeStream, region: str) -> tuple[Region | None, str]:
     target = stream.truth.target
     if region == "target" and target is not None and np.any(target):
         return target_box(target), "target"

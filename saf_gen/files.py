@@ -8,7 +8,7 @@ from pathlib import Path
 
 from saf_gen.errors import BadInput
 
-__all__ = ["replaced", "unwritable"]
+__all__ = ["clear_abandoned", "replaced", "unwritable"]
 
 
 @contextmanager
@@ -41,3 +41,24 @@ def unwritable(path: Path, error: OSError) -> BadInput:
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     hint = "free space and run the same command again: it goes on" if full else "choose another folder"
     return BadInput(f"{path} cannot be written: {reason}", hint=hint)
+
+
+def clear_abandoned(folder: Path) -> None:
+    """Remove the temporaries below ``folder`` whose process, on this machine, is no more.
+
+    Not for a folder to which other machines write at the same time: their processes are unknown here.
+    """
+    for part in folder.rglob(".*.part"):
+        pid = part.name.split(".")[-2]
+        if pid.isdecimal() and not _runs(int(pid)):
+            part.unlink(missing_ok=True)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True  # somebody else's process: it lives
+    return True

@@ -17,7 +17,8 @@ from saf_gen.camera import Sensor, get_sensor
 from saf_gen.card import write_card
 from saf_gen.cluster import Tell, run_jobs
 from saf_gen.dataset import Manifest, SequenceEntry, read_manifest, write_manifest
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, unknown
+from saf_gen.files import clear_abandoned
 from saf_gen.focal_stack import StackSpec, StackStore
 from saf_gen.host import cores
 from saf_gen.jobs import RecordJob, RenderJob
@@ -30,6 +31,7 @@ from saf_gen.stream import open_stream
 
 __all__ = ["Outcome", "Work", "generate", "prepare"]
 
+VARIANTS = ("auto", "cuda", "llvm", "scalar")
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "h5py", "isal", "OpenEXR")
 STACK_BYTES, STREAM_BITS = 4, 0.4  # a value of a stack; a pixel and frame of a stream, on the safe side
 # Two cores of 2.8 GHz with LLVM: paths traced and splatted, pixel·frames encoded, stored and verified.
@@ -119,11 +121,15 @@ def generate(
 
     Raises BadInput before anything is made; what fails on the way is in the outcome.
     """
+    if variant not in VARIANTS:
+        raise unknown("variant", variant, VARIANTS)
     folder = (Path(folder) if folder is not None else Path("datasets") / work.recipe.name).resolve()
-    _check_folder(work, folder)
     stacks = folder / "stacks"
     to_render = work.stacks_missing(folder)
     chosen = _variant(variant) if to_render else variant
+    _check_folder(work, folder)
+    if cluster is None and len(work.sequences) == len(make_plan(work.recipe)):
+        clear_abandoned(folder)  # a shard or a cluster has neighbours at work in the folder
     render_jobs = [RenderJob(work.scenes[s], work.specs[s], stacks, chosen, cores()) for s in to_render]
     rendered: list[str] = []
     failed: dict[str, str] = {}

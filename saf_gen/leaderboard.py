@@ -1,7 +1,7 @@
 """Records into a ranking, and the files that tell it.
 
 Methods rank by success within one depth of focus. Success and cost are averaged over scenes (each scene's
-light schedules first), so that a scene with many sequences weighs no more than another; the errors are medians
+light schedules first), so that a scene with many sequences weighs no more than another; errors are medians
 over all sequences. Equal success shares a rank.
 """
 
@@ -265,7 +265,11 @@ def _median(errors: Iterable[float | None]) -> float | None:
 
 
 def _legend(shown: Sequence[Column], failures: Sequence[Failure]) -> str:
-    lines = [f"- **{c.header}**: {c.meaning}" for c in shown]
+    lines = [
+        "Success and cost are averaged over each scene's lights, then over scenes; errors are medians.",
+        "",
+        *(f"- **{c.header}**: {c.meaning}" for c in shown),
+    ]
     if failures:
         lines += ["", "Not read:", "", *(f"- `{f.sequence}`: {f.problem}" for f in failures)]
     return "\n".join(lines) + "\n"

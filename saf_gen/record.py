@@ -85,7 +85,11 @@ class Recorder:
         shape = (self.sensor.rows, self.sensor.columns)
         encoder = Encoder(self.sensor, shape, sequence.seed, device_seed=self.device_seed, threads=threads)
         with StreamWriter(
-            path, shape=(self.frames, *shape), readout_hz=self.sensor.readout_hz, metadata=metadata
+            path,
+            shape=(self.frames, *shape),
+            readout_hz=self.sensor.readout_hz,
+            metadata=metadata,
+            threads=threads,
         ) as writer:
             for begin in range(0, self.frames, BLOCK_FRAMES):
                 block = slice(begin, begin + BLOCK_FRAMES)

@@ -210,7 +210,7 @@ class Slabs:
         elif len(self._kept) >= max(3, _KEPT // (self.chunk[2] * self.shape[0] * self.shape[1])):
             planes, filling = self._kept.popitem(last=False)[1]
             wait(filling.values())
-            self._kept[start] = planes, {}  # memory is used again: fresh pages cost as much as inflating
+            self._kept[start] = planes, {}  # memory is used again: fresh pages cost time
         else:
             self._kept[start] = np.empty((self.chunk[2], *self.shape[:2]), np.uint8), {}
         planes, filling = self._kept[start]

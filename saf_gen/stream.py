@@ -260,6 +260,7 @@ class SpikeStream:
     ``path``; ``shape`` (T, H, W); ``readout_hz`` in 1/s; ``content_sha256`` as stored; ``metadata``, and from
     it ``truth``, ``focus_position`` (None if absent), ``gain`` and ``light_names``. Frame t is the readout
     [t, t+1)/readout_hz. A region is (slice of rows, slice of columns), of step 1, inside the frame.
+    Spikes read once stay in memory, up to 1 GiB.
     """
 
     def __init__(self, path: Path, file: h5py.File, threads: int | None = None) -> None:

@@ -4,9 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from scipy.ndimage import sobel
+from test_searches import literal_egs, literal_sgfs
 
+from saf_gen import slabs
 from saf_gen.errors import BadInput
-from saf_gen.interop import LAYOUTS, export_file, import_file
+from saf_gen.evaluate import evaluate
+from saf_gen.interop import LAYOUTS, export_file, import_file, raw_frames
 from saf_gen.stream import open_stream, write_stream
 
 
@@ -133,3 +137,64 @@ def test_a_stream_of_another_size_is_not_exported(tmp_path):
     with pytest.raises(BadInput, match=r"cannot be written: (Not a directory|File exists)"):
         export_file(tmp_path / "a.h5", tmp_path / "file" / "a.dat")
     assert not (tmp_path / "a.dat").exists()
+
+
+def test_a_file_is_not_written_over_itself(tmp_path):
+    raw = raw_file(tmp_path / "a.dat", "416", 2)
+    (tmp_path / "link.dat").symlink_to(tmp_path / "a.dat")
+    with pytest.raises(BadInput, match=r"a\.dat: would be written over itself; choose another name"):
+        import_file(tmp_path / "a.dat", tmp_path / "link.dat")
+    assert (tmp_path / "a.dat").read_bytes() == raw
+    import_file(tmp_path / "a.dat", tmp_path / "a.h5")
+    with pytest.raises(BadInput, match=r"a\.h5: would be written over itself"):
+        export_file(tmp_path / "a.h5", tmp_path / "a.h5")
+
+
+# -- from a foreign file to an answer --------------------------------------------------------------------
+
+
+def tiles_in_full(c):
+    tiles = c[:248].reshape(62, 4, 100, 4).transpose(0, 2, 1, 3)
+    v, full = (1, 1, -1, -1), np.zeros((62, 100, 7, 7), np.int64)
+    for i, j in np.ndindex(4, 4):
+        full[:, :, i : i + 4, j : j + 4] += v[i] * v[j] * tiles
+    return (full**2).sum()
+
+
+LITERAL_MEASURES = {
+    "sd_code": lambda c: ((c - c.mean()) ** 2).sum() / c.mean() ** 2,
+    "er_sumsq": lambda c: (c**2).sum(),
+    "gradient_code": lambda c: np.hypot(
+        *(sobel(c.astype(float), axis=i, mode="nearest") for i in (0, 1))
+    ).sum(),
+    "mfdct_code": tiles_in_full,
+}
+
+
+class LiteralView:
+    """Windows of a ``416`` file, read without saf_gen: rows of 50 bytes and 2 that are skipped."""
+
+    def __init__(self, path, measure):
+        rows = np.fromfile(path, np.uint8).reshape(-1, 250, 52)
+        self.spikes = np.unpackbits(rows[:, :, :50], axis=2, bitorder="little")
+        self.frames, self.measure = len(rows), measure
+
+    def score(self, first, stop):
+        return self.measure(self.spikes[first:stop].sum(axis=0, dtype=np.uint16).astype(np.int64))
+
+
+@pytest.mark.parametrize("measure", LITERAL_MEASURES)
+def test_a_foreign_file_is_searched_as_the_released_code_would_to_the_last_frame(
+    tmp_path, monkeypatch, measure
+):
+    monkeypatch.setattr(slabs, "SLAB", 20)  # many seams in a short file
+    monkeypatch.setattr(raw_frames, "_FRAMES", 240)
+    raw_file(tmp_path / "a.dat", "416", 403)
+    import_file(tmp_path / "a.dat", tmp_path / "a.h5")
+    egs, sgfs = evaluate(
+        tmp_path / "a.h5", methods=[f"{measure}+egs_code", f"{measure}+sgfs_code:dt=20"]
+    ).records
+    view = LiteralView(tmp_path / "a.dat", LITERAL_MEASURES[measure])
+    assert list(egs.trace) == literal_egs(view, 1, 403)
+    assert list(sgfs.trace) == literal_sgfs(view, 20)
+    assert (egs.frame, sgfs.frame) == (egs.trace[-1] - 1, sgfs.trace[-1] - 1)

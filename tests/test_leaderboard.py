@@ -117,6 +117,19 @@ def test_scenes_weigh_the_same_however_many_sequences_they_have():
     assert rows[0].success_1dof == pytest.approx(0.5)
 
 
+def test_costs_weigh_scenes_and_lights_as_success_does():
+    rows = table(
+        [
+            *(record("m+s", f"a{i}", 0.0, scene="a", seconds=1.0, frames_seen=200) for i in range(3)),
+            record("m+s", "a9", 0.0, scene="a", light="ramp", seconds=3.0, frames_seen=400, lens_travel=0.5),
+            record("m+s", "b0", 0.0, scene="b", seconds=6.0, frames_seen=800),
+        ]
+    )
+    assert rows[0].seconds == pytest.approx(((1 + 3) / 2 + 6) / 2)
+    assert rows[0].frames_seen == pytest.approx(((0.25 + 0.5) / 2 + 1) / 2)
+    assert rows[0].lens_travel == pytest.approx(((1.5 + 0.5) / 2 + 1.5) / 2)
+
+
 def test_lights_of_a_scene_weigh_the_same_however_many_repeats_they_have():
     rows = table(
         [

@@ -93,15 +93,32 @@ def test_a_sweep_of_windows_equals_slicing(tmp_path, monkeypatch):
             assert np.array_equal(stream.counts(a, a + 50), frames[a : a + 50].sum(axis=0))
 
 
+def chunks_read(stream, monkeypatch):
+    """The chunks that a stream reads from now on: (first row, first byte)."""
+    seen, read = [], stream._slabs._read
+    monkeypatch.setattr(
+        stream._slabs, "_read", lambda top, start: seen.append((top, start)) or read(top, start)
+    )
+    return seen
+
+
+def test_a_stream_that_fits_in_memory_is_inflated_once(tmp_path, monkeypatch):
+    small_slabs(monkeypatch)
+    write_stream(tmp_path / "a.h5", random_frames(640))
+    for kept, most in ((10 * 6 * 9 * 8, 30), (0, 60)):
+        monkeypatch.setattr(slabs, "_KEPT", kept)
+        with open_stream(tmp_path / "a.h5") as stream:
+            seen = chunks_read(stream, monkeypatch)
+            for _ in range(2):
+                stream.counts(0, 640)
+            assert len(seen) == most
+
+
 def test_a_region_leaves_other_chunks_alone(tmp_path, monkeypatch):
     small_slabs(monkeypatch)
     write_stream(tmp_path / "a.h5", random_frames(640))
     with open_stream(tmp_path / "a.h5") as stream:
-        seen = []
-        read = stream._slabs._read
-        monkeypatch.setattr(
-            stream._slabs, "_read", lambda top, start: seen.append((top, start)) or read(top, start)
-        )
+        seen = chunks_read(stream, monkeypatch)
         stream.counts(130, 140)
         assert set(seen) == {(0, 16), (2, 16), (4, 16)}
         seen.clear()

@@ -57,6 +57,11 @@ def _layout(name: str) -> Layout:
     return LAYOUTS[name]
 
 
+def _check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
+    if Path(out).exists() and Path(out).samefile(source):
+        raise BadInput("would be written over itself", where=str(source), hint="choose another name to write")
+
+
 def _frame_count(source: Path, layout: str, frames: int | None) -> int:
     try:
         size = source.stat().st_size
@@ -102,10 +107,11 @@ def import_file(
     ``frames`` takes the first so many (None: all); ``readout_hz`` in 1/s is not in the file; ``flip`` says
     that the bottom row comes first (None: as the layout usually has it). Memory does not grow with the file.
     Raises BadInput when the file's size is no whole number of frames, telling what would fit, and
-    when it holds fewer than ``frames``.
+    when it holds fewer than ``frames``; like :func:`export_file` it refuses to write over its source.
     """
     kind, path = _layout(layout), Path(source)
     total = _frame_count(path, layout, frames)
+    _check_apart(path, out)
     turned = kind.flip if flip is None else bool(flip)
     which = kind.pixel_bits(turned)
     how = {"file": path.name, "layout": layout, "flip": turned, "frames": total}
@@ -140,6 +146,7 @@ def export_file(
     kind = _layout(layout)
     which = kind.pixel_bits(kind.flip if flip is None else bool(flip))
     with open_stream(source) as stream:
+        _check_apart(source, out)
         total, rows, columns = stream.shape
         if (rows, columns) != (kind.rows, kind.columns):
             fitting = [n for n, of in LAYOUTS.items() if (of.rows, of.columns) == (rows, columns)]

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from saf_gen import seeds
 from saf_gen.focal_stack import StackSpec, StackStore
-from saf_gen.render import geometry, one_pass, thinlens, variant, world
+from saf_gen.render import _load, geometry, one_pass, thinlens, variant, world
 from saf_gen.render.film import Film
 from saf_gen.scene import Scene
 
-__all__ = ["render_missing"]
+__all__ = ["_load", "render_missing"]
 
 
 def render_missing(

@@ -43,9 +43,9 @@ class Probe:
 
 def probe() -> Probe:
     """Look for LLVM and CUDA; starts no kernel and cannot abort."""
-    found = tuple(int(n) for n in dr.detail.llvm_version())
-    llvm = (found[0], found[1], found[2]) if found[0] > 0 else None
-    return Probe(llvm, bool(dr.has_backend(dr.JitBackend.CUDA)))
+    major, minor, patch = (int(n) for n in dr.detail.llvm_version())
+    cuda = bool(dr.has_backend(dr.JitBackend.CUDA))
+    return Probe((major, minor, patch) if major > 0 else None, cuda)
 
 
 def choose(requested: str, machine: Probe) -> str:
