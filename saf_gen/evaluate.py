@@ -138,7 +138,7 @@ def score_curve(
     window that is not 1 to the frames of the stream.
     """
     frames = stream.shape[0]
-    if not 1 <= window <= frames:
+    if not (isinstance(window, int) and 1 <= window <= frames):
         raise BadInput(f"window {window}", allowed=f"1 to the stream's {frames} frames")
     if region not in REGIONS:
         raise unknown("region", region, REGIONS)

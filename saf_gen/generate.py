@@ -199,28 +199,26 @@ def _variant(requested: str) -> str:
 
 
 def _fingerprints(work: Work, stacks: Path) -> dict[str, str]:
-    """Digest of everything that decides a sequence's numbers, by id: an old file is never taken for it.
+    """The fingerprint of every sequence of the recipe whose focal stack is whole, by id."""
+    stores = {name: StackStore(stacks, spec) for name, spec in work.specs.items()}
+    digests = {name: store.digest() for name, store in stores.items() if not store.missing()}
+    planned = (s for s in make_plan(work.recipe) if s.scene in digests)
+    return {s.id: _fingerprint(work, s, digests[s.scene]) for s in planned}
 
-    A sequence whose focal stack is not whole has none.
-    """
+
+def _fingerprint(work: Work, sequence: Sequence, stack_digest: str) -> str:
+    """Digest of everything that decides a sequence's numbers: an old file is never taken for it."""
     sensor = asdict(work.sensor)
     del sensor["name"], sensor["sources"]  # words, not numbers
-    prints = {}
-    for name, spec in work.specs.items():
-        store = StackStore(stacks, spec)
-        if store.missing():
-            continue
-        decisive = {
-            "model": MODEL,
-            "stack": [spec.key, store.digest()],
-            "sensor": sensor,
-            "frames": work.recipe.camera.frames,
-            "seed": work.recipe.seed,
-        }
-        for sequence in (s for s in make_plan(work.recipe) if s.scene == name):
-            text = json.dumps([decisive, asdict(sequence)], sort_keys=True)
-            prints[sequence.id] = hashlib.sha256(text.encode()).hexdigest()
-    return prints
+    decisive = {
+        "model": MODEL,
+        "sequence": asdict(sequence),
+        "stack": [work.specs[sequence.scene].key, stack_digest],
+        "sensor": sensor,
+        "frames": work.recipe.camera.frames,
+        "seed": work.recipe.seed,
+    }
+    return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
 
 
 def _provenance(recipe: Recipe) -> dict[str, str]:

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -17,7 +18,7 @@ from small import SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.cli import main
-from saf_gen.dataset import read_manifest
+from saf_gen.dataset import read_manifest, write_manifest
 from saf_gen.files import replaced
 from saf_gen.methods import DEFAULT_METHODS
 from saf_gen.render import variant
@@ -604,6 +605,21 @@ def test_a_sequence_that_cannot_be_written_is_named_and_the_others_are_made(
     assert "record plane-constant-00 failed: " in one_line(code, err, expected=1)
     assert "0 sequences recorded, 2 kept from before" in out
     assert [s.id for s in read_manifest(copy).sequences] == ["plane-continuous-00", "plane-lamp_only-00"]
+
+
+def test_finished_sequences_stay_listed_where_their_stacks_are_gone(call, copy, small_recipe, test_scenes):
+    """Stacks are large, and deleted first; a render that then fails must not take the dataset with it."""
+    before = read_manifest(copy)
+    shutil.rmtree(copy / "stacks")
+    (copy / "stacks").write_text("in the way")
+    code, _, err = call("generate", small_recipe, "--out", copy)
+    assert "render plane failed: " in one_line(code, err, expected=1)
+    assert read_manifest(copy).sequences == before.sequences
+
+
+def test_a_dataset_without_sequences_is_one_line(refused, copy):
+    write_manifest(copy, replace(read_manifest(copy), sequences=()))
+    assert "saf-gen generate" in refused("evaluate", copy)
 
 
 # Pipes, and Ctrl-C

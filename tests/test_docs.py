@@ -263,7 +263,7 @@ def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
         path.write_text(yaml.safe_dump(recipe))
         work = making.prepare(path)
         stacks = {name: spec.key for name, spec in work.specs.items()}
-        return stacks, {s.id: making._fingerprint(work, s) for s in work.sequences}
+        return stacks, {s.id: making._fingerprint(work, s, stacks[s.scene]) for s in work.sequences}
 
     stacks, before = fingerprints(lambda recipe: None)
     rows = table("docs/generate.md", "you change")

@@ -51,7 +51,8 @@ def test_a_good_document_becomes_a_frozen_value_that_knows_its_lines(tmp_path):
         ),
         (
             "name: x\ninner: {size: 3}\nmany:\n  a:\n    sise: 1\n",
-            "doc.yaml:4: the key 'many.a.size' is missing; (1 more after this one)",
+            "doc.yaml:5: unknown key 'sise' in many.a; allowed: size, kind; did you mean 'size'?; (1 more "
+            "after this one)",
         ),
         ("name: x\ninner: {size: 12}\n", "doc.yaml:2: inner.size is 12; allowed: less than or equal to 9"),
         (
