@@ -1,9 +1,11 @@
 """The command line: parses, calls, prints. The one place that prints, and the one door to typer."""
 
+import json
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -313,6 +315,28 @@ def recipes_check(recipe: Annotated[Path, typer.Argument(help="A recipe.")]) -> 
 
     work = prepare(recipe)
     out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}")
+
+
+@app.command()
+def bench(
+    names: Annotated[list[str] | None, typer.Argument(help="stream, stack; all where none is named.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Figures as JSON.")] = False,
+) -> None:
+    """Measure speed, size and memory at full size, each figure with its target (a few minutes)."""
+    from saf_gen.bench import Size, run
+
+    figures = run(names or [], Size(), progress=lambda name: err.print(f"bench {name}"))
+    if as_json:
+        out.file.write(
+            json.dumps([asdict(figure) for figure in figures], indent=1, ensure_ascii=False) + "\n"
+        )
+        return
+    table = Table("bench", "what", "measured", "unit", "target", "met")
+    marks = {True: "yes", False: "no", None: ""}
+    for f in figures:
+        target = "" if f.target is None else f"{'≤' if f.at_most else '≥'} {f.target:g}"
+        table.add_row(f.bench, f.what, f"{f.value:.3g}", f.unit, target, marks[f.met])
+    out.print(table)
 
 
 @app.command()

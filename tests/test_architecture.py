@@ -18,7 +18,7 @@ FLOORS = (
     ("camera", "camera"),
     ("contract", "bits slabs metadata stream dataset"),
     ("work", "cluster record jobs card preview generate methods rig scores evaluate measures searches"),
-    ("publication", "leaderboard figures report interop inspection machine cli __main__"),
+    ("publication", "leaderboard figures report interop inspection machine bench cli __main__"),
 )
 FLOOR = {name: i for i, (_, names) in enumerate(FLOORS) for name in names.split()}
 GENERATE = {"cluster", "record", "jobs", "card", "preview", "generate"}
