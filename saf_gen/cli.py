@@ -20,7 +20,7 @@ import saf_gen
 from saf_gen.errors import BadInput, SafGenError
 
 if TYPE_CHECKING:
-    from saf_gen.generate import Work
+    from saf_gen.work import Work
 
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
@@ -90,9 +90,10 @@ def generate(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.")] = False,
 ) -> None:
     """Make a dataset from a recipe, or go on with one that was stopped."""
-    from saf_gen import generate as making
+    from saf_gen.generate import generate as make
+    from saf_gen.work import prepare
 
-    work = making.prepare(recipe, part=_shard(shard))
+    work = prepare(recipe, part=_shard(shard))
     target = folder or Path("datasets") / work.recipe.name
     if dry_run:
         _print_plan(work, target)
@@ -109,7 +110,7 @@ def generate(
                 told.add(name)  # a log file has no bars: a line for each piece that is done
                 err.print(f"done: {name}")
 
-        outcome = making.generate(work, target, workers=workers, variant=variant, cluster=cluster, tell=tell)
+        outcome = make(work, target, workers=workers, variant=variant, cluster=cluster, tell=tell)
     out.print(
         f"{len(outcome.recorded)} sequences recorded, {len(outcome.kept)} kept from before, "
         f"{len(outcome.rendered)} pieces of focal stacks rendered"
@@ -311,7 +312,7 @@ def scenes_list() -> None:
 @recipes_app.command("check")
 def recipes_check(recipe: Annotated[Path, typer.Argument(help="A recipe.")]) -> None:
     """Check a recipe and all that it names, without making anything."""
-    from saf_gen.generate import prepare
+    from saf_gen.work import prepare
 
     work = prepare(recipe)
     out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}")

@@ -17,11 +17,11 @@ FLOORS = (
     ("world", "optics scene lights render exr focal_stack"),
     ("camera", "camera"),
     ("contract", "bits slabs metadata stream dataset"),
-    ("work", "cluster record jobs card preview generate methods rig scores evaluate measures searches"),
+    ("work", "cluster record jobs card preview work generate methods rig scores evaluate measures searches"),
     ("publication", "leaderboard figures report interop inspection machine bench cli __main__"),
 )
 FLOOR = {name: i for i, (_, names) in enumerate(FLOORS) for name in names.split()}
-GENERATE = {"cluster", "record", "jobs", "card", "preview", "generate"}
+GENERATE = {"cluster", "record", "jobs", "card", "preview", "work", "generate"}
 EVALUATE = {"methods", "rig", "scores", "evaluate", "measures", "searches"}
 DOORS = {
     "mitsuba": {"render"},

@@ -27,8 +27,8 @@ import yaml
 from pydantic import BaseModel
 from small import HERE
 
-from saf_gen import generate as making
 from saf_gen import registry
+from saf_gen import work as work_room
 from saf_gen.cli import app
 from saf_gen.lights import readout_gains
 from saf_gen.recipe import Recipe, read_recipe
@@ -261,9 +261,9 @@ def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
         apply(recipe)
         path = tmp_path / "recipe.yaml"
         path.write_text(yaml.safe_dump(recipe))
-        work = making.prepare(path)
+        work = work_room.prepare(path)
         stacks = {name: spec.key for name, spec in work.specs.items()}
-        return stacks, {s.id: making._fingerprint(work, s, stacks[s.scene]) for s in work.sequences}
+        return stacks, {s.id: work_room.fingerprint(work, s, stacks[s.scene]) for s in work.sequences}
 
     stacks, before = fingerprints(lambda recipe: None)
     rows = table("docs/generate.md", "you change")

@@ -20,9 +20,10 @@ from saf_gen.dataset import read_manifest
 from saf_gen.errors import BadInput
 from saf_gen.exr import read_planes
 from saf_gen.focal_stack import StackStore
-from saf_gen.generate import generate, prepare
+from saf_gen.generate import generate
 from saf_gen.record import group_gains
 from saf_gen.render import variant
+from saf_gen.work import prepare
 
 VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
 
