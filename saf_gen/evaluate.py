@@ -161,6 +161,10 @@ def _jobs(path: Path, split: str | None) -> list[_Job]:
             raise BadInput(f"split {split!r} of the single stream {str(path)!r}", allowed="no split")
         return [_Job(path.stem, None, path.stem, None, path, None)]
     entries = read_manifest(path).sequences
+    if not entries:
+        raise BadInput(
+            f"{path} holds no finished sequence", hint="run saf-gen generate with its recipe again"
+        )
     if split is not None and split not in {entry.split for entry in entries}:
         raise unknown("split", split, {entry.split for entry in entries}, where=str(path))
     return [

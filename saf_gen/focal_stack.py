@@ -58,6 +58,8 @@ class FocalStack:
     depth: np.ndarray
     target: np.ndarray
     variant: str
+    digest: str = ""
+    """Of the stored pieces; '' for a stack that was never stored."""
 
 
 class StackStore:
@@ -111,7 +113,9 @@ class StackStore:
                 radiance[g, k] = planes[f"focus.{k:04d}"]
         planes, _ = exr.read_planes(self.folder / "geometry.exr")
         variant = ", ".join(sorted(self.variants()))
-        return FocalStack(self.spec, radiance, planes["depth"], planes["target"] > 0.5, variant)
+        return FocalStack(
+            self.spec, radiance, planes["depth"], planes["target"] > 0.5, variant, self.digest()
+        )
 
     def _note(self, name: str) -> dict[str, object]:
         try:

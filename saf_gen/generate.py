@@ -25,7 +25,7 @@ from saf_gen.preview import write_preview
 from saf_gen.recipe import Recipe
 from saf_gen.record import Recorder
 from saf_gen.stream import open_stream
-from saf_gen.work import Work, fingerprints
+from saf_gen.work import Work, fingerprint, stack_digests
 
 __all__ = ["Outcome", "generate"]
 
@@ -79,7 +79,7 @@ def generate(
             failed[job.name] = error
         else:
             rendered += [f"{job.scene.id} · {piece}" for piece in pieces]
-    prints = fingerprints(work, stacks)
+    digests = stack_digests(work, stacks)
     recorder = Recorder(
         sensor=work.sensor,
         frames=work.recipe.camera.frames,
@@ -88,9 +88,17 @@ def generate(
     )
     threads = max(1, cores() // workers)
     record_jobs = [
-        RecordJob(recorder, s, work.specs[s.scene], stacks, folder / s.file, prints[s.id], threads)
+        RecordJob(
+            recorder,
+            s,
+            work.specs[s.scene],
+            stacks,
+            folder / s.file,
+            fingerprint(work, s, digests[s.scene]),
+            threads,
+        )
         for s in work.sequences
-        if s.id in prints
+        if s.scene in digests
     ]
     recorded: list[str] = []
     kept: list[str] = []
@@ -160,8 +168,8 @@ def _list(work: Work, folder: Path) -> Manifest:
     Read from the files themselves: nothing is listed that this recipe would make otherwise, and shards that
     end at the same time cannot lose each other's.
     """
-    prints = fingerprints(work, folder / "stacks")
-    entries = (_entry(work, folder, s, prints[s.id]) for s in make_plan(work.recipe) if s.id in prints)
+    digests = stack_digests(work, folder / "stacks")
+    entries = (_entry(work, folder, s, digests.get(s.scene)) for s in make_plan(work.recipe))
     variants = set().union(*(StackStore(folder / "stacks", spec).variants() for spec in work.specs.values()))
     manifest = Manifest(
         name=work.recipe.name,
@@ -174,14 +182,18 @@ def _list(work: Work, folder: Path) -> Manifest:
     return manifest
 
 
-def _entry(work: Work, folder: Path, sequence: Sequence, fingerprint: str) -> SequenceEntry | None:
-    """The sequence's line in the manifest; None where its file is missing, cut, or of another recipe."""
+def _entry(work: Work, folder: Path, sequence: Sequence, stack: str | None) -> SequenceEntry | None:
+    """The sequence's line in the manifest; None where its file is missing, cut, or of another recipe.
+
+    ``stack`` is the digest of its focal stack; where that has been deleted (None) the file's own word counts.
+    """
     try:
         with open_stream(folder / sequence.file) as stream:
-            if stream.metadata.provenance.get("fingerprint") != fingerprint:
-                return None
-            digest = stream.content_sha256
+            said, content = stream.metadata.provenance, stream.content_sha256
     except BadInput:
+        return None
+    wanted = fingerprint(work, sequence, said.get("stack_digest", "") if stack is None else stack)
+    if said.get("fingerprint") != wanted:
         return None
     return SequenceEntry(
         id=sequence.id,
@@ -192,6 +204,6 @@ def _entry(work: Work, folder: Path, sequence: Sequence, fingerprint: str) -> Se
         seed=sequence.seed,
         file=sequence.file,
         frames=work.recipe.camera.frames,
-        fingerprint=fingerprint,
-        content_sha256=digest,
+        fingerprint=wanted,
+        content_sha256=content,
     )

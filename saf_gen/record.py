@@ -74,6 +74,7 @@ class Recorder:
                 "fingerprint": fingerprint,
                 "sequence": json.dumps(asdict(sequence), indent=1),
                 "stack": stack.spec.key,
+                "stack_digest": stack.digest,
                 "variant": stack.variant,
             },
         )

@@ -16,7 +16,7 @@ from saf_gen.recipe import Recipe, read_recipe
 from saf_gen.record import MODEL, group_gains
 from saf_gen.scene import Scene, find_scene
 
-__all__ = ["Work", "fingerprint", "fingerprints", "prepare"]
+__all__ = ["Work", "fingerprint", "prepare", "stack_digests"]
 
 STACK_BYTES, STREAM_BITS = 4, 0.4  # a value of a stack; a pixel and frame of a stream, on the safe side
 # Two cores of 2.8 GHz with LLVM: paths traced and splatted, pixel·frames encoded, stored and verified.
@@ -106,12 +106,10 @@ def _spec(recipe: Recipe, scene: Scene, sensor: Sensor) -> StackSpec:
     )
 
 
-def fingerprints(work: Work, stacks: Path) -> dict[str, str]:
-    """The fingerprint of every sequence of the recipe whose focal stack is whole, by id."""
+def stack_digests(work: Work, stacks: Path) -> dict[str, str]:
+    """The digest of every focal stack of the recipe that is whole, by scene."""
     stores = {name: StackStore(stacks, spec) for name, spec in work.specs.items()}
-    digests = {name: store.digest() for name, store in stores.items() if not store.missing()}
-    planned = (s for s in make_plan(work.recipe) if s.scene in digests)
-    return {s.id: fingerprint(work, s, digests[s.scene]) for s in planned}
+    return {name: store.digest() for name, store in stores.items() if not store.missing()}
 
 
 def fingerprint(work: Work, sequence: Sequence, stack_digest: str) -> str:
