@@ -18,6 +18,7 @@ from rich.text import Text
 
 import saf_gen
 from saf_gen.errors import BadInput, SafGenError
+from saf_gen.host import uninterrupted
 
 if TYPE_CHECKING:
     from saf_gen.work import Work
@@ -58,6 +59,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
     except (SystemExit, BrokenPipeError):  # so typer leaves when a pipe closes: `| head` has its lines
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # python flushes while it exits
         code = 0
+    except OSError as error:  # a disk or a terminal that went away
+        code = _fail(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
     sys.exit(code or 0)
 
 
@@ -70,7 +73,7 @@ def _fail(line: str, code: int) -> int:
 def _bars() -> Iterator[Progress]:
     """Progress bars with the time left, on stderr so that stdout stays clean for pipes."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(elapsed_when_finished=True),
@@ -90,8 +93,9 @@ def generate(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.")] = False,
 ) -> None:
     """Make a dataset from a recipe, or go on with one that was stopped."""
-    from saf_gen.generate import generate as make
-    from saf_gen.work import prepare
+    with uninterrupted():
+        from saf_gen.generate import generate as make
+        from saf_gen.work import prepare
 
     work = prepare(recipe, part=_shard(shard))
     target = folder or Path("datasets") / work.recipe.name
@@ -158,12 +162,14 @@ def evaluate(
 ) -> None:
     """Run focus methods over recordings, rank them, draw their curves."""
     from saf_gen.evaluate import evaluate as run
+    from saf_gen.files import check_writable
     from saf_gen.leaderboard import columns, table, write_files
     from saf_gen.report import write_report
 
     if track != "recorded":
         raise BadInput(f"unknown track {track!r}", allowed="recorded")
     target = folder or _beside(source)
+    check_writable(target)
     with _bars() as bars:
         task = bars.add_task("evaluate", total=1)
 
@@ -174,6 +180,8 @@ def evaluate(
     rows = table(result.records)
     # A narrow terminal gets the columns that rank; the files have them all.
     shown = [column for column in columns(rows) if out.width >= 150 or not column.minor]
+    if out.width < 75:
+        shown = [c for c in shown if c.name in ("rank", "method", "success_1dof", "median_error_dof")]
     board = Table(title=f"{source}: {len(result.sweeps)} sequences, region {region}")
     for column in shown:
         board.add_column(column.header, justify=column.justify, no_wrap=column.name == "method")

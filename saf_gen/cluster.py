@@ -7,7 +7,6 @@ runs twice, or a worker that dies, does no harm. Small values come back.
 import multiprocessing
 import multiprocessing.connection
 import os
-import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -15,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Protocol
 
 from saf_gen.errors import BadInput, SafGenError
+from saf_gen.host import uninterrupted
 
 __all__ = ["Done", "Job", "Tell", "run_jobs"]
 
@@ -49,10 +49,9 @@ _queue: Any = None
 
 
 def _start(queue: Any) -> None:
-    """Set a worker up: it reports to the queue, leaves Ctrl-C to its parent, and ends when that ends."""
+    """Set a worker up: it reports to the queue, and ends when its parent ends."""
     global _queue
     _queue = queue
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
@@ -84,8 +83,10 @@ def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell) -> Iterator[Done]:
     # Spawned, never forked: Mitsuba's and numba's threads do not survive a fork.
     context = multiprocessing.get_context("spawn")
     queue = context.SimpleQueue()
+    others = set(multiprocessing.active_children())  # of a program that calls us, not ours to end
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=(queue,)) as pool:
-        waiting: dict[Future[Any], Job] = {pool.submit(_run, job): job for job in jobs}
+        with uninterrupted():  # workers start here; one interrupted while it loads would print a traceback
+            waiting: dict[Future[Any], Job] = {pool.submit(_run, job): job for job in jobs}
         try:
             while waiting:
                 ended, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
@@ -96,7 +97,7 @@ def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell) -> Iterator[Done]:
                     yield (job, *_outcome(future))
         except (KeyboardInterrupt, GeneratorExit):
             # Jobs are safe to end in the middle; waiting for a render to finish could take minutes.
-            for process in multiprocessing.active_children():
+            for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
             pool.shutdown(wait=True, cancel_futures=True)
             raise

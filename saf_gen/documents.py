@@ -134,7 +134,9 @@ def _told(error: ValidationError, model: type[BaseModel], document: Document) ->
 
 
 def _expectation(complaint: ErrorDetails) -> str:
-    text = complaint["msg"]
+    if complaint["type"] == "string_pattern_mismatch":
+        return "lower-case letters, digits, - and _, a letter or digit first"
+    text = complaint["msg"].split(", unable to")[0]
     for prefix in ("Input should be ", "Value error, "):
         text = text.removeprefix(prefix)
     return text

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from saf_gen.errors import BadInput
 
-__all__ = ["clear_abandoned", "replaced", "unwritable"]
+__all__ = ["check_writable", "clear_abandoned", "replaced", "unwritable"]
 
 
 @contextmanager
@@ -33,6 +33,15 @@ def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # gone already, or its folder never was one
             part.unlink(missing_ok=True)
+
+
+def check_writable(folder: Path) -> None:
+    """Raise BadInput where ``folder`` could not be made or written to; makes nothing."""
+    there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    if not there.is_dir():
+        raise unwritable(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))
+    if not os.access(there, os.W_OK):
+        raise unwritable(folder, PermissionError(errno.EACCES, "", str(there)))
 
 
 def unwritable(path: Path, error: OSError) -> BadInput:

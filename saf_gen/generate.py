@@ -18,7 +18,7 @@ from saf_gen.dataset import Manifest, SequenceEntry, read_manifest, write_manife
 from saf_gen.errors import BadInput, unknown
 from saf_gen.files import clear_abandoned
 from saf_gen.focal_stack import StackStore
-from saf_gen.host import cores
+from saf_gen.host import cores, uninterrupted
 from saf_gen.jobs import RecordJob, RenderJob
 from saf_gen.plan import Sequence, make_plan, recipe_fingerprint
 from saf_gen.preview import write_preview
@@ -113,7 +113,8 @@ def generate(
 
 
 def _variant(requested: str) -> str:
-    from saf_gen.render import variant  # loads Mitsuba: only where something must be rendered
+    with uninterrupted():
+        from saf_gen.render import variant  # loads Mitsuba: only where something must be rendered
 
     return variant.choose(requested, variant.probe())
 
@@ -148,7 +149,7 @@ def _check_folder(work: Work, folder: Path) -> None:
     needed, free = work.bytes_expected(folder), shutil.disk_usage(folder).free
     if needed > free:
         raise BadInput(
-            f"the dataset needs about {needed / 1e9:.1f} GB in {folder}, {free / 1e9:.1f} GB are free",
+            f"the dataset needs about {needed / 1e6:,.0f} MB in {folder}, {free / 1e6:,.0f} MB are free",
             hint="free some, or give another folder with --out",
         )
 

@@ -64,7 +64,12 @@ def prepare(recipe_path: str | Path, *, part: tuple[int, int] = (1, 1)) -> Work:
     """
     recipe = read_recipe(recipe_path)
     sensor = _sensor(recipe)
-    scenes = {name: find_scene(name) for split in recipe.splits.values() for name in split.scenes}
+    scenes = {}
+    for name in (name for split in recipe.splits.values() for name in split.scenes):
+        try:
+            scenes[name] = find_scene(name)
+        except BadInput as error:
+            raise BadInput(str(error), where=str(recipe_path)) from error
     specs = {name: _spec(recipe, scene, sensor) for name, scene in scenes.items()}
     sequences = make_plan(recipe)
     for sequence in sequences:

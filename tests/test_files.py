@@ -3,7 +3,7 @@
 import pytest
 
 from saf_gen.errors import BadInput
-from saf_gen.files import replaced
+from saf_gen.files import check_writable, replaced
 
 
 def test_a_file_appears_when_it_is_whole(tmp_path):
@@ -35,3 +35,11 @@ def test_a_folder_in_the_way_is_told_in_one_line(tmp_path):
         replaced(tmp_path / "file" / "a.txt"),
     ):
         pass
+
+
+def test_a_folder_that_cannot_be_is_told_before_work_begins(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match=r"file/out cannot be written: Not a directory; choose another folder"):
+        check_writable(tmp_path / "file" / "out")
+    check_writable(tmp_path / "new" / "out")
+    assert not (tmp_path / "new").exists()

@@ -205,7 +205,7 @@ def test_the_folder_of_another_dataset_is_not_touched(work, made, small_recipe):
 def test_a_disk_too_small_is_told_before_anything_is_made(work, tmp_path, monkeypatch):
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(1, 1, 0))
-    with pytest.raises(BadInput, match=r"the dataset needs about .* GB in .*, 0.0 GB are free"):
+    with pytest.raises(BadInput, match=r"the dataset needs about .* MB in .*, 0 MB are free"):
         generate(work, tmp_path / "ds", variant=VARIANT)
     assert not list((tmp_path / "ds").iterdir())
 
