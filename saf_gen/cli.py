@@ -121,9 +121,9 @@ def generate(
     )
     out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
     for name, problem in outcome.failed.items():
-        _fail(f"{name} failed: {problem}", 1)
+        _fail(f"{name} failed: {problem}", outcome.exit_code)
     if outcome.failed:
-        raise typer.Exit(1)
+        raise typer.Exit(outcome.exit_code)
 
 
 def _shard(text: str) -> tuple[int, int]:

@@ -31,8 +31,8 @@ class Job(Protocol):
     def run(self, tell: Tell) -> Any: ...
 
 
-Done = tuple[Any, Any, str]
-"""(job, result, error): the error is '' where the job did well; the result is None where it did not."""
+Done = tuple[Any, Any, SafGenError | None]
+"""(job, result, error): the error is None where the job did well; the result is None where it did not."""
 
 
 def run_jobs(jobs: Sequence[Job], *, workers: int, tell: Tell, address: str | None = None) -> Iterator[Done]:
@@ -103,18 +103,20 @@ def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell) -> Iterator[Done]:
             raise
 
 
-def _outcome(future: Any) -> tuple[Any, str]:
-    """(result, ''), or (None, what went wrong): whatever a job raised is told, and the others go on."""
+def _outcome(future: Any) -> tuple[Any, SafGenError | None]:
+    """(result, None), or (None, what went wrong): whatever a job raised is told, and the others go on."""
     error = future.exception()
     if error is None:
-        return future.result(), ""
+        return future.result(), None
     if isinstance(error, SafGenError):
-        return None, str(error)
+        return None, error
     if isinstance(error, BrokenProcessPool):
-        return None, "its process died (killed, or out of memory?); run the same command again to go on"
-    if isinstance(error, MemoryError):
-        return None, "out of memory; run with fewer --workers"
-    return None, f"{type(error).__name__}: {error}"
+        told = "its process died (killed, or out of memory?); run the same command again to go on"
+    elif isinstance(error, MemoryError):
+        told = "out of memory; run with fewer --workers"
+    else:
+        told = f"{type(error).__name__}: {error}"
+    return None, SafGenError(told)
 
 
 def _on_dask(jobs: Sequence[Job], address: str | None, tell: Tell) -> Iterator[Done]:

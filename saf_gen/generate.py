@@ -15,7 +15,7 @@ from saf_gen import seeds
 from saf_gen.card import write_card
 from saf_gen.cluster import Tell, run_jobs
 from saf_gen.dataset import Manifest, SequenceEntry, read_manifest, write_manifest
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.files import clear_abandoned
 from saf_gen.focal_stack import StackStore
 from saf_gen.host import cores, uninterrupted
@@ -42,7 +42,15 @@ class Outcome:
     rendered: list[str]
     recorded: list[str]
     kept: list[str]
-    failed: dict[str, str]
+    failed: dict[str, SafGenError]
+
+    @property
+    def exit_code(self) -> int:
+        """0 all well; 1 some sequences failed; 2 nothing could be made, for bad input alone."""
+        if not self.failed:
+            return 0
+        bad_input = all(isinstance(error, BadInput) for error in self.failed.values())
+        return 2 if bad_input and not (self.recorded or self.kept) else 1
 
 
 def generate(
@@ -72,10 +80,10 @@ def generate(
         clear_abandoned(folder)  # a shard or a cluster has neighbours at work in the folder
     render_jobs = [RenderJob(work.scenes[s], work.specs[s], stacks, chosen, cores()) for s in to_render]
     rendered: list[str] = []
-    failed: dict[str, str] = {}
+    failed: dict[str, SafGenError] = {}
     # One scene at a time: a render takes every core by itself.
     for job, pieces, error in run_jobs(render_jobs, workers=1, tell=tell, address=cluster):
-        if error:
+        if error is not None:
             failed[job.name] = error
         else:
             rendered += [f"{job.scene.id} · {piece}" for piece in pieces]
@@ -103,7 +111,7 @@ def generate(
     recorded: list[str] = []
     kept: list[str] = []
     for job, result, error in run_jobs(record_jobs, workers=workers, tell=tell, address=cluster):
-        if error:
+        if error is not None:
             failed[job.name] = error
         else:
             (kept if result.kept else recorded).append(job.sequence.id)

@@ -613,7 +613,7 @@ def test_finished_sequences_stay_listed_where_their_stacks_are_gone(call, copy, 
     shutil.rmtree(copy / "stacks")
     (copy / "stacks").write_text("in the way")
     code, _, err = call("generate", small_recipe, "--out", copy)
-    assert "render plane failed: " in one_line(code, err, expected=1)
+    assert "render plane failed: " in one_line(code, err, expected=2)
     assert read_manifest(copy).sequences == before.sequences
 
 

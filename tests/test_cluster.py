@@ -75,7 +75,8 @@ class Sleeps:
 
 def done(jobs, **options):
     options = {"workers": 1, "tell": lambda name, done: None} | options
-    return {job.name: (result, error) for job, result, error in run_jobs(jobs, **options)}
+    ended = run_jobs(jobs, **options)
+    return {job.name: (result, "" if error is None else str(error)) for job, result, error in ended}
 
 
 def alive(pid):
@@ -130,6 +131,13 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
     assert results["raises MemoryError"][1] == "out of memory; run with fewer --workers"
     assert "division by zero" in results["raises ZeroDivisionError"][1]
     assert results["square 3"][0][0] == 9
+
+
+def test_bad_input_is_told_apart_from_other_failures():
+    jobs = [Raises(BadInput("gain -1")), Raises(ZeroDivisionError("division by zero"))]
+    errors = {job.name: error for job, _, error in run_jobs(jobs, workers=1, tell=lambda name, done: None)}
+    assert errors["raises BadInput"].exit_code == 2
+    assert errors["raises ZeroDivisionError"].exit_code == 1
 
 
 def test_a_job_whose_process_dies_is_named_with_what_to_do():

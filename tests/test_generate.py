@@ -219,7 +219,8 @@ def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(
     monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path / "scenes"))
     outcome = generate(prepare(small_recipe), tmp_path / "ds", variant=VARIANT)
     assert list(outcome.failed) == ["render plane"]
-    assert "ZeroDivisionError: division by zero" in outcome.failed["render plane"]
+    assert "ZeroDivisionError: division by zero" in str(outcome.failed["render plane"])
+    assert outcome.exit_code == 2
     assert outcome.manifest.sequences == ()
     assert not list((tmp_path / "ds").rglob("*.h5"))
 

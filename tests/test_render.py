@@ -1,5 +1,7 @@
 """The renderer against closed forms, and against Mitsuba's own thin lens."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -180,6 +182,14 @@ def test_a_target_out_of_sight_is_told(plane):
     lit, _, to_world, drive, film = loaded(plane)
     with pytest.raises(BadInput, match=r"the target \(lamp\) is not visible to the camera"):
         geometry.look(lit, to_world, drive, film, ("lamp",))
+
+
+@needs_llvm
+def test_a_target_that_the_lens_cannot_reach_is_told(plane):
+    lit, _, to_world, _, film = loaded(plane)
+    short = replace(plane.drive(), focus_range_m=(0.45, 0.42))
+    with pytest.raises(BadInput, match=r"is 0.5 m away, out of the lens's reach; allowed: 0.42 to 0.45 m"):
+        geometry.look(lit, to_world, short, film, ("plane",))
 
 
 def test_the_scalar_variant_renders_the_same_scene(plane, tmp_path):

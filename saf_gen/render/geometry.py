@@ -34,10 +34,17 @@ def look(
     The picture breathes as the lens moves, so the mask is taken where the target is in focus: once at the
     middle of the travel to learn its distance, then there.
 
-    Raises BadInput when no pixel sees the target.
+    Raises BadInput when no pixel sees the target, or no position of the lens focuses it.
     """
     geometry = _look_at(world, to_world, drive, film, target_shapes, 0.5)
-    best = float(np.clip(drive.truth(geometry.depth[geometry.target]), 0, 1))
+    best = drive.truth(geometry.depth[geometry.target])
+    if not 0 <= best <= 1:
+        near, far = sorted(drive.focus_range_m)
+        raise BadInput(
+            f"the target is {np.median(geometry.depth[geometry.target]):.4g} m away, out of the lens's reach",
+            allowed=f"{near:g} to {far:g} m (focus_range_m in scene.yaml)",
+            hint="move the target, or give the lens a longer travel",
+        )
     return _look_at(world, to_world, drive, film, target_shapes, best)
 
 
