@@ -74,7 +74,7 @@ def run(names: list[str], size: Size, *, progress: Callable[[str], None] = lambd
 def _stack(size: Size) -> Iterator[Figure]:
     """One pass for all positions against Mitsuba's thin lens, position after position."""
     from saf_gen.render import one_pass, thinlens, variant, world
-    from saf_gen.render.film import Film
+    from saf_gen.render.film import Film, Setup
     from saf_gen.scene import find_scene
 
     chosen = variant.choose("auto", variant.probe())
@@ -84,18 +84,18 @@ def _stack(size: Size) -> Iterator[Figure]:
     scene = find_scene("usaf_target")
     film = Film(size.rows, size.columns, get_sensor("vidar_400x250").pitch_m * 400 / size.columns)
     loaded, integrator = world.load(world.build(scene), scene.card.lights["lamp"], 6)
-    view = (loaded, integrator, world.camera_to_world(scene), scene.drive(), film)
+    setup = Setup(loaded, integrator, world.camera_to_world(scene), scene.drive(), film)
 
     def one_render(position: float) -> None:
-        thinlens.render_at(*view, position=position, samples=size.samples, seed=1)
+        thinlens.render_at(setup, position=position, samples=size.samples, seed=1)
 
     one_render(0.5)  # compiles
-    one_pass.render_stack(*view, positions=2, samples=1, seed=1)
+    one_pass.render_stack(setup, positions=2, samples=1, seed=1)
     apart = [_seconds(lambda p=position: one_render(p)) for position in (0.0, 0.5, 1.0)]  # type: ignore[misc]
     for positions, target in zip(size.positions, (45.0, 150.0), strict=False):
 
         def stack(positions: int = positions) -> None:
-            one_pass.render_stack(*view, positions=positions, samples=size.samples, seed=1)
+            one_pass.render_stack(setup, positions=positions, samples=size.samples, seed=1)
 
         together = _seconds(stack)
         what = f"{positions} positions, {size.samples} samples a pixel, {chosen}"

@@ -8,7 +8,7 @@ import pytest
 from saf_gen.errors import BadInput
 from saf_gen.focal_stack import StackSpec, StackStore
 from saf_gen.render import geometry, one_pass, render_missing, thinlens, variant, world
-from saf_gen.render.film import Film
+from saf_gen.render.film import Film, Setup
 from saf_gen.scene import find_scene
 
 FILM = Film(rows=40, columns=64, pitch_m=60e-6)
@@ -20,9 +20,9 @@ def plane(test_scenes):
     return find_scene("plane")
 
 
-def one_pass_stack(*scene, **options):
+def one_pass_stack(setup, **options):
     """The stack alone; none of these scenes has a firefly."""
-    stack, clipped = one_pass.render_stack(*scene, **options)
+    stack, clipped = one_pass.render_stack(setup, **options)
     assert clipped == 0
     return stack
 
@@ -30,7 +30,7 @@ def one_pass_stack(*scene, **options):
 def loaded(scene, burning=("lamp", "room"), name="llvm"):
     variant.use(name)
     lit, integrator = world.load(world.build(scene), burning, 3)
-    return lit, integrator, world.camera_to_world(scene), scene.drive(), FILM
+    return Setup(lit, integrator, world.camera_to_world(scene), scene.drive(), FILM)
 
 
 def edge_scene(folder, monkeypatch):
@@ -65,11 +65,11 @@ def test_one_pass_agrees_with_mitsubas_thin_lens_at_five_positions(plane):
     """
     scene = loaded(plane)
     repeats, positions = 12, np.linspace(0, 1, 5)
-    ours = np.array([one_pass_stack(*scene, positions=5, samples=64, seed=s) for s in range(repeats)])
+    ours = np.array([one_pass_stack(scene, positions=5, samples=64, seed=s) for s in range(repeats)])
     for k, position in enumerate(positions):
         theirs = np.array(
             [
-                thinlens.render_at(*scene, position=float(position), samples=64, seed=1000 + s)
+                thinlens.render_at(scene, position=float(position), samples=64, seed=1000 + s)
                 for s in range(repeats)
             ]
         )
@@ -84,7 +84,7 @@ def test_light_groups_alone_add_up_to_all_together(plane):
 
     def means(burning, first_seed):
         scene = loaded(plane, burning)
-        stacks = [one_pass_stack(*scene, positions=2, samples=64, seed=first_seed + s) for s in range(10)]
+        stacks = [one_pass_stack(scene, positions=2, samples=64, seed=first_seed + s) for s in range(10)]
         return np.array([float(s.mean()) for s in stacks])
 
     apart = means(("lamp",), 0) + means(("room",), 100)
@@ -97,8 +97,8 @@ def test_light_groups_alone_add_up_to_all_together(plane):
 @needs_llvm
 def test_the_truth_is_the_maximum_of_noise_free_sharpness_within_half_a_step(plane):
     scene = loaded(plane)
-    seen = geometry.look(*(scene[i] for i in (0, 2, 3, 4)), plane.card.target)
-    stack = one_pass_stack(*scene, positions=33, samples=256, seed=1).astype(np.float64)
+    seen = geometry.look(scene, plane.card.target)
+    stack = one_pass_stack(scene, positions=33, samples=256, seed=1).astype(np.float64)
     sharpness = stack.var(axis=(1, 2)) / stack.mean(axis=(1, 2)) ** 2
     k = int(sharpness.argmax())
     near = slice(k - 4, k + 5)
@@ -116,17 +116,15 @@ def test_an_edge_is_blurred_by_the_width_of_the_closed_form(tmp_path, monkeypatc
     """
     scene = edge_scene(tmp_path, monkeypatch)
     film = Film(rows=40, columns=160, pitch_m=5e-6)
-    lit, integrator, to_world, drive, _ = loaded(scene, ("glow",))
-    stack = one_pass_stack(lit, integrator, to_world, drive, film, positions=21, samples=400, seed=2).astype(
-        np.float64
-    )
+    setup = replace(loaded(scene, ("glow",)), film=film)
+    stack = one_pass_stack(setup, positions=21, samples=400, seed=2).astype(np.float64)
     profile = stack[round(position * 20)].mean(axis=0)
     slope = np.abs(np.diff(profile))
     slope /= slope.sum()
     x = np.arange(slope.size)
     centre = (slope * x).sum()
     width = 4 * np.sqrt((slope * (x - centre) ** 2).sum()) * film.pitch_m
-    assert width == pytest.approx(float(drive.blur_diameter(position, 0.5)), rel=0.02)
+    assert width == pytest.approx(float(setup.drive.blur_diameter(position, 0.5)), rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
@@ -137,7 +135,7 @@ def test_a_sweep_shows_no_beat_with_the_positions(plane, name):
     this is 3 % off at 36 samples. What is left (0.02 to 0.06 %) is the cross-fade of neighbouring blurs.
     """
     stack_of = thinlens.render_stack if name == "scalar" else one_pass.render_stack
-    stack, _ = stack_of(*loaded(plane, name=name), positions=65, samples=36, seed=1)
+    stack, _ = stack_of(loaded(plane, name=name), positions=65, samples=36, seed=1)
     at, half_way = dispersion(stack), dispersion((stack[1:] + stack[:-1]) / 2)
     assert half_way == pytest.approx((at[1:] + at[:-1]) / 2, rel=0.001)
 
@@ -150,21 +148,20 @@ def dispersion(stack):
 @needs_llvm
 def test_defocus_conserves_flux(plane):
     """The mean of a field much larger than the blur stays within 1 % over the travel."""
-    means = one_pass_stack(*loaded(plane, ("room",)), positions=9, samples=64, seed=4).mean(axis=(1, 2))
+    means = one_pass_stack(loaded(plane, ("room",)), positions=9, samples=64, seed=4).mean(axis=(1, 2))
     assert np.ptp(means) < 0.01 * means.mean()
 
 
 @needs_llvm
 def test_a_stack_is_the_same_bit_for_bit_when_made_again(plane):
     scene = loaded(plane)
-    again = [one_pass_stack(*scene, positions=5, samples=16, seed=9) for _ in range(2)]
+    again = [one_pass_stack(scene, positions=5, samples=16, seed=9) for _ in range(2)]
     assert np.array_equal(again[0], again[1])
 
 
 @needs_llvm
 def test_depth_and_target_are_where_the_plane_is(plane):
-    lit, _, to_world, drive, film = loaded(plane)
-    seen = geometry.look(lit, to_world, drive, film, ("plane",))
+    seen = geometry.look(loaded(plane), ("plane",))
     assert seen.depth == pytest.approx(0.5, abs=1e-6)
     assert seen.target.all()
 
@@ -172,24 +169,22 @@ def test_depth_and_target_are_where_the_plane_is(plane):
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
 def test_the_target_is_found_beside_other_scenes_in_the_process(plane, name):
     others = [loaded(plane, name=name) for _ in range(2)]
-    lit, _, to_world, drive, film = loaded(plane, name=name)
-    assert geometry.look(lit, to_world, drive, film, ("plane",)).target.all()
+    assert geometry.look(loaded(plane, name=name), ("plane",)).target.all()
     assert len(others) == 2
 
 
 @needs_llvm
 def test_a_target_out_of_sight_is_told(plane):
-    lit, _, to_world, drive, film = loaded(plane)
+    setup = loaded(plane)
     with pytest.raises(BadInput, match=r"the target \(lamp\) is not visible to the camera"):
-        geometry.look(lit, to_world, drive, film, ("lamp",))
+        geometry.look(setup, ("lamp",))
 
 
 @needs_llvm
 def test_a_target_that_the_lens_cannot_reach_is_told(plane):
-    lit, _, to_world, _, film = loaded(plane)
-    short = replace(plane.drive(), focus_range_m=(0.45, 0.42))
+    short = replace(loaded(plane), drive=replace(plane.drive(), focus_range_m=(0.45, 0.42)))
     with pytest.raises(BadInput, match=r"is 0.5 m away, out of the lens's reach; allowed: 0.42 to 0.45 m"):
-        geometry.look(lit, to_world, short, film, ("plane",))
+        geometry.look(short, ("plane",))
 
 
 def test_the_scalar_variant_renders_the_same_scene(plane, tmp_path):

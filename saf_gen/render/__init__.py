@@ -7,7 +7,7 @@ from pathlib import Path
 from saf_gen import seeds
 from saf_gen.focal_stack import StackSpec, StackStore
 from saf_gen.render import _load, geometry, one_pass, thinlens, variant, world
-from saf_gen.render.film import Film
+from saf_gen.render.film import Film, Setup
 from saf_gen.scene import Scene
 
 __all__ = ["_load", "render_missing"]
@@ -43,16 +43,13 @@ def render_missing(
         lit = spec.groups if name == "geometry" else (name,)
         burning = tuple(e for group in lit for e in scene.card.lights[group])
         loaded, integrator = world.load(described, burning, spec.max_depth)
+        setup = Setup(loaded, integrator, to_world, spec.drive, film)
         if name == "geometry":
-            seen = geometry.look(loaded, to_world, spec.drive, film, scene.card.target)
+            seen = geometry.look(setup, scene.card.target)
             store.put_geometry(seen.depth, seen.target, variant_name)
         else:
             radiance, clipped = stack_of(
-                loaded,
-                integrator,
-                to_world,
-                spec.drive,
-                film,
+                setup,
                 positions=spec.positions,
                 samples=spec.samples,
                 seed=seeds.integer("stack", spec.key, name),

@@ -1,10 +1,12 @@
-"""The sensor as the renderer sees it."""
+"""What a renderer needs to know: the scene, the lens before it, and the sensor as a film."""
 
 import math
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Film", "field_of_view", "film_dict"]
+from saf_gen.optics import ImageDistance
+
+__all__ = ["Film", "Setup", "field_of_view", "film_dict"]
 
 
 @dataclass(frozen=True)
@@ -14,6 +16,20 @@ class Film:
     rows: int
     columns: int
     pitch_m: float
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A loaded scene in front of a lens: what to trace and how, from where, through what, onto what.
+
+    world, integrator : of Mitsuba. to_world : transform of camera space, which looks along +z.
+    """
+
+    world: Any
+    integrator: Any
+    to_world: Any
+    drive: ImageDistance
+    film: Film
 
 
 def film_dict(film: Film) -> dict[str, Any]:

@@ -8,8 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.optics import ImageDistance
-from saf_gen.render.film import Film, field_of_view, film_dict
+from saf_gen.render.film import Setup, field_of_view, film_dict
 
 __all__ = ["Geometry", "look"]
 
@@ -26,9 +25,7 @@ class Geometry:
     target: np.ndarray
 
 
-def look(
-    world: Any, to_world: Any, drive: ImageDistance, film: Film, target_shapes: tuple[str, ...]
-) -> Geometry:
+def look(setup: Setup, target_shapes: tuple[str, ...]) -> Geometry:
     """Depth and target mask, one ray through each pixel's centre.
 
     The picture breathes as the lens moves, so the mask is taken where the target is in focus: once at the
@@ -36,7 +33,8 @@ def look(
 
     Raises BadInput when no pixel sees the target, or no position of the lens focuses it.
     """
-    geometry = _look_at(world, to_world, drive, film, target_shapes, 0.5)
+    drive = setup.drive
+    geometry = _look_at(setup, target_shapes, 0.5)
     best = drive.truth(geometry.depth[geometry.target])
     if not 0 <= best <= 1:
         near, far = sorted(drive.focus_range_m)
@@ -45,10 +43,11 @@ def look(
             allowed=f"{near:g} to {far:g} m (focus_range_m in scene.yaml)",
             hint="move the target, or give the lens a longer travel",
         )
-    return _look_at(world, to_world, drive, film, target_shapes, best)
+    return _look_at(setup, target_shapes, best)
 
 
-def _look_at(world, to_world, drive, film, target_shapes, position) -> Geometry:
+def _look_at(setup: Setup, target_shapes: tuple[str, ...], position: float) -> Geometry:
+    drive, film, to_world = setup.drive, setup.film, setup.to_world
     sensor = mi.load_dict(
         {
             "type": "perspective",
@@ -61,12 +60,12 @@ def _look_at(world, to_world, drive, film, target_shapes, position) -> Geometry:
         }
     )
     integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
-    planes = np.array(mi.render(world, sensor=sensor, integrator=integrator, spp=1), dtype=np.float64)
+    planes = np.array(mi.render(setup.world, sensor=sensor, integrator=integrator, spp=1), dtype=np.float64)
     point, shape = planes[..., 0:3], planes[..., 3]
     to_camera = np.linalg.inv(np.array(to_world.matrix, dtype=np.float64))
     axial = point @ to_camera[2, :3] + to_camera[2, 3]
     depth = np.where(shape > 0, axial, np.inf).astype(np.float32)  # index 0: the ray met nothing
-    wanted = [_index(s, i) for i, s in enumerate(world.shapes()) if s.id() in target_shapes]
+    wanted = [_index(s, i) for i, s in enumerate(setup.world.shapes()) if s.id() in target_shapes]
     target = np.isin(shape.astype(np.int64), wanted)
     if not target.any():
         raise BadInput(

@@ -8,7 +8,6 @@ position misses a ray at its border; the estimate at every position is then unbi
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -19,7 +18,7 @@ import numpy as np
 from saf_gen import seeds
 from saf_gen.optics import ImageDistance
 from saf_gen.render import splat
-from saf_gen.render.film import Film
+from saf_gen.render.film import Film, Setup
 
 __all__ = ["guard", "render_stack"]
 
@@ -32,11 +31,7 @@ STEPS = tuple(round(GOLDEN ** -(j + 1) * 2**32) & 0xFFFFFFFF for j in range(4))
 
 
 def render_stack(
-    world: Any,
-    integrator: Any,
-    to_world: Any,
-    drive: ImageDistance,
-    film: Film,
+    setup: Setup,
     *,
     positions: int,
     samples: int,
@@ -48,25 +43,15 @@ def render_stack(
     Returns it with the number of paths that were clipped as fireflies, of all that were traced.
     ``progress`` is told the share done, 0...1. Needs a JIT variant (llvm or cuda).
     """
-    camera = _Camera(to_world, drive, film, positions)
-    scale, most = _fixed_point(world, integrator, camera, samples, seed)
+    film = setup.film
+    scale, most = _fixed_point(setup, positions, samples, seed)
     sums = splat.accumulators(nb.get_num_threads(), (positions, film.rows, film.columns))
     clipped = 0
-    for done, paths in _trace(world, integrator, camera, samples, seed):
+    for done, paths in _trace(setup, positions, samples, seed):
         first_x, first_y, step_x, step_y, radiance = paths
         clipped += int(splat.splat(sums, first_x, first_y, step_x, step_y, radiance, scale, most))
         progress(done)
     return splat.resolve(sums, scale), clipped
-
-
-@dataclass(frozen=True)
-class _Camera:
-    """Where the lens stands, how it moves, and on what it throws its picture."""
-
-    to_world: Any
-    drive: ImageDistance
-    film: Film
-    positions: int
 
 
 def guard(drive: ImageDistance, film: Film) -> tuple[int, int]:
@@ -81,16 +66,14 @@ def guard(drive: ImageDistance, film: Film) -> tuple[int, int]:
     return widest[0], widest[1]
 
 
-def _fixed_point(
-    world: Any, integrator: Any, camera: _Camera, samples: int, seed: int
-) -> tuple[float, float]:
+def _fixed_point(setup: Setup, positions: int, samples: int, seed: int) -> tuple[float, float]:
     """Fixed-point scale and clipping radiance, from one sample a pixel.
 
     A pixel's sum must stay below 2**VALUE_BITS. Four times the samples asked for may fall in a pixel, and a
     path may carry 64 times the brightest of the trial: what is brighter still is clipped, a firefly.
     """
     brightest = 0.0
-    for _, paths in _trace(world, integrator, camera, 1, seeds.integer(seed, "trial")):
+    for _, paths in _trace(setup, positions, 1, seeds.integer(seed, "trial")):
         brightest = max(brightest, float(paths[-1].max()))
     most = 64 * brightest if brightest > 0 else 1.0
     return 2.0**splat.VALUE_BITS / (4 * samples * most), most
@@ -99,21 +82,19 @@ def _fixed_point(
 Paths = tuple[np.ndarray, ...]
 
 
-def _trace(
-    world: Any, integrator: Any, camera: _Camera, samples: int, seed: int
-) -> Iterator[tuple[float, Paths]]:
+def _trace(setup: Setup, positions: int, samples: int, seed: int) -> Iterator[tuple[float, Paths]]:
     """Trace band after band of rows.
 
     Yields the share done and what :func:`splat.splat` takes: place at position 0 (x, y) and step from one
     position to the next (x, y), in pixels, and radiance, each float32 (path,).
     """
-    drive, film = camera.drive, camera.film
+    drive, film = setup.drive, setup.film
     guard_rows, guard_columns = guard(drive, film)
     rows, columns = film.rows + 2 * guard_rows, film.columns + 2 * guard_columns
     rows_a_pass = max(1, PATHS_A_PASS // (columns * samples))
     sampler = mi.load_dict({"type": "independent"})
     v = float(drive.image_distance(0.5))
-    transform = mi.Transform4f(camera.to_world)
+    transform = mi.Transform4f(setup.to_world)
     for begin in range(0, rows, rows_a_pass):
         count = min(rows_a_pass, rows - begin)
         size = count * columns * samples
@@ -130,20 +111,20 @@ def _trace(
             (a.x - x) / v - a.x / drive.focal_length_m, (a.y - y) / v - a.y / drive.focal_length_m, 1
         )
         ray = mi.RayDifferential3f(transform @ mi.Point3f(a.x, a.y, 0), transform @ dr.normalize(slope))
-        radiance, _, _ = integrator.sample(world, sampler, ray)
+        radiance, _, _ = setup.integrator.sample(setup.world, sampler, ray)
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
-        first_x, step_x = _line(camera, x, a.x, film.columns)
-        first_y, step_y = _line(camera, y, a.y, film.rows)
+        first_x, step_x = _line(setup, positions, x, a.x, film.columns)
+        first_y, step_y = _line(setup, positions, y, a.y, film.rows)
         paths = (first_x, first_y, step_x, step_y, value)
         dr.eval(*paths)
         yield (begin + count) / rows, tuple(np.array(p, dtype=np.float32).ravel() for p in paths)
 
 
-def _line(camera: _Camera, x: Any, a: Any, pixels: int) -> tuple[Any, Any]:
+def _line(setup: Setup, positions: int, x: Any, a: Any, pixels: int) -> tuple[Any, Any]:
     """Place at position 0 and step between positions, in pixels from the edge, of what lies at x at p = ½."""
-    v = camera.drive.image_distance(np.array([0.0, 0.5, 1.0]))
+    v = setup.drive.image_distance(np.array([0.0, 0.5, 1.0]))
     first, last = (float(ratio) for ratio in (v[0] / v[1], v[2] / v[1]))
-    pitch, steps = camera.film.pitch_m, camera.positions - 1
+    pitch, steps = setup.film.pitch_m, positions - 1
     place = (x * first + a * (1 - first)) / pitch + pixels / 2
     return place, (x - a) * ((last - first) / (pitch * steps))
 

@@ -10,28 +10,24 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.optics import ImageDistance
-from saf_gen.render.film import Film, field_of_view, film_dict
+from saf_gen.render.film import Setup, field_of_view, film_dict
 
 __all__ = ["render_at", "render_stack"]
 
 
 def render_at(
-    world: Any,
-    integrator: Any,
-    to_world: Any,
-    drive: ImageDistance,
-    film: Film,
+    setup: Setup,
     *,
     position: float,
     samples: int,
     seed: int,
 ) -> np.ndarray:
     """Mean radiance at one focus position, float32 (row, col)."""
+    drive, film = setup.drive, setup.film
     sensor = mi.load_dict(
         {
             "type": "thinlens",
-            "to_world": to_world,
+            "to_world": setup.to_world,
             "aperture_radius": drive.aperture_radius_m,
             "focus_distance": float(drive.object_distance(position)),
             **field_of_view(film, float(drive.image_distance(position))),
@@ -40,16 +36,12 @@ def render_at(
         }
     )
     seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba takes an int, its stubs ask for an array
-    image = mi.render(world, sensor=sensor, integrator=integrator, spp=samples, seed=seed_word)
+    image = mi.render(setup.world, sensor=sensor, integrator=setup.integrator, spp=samples, seed=seed_word)
     return np.array(image, dtype=np.float32).reshape(film.rows, film.columns)
 
 
 def render_stack(
-    world: Any,
-    integrator: Any,
-    to_world: Any,
-    drive: ImageDistance,
-    film: Film,
+    setup: Setup,
     *,
     positions: int,
     samples: int,
@@ -60,14 +52,10 @@ def render_stack(
 
     Returns it with the number of paths clipped as fireflies: none, nothing is clipped here.
     """
-    out = np.empty((positions, film.rows, film.columns), dtype=np.float32)
+    out = np.empty((positions, setup.film.rows, setup.film.columns), dtype=np.float32)
     for k, position in enumerate(np.linspace(0, 1, positions)):
         out[k] = render_at(
-            world,
-            integrator,
-            to_world,
-            drive,
-            film,
+            setup,
             position=float(position),
             samples=samples,
             # One seed for all positions: neighbours then share their noise, as in the one-pass stack. With a
