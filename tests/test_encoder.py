@@ -150,12 +150,11 @@ def first_intervals(charge, sensor, frames, seed):
 def test_shot_noise_makes_the_variance_of_an_interval_the_threshold():
     """chi² of 40,000 independent intervals at 400 e- a spike, significance 1e-4, seed 9.
 
-    Reading out in steps of q = 8 e- adds q²/6, a triangle's variance; the draw's kurtosis of -0.3
-    narrows the spread of a variance from 2/N to 1.7/N.
+    Reading out in steps of q = 8 e- adds q²/6, a triangle's variance.
     """
     charge = first_intervals(8.0, vidar(on=("shot",), threshold_e=400), 128, 9)
     expected = 400 + 8.0**2 / 6
-    z = (charge.var() / expected - 1) / np.sqrt(1.7 / charge.size)
+    z = (charge.var() / expected - 1) / np.sqrt(2 / charge.size)
     assert abs(z) < stats.norm.isf(0.5e-4)
     assert charge.mean() == pytest.approx(400, abs=4 * np.sqrt(expected / charge.size))
 
@@ -164,7 +163,7 @@ def test_threshold_noise_alone_has_its_own_variance():
     """chi² of 40,000 intervals, significance 1e-4, seed 9; as above."""
     sensor = vidar(on=("threshold_noise",), threshold_e=400, threshold_noise_rms=0.05)
     charge = first_intervals(8.0, sensor, 128, 9)
-    z = (charge.var() / ((0.05 * 400) ** 2 + 8.0**2 / 6) - 1) / np.sqrt(1.7 / charge.size)
+    z = (charge.var() / ((0.05 * 400) ** 2 + 8.0**2 / 6) - 1) / np.sqrt(2 / charge.size)
     assert abs(z) < stats.norm.isf(0.5e-4)
 
 
@@ -251,7 +250,7 @@ def test_the_number_of_threads_does_not_matter(threads):
     )
 
 
-DIGEST = "2ec3efc6083c6b252a97f21fea85d38f9c7089dc2a1af8e1208dabed101c9cce"
+DIGEST = "8a755ee72ea28a462ef0cffdc2717821a6eae923cb5fac8cd8e0745d97b4ab15"
 
 
 def digest_of_a_stream():

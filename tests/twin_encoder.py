@@ -4,12 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from saf_gen.camera.noise import LANES, SIZE, noise_table
 from saf_gen.camera.response import fixed_pattern
 from saf_gen.camera.sensor import Sensor
 from saf_gen.seeds import generator, integer
 
 F = np.float32
-MASK = 2**32 - 1
+MASK = 2**64 - 1
 
 
 def twin_frames(
@@ -22,25 +23,26 @@ def twin_frames(
     seed: int,
     normal: Callable[[], float] | None = None,
 ) -> np.ndarray:
-    """Spikes uint8 (T, H, W), 0 or 1. ``normal`` draws the noise instead of the sum of four bytes."""
+    """Spikes uint8 (T, H, W), 0 or 1. ``normal`` draws the noise instead of the table."""
     _, _, height, width = stack.shape
     pattern = fixed_pattern(sensor, (height, width), seed=seed)
     size = height * width
-    generators = generator("encoder", seed, "lanes").integers(1, 2**32, size, dtype=np.uint32)
-    first = generator("encoder", seed, "first thresholds").integers(0, 256, (4, size)).sum(axis=0)
+    table = noise_table()[:SIZE]
+    first = generator("encoder", seed, "first thresholds").integers(0, SIZE, size)
     phases = generator("encoder", seed, "phases").random(size, dtype=np.float32)
-    words = [split_mix(integer("encoder", seed, "words"), t) for t in range(len(index))]
+    key = integer("encoder", seed, "noise")
     spikes = np.zeros((len(index), height, width), np.uint8)
     for p in range(size):
         row, column = divmod(p, width)
         level = float(pattern.threshold[row, column])
         variance = level * sensor.noise.shot
         variance += (sensor.threshold_noise_rms * level) ** 2 * sensor.noise.threshold_noise
-        slope = np.sqrt(variance) / np.sqrt(4 * (256**2 - 1) / 12)
-        base = F(level - 510 * slope)
-        threshold = base + F(slope) * F(first[p])
+        sd = F(np.sqrt(variance))
+        threshold = F(level) + sd * table[first[p]]
+        block, lane = divmod(p, LANES)
+        block_key = mixed(key + block * 0xD1342543DE82EF95)
         held = phases[p] * threshold
-        share, x = F(1), int(generators[p])
+        share = F(1)
         for t in range(len(index)):
             charge = pattern.dark[row, column]
             for g in range(stack.shape[0]):
@@ -50,24 +52,20 @@ def twin_frames(
                 charge += F(gain[t, g] * (1 - fraction[t])) * near + F(gain[t, g] * fraction[t]) * far
             held += share * charge
             share = F(1)
-            x ^= (x << 13) & MASK
-            x ^= x >> 17
-            x ^= (x << 5) & MASK
             if held >= threshold:
                 spikes[t, row, column] = 1
                 most = F(level * sensor.kept_thresholds) if sensor.reset == "subtract" else F(0)
                 held = min(held - threshold, most)
                 share = F(1 - (1.0 if sensor.saturation == "dead_readout" else sensor.reset_loss))
-                total = sum(((x + words[t]) & MASK).to_bytes(4, "little"))
-                threshold = (
-                    base + F(slope) * F(total) if normal is None else F(level + variance**0.5 * normal())
-                )
+                place = mixed(block_key + t * 0x9E3779B97F4A7C15) + lane
+                noise = table[place % SIZE] if normal is None else F(normal())
+                threshold = F(level) + sd * noise
     return spikes
 
 
-def split_mix(key: int, count: int) -> int:
-    """Low 32 bits of the SplitMix64 finaliser of key + count·golden ratio."""
-    z = (key + count * 0x9E3779B97F4A7C15) & (2**64 - 1)
-    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & (2**64 - 1)
-    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & (2**64 - 1)
-    return (z ^ (z >> 31)) & MASK
+def mixed(word: int) -> int:
+    """The finaliser of SplitMix64, modulo 2^64."""
+    word &= MASK
+    word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & MASK
+    word = ((word ^ (word >> 27)) * 0x94D049BB133111EB) & MASK
+    return word ^ (word >> 31)

@@ -7,9 +7,9 @@ readout, at most once, gives up the threshold, and draws its next one:
 
 Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a Gamma(n)
 share of the mean charge, so an inter-spike interval measured in mean charge has variance exactly n e-².
-The draw is a sum of four bytes (kernel.py), the first phase uniform in [0, threshold). Of the charge over
-the threshold at most ``sensor.kept_thresholds`` are kept, so that overload does not echo for long. The
-readout after a spike collects ``1 - sensor.loss`` of its charge (dark charge too).
+The draw is an entry of a table of normal noise (noise.py), the first phase uniform in [0, threshold). Of
+the charge over the threshold at most ``sensor.kept_thresholds`` are kept, so that overload does not echo
+for long. The readout after a spike collects ``1 - sensor.loss`` of its charge (dark charge too).
 
 Source: T. Huang et al., 1000x faster camera and machine vision with ordinary devices, Engineering 25,
 2023, doi:10.1016/j.eng.2022.01.012 (the principle); Acnext/SCSim (reset loss, threshold noise).
@@ -20,7 +20,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from saf_gen.camera.kernel import LANES, NOISE_MEAN, NOISE_SD, advance
+from saf_gen.camera.kernel import advance
+from saf_gen.camera.noise import LANES, SIZE, noise_table
 from saf_gen.camera.response import fixed_pattern
 from saf_gen.camera.sensor import Sensor, get_sensor
 from saf_gen.errors import BadInput
@@ -93,15 +94,13 @@ class Encoder:
         self.sensor, self.shape = sensor, (int(shape[0]), int(shape[1]))
         self.pattern = fixed_pattern(sensor, self.shape, seed=seed if device_seed is None else device_seed)
         self._frames = 0
-        self._word_key = integer("encoder", seed, "words")
+        self._key = np.uint64(integer("encoder", seed, "noise"))
         self._response = self.pattern.response.ravel()
         self._fixed = _fixed(sensor, self.pattern.threshold.ravel(), self.pattern.dark.ravel())
         size = self._response.size
-        lanes = generator("encoder", seed, "lanes")
-        self._random = lanes.integers(1, 2**32, size, dtype=np.uint32)  # xorshift stays at 0 from 0
         self._state = np.ones((3, size), np.float32)
-        first = generator("encoder", seed, "first thresholds").integers(0, 256, (4, size)).sum(axis=0)
-        self._state[1] = self._fixed[1] + self._fixed[2] * first.astype(np.float32)
+        first = generator("encoder", seed, "first thresholds").integers(0, SIZE, size)
+        self._state[1] = self._fixed[1] + self._fixed[2] * noise_table()[first]
         phase = generator("encoder", seed, "phases").random(size, dtype=np.float32)
         self._state[0] = phase * self._state[1]
         self._threads = threads or cores()
@@ -148,7 +147,6 @@ class Encoder:
         frames, size = index.size, self._response.size
         high = (gain * fraction[:, None]).astype(np.float32)
         low = (gain * (1.0 - fraction)[:, None]).astype(np.float32)
-        words = _words(self._word_key, self._frames, frames)
         flat = np.ascontiguousarray(stack).reshape(groups, knots, size)
         out = np.empty((size, -(-frames // 8)), np.uint8)
         share = np.float32(1.0 - self.sensor.loss)
@@ -157,8 +155,8 @@ class Encoder:
         with ThreadPoolExecutor(self._threads) as pool:  # the kernel lets go of the interpreter's lock
             jobs = [
                 pool.submit(
-                    advance, first, stop, flat, index, low, high, words, self._response, self._fixed, share,
-                    self._state, self._random, out,
+                    advance, first, stop, flat, index, low, high, self._key, self._frames, noise_table(),
+                    self._response, self._fixed, share, self._state, out,
                 )
                 for first, stop in pairwise(cuts)
             ]  # fmt: skip
@@ -169,16 +167,15 @@ class Encoder:
 
 
 def _fixed(sensor: Sensor, threshold: np.ndarray, dark: np.ndarray) -> np.ndarray:
-    """The kernel's constants a pixel, float32 (4, P): dark charge, base, slope, cap."""
+    """The kernel's constants a pixel, float32 (4, P): dark charge, mean threshold, its sd, cap."""
     level = threshold.astype(np.float64)
     variance = np.zeros_like(level)
     if sensor.noise.shot:
         variance += level
     if sensor.noise.threshold_noise:
         variance += (sensor.threshold_noise_rms * level) ** 2
-    slope = np.sqrt(variance) / NOISE_SD
     cap = level * (sensor.kept_thresholds if sensor.reset == "subtract" else 0)
-    return np.stack([dark, level - NOISE_MEAN * slope, slope, cap]).astype(np.float32)
+    return np.stack([dark, level, np.sqrt(variance), cap]).astype(np.float32)
 
 
 def _schedule(
@@ -200,11 +197,3 @@ def _schedule(
     if not (gain.min() >= 0 and gain.max() < np.inf):
         raise BadInput("gain is negative or not finite", allowed="light gains, at least 0")
     return index, fraction, gain
-
-
-def _words(key: int, first: int, count: int) -> np.ndarray:
-    """A uniform word for each readout, a function of its number alone (the finaliser of SplitMix64)."""
-    word = np.arange(first, first + count, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(key)
-    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return (word ^ (word >> np.uint64(31))).astype(np.uint32)

@@ -106,11 +106,11 @@ class Sensor:
     def __post_init__(self) -> None:
         for key in (*_RANGES, *_CHOICES):
             _check(key, getattr(self, key), f"sensor {self.name}")
-        if self.noise.shot and self.threshold_e < 20:
+        if self.noise.shot and self.threshold_e < 25:
             raise BadInput(
                 f"threshold_e is {self.threshold_e:g} with shot noise on",
                 where=f"sensor {self.name}",
-                allowed="at least 20 electrons, where Poisson statistics are near enough to normal",
+                allowed="at least 25 electrons, where Poisson statistics are near enough to normal",
                 hint="or switch noise.shot off",
             )
 
