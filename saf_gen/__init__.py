@@ -14,6 +14,7 @@ _HOMES = {
     "get_measure": "measures",
     "get_search": "searches",
     "get_light": "lights",
+    "get_motion": "motions",
     "get_sensor": "camera",
     "encode": "camera",
 }

@@ -4,8 +4,10 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from string import Template
+from typing import Any
 
 from saf_gen.dataset import Manifest, write_text
+from saf_gen.ranges import ends, is_range
 from saf_gen.recipe import Recipe
 from saf_gen.scene import Card
 
@@ -14,13 +16,14 @@ __all__ = ["write_card"]
 PAGE = Template("""# $name: spike-camera autofocus data
 
 Made by saf_gen from a recipe: scenes rendered by Mitsuba through a thin lens, seen by a model of the spike
-camera `$sensor`. Every sequence is one sweep of the lens over its whole travel and knows its true focus.
+camera `$sensor`. Every sequence knows its true focus, and where the lens was at every frame.
 
 | | |
 |---|---|
 | sequences | $count ($splits) |
 | frames a sequence | $frames |
 | focus positions rendered | $positions, $samples samples a pixel |
+| lens motion | $motion |
 | light schedules | $lights |
 | recipe fingerprint | `$fingerprint` |
 
@@ -45,6 +48,21 @@ To evaluate focus methods on it, from this folder: `saf-gen evaluate .`
 """)
 
 
+def _in_words(motion: dict[str, Any]) -> str:
+    """A lens motion as a recipe writes it: ``hand`` (bandwidth_hz 10, seed 3)."""
+    if is_range(motion):
+        return " or ".join(_in_words(one) for one in ends(motion))
+    options = ", ".join(f"{key} {_value(value)}" for key, value in motion.items() if key != "kind")
+    return f"`{motion['kind']}`" + (f" ({options})" if options else "")
+
+
+def _value(value: Any) -> str:
+    if is_range(value):
+        ((form, among),) = value.items()
+        return f"{form} {', '.join(_value(one) for one in among)}"
+    return value["path"] if isinstance(value, dict) else str(value)
+
+
 def write_card(folder: Path, recipe: Recipe, manifest: Manifest, scenes: Iterable[Card]) -> None:
     """Write README.md into a dataset folder, in one piece."""
     splits = Counter(entry.split for entry in manifest.sequences)
@@ -56,6 +74,7 @@ def write_card(folder: Path, recipe: Recipe, manifest: Manifest, scenes: Iterabl
         frames=recipe.camera.frames,
         positions=recipe.focus.positions,
         samples=recipe.render.samples,
+        motion=_in_words(recipe.focus.motion),
         lights=", ".join(recipe.lights),
         fingerprint=manifest.recipe_fingerprint,
         scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence}." for card in scenes),

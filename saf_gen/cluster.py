@@ -1,4 +1,4 @@
-"""Runs independent jobs: on this machine's cores, or on a Dask cluster. The engine is thin.
+"""Runs jobs and those that follow from them: on this machine's cores, or on a Dask cluster; a thin engine.
 
 A job is a picklable value with ``run(tell)``; it is idempotent and leaves its result on disk, so a job that
 runs twice, or a worker that dies, does no harm. Small values come back.
@@ -8,15 +8,16 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from typing import Any, Protocol
 
 from saf_gen.errors import BadInput, SafGenError
 from saf_gen.host import uninterrupted
 
-__all__ = ["Done", "Job", "Tell", "run_jobs"]
+__all__ = ["Done", "Job", "Tell", "Then", "run_jobs"]
 
 Tell = Callable[[str, float], None]
 """Told the name of a piece of work and the share of it done, 0...1."""
@@ -28,21 +29,38 @@ class Job(Protocol):
     @property
     def name(self) -> str: ...
 
+    @property
+    def takes_all_cores(self) -> bool:
+        """Whether two such jobs on one machine would only be in each other's way."""
+        ...
+
     def run(self, tell: Tell) -> Any: ...
 
 
 Done = tuple[Any, Any, SafGenError | None]
 """(job, result, error): the error is None where the job did well; the result is None where it did not."""
 
+Then = Callable[[Any, Any], Iterable[Job]]
+"""Given a job that did well and its result: the jobs that may start now."""
 
-def run_jobs(jobs: Sequence[Job], *, workers: int, tell: Tell, address: str | None = None) -> Iterator[Done]:
-    """Run jobs and give each as it ends.
 
-    One that fails is named with its error; the others go on.
+def run_jobs(
+    jobs: Sequence[Job],
+    *,
+    workers: int,
+    tell: Tell,
+    then: Then = lambda job, result: (),
+    address: str | None = None,
+) -> Iterator[Done]:
+    """Run jobs and those that follow from them, and give each as it ends.
+
+    On cores, ``workers`` jobs run at a time and beside them one of those that take all cores: what one
+    leaves idle (a file being written, a scene being loaded) the others use. A job that fails is named with
+    its error, nothing follows from it, and the others go on.
     """
     if not jobs:
         return iter(())
-    return _on_dask(jobs, address, tell) if address else _on_cores(jobs, workers, tell)
+    return _on_dask(jobs, address, tell, then) if address else _on_cores(jobs, workers, tell, then)
 
 
 _queue: Any = None
@@ -79,14 +97,26 @@ def _run_silent(job: Job) -> Any:
     return job.run(_silent)
 
 
-def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell) -> Iterator[Done]:
+def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell, then: Then) -> Iterator[Done]:
     # Spawned, never forked: Mitsuba's and numba's threads do not survive a fork.
     context = multiprocessing.get_context("spawn")
     queue = context.SimpleQueue()
     others = set(multiprocessing.active_children())  # of a program that calls us, not ours to end
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=(queue,)) as pool:
-        with uninterrupted():  # workers start here; one interrupted while it loads would print a traceback
-            waiting: dict[Future[Any], Job] = {pool.submit(_run, job): job for job in jobs}
+    with ExitStack() as stack:
+        alone, side_by_side = (
+            stack.enter_context(
+                ProcessPoolExecutor(count, mp_context=context, initializer=_start, initargs=(queue,))
+            )
+            for count in (1, workers)
+        )
+        waiting: dict[Future[Any], Job] = {}
+
+        def submit(jobs: Iterable[Job]) -> None:
+            with uninterrupted():  # workers start here; one interrupted while it loads prints a traceback
+                for job in jobs:
+                    waiting[_submitted(alone if job.takes_all_cores else side_by_side, job)] = job
+
+        submit(jobs)
         try:
             while waiting:
                 ended, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
@@ -94,13 +124,26 @@ def _on_cores(jobs: Sequence[Job], workers: int, tell: Tell) -> Iterator[Done]:
                     tell(*queue.get())
                 for future in ended:
                     job = waiting.pop(future)
-                    yield (job, *_outcome(future))
+                    result, error = _outcome(future)
+                    if error is None:
+                        submit(then(job, result))
+                    yield job, result, error
         except (KeyboardInterrupt, GeneratorExit):
             # Jobs are safe to end in the middle; waiting for a render to finish could take minutes.
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
-            pool.shutdown(wait=True, cancel_futures=True)
+            for pool in (alone, side_by_side):
+                pool.shutdown(wait=True, cancel_futures=True)
             raise
+
+
+def _submitted(pool: ProcessPoolExecutor, job: Job) -> Future[Any]:
+    try:
+        return pool.submit(_run, job)
+    except BrokenProcessPool as error:  # a worker died before: what comes after it fails with that cause
+        broken: Future[Any] = Future()
+        broken.set_exception(error)
+        return broken
 
 
 def _outcome(future: Any) -> tuple[Any, SafGenError | None]:
@@ -119,7 +162,7 @@ def _outcome(future: Any) -> tuple[Any, SafGenError | None]:
     return None, SafGenError(told)
 
 
-def _on_dask(jobs: Sequence[Job], address: str | None, tell: Tell) -> Iterator[Done]:
+def _on_dask(jobs: Sequence[Job], address: str | None, tell: Tell, then: Then) -> Iterator[Done]:
     try:
         from distributed import Client, as_completed
     except ImportError:
@@ -134,9 +177,19 @@ def _on_dask(jobs: Sequence[Job], address: str | None, tell: Tell) -> Iterator[D
         ) from error
     with client:
         # Each result is small and released at once; a re-run of a finished job finds its file and keeps it.
-        futures = {client.submit(_run_silent, job, pure=False): job for job in jobs}
-        for future in as_completed(list(futures)):
+        futures: dict[Any, Job] = {}
+
+        def submitted(jobs: Iterable[Job]) -> list[Any]:
+            new = {client.submit(_run_silent, job, pure=False): job for job in jobs}
+            futures.update(new)
+            return list(new)
+
+        ending = as_completed(submitted(jobs))
+        for future in ending:
             job = futures.pop(future)
             tell(job.name, 1.0)
-            yield (job, *_outcome(future))
+            result, problem = _outcome(future)
             future.release()
+            if problem is None:
+                ending.update(submitted(then(job, result)))
+            yield job, result, problem

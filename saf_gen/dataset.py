@@ -34,12 +34,17 @@ LAYOUT = 1
 class SequenceEntry:
     """One sequence: what it is, where its stream lies (``file``, relative, with '/'), what it must hold.
 
+    ``variant`` counts the members of the scene's family, ``scene_motion`` is ``static`` or ``dynamic``,
+    ``lens_motion`` the kind of the lens's.
     ``fingerprint`` is of the plan it was made from, ``content_sha256`` of the stream's content.
     """
 
     id: str
     split: str
     scene: str
+    variant: int
+    scene_motion: str
+    lens_motion: str
     light: str
     repeat: int
     seed: int

@@ -6,10 +6,10 @@ allowed and the nearest. YAML is parsed to nodes first, so that every value know
 
 from pathlib import Path
 from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Tag, ValidationError
 from pydantic_core import ErrorDetails
 
 from saf_gen.errors import BadInput, closest
@@ -105,11 +105,11 @@ def _told(error: ValidationError, model: type[BaseModel], document: Document) ->
     complaints = sorted(error.errors(), key=lambda complaint: complaint["type"] != "extra_forbidden")
     first = complaints[0]
     more = f"({len(complaints) - 1} more after this one)" if len(complaints) > 1 else ""
-    keys = first["loc"]
+    keys = _in_the_file(first, document.data)
     name = ".".join(str(k) for k in keys)
     where = document.where(*keys)
     if first["type"] == "extra_forbidden":
-        known = _keys_at(model, keys[:-1])
+        known = _keys_at(model, first["loc"][:-1])
         inside = f" in {'.'.join(str(k) for k in keys[:-1])}" if keys[:-1] else ""
         return BadInput(
             f"unknown key {str(keys[-1])!r}{inside}",
@@ -120,6 +120,16 @@ def _told(error: ValidationError, model: type[BaseModel], document: Document) ->
         )
     if first["type"] == "missing":
         return BadInput(f"the key {name!r} is missing", where=where, hint=more)
+    if first["type"] == "union_tag_invalid":
+        kinds = [kind.strip(" '") for kind in first["ctx"]["expected_tags"].split(",")]
+        key = first["ctx"]["discriminator"].strip("'()")
+        return BadInput(
+            f"{name}.{key} is {first['ctx']['tag']!r}",
+            where=document.where(*keys, key),
+            allowed=", ".join(kinds),
+            nearest=closest(first["ctx"]["tag"], kinds),
+            hint=more,
+        )
     expected = _expectation(first)
     value = first["input"]
     choices = [c.strip().strip("'") for c in expected.replace(" or ", ", ").split(",")]
@@ -131,6 +141,18 @@ def _told(error: ValidationError, model: type[BaseModel], document: Document) ->
         nearest=closest(value, choices) if literal else "",
         hint=more,
     )
+
+
+def _in_the_file(complaint: ErrorDetails, data: Any) -> tuple[Key, ...]:
+    """Where a complaint lies in the file: pydantic's path without the kinds of unions in it."""
+    keys: list[Key] = []
+    for i, key in enumerate(complaint["loc"]):
+        known = key in data if isinstance(data, dict) else isinstance(data, list) and key in range(len(data))
+        if known:
+            data = data[key]
+        if known or (complaint["type"] == "missing" and i == len(complaint["loc"]) - 1):
+            keys.append(key)
+    return tuple(keys)
 
 
 def _expectation(complaint: ErrorDetails) -> str:
@@ -157,6 +179,10 @@ def _inner(model: Any, key: Key) -> Any:
         if isinstance(candidate, type) and issubclass(candidate, BaseModel):
             if key in candidate.model_fields:
                 return candidate.model_fields[str(key)].annotation
+        elif get_origin(candidate) is Annotated:
+            kind, *notes = get_args(candidate)
+            if any(isinstance(note, Tag) and note.tag == key for note in notes):
+                return kind
         elif get_origin(candidate) in (dict, list, tuple):
             return get_args(candidate)[1 if get_origin(candidate) is dict else 0]
     return None

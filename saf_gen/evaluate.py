@@ -4,7 +4,6 @@ A method is a focus measure and a search. It sees windows of the recording throu
 cost and score stay with the referee here. A stream without truth is searched all the same.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +40,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Sweep:
-    """One sequence as a figure needs it: lens, light, truth and the focus curves."""
+    """One recording as a figure needs it: lens, light, truth and the focus curves."""
 
     sequence: str
     split: str | None
@@ -55,7 +54,10 @@ class Sweep:
     truth: float
     depth_of_focus: tuple[float, float]
     truth_frame: float
+    """When the lens first passes the truth."""
     curves: tuple[Curve, ...]
+    track: np.ndarray | None = None
+    """(T,) the truth over time, where it moves."""
 
 
 @dataclass(frozen=True)
@@ -246,6 +248,7 @@ def _record(
         frames_seen=recording.frames_seen,
         focus_position=stream.focus_position,
         truth=truth.position,
+        track=truth.track,
         truth_frame=truth.frame,
         ends=truth.depth_of_focus,
     )
@@ -260,8 +263,8 @@ def _record(
         status="failed" if problem else "abstained" if answer.frame is None else "answered",
         position=verdict.position,
         frame=None if answer.frame is None else float(answer.frame),
-        truth=_known(truth.position),
-        truth_frame=_known(truth.frame),
+        truth=verdict.truth,
+        truth_frame=verdict.truth_frame,
         error=verdict.error,
         error_frames=verdict.error_frames,
         error_dof=verdict.error_dof,
@@ -280,10 +283,6 @@ def _record(
         data=stream.content_sha256,
         code=method.code,
     )
-
-
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _curve(measure: str, asked: Mapping[tuple[int, int], float], answer: float | None) -> Curve:
@@ -316,4 +315,5 @@ def _sweep(job: _Job, stream: SpikeStream, counts: rig.Counts, curves: Mapping[s
         depth_of_focus=stream.truth.depth_of_focus,
         truth_frame=stream.truth.frame,
         curves=tuple(curves.values()),
+        track=stream.truth.track,
     )

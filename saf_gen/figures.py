@@ -19,6 +19,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
 from saf_gen.evaluate import Sweep
+from saf_gen.passes import passes
 from saf_gen.scores import Record, position_at
 
 __all__ = ["WIDTH_PX", "curves_figure", "errors_figure", "normalised", "to_png"]
@@ -54,6 +55,7 @@ _STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "figure.facecolor": "white",
 }
+_LENS_LINE: dict[str, Any] = {"color": _SOFT, "lw": 0.9, "ls": (0, (7, 2))}
 _ROW = 0.062  # height of one measure's row in the strip of argmax marks, in units of the score
 
 
@@ -77,9 +79,10 @@ def to_png(figure: Figure) -> bytes:
 def curves_figure(sweeps: Sequence[Sweep], *, title: str) -> Figure:
     """Focus curves of one scene: a panel for each sweep (light schedule), all measures in each.
 
-    Curves run over the focus position, each normalised by its own range, with the light (mean counts) as a
-    grey area under them, the truth as a line in a band, its depth of focus, and above the curves a row for
-    each measure with its argmax. Measures whose curves coincide in every panel share a line.
+    Curves run over the focus position, or over frames with the position as a line where the lens comes back
+    or rests. Each is normalised by its own range, with the light (mean counts) as a grey area under them, the
+    truth as a line in a band, its depth of focus, and above the curves a row for each measure with its
+    argmax. Measures whose curves coincide in every panel share a line.
     """
     across = min(len(sweeps), 3)
     down = math.ceil(len(sweeps) / across)
@@ -97,12 +100,16 @@ def curves_figure(sweeps: Sequence[Sweep], *, title: str) -> Figure:
         handles: list = [_line(i) for i in range(len(groups))]
         names = [" = ".join(group) for group in groups]
         extra = [Patch(color=_GREY), (Patch(color=_BAND, alpha=0.45), Line2D([], [], color=_INK, lw=1.2))]
+        extra_names = ["light (mean counts)", "true focus in its depth of focus"]
+        if any(_lens(s) is None and s.focus_position is not None for s in sweeps):
+            extra.append(Line2D([], [], **_LENS_LINE))
+            extra_names.append("focus position, 0 to 1")
         figure.legend(
             handles + extra,
-            [*names, "light (mean counts)", "true focus in its depth of focus"],
+            names + extra_names,
             handler_map={tuple: HandlerTuple(ndivide=1, pad=0)},
             loc="outside lower center",
-            ncols=min(len(groups) + 2, 5),
+            ncols=min(len(names + extra_names), 5),
             handlelength=3.2,
             columnspacing=1.6,
         )
@@ -249,11 +256,14 @@ def _panel(
 
 
 def _lens(sweep: Sweep) -> np.ndarray | None:
-    """The focus position (T,) where it can be an axis: the lens moves, and never comes back."""
-    if sweep.focus_position is None:
+    """The focus position (T,) where it can be an axis: the lens never comes back and never rests."""
+    lens = sweep.focus_position
+    if lens is None or len(lens) < 2:
         return None
-    steps = np.diff(sweep.focus_position)
-    return sweep.focus_position if steps.any() and ((steps >= 0).all() or (steps <= 0).all()) else None
+    way = np.sign(float(lens[-1]) - float(lens[0])) * np.diff(lens)
+    centres = np.interp(sweep.frames, np.arange(len(lens)), lens)
+    steps = np.abs(np.diff(centres)) if centres.size > 1 else np.abs(way)
+    return lens if way.min() >= 0 and way.any() and steps.min() > 0.02 * steps.mean() else None
 
 
 def _places(sweep: Sweep) -> Callable[[np.ndarray], np.ndarray]:
@@ -266,6 +276,9 @@ def _places(sweep: Sweep) -> Callable[[np.ndarray], np.ndarray]:
 
 def _truth(axes: Axes, sweep: Sweep) -> None:
     over_frames = _lens(sweep) is None
+    if over_frames and sweep.focus_position is not None:
+        _truth_over_frames(axes, sweep, sweep.focus_position)
+        return
     truth = sweep.truth_frame if over_frames else sweep.truth
     if not math.isfinite(truth):
         return
@@ -283,6 +296,26 @@ def _truth(axes: Axes, sweep: Sweep) -> None:
             ha="right" if side else "left",
             backgroundcolor="white",
         )
+
+
+def _truth_over_frames(axes: Axes, sweep: Sweep, lens: np.ndarray) -> None:
+    """The lens, the truth where it moves, each pass of it, and when the lens is within the depth of focus."""
+    frames = np.linspace(0, len(lens) - 1, min(len(lens), 4000))
+    axes.plot(frames, np.interp(frames, np.arange(len(lens)), lens), **_LENS_LINE, zorder=0.7)
+    height = axes.get_xaxis_transform()
+    truth = np.full(len(lens), sweep.truth) if sweep.track is None else sweep.track
+    if sweep.track is not None:
+        axes.plot(
+            frames, np.interp(frames, np.arange(len(lens)), truth), color=_INK, lw=0.9, ls=":", zorder=0.7
+        )
+    near, far = sorted(sweep.depth_of_focus)
+    away = np.asarray(lens, dtype=np.float64) - truth
+    within = (away >= near - sweep.truth) & (away <= far - sweep.truth)  # nowhere, where they are unknown
+    everywhere = np.arange(len(lens))
+    axes.fill_between(
+        everywhere, 0, 1, where=within, color=_BAND, alpha=0.45, transform=height, lw=0, zorder=0.5
+    )
+    axes.vlines(passes(away, 0.0), 0, 1, color=_INK, lw=1.2, zorder=0.6, transform=height)
 
 
 def _frames_on_top(axes: Axes, sweep: Sweep) -> None:

@@ -9,13 +9,14 @@ import json
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from saf_gen import exr
 from saf_gen.errors import BadInput
 from saf_gen.files import replaced
-from saf_gen.optics import ImageDistance
+from saf_gen.optics import Drive
 
 __all__ = ["FocalStack", "StackSpec", "StackStore"]
 
@@ -24,34 +25,58 @@ FORMAT = "saf-gen focal stack 1"
 
 @dataclass(frozen=True)
 class StackSpec:
-    """Everything that decides what a stack looks like; its :attr:`key` is the folder's name."""
+    """Everything that decides what a stack looks like; its :attr:`key` is the folder's name.
+
+    ``params`` is the member of the scene's family, as JSON; ``time_s`` the moment that is seen. ``positions``
+    lie evenly over the whole travel; ``window``, where given, is the first and last of them to render.
+    """
 
     scene: str
     scene_digest: str
     groups: tuple[str, ...]
-    drive: ImageDistance
+    drive: Drive
     rows: int
     columns: int
     pitch_m: float
     positions: int
     samples: int
     max_depth: int
+    params: str = "{}"
+    time_s: float = 0.0
+    window: tuple[int, int] | None = None
 
     @property
     def key(self) -> str:
         """Scene name and digest of the content; neither seed nor variant enters: a stack is a stack."""
-        text = json.dumps([FORMAT, asdict(self)], sort_keys=True)
+        text = json.dumps([FORMAT, self.as_dict()], sort_keys=True)
         return f"{self.scene}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data, the drive with its kind."""
+        return {**asdict(self), "drive": self.drive.as_dict()}
 
     @property
     def focus(self) -> np.ndarray:
         """The rendered positions, float64 (focus,)."""
-        return np.linspace(0, 1, self.positions)
+        return np.linspace(0, 1, self.positions)[self.first : self.first + self.rendered]
+
+    @property
+    def first(self) -> int:
+        """Which of all positions the first rendered one is."""
+        return self.window[0] if self.window else 0
+
+    @property
+    def rendered(self) -> int:
+        """How many positions are rendered."""
+        return self.window[1] - self.window[0] + 1 if self.window else self.positions
 
 
 @dataclass(frozen=True)
 class FocalStack:
-    """radiance float32 (light, focus, row, col); depth float32 (row, col), m; target bool (row, col)."""
+    """radiance float32 (light, focus, row, col); depth float32 (row, col), m; target bool (row, col).
+
+    ``focus`` runs over the rendered positions.
+    """
 
     spec: StackSpec
     radiance: np.ndarray
@@ -88,7 +113,7 @@ class StackStore:
 
     def put_group(self, group: str, radiance: np.ndarray, variant: str, *, clipped: int = 0) -> None:
         """Store one light group, float32 (focus, row, col), with the number of paths clipped as fireflies."""
-        planes = {f"focus.{k:04d}": plane for k, plane in enumerate(radiance)}
+        planes = {f"focus.{self.spec.first + k:04d}": plane for k, plane in enumerate(radiance)}
         facts = {"unit": "W m^-2 sr^-1 at gain 1", "light_group": group, "clipped_paths": str(clipped)}
         self._put(group, planes, {**facts, "variant": variant})
 
@@ -105,17 +130,19 @@ class StackStore:
         missing = self.missing()
         if missing:
             raise BadInput(f"{self.folder} lacks {', '.join(missing)}", hint="run saf-gen generate again")
-        shape = (len(self.spec.groups), self.spec.positions, self.spec.rows, self.spec.columns)
+        shape = (len(self.spec.groups), self.spec.rendered, self.spec.rows, self.spec.columns)
         radiance = np.empty(shape, dtype=np.float32)
         for g, group in enumerate(self.spec.groups):
             planes, _ = exr.read_planes(self.folder / f"{group}.exr")
-            for k in range(self.spec.positions):
-                radiance[g, k] = planes[f"focus.{k:04d}"]
-        planes, _ = exr.read_planes(self.folder / "geometry.exr")
+            for k in range(self.spec.rendered):
+                radiance[g, k] = planes[f"focus.{self.spec.first + k:04d}"]
         variant = ", ".join(sorted(self.variants()))
-        return FocalStack(
-            self.spec, radiance, planes["depth"], planes["target"] > 0.5, variant, self.digest()
-        )
+        return FocalStack(self.spec, radiance, *self.geometry(), variant, self.digest())
+
+    def geometry(self) -> tuple[np.ndarray, np.ndarray]:
+        """Depth (m), float32, and target mask, bool, both (row, col); not checked against their digest."""
+        planes, _ = exr.read_planes(self.folder / "geometry.exr")
+        return planes["depth"], planes["target"] > 0.5
 
     def _note(self, name: str) -> dict[str, object]:
         try:
@@ -133,9 +160,11 @@ class StackStore:
 
     def _put(self, name: str, planes: dict[str, np.ndarray], facts: dict[str, str]) -> None:
         with replaced(self.folder / f"{name}.exr") as part:
-            exr.write_planes(part, planes, {"format": FORMAT, "stack": self.spec.key, **facts})
+            drive = json.dumps(self.spec.drive.as_dict())
+            attributes = {"format": FORMAT, "stack": self.spec.key, "drive": drive, **facts}
+            exr.write_planes(part, planes, attributes)
             sha256 = hashlib.sha256(part.read_bytes()).hexdigest()
-        note = {"format": FORMAT, **facts, "sha256": sha256, "spec": asdict(self.spec)}
+        note = {"format": FORMAT, **facts, "sha256": sha256, "spec": self.spec.as_dict()}
         with replaced(self.folder / f"{name}.json") as part:
             part.write_text(json.dumps(note, indent=1))
 

@@ -4,28 +4,30 @@ import json
 import os
 import platform
 import shutil
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 import saf_gen
 from saf_gen import seeds
 from saf_gen.card import write_card
-from saf_gen.cluster import Tell, run_jobs
+from saf_gen.cluster import Job, Tell, run_jobs
 from saf_gen.dataset import Manifest, SequenceEntry, read_manifest, write_manifest
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.files import clear_abandoned
 from saf_gen.focal_stack import StackStore
 from saf_gen.host import cores, uninterrupted
 from saf_gen.jobs import RecordJob, RenderJob
-from saf_gen.plan import Sequence, make_plan, recipe_fingerprint
+from saf_gen.plan import Sequence, recipe_fingerprint
 from saf_gen.preview import write_preview
-from saf_gen.recipe import Recipe
 from saf_gen.record import Recorder
+from saf_gen.reel import Reel
 from saf_gen.stream import open_stream
-from saf_gen.work import Work, fingerprint, stack_digests
+from saf_gen.work import Work, fingerprint, reel_digests
 
 __all__ = ["Outcome", "generate"]
 
@@ -73,46 +75,43 @@ def generate(
         raise unknown("variant", variant, VARIANTS)
     folder = (Path(folder) if folder is not None else Path("datasets") / work.recipe.name).resolve()
     stacks = folder / "stacks"
-    to_render = work.stacks_missing(folder)
+    to_render = work.to_render(folder)
     chosen = _variant(variant) if to_render else variant
     _check_folder(work, folder)
-    if cluster is None and len(work.sequences) == len(make_plan(work.recipe)):
+    if cluster is None and len(work.sequences) == len(work.plan):
         clear_abandoned(folder)  # a shard or a cluster has neighbours at work in the folder
-    render_jobs = [RenderJob(work.scenes[s], work.specs[s], stacks, chosen, cores()) for s in to_render]
-    rendered: list[str] = []
-    failed: dict[str, SafGenError] = {}
-    # One scene at a time: a render takes every core by itself.
-    for job, pieces, error in run_jobs(render_jobs, workers=1, tell=tell, address=cluster):
-        if error is not None:
-            failed[job.name] = error
-        else:
-            rendered += [f"{job.scene.id} · {piece}" for piece in pieces]
-    digests = stack_digests(work, stacks)
     recorder = Recorder(
         sensor=work.sensor,
         frames=work.recipe.camera.frames,
         device_seed=seeds.integer(work.recipe.seed, "device"),
-        provenance=_provenance(work.recipe),
+        provenance=_provenance(work),
     )
     threads = max(1, cores() // workers)
-    record_jobs = [
-        RecordJob(
-            recorder,
-            s,
-            work.specs[s.scene],
-            stacks,
-            folder / s.file,
-            fingerprint(work, s, digests[s.scene]),
-            threads,
-        )
-        for s in work.sequences
-        if s.scene in digests
+
+    def record_jobs(reel: Reel, films: list[Sequence]) -> Iterator[RecordJob]:
+        digest = reel.digest(stacks)
+        for s in films:
+            yield RecordJob(recorder, s, reel, stacks, folder / s.file, fingerprint(work, s, digest), threads)
+
+    def then(job: Job, result: Any) -> Iterable[Job]:
+        return record_jobs(job.reel, to_render[job.reel]) if isinstance(job, RenderJob) else ()
+
+    at_once: list[Job] = [
+        RenderJob(films[0].take, work.member(films[0]), reel, stacks, chosen, cores())
+        for reel, films in to_render.items()
     ]
+    for reel, films in work.reels().items():
+        if reel not in to_render:
+            at_once += record_jobs(reel, films)
+    rendered: list[str] = []
     recorded: list[str] = []
     kept: list[str] = []
-    for job, result, error in run_jobs(record_jobs, workers=workers, tell=tell, address=cluster):
+    failed: dict[str, SafGenError] = {}
+    for job, result, error in run_jobs(at_once, workers=workers, tell=tell, then=then, address=cluster):
         if error is not None:
             failed[job.name] = error
+        elif isinstance(job, RenderJob):
+            rendered += [f"{job.take} · {piece}" for piece in result]
         else:
             (kept if result.kept else recorded).append(job.sequence.id)
     manifest = _list(work, folder)
@@ -127,12 +126,13 @@ def _variant(requested: str) -> str:
     return variant.choose(requested, variant.probe())
 
 
-def _provenance(recipe: Recipe) -> dict[str, str]:
+def _provenance(work: Work) -> dict[str, str]:
     versions = {"saf_gen": saf_gen.__version__, "python": platform.python_version()}
     versions |= {name: version(name) for name in PACKAGES}
     return {
-        "recipe": yaml.safe_dump(recipe.model_dump(mode="json"), sort_keys=False),
-        "recipe_fingerprint": recipe_fingerprint(recipe),
+        "recipe": yaml.safe_dump(work.recipe.model_dump(mode="json"), sort_keys=False),
+        "recipe_fingerprint": recipe_fingerprint(work.recipe),
+        "sensor": yaml.safe_dump(asdict(work.sensor), sort_keys=False),
         "versions": json.dumps(versions, indent=1),
     }
 
@@ -163,11 +163,12 @@ def _check_folder(work: Work, folder: Path) -> None:
 
 
 def _preview(work: Work, folder: Path) -> None:
-    """A contact sheet of every focal stack that is whole and has none yet."""
-    for spec in {s.scene: work.specs[s.scene] for s in work.sequences}.values():
+    """A contact sheet of every scene at rest whose focal stack is whole and has none yet."""
+    for reel in work.reels():
+        spec = reel.specs[0]
         sheet = folder / "preview" / f"{spec.key}.png"
         store = StackStore(folder / "stacks", spec)
-        if not sheet.exists() and not store.missing():
+        if not (reel.moves or sheet.exists() or store.missing()):
             write_preview(store.load(), sheet)
 
 
@@ -177,9 +178,11 @@ def _list(work: Work, folder: Path) -> Manifest:
     Read from the files themselves: nothing is listed that this recipe would make otherwise, and shards that
     end at the same time cannot lose each other's.
     """
-    digests = stack_digests(work, folder / "stacks")
-    entries = (_entry(work, folder, s, digests.get(s.scene)) for s in make_plan(work.recipe))
-    variants = set().union(*(StackStore(folder / "stacks", spec).variants() for spec in work.specs.values()))
+    stacks = folder / "stacks"
+    digests = reel_digests(work, work.plan, stacks)
+    entries = (_entry(work, folder, s, digests.get(s.id)) for s in work.plan)
+    specs = (spec for reel in work.reels() for spec in reel.specs)
+    variants = set().union(*(StackStore(stacks, spec).variants() for spec in specs))
     manifest = Manifest(
         name=work.recipe.name,
         recipe_fingerprint=recipe_fingerprint(work.recipe),
@@ -194,7 +197,7 @@ def _list(work: Work, folder: Path) -> Manifest:
 def _entry(work: Work, folder: Path, sequence: Sequence, stack: str | None) -> SequenceEntry | None:
     """The sequence's line in the manifest; None where its file is missing, cut, or of another recipe.
 
-    ``stack`` is the digest of its focal stack; where that has been deleted (None) the file's own word counts.
+    ``stack`` is the digest of what it films; where that has been deleted (None) the file's own word counts.
     """
     try:
         with open_stream(folder / sequence.file) as stream:
@@ -208,6 +211,9 @@ def _entry(work: Work, folder: Path, sequence: Sequence, stack: str | None) -> S
         id=sequence.id,
         split=sequence.split,
         scene=sequence.scene,
+        variant=sequence.variant,
+        scene_motion=sequence.scene_motion,
+        lens_motion=sequence.motion["kind"],
         light=sequence.light,
         repeat=sequence.repeat,
         seed=sequence.seed,

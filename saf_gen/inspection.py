@@ -8,6 +8,7 @@ import numpy as np
 
 from saf_gen.dataset import read_manifest, verify_entry
 from saf_gen.errors import BadInput
+from saf_gen.passes import passes
 from saf_gen.stream import SpikeStream
 
 __all__ = ["check_dataset", "describe"]
@@ -23,8 +24,8 @@ def describe(stream: SpikeStream) -> dict[str, str]:
         "frames": f"{frames} at {stream.readout_hz:g} Hz ({frames / stream.readout_hz:g} s)",
         "mean rate": f"{spikes / readouts:.4f} spikes a pixel and readout",
         "size": f"{Path(stream.path).stat().st_size * 8 / readouts:.3f} bit a pixel and frame",
-        "focus": _span(stream.focus_position, "of the travel"),
-        "object in focus": _span(stream.metadata.object_distance, "m"),
+        "focus": _way(stream.focus_position, "of the travel"),
+        "object in focus": _way(stream.metadata.object_distance, "m"),
     }
     if stream.gain is not None:
         for name, gain in zip(stream.light_names, stream.gain.T, strict=True):
@@ -32,8 +33,7 @@ def describe(stream: SpikeStream) -> dict[str, str]:
     truth = stream.truth
     if truth.known:
         near, far = truth.depth_of_focus
-        passed = f"at frame {truth.frame:.1f}" if math.isfinite(truth.frame) else "never passed"
-        facts["true focus"] = f"{truth.position:.5f} of the travel, {passed}"
+        facts["true focus"] = f"{truth.position:.5f} of the travel, {_passed(stream)}"
         facts["depth of focus"] = f"{near:.5f} to {far:.5f} of the travel"
     else:
         facts["true focus"] = "unknown"
@@ -46,8 +46,26 @@ def describe(stream: SpikeStream) -> dict[str, str]:
     return facts
 
 
-def _span(values: np.ndarray | None, unit: str) -> str:
-    return "not recorded" if values is None else f"{values[0]:.4g} to {values[-1]:.4g} {unit}"
+def _way(values: np.ndarray | None, unit: str) -> str:
+    """From the first value to the last, and how far it went between where it came back."""
+    if values is None:
+        return "not recorded"
+    low, high, ends = values.min(), values.max(), (values[0], values[-1])
+    if low == high:
+        return f"{low:.4g} {unit} throughout"
+    steps = np.diff(values)
+    once = (steps >= 0).all() or (steps <= 0).all()
+    way = f"{ends[0]:.4g} to {ends[1]:.4g} {unit}"
+    return way if once else f"{way} with turns, within {low:.4g} to {high:.4g}"
+
+
+def _passed(stream: SpikeStream) -> str:
+    first, lens, track = stream.truth.frame, stream.focus_position, stream.truth.track
+    if not math.isfinite(first):
+        return "never passed"
+    truth = stream.truth.position if track is None else track
+    times = 1 if lens is None else len(passes(lens.astype(np.float64) - truth, 0.0))
+    return f"at frame {first:.1f}" + (f", the first of {times} times" if times > 1 else "")
 
 
 def check_dataset(folder: str | Path) -> tuple[int, dict[str, str]]:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from saf_gen.cluster import Tell
 from saf_gen.errors import BadInput
-from saf_gen.focal_stack import StackSpec, StackStore
 from saf_gen.plan import Sequence
 from saf_gen.record import Recorder
+from saf_gen.reel import Footage, Reel
 from saf_gen.scene import Scene
 from saf_gen.stream import open_stream
 
@@ -17,17 +17,22 @@ __all__ = ["RecordJob", "Recorded", "RenderJob"]
 
 @dataclass(frozen=True)
 class RenderJob:
-    """Render what one focal stack lacks; gives the names of the pieces rendered."""
+    """Render what a reel lacks; gives the names of the pieces rendered. ``take`` says what is filmed."""
 
+    take: str
     scene: Scene
-    spec: StackSpec
+    reel: Reel
     stacks: Path
     variant: str
     threads: int
 
     @property
     def name(self) -> str:
-        return f"render {self.scene.id}"
+        return f"render {self.take}"
+
+    @property
+    def takes_all_cores(self) -> bool:
+        return True
 
     def run(self, tell: Tell) -> list[str]:
         from saf_gen.render import render_missing  # only a process that renders pays for loading Mitsuba
@@ -38,7 +43,7 @@ class RenderJob:
         try:
             return render_missing(
                 self.scene,
-                self.spec,
+                self.reel.specs,
                 self.stacks,
                 variant_name=self.variant,
                 threads=self.threads,
@@ -62,7 +67,7 @@ class RecordJob:
 
     recorder: Recorder
     sequence: Sequence
-    spec: StackSpec
+    reel: Reel
     stacks: Path
     path: Path
     fingerprint: str
@@ -72,17 +77,20 @@ class RecordJob:
     def name(self) -> str:
         return f"record {self.sequence.id}"
 
+    @property
+    def takes_all_cores(self) -> bool:
+        return False
+
     def run(self, tell: Tell) -> Recorded:
         tell(self.name, 0.0)
         digest = _digest_if_whole(self.path, self.fingerprint)
         kept = digest is not None
         if digest is None:
-            stack = StackStore(self.stacks, self.spec).load()
             try:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 digest = self.recorder.record(
                     self.sequence,
-                    stack,
+                    Footage.stored(self.reel, self.stacks),
                     self.path,
                     fingerprint=self.fingerprint,
                     threads=self.threads,

@@ -140,9 +140,7 @@ def columns(rows: Sequence[Row]) -> tuple[Column, ...]:
             "failed", "failed", none, _count, "Sequences on which the method broke; the records say why."
         ),
         _column("frames_seen", "seen", cost, _percent, "Share of the recording that the method waited for."),
-        _column(
-            "lens_travel", "lens", cost, _fixed(2), "Lens way in travels: the sweep as far as seen, and back."
-        ),
+        _column("lens_travel", "lens", cost, _fixed(2), "Lens way in travels: as far as seen, then back."),
         _column("seconds", "s", cost, _fixed(3), "Time in the focus measure, seconds a sequence."),
     )
 

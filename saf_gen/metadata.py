@@ -25,9 +25,10 @@ class Truth:
     """What is known of the true focus; NaN or None where the stream has none.
 
     ``position``: optical best focus of the target, fraction of travel. ``depth_of_focus``: near and far
-    position at which the target's blur reaches one pixel. ``frame``: 0-based, fractional, when a sweep passes
-    ``position``. ``depth`` float32 (H, W) m; ``target`` bool (H, W); ``best_position`` float32 (H, W),
-    fraction of travel; ``sharpness`` float64 (K,), noise-free standard deviation at each rendered focus.
+    position at which the target's blur reaches one pixel. ``frame``: 0-based, fractional, when the lens
+    first passes ``position``. ``depth`` float32 (H, W) m; ``target`` bool (H, W); ``best_position`` float32
+    (H, W), fraction of travel; ``sharpness`` float64 (K,), noise-free SD at evenly spaced positions;
+    ``track`` float32 (T,), ``position`` over time where the scene moves (the rest is of the frame ``frame``).
     """
 
     position: float = math.nan
@@ -37,6 +38,7 @@ class Truth:
     target: np.ndarray | None = None
     best_position: np.ndarray | None = None
     sharpness: np.ndarray | None = None
+    track: np.ndarray | None = None
 
     @property
     def known(self) -> bool:
@@ -75,6 +77,7 @@ ARRAYS = {
     "target": ("/truth/target", "bool", "HW"),
     "best_position": ("/truth/best_position", "float32", "HW"),
     "sharpness": ("/truth/sharpness", "float64", "K"),
+    "track": ("/truth/track", "float32", "T"),
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
 

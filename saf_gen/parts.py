@@ -1,7 +1,8 @@
-"""What a part looks like from outside: light schedules, focus measures, searches.
+"""What a part looks like from outside: light schedules, lens motions, focus measures, searches.
 
 A part is structural: a frozen dataclass with these members, importing nothing of saf_gen but the ground
-floor. The rooms ``lights``, ``measures`` and ``searches`` call parts only through what stands here.
+floor. The rooms ``lights``, ``motions``, ``measures`` and ``searches`` call parts only through what stands
+here.
 """
 
 from dataclasses import dataclass
@@ -9,17 +10,33 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-__all__ = ["Answer", "Light", "Measure", "Search", "View"]
+__all__ = ["Answer", "Light", "Measure", "Motion", "Search", "View"]
 
 
 class Light(Protocol):
-    """A light schedule: the gain of a light over time, in its own unit of time, the second."""
+    """A light schedule: the gain of a light over time, in its own unit of time, the second.
+
+    Two fields mean something to a recipe (:mod:`saf_gen.schedules`). ``seed``, a whole number: names the
+    part's random stream; a sequence fills in one of its own. ``file``: a path in the recipe, which reads it
+    and hands over ``{"path": ..., "text": ...}``.
+    """
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Integral of the gain from 0 to each time (0...duration_s), float64, gain seconds.
 
         The camera integrates light over a readout, so a schedule is given by its antiderivative: the mean
         gain of a readout is then exact, for steps and flicker too.
+        """
+        ...
+
+
+class Motion(Protocol):
+    """How the lens moves over a recording."""
+
+    def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Where the lens is at each time (0...duration_s), float64 like ``seconds``, 0...1 of the travel.
+
+        Raises BadInput where the motion does not fit a recording of ``duration_s`` seconds.
         """
         ...
 

@@ -2,31 +2,49 @@
 
 import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
-from saf_gen import seeds
+from saf_gen import schedules, seeds, written
+from saf_gen.errors import BadInput, unknown
 from saf_gen.ranges import draw
-from saf_gen.recipe import Recipe, by_group
+from saf_gen.recipe import Recipe
 
-__all__ = ["Sequence", "make_plan", "recipe_fingerprint", "shard"]
+__all__ = ["Family", "Sequence", "make_plan", "recipe_fingerprint", "shard"]
+
+
+@dataclass(frozen=True)
+class Family:
+    """What a plan must know of a scene: its open parameters, whether anything in it moves, its light."""
+
+    params: Mapping[str, Any] = field(default_factory=dict)
+    moves: bool = False
+    illuminance_lux: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Sequence:
     """One recording to make.
 
+    ``variant`` counts the members of the scene's family within the split, ``params`` are that member's.
+    ``scene_motion`` is ``static`` or ``dynamic``.
     ``schedule`` maps a light group ('' stands for all) to its part, ``{kind: ..., ...}``, numbers drawn.
-    ``seed`` names the random streams of this recording alone.
+    ``motion`` is that of the lens, written alike. ``seed`` names the random streams of this recording alone.
     """
 
     id: str
     split: str
     scene: str
+    variant: int
+    params: dict[str, Any]
+    scene_motion: str
     light: str
     repeat: int
     seed: int
     schedule: dict[str, dict[str, Any]]
+    motion: dict[str, Any]
     mean_rate: float | None
 
     @property
@@ -34,37 +52,71 @@ class Sequence:
         """Path within the dataset."""
         return f"{self.split}/{self.id}.h5"
 
+    @property
+    def take(self) -> str:
+        """Which scene is filmed: the scene, its member, and whether it moves."""
+        member = f"{self.scene} {self.variant}" if self.params else self.scene
+        return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
 
-def make_plan(recipe: Recipe) -> list[Sequence]:
-    """The recipe's sequences in the order of splits, scenes, lights, repeats."""
+
+def make_plan(recipe: Recipe, families: Mapping[str, Family] | None = None) -> list[Sequence]:
+    """The recipe's sequences in the order of splits, scenes, static and dynamic, lights, repeats.
+
+    ``families``: by scene; what is not there has no parameters, does not move, and knows no lux.
+
+    Raises BadInput for a parameter that a scene does not have, and for motion where nothing moves.
+    """
+    families = families or {}
     sequences = []
     for split_name, split in recipe.splits.items():
+        moving = [scene for scene in split.scenes if families.get(scene, Family()).moves]
+        if "dynamic" in split.scene_motion and not moving:
+            raise BadInput(
+                f"split {split_name!r} asks for dynamic, and nothing moves in {', '.join(split.scenes)}",
+                allowed="scene_motion: [static]",
+                hint="or add a scene whose card has motion; see: saf-gen scenes list",
+            )
         for scene in split.scenes:
-            for light in split.lights:
-                for repeat in range(split.repeats):
-                    sequences.append(_sequence(recipe, split_name, scene, light, repeat))
+            motions = [m for m in split.scene_motion if m == "static" or scene in moving]
+            for motion, light, repeat in product(motions, split.lights, range(split.repeats)):
+                family = families.get(scene, Family())
+                sequences.append(_sequence(recipe, split_name, scene, family, motion, light, repeat))
     return sequences
 
 
-def _sequence(recipe: Recipe, split: str, scene: str, light: str, repeat: int) -> Sequence:
-    name = f"{scene}-{light}-{repeat:02d}"
-
-    def drawn(value: Any, *key: str) -> Any:
-        return draw(value, seeds.generator(recipe.seed, split, name, "recipe", *key))
-
+def _sequence(
+    recipe: Recipe, split: str, scene: str, family: Family, scene_motion: str, light: str, repeat: int
+) -> Sequence:
+    words = [scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"]
+    name = "-".join(words)
+    stream = (recipe.seed, split, name)
+    variant = repeat % recipe.splits[split].variants
     return Sequence(
         id=name,
         split=split,
         scene=scene,
+        variant=variant,
+        params=_params(recipe, split, scene, family, variant),
+        scene_motion=scene_motion,
         light=light,
         repeat=repeat,
-        seed=seeds.integer(recipe.seed, split, name, "camera"),
-        schedule={
-            group: {key: drawn(value, "lights", group, key) for key, value in part.items()}
-            for group, part in by_group(recipe.lights[light]).items()
-        },
-        mean_rate=drawn(recipe.camera.exposure.mean_rate, "mean_rate"),
+        seed=seeds.integer(*stream, "camera"),
+        schedule=schedules.resolved(recipe.lights[light], stream, family.illuminance_lux),
+        motion=written.resolved("motions", recipe.focus.motion, stream, ("motion",)),
+        mean_rate=draw(recipe.camera.exposure.mean_rate, seeds.generator(*stream, "recipe", "mean_rate")),
     )
+
+
+def _params(recipe: Recipe, split: str, scene: str, family: Family, variant: int) -> dict[str, Any]:
+    """The parameters of one member of a scene's family: the same under every light."""
+    chosen = recipe.scene_params.get(scene, {})
+    for key in chosen:
+        if key not in family.params:
+            raise unknown(f"parameter of scene {scene!r}:", key, family.params)
+    return {
+        key: draw(value, seeds.generator(recipe.seed, split, scene, variant, "param", key))
+        for key, value in {**family.params, **chosen}.items()
+    }
 
 
 def recipe_fingerprint(recipe: Recipe) -> str:

@@ -29,10 +29,10 @@ def write_preview(stack: FocalStack, path: Path) -> None:
         figure.suptitle(f"{spec.scene}: {spec.positions} positions, {spec.samples} samples a pixel")
         axes = figure.subplots(2, 3)
         for place, position in zip(axes[0], (0.0, float(np.clip(truth, 0, 1)), 1.0), strict=True):
-            at = float(spec.drive.object_distance(position))
+            at = float(spec.drive.focus_depth(position))
             _show(place, image[round(position * (spec.positions - 1))], white)
             what = "true focus of the target" if position == truth else "an end of the travel"
-            place.set_title(f"position {position:.3f}, in focus {at:.3f} m: {what}")
+            place.set_title(f"position {position:.3f}, in focus {at:.5g} m: {what}")
         _show_depth(axes[1, 0], stack)
         _show_curve(axes[1, 1], stack, truth)
         _show_groups(axes[1, 2], stack, white)
@@ -63,7 +63,8 @@ def _show_curve(axes: Axes, stack: FocalStack, truth: float) -> None:
     blur = [np.sqrt(np.mean(spec.drive.blur_diameter(p, depths) ** 2)) / spec.pitch_m for p in spec.focus]
     axes.plot(spec.focus, blur, color="#0072B2")
     axes.axvline(truth, color="black", linewidth=1)
-    axes.axvspan(*spec.drive.depth_of_focus(depths, spec.pitch_m), color="#f0d060", alpha=0.5, linewidth=0)
+    near, far = np.clip(spec.drive.depth_of_focus(depths, spec.pitch_m), 0, 1)  # of a pinhole it has no end
+    axes.axvspan(near, far, color="#f0d060", alpha=0.5, linewidth=0)
     axes.set(xlabel="focus position, fraction of travel", ylabel="blur of the target, pixels", xlim=(0, 1))
     axes.set_ylim(bottom=0)
     axes.set_title("blur (rms), true focus and depth of focus")

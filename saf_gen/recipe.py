@@ -3,18 +3,17 @@
 Nothing here renders, opens a scene or draws a number; :mod:`saf_gen.plan` turns a recipe into sequences.
 """
 
-from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from saf_gen import registry
+from saf_gen import schedules, written
 from saf_gen.documents import Document, Frozen, read_as
-from saf_gen.errors import BadInput, SafGenError, unknown
+from saf_gen.errors import BadInput, unknown
 from saf_gen.ranges import ends
 
-__all__ = ["Camera", "Exposure", "Focus", "Motion", "Noise", "Recipe", "Render", "Split", "read_recipe"]
+__all__ = ["Camera", "Exposure", "Focus", "Noise", "Recipe", "Render", "Split", "read_recipe"]
 
 NAME = r"^[a-z0-9][a-z0-9_-]*$"
 
@@ -62,37 +61,66 @@ class Camera(Frozen):
     saturation: Literal["subtract", "dead_readout"] | None = None
 
 
-class Motion(Frozen):
-    """How the lens moves over the recording: a ``sweep`` passes the whole travel once at constant speed."""
-
-    kind: Literal["sweep"] = "sweep"
-
-
 class Focus(Frozen):
-    """The lens drive and the focus positions to render, evenly spaced over its travel."""
+    """The lens drive, how many focus positions to render, evenly over its travel, and how the lens moves."""
 
-    drive: Literal["image_distance"] = "image_distance"
+    drive: Literal["image_distance", "focal_length", "stage"] = "image_distance"
     positions: int = Field(ge=2, le=4096)
-    motion: Motion = Motion()
+    motion: dict[str, Any] = Field(default_factory=lambda: {"kind": "sweep"})
+
+    @field_validator("motion", mode="before")
+    @classmethod
+    def _is_a_mapping(cls, value: Any) -> Any:
+        if not isinstance(value, dict):
+            raise ValueError(f"a lens motion in braces, such as {{kind: {value or 'sweep'}}}")
+        return value
 
 
 class Render(Frozen):
-    """Monte Carlo samples a pixel at each focus position, and the longest light path in segments."""
+    """Monte Carlo samples a pixel at each focus position, and the longest light path in segments.
+
+    A scene that moves is rendered in time slices: ``slice_samples`` a pixel each (a quarter of ``samples``
+    where not given) and ``slices_per_s`` in place of what the scene's card says.
+    """
 
     samples: int = Field(ge=1, le=65_536)
     max_depth: int = Field(default=6, ge=2, le=64)
+    slice_samples: int | None = Field(default=None, ge=1, le=65_536)
+    slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
+
+    @property
+    def samples_a_slice(self) -> int:
+        """Samples a pixel of one time slice."""
+        return self.slice_samples or max(1, self.samples // 4)
 
 
 class Split(Frozen):
-    """Scenes × lights × repeats; a split owns its scenes: no other split may use them."""
+    """Scenes × scene motion × lights × repeats; a split owns its scenes: no other split may use them.
+
+    ``variants``: so many members of each scene's family, which repeats take in turn. ``scene_motion``:
+    ``static`` (everything stands still) or ``dynamic`` (what moves, moves; only scenes that move have it).
+    """
 
     scenes: tuple[str, ...] = Field(min_length=1)
     lights: tuple[str, ...] = Field(min_length=1)
     repeats: int = Field(default=1, ge=1, le=10_000)
+    variants: int = Field(default=1, ge=1, le=10_000)
+    scene_motion: tuple[Literal["static", "dynamic"], ...] = Field(default=("static",), min_length=1)
+
+    @model_validator(mode="after")
+    def _variants_are_used(self) -> "Split":
+        if self.variants > self.repeats:
+            raise ValueError(f"at most as many variants as repeats, which are {self.repeats}")
+        if len(set(self.scene_motion)) != len(self.scene_motion):
+            raise ValueError("static and dynamic once each")
+        return self
 
 
 class Recipe(Frozen):
-    """A whole dataset, from lens to splits."""
+    """A whole dataset, from lens to splits.
+
+    ``scene_params``: by scene, values or ranges of its parameters in place of those of its card.
+    """
 
     name: str = Field(pattern=NAME)
     seed: int = Field(ge=0, le=2**63 - 1)
@@ -101,16 +129,22 @@ class Recipe(Frozen):
     render: Render
     lights: dict[str, dict[str, Any]] = Field(min_length=1)
     splits: dict[str, Split] = Field(min_length=1)
+    scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
 
 def read_recipe(path: str | Path) -> Recipe:
-    """Read and check a recipe; raises BadInput with file and line where something does not fit."""
+    """Read and check a recipe, and the files that its lights and its lens motion name.
+
+    Raises BadInput with file and line where something does not fit.
+    """
     recipe, document = read_as(Recipe, path)
+    lights = {}
     for name, schedule in recipe.lights.items():
         _check_name("light", name, document, ("lights", name))
-        for group, part in by_group(schedule, document.where("lights", name)).items():
-            keys = ("lights", name) if group == "" else ("lights", name, group)
-            _check_light(part, document, keys)
+        lights[name] = schedules.read(schedule, document, ("lights", name))
+    motion = written.read("motions", recipe.focus.motion, document, ("focus", "motion"))
+    focus = recipe.focus.model_copy(update={"motion": motion})
+    recipe = recipe.model_copy(update={"lights": lights, "focus": focus})
     owners: dict[str, str] = {}
     for split_name, split in recipe.splits.items():
         _check_name("split", split_name, document, ("splits", split_name))
@@ -129,22 +163,13 @@ def read_recipe(path: str | Path) -> Recipe:
                     hint="remove it from one of them",
                 )
             owners[scene] = split_name
+    for scene, params in recipe.scene_params.items():
+        where = document.where("scene_params", scene)
+        if scene not in owners:
+            raise unknown("scene of scene_params", scene, owners, where=where)
+        for key, value in params.items():
+            ends(value, where=document.where("scene_params", scene, key))
     return recipe
-
-
-def by_group(schedule: dict[str, Any], where: str = "") -> dict[str, dict[str, Any]]:
-    """A light schedule as {light group: part}; the key '' stands for all groups at once."""
-    if "kind" in schedule:
-        return {"": schedule}
-    for group, part in schedule.items():
-        if not isinstance(part, dict) or "kind" not in part:
-            raise BadInput(
-                f"light group {group!r} has no kind",
-                where=where,
-                allowed="{kind: ..., ...}, or such a mapping for each light group",
-                hint=f"kinds: {', '.join(registry.names('lights'))}",
-            )
-    return schedule
 
 
 def _check_name(what: str, name: str, document: Document, keys: tuple[str, ...]) -> None:
@@ -154,20 +179,3 @@ def _check_name(what: str, name: str, document: Document, keys: tuple[str, ...])
             where=document.where(*keys),
             allowed="lower-case letters, digits, - and _",
         )
-
-
-def _check_light(part: dict[str, Any], document: Document, keys: tuple[str, ...]) -> None:
-    """Build the part at every corner of its ranges, so that no draw can fail hours later."""
-    kind, options = part["kind"], {k: v for k, v in part.items() if k != "kind"}
-    if kind not in registry.names("lights"):
-        raise unknown("light kind", kind, registry.names("lights"), where=document.where(*keys, "kind"))
-    known = registry.keys("lights", kind)
-    for key in options:
-        if key not in known:
-            raise unknown(f"key of light {kind!r}:", key, known, where=document.where(*keys, key))
-    corners = [ends(v, where=document.where(*keys, k)) for k, v in options.items()]
-    for values in product(*corners):
-        try:
-            registry.build("lights", kind, **dict(zip(options, values, strict=True)))
-        except SafGenError as error:
-            raise BadInput(str(error), where=document.where(*keys)) from error

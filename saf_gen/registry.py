@@ -1,4 +1,4 @@
-"""Finds parts by name: light schedules, focus measures, searches.
+"""Finds parts by name: light schedules, lens motions, focus measures, searches.
 
 A part is a frozen dataclass in a file of its own, ``saf_gen/<room>/<name>.py``, or anybody's, offered
 under the entry point ``saf_gen.<room>``. Its fields are the keys that a recipe or a method may set (a
@@ -18,7 +18,12 @@ from saf_gen.errors import BadInput, unknown
 
 __all__ = ["ROOMS", "build", "keys", "names", "part_class"]
 
-ROOMS = {"lights": "light schedule", "measures": "focus measure", "searches": "search"}
+ROOMS = {
+    "lights": "light schedule",
+    "motions": "lens motion",
+    "measures": "focus measure",
+    "searches": "search",
+}
 
 
 @cache

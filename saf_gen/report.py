@@ -103,7 +103,8 @@ leaderboard.md; each answer: records.jsonl.</p>
 _FIGURE = Template("""<figure><div class="wide"><img alt="$alt" src="data:image/png;base64,$data"></div>
 <figcaption>$caption</figcaption></figure>""")
 _CURVES = (
-    "Every measure by its own minimum and maximum, over the lens position. Grey: the light, as mean counts. "
+    "Every measure by its own minimum and maximum, over the lens position; over frames where the lens comes "
+    "back or rests. Grey: the light, as mean counts. "
     "Yellow: the depth of focus round the true focus. Marks on top: where each measure is largest. "
     "A measure that follows the grey area follows the light, not the focus."
 )

@@ -6,18 +6,24 @@ This module reads and checks the card and knows where scenes live; only :mod:`sa
 import hashlib
 import math
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import Field, model_validator
 
+from saf_gen import seeds
 from saf_gen.documents import Frozen, read_as
 from saf_gen.errors import BadInput, unknown
-from saf_gen.optics import ImageDistance
+from saf_gen.keyframes import RigidMotion
+from saf_gen.optics import Drive
+from saf_gen.optics.card import LensCard
+from saf_gen.ranges import draw, ends
 
-__all__ = ["Card", "Scene", "find_scene", "scene_names"]
+__all__ = ["Card", "Scene", "find_scene", "scene_at", "scene_names", "scene_roots"]
 
+SCRIPT = "scene.py"
 Vector = tuple[float, float, float]
 
 
@@ -41,64 +47,91 @@ class Pose(Frozen):
         return self
 
 
-class LensCard(Frozen):
-    """The lens: ``focus_range_m`` are the object distances in focus at position 0 and at position 1."""
-
-    focal_length_mm: float = Field(gt=0, le=2000)
-    f_number: float = Field(gt=0.5, le=64)
-    drive: Literal["image_distance"] = "image_distance"
-    focus_range_m: tuple[float, float]
-    transmission: float = Field(default=1.0, gt=0, le=1)
-
-
 class Card(Frozen):
-    """What a scene says of itself."""
+    """What a scene says of itself.
+
+    ``motion``: how shapes move, on top of the pose that the scene gives them. ``slices_per_s``: time slices
+    to render of a scene that moves, so many that the straight line between two hardly differs from a render.
+    ``still_s``: the moment that is seen where the scene is to stand still.
+    ``unit_m``: metres in one unit of the scene's geometry; the card itself is in metres all the same.
+    ``illuminance_lux``: mean illuminance of the target at gain 1 by each light group alone, for all of them
+    or for none; light schedules in lux need it.
+    """
 
     id: str = Field(pattern=r"^[a-z0-9][a-z0-9_]*$")
     title: str
     licence: str
     source: str
+    unit_m: float = Field(default=1.0, gt=0)
     camera: Pose
     lens: LensCard
     lights: dict[str, tuple[str, ...]] = Field(min_length=1)
+    illuminance_lux: dict[str, float] = Field(default_factory=dict)
     target: tuple[str, ...] = Field(min_length=1)
     params: dict[str, Any] = Field(default_factory=dict)
+    motion: dict[str, RigidMotion] = Field(default_factory=dict)
+    slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
+    still_s: float = 0.5
+
+    @model_validator(mode="after")
+    def _light_is_measured_whole(self) -> "Card":
+        lux = self.illuminance_lux
+        if lux and not (set(lux) == set(self.lights) and all(value > 0 for value in lux.values())):
+            raise ValueError(f"illuminance_lux above 0 for each of {', '.join(self.lights)}, or for none")
+        return self
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene folder whose card has been read.
+    """A scene folder whose card has been read: one member of the family that its open parameters make.
 
     ``digest`` covers every file that can change a picture, so that a stored focal stack is never taken
-    for that of an edited scene.
+    for that of an edited scene. ``params`` are the parameters, all of them, with every range drawn.
     """
 
     folder: Path
     card: Card
     digest: str
+    params: Mapping[str, Any]
 
     @property
     def id(self) -> str:
         return self.card.id
 
-    def drive(self, f_number: float | None = None) -> ImageDistance:
+    @property
+    def has_script(self) -> bool:
+        """Whether the geometry is a script, ``scene.py``, rather than ``scene.xml``."""
+        return (self.folder / SCRIPT).is_file()
+
+    def drive(self, f_number: float | None = None) -> Drive:
         """The lens with its drive; ``f_number`` replaces the card's."""
-        lens = self.card.lens
-        return ImageDistance(
-            focal_length_m=lens.focal_length_mm * 1e-3,
-            f_number=f_number or lens.f_number,
-            focus_range_m=lens.focus_range_m,
-            transmission=lens.transmission,
-        )
+        return self.card.lens.drive_with(f_number)
+
+    def drawn(self, *stream: str | int) -> "Scene":
+        """The member of the family that the random streams of this name draw."""
+        params = {
+            key: draw(value, seeds.generator(*stream, "param", key))
+            for key, value in self.card.params.items()
+        }
+        return replace(self, params=params)
+
+    def with_params(self, chosen: Mapping[str, Any]) -> "Scene":
+        """This scene with some parameters as given; raises BadInput for one that the card does not have."""
+        for key in chosen:
+            if key not in self.params:
+                raise unknown(f"parameter of scene {self.id!r}:", key, self.params)
+        return replace(self, params={**self.params, **chosen})
 
 
 def scene_roots() -> list[Path]:
-    """Folders of scenes, the first that has a name wins.
+    """Folders of scenes that the user trusts to run code, the first that has a name wins.
 
-    ``$SAF_GEN_SCENES`` (folders separated as in PATH), ``scenes/`` here, ``scenes/`` of the checkout.
+    ``$SAF_GEN_SCENES`` (folders separated as in PATH), ``scenes/`` here, ``scenes/`` of the checkout. The
+    ``scenes/`` of a dataset is somebody's data, and no root although a user may have gone into the dataset.
     """
     named = [Path(p) for p in os.environ.get("SAF_GEN_SCENES", "").split(os.pathsep) if p]
-    return [*named, Path("scenes").resolve(), Path(__file__).resolve().parent.parent / "scenes"]
+    here = [] if Path("manifest.json").exists() else [Path("scenes").resolve()]
+    return [*named, *here, Path(__file__).resolve().parent.parent / "scenes"]
 
 
 def scene_names() -> list[str]:
@@ -107,14 +140,31 @@ def scene_names() -> list[str]:
 
 
 def find_scene(name: str) -> Scene:
-    """The scene ``name``.
+    """The scene ``name``, with open parameters drawn once and for all, for looking at it.
 
-    Raises BadInput where there is none of that name, its card does not fit, or its geometry is missing.
+    A name is no path: a recipe from somewhere cannot lead to code from elsewhere. Raises BadInput where there
+    is none of that name, its card does not fit, or its geometry is missing.
     """
     for root in scene_roots():
-        if (root / name / "scene.yaml").is_file():
+        if Path(name).name == name and (root / name / "scene.yaml").is_file():
             return _read(root / name)
     raise unknown("scene", name, scene_names(), hint="see: saf-gen scenes list")
+
+
+def scene_at(folder: Path) -> Scene:
+    """The scene of a folder, wherever it lies; one with a script only where the user trusts that place.
+
+    Raises BadInput as :func:`find_scene` does, and for a ``scene.py`` out of all :func:`scene_roots`.
+    """
+    folder = folder.resolve()
+    trusted = folder.parent in {root.resolve() for root in scene_roots()}
+    if (folder / SCRIPT).exists() and not trusted:
+        raise BadInput(
+            f"{folder / SCRIPT} is code, and would be run",
+            allowed="scene.py in ./scenes or in a folder of SAF_GEN_SCENES; a scene.xml anywhere",
+            hint=f"read it, and if you trust it: SAF_GEN_SCENES={folder.parent}",
+        )
+    return _read(folder)
 
 
 def _read(folder: Path) -> Scene:
@@ -124,17 +174,25 @@ def _read(folder: Path) -> Scene:
         raise BadInput(
             f"id is {card.id!r}", where=document.where("id"), allowed=f"{folder.name}, as the folder"
         )
-    if not (folder / "scene.py").is_file():
-        raise BadInput(f"{folder} has no scene.py", hint="add one with build(params) -> Mitsuba dictionary")
+    geometry = [name for name in (SCRIPT, "scene.xml") if (folder / name).is_file()]
+    if not geometry:
+        raise BadInput(
+            f"{folder} has neither scene.py nor scene.xml",
+            hint="add scene.py with build(params) -> Mitsuba dictionary, or an exported scene.xml",
+        )
+    if len(geometry) > 1:
+        raise BadInput(f"{folder} has scene.py and scene.xml", hint="keep one of the two")
     groups = [e for emitters in card.lights.values() for e in emitters]
     for emitter in groups:
         if groups.count(emitter) > 1:
             raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.where("lights"))
-    scene = Scene(folder, card, _digest(folder))
+    for key, value in card.params.items():
+        ends(value, where=document.where("params", key))
+    scene = Scene(folder, card, _digest(folder), {}).drawn("scene", card.id)
     try:
         scene.drive()
     except BadInput as error:
-        raise BadInput(str(error), where=document.where("lens", "focus_range_m")) from error
+        raise BadInput(str(error), where=document.where("lens", card.lens.optics.travel_key)) from error
     return scene
 
 

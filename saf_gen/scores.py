@@ -6,10 +6,12 @@ has no error either: it is counted beside the errors, not as a large one.
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
+
+from saf_gen.passes import passes
 
 __all__ = [
     "WITHIN",
@@ -30,19 +32,23 @@ WITHIN = (0.5, 1.0, 2.0)
 class Judgement:
     """What an answer was worth. None stands for unknown, everywhere."""
 
-    position: float | None
+    position: float | None = None
     """Lens at the answer, fraction of the travel."""
-    error: float | None
+    error: float | None = None
     """Answer minus truth, fraction of the travel."""
-    error_frames: float | None
-    """Answer minus the frame at which the sweep passes the truth; None where it never does."""
-    error_dof: float | None
+    error_frames: float | None = None
+    """Answer minus ``truth_frame``, frames; None where the lens never passes the truth."""
+    truth: float | None = None
+    """Best focus at the answer, fraction of the travel; where there is none, when the lens first meets it."""
+    truth_frame: float | None = None
+    """When the lens passes the truth: the pass nearest to the answer, the first where there is none."""
+    error_dof: float | None = None
     """``error`` over the depth of focus, the distance between its near and far end."""
-    blur_px: float | None
+    blur_px: float | None = None
     """Diameter of the target's blur at the answer, pixels."""
-    success: tuple[bool | None, ...]
+    success: tuple[bool | None, ...] = (None,) * len(WITHIN)
     """For each of WITHIN: whether the answer lies so near."""
-    lens_travel: float | None
+    lens_travel: float | None = None
     """Way of the lens, fraction of the travel (see lens_travel)."""
 
 
@@ -95,11 +101,28 @@ def depth_of_focus(ends: tuple[float, float]) -> float | None:
     return width if math.isfinite(width) and width > 0 else None
 
 
+def pass_nearest(frame: float | None, *, away: np.ndarray, truth_frame: float = math.nan) -> float | None:
+    """The frame at which the lens passes the truth, the one nearest to ``frame``; None where it never does.
+
+    ``away`` (T,) is how far the lens is from the truth, in travels. A lens that comes back passes it more
+    than once, and one that rests there is there in every frame of its rest. Without a frame it is the first.
+    ``truth_frame`` is the stream's own word for that first one.
+    """
+    found = passes(away, 0.0)
+    if math.isfinite(truth_frame):
+        found = np.concatenate(([truth_frame], found[1:]))
+    if found.size == 0 or frame is None:
+        return float(found[0]) if found.size else None
+    if position_at(frame, away) == 0:
+        return frame
+    return float(found[np.abs(found - frame).argmin()])
+
+
 def lens_travel(frames_seen: int, answer: float | None, focus_position: np.ndarray) -> float:
-    """Way of the lens to an answer, in travels: the sweep over the frames seen, then back to the answer.
+    """Way of the lens to an answer, in travels: as it moved over the frames seen, then back to the answer.
 
     A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) brings the lens
-    nowhere, so it costs the sweep alone.
+    nowhere, so it costs the way so far alone.
     """
     seen = np.asarray(focus_position[: max(frames_seen, 0)], dtype=np.float64)
     if seen.size == 0:
@@ -114,6 +137,7 @@ def judge(
     frames_seen: int,
     focus_position: np.ndarray | None,
     truth: float = math.nan,
+    track: np.ndarray | None = None,
     truth_frame: float = math.nan,
     ends: tuple[float, float] = (math.nan, math.nan),
 ) -> Judgement:
@@ -124,9 +148,12 @@ def judge(
     frames_seen : the recording as far as the method looked at it, frames.
     focus_position : (T,) lens at the middle of each readout, fraction of the travel; None if not recorded.
     truth, ends : best focus and the ends of the depth of focus, fraction of the travel; NaN if unknown.
-    truth_frame : the frame at which the sweep passes the truth; NaN if it never does.
+    track : (T,) best focus over time where the target moves in depth; ``truth`` is then of ``truth_frame``.
+    truth_frame : the frame at which the lens first passes the truth; NaN if unknown or never: then it is
+        looked for in ``focus_position``.
 
-    An abstention succeeds only where no answer could have: no position of the sweep lies within the limit.
+    An error in frames is to the pass nearest to the answer. An abstention succeeds only where no answer could
+    have: no position of the recording lies within the limit.
 
     The blur grows linearly with the distance from the truth and is one pixel at each end of the depth of
     focus, so it is ``|position - truth|`` over half the depth of focus, in pixels: exact for the
@@ -134,25 +161,36 @@ def judge(
     c = 2R·v·|1/u_o - 1/u|, both linear in the drive's coordinate), and to first order for the stage.
     """
     if focus_position is None or len(focus_position) == 0:
-        return Judgement(None, None, None, None, None, (None,) * len(WITHIN), None)
-    position = None if frame is None else position_at(frame, focus_position)
-    way = lens_travel(frames_seen, frame, focus_position)
-    if not math.isfinite(truth):
-        return Judgement(position, None, None, None, None, (None,) * len(WITHIN), way)
+        return Judgement(truth=_known(truth), truth_frame=_known(truth_frame))
+    lens = np.asarray(focus_position, dtype=np.float64)
+    away = lens - (truth if track is None else track)
+    passed = pass_nearest(frame, away=away, truth_frame=truth_frame)
+    position = None if frame is None else position_at(frame, lens)
+    known = Judgement(
+        position=position,
+        truth=_known(truth if frame is None or track is None else position_at(frame, track)),
+        truth_frame=passed,
+        lens_travel=lens_travel(frames_seen, frame, lens),
+    )
+    if known.truth is None:
+        return known
     dof = depth_of_focus(ends)
     if frame is None or position is None:
-        success: tuple[bool | None, ...] = (None,) * len(WITHIN)
-        if dof is not None:
-            nearest = float(np.abs(np.asarray(focus_position, dtype=np.float64) - truth).min()) / dof
-            success = tuple(nearest > limit for limit in WITHIN)
-        return Judgement(None, None, None, None, None, success, way)
-    error = position - truth
-    error_frames = frame - truth_frame if math.isfinite(truth_frame) else None
+        if dof is None:
+            return known
+        nearest = float(np.abs(away).min()) / dof
+        return replace(known, success=tuple(nearest > limit for limit in WITHIN))
+    error = position - known.truth
+    known = replace(known, error=error, error_frames=None if passed is None else frame - passed)
     if dof is None:
-        return Judgement(position, error, error_frames, None, None, (None,) * len(WITHIN), way)
+        return known
     error_dof = error / dof
     success = tuple(abs(error_dof) <= limit for limit in WITHIN)
-    return Judgement(position, error, error_frames, error_dof, 2 * abs(error_dof), success, way)
+    return replace(known, error_dof=error_dof, blur_px=2 * abs(error_dof), success=success)
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def record_to_json(record: Record) -> dict[str, Any]:

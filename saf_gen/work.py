@@ -5,22 +5,25 @@ What stands here decides; :mod:`saf_gen.generate` does it.
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from saf_gen.camera import Sensor, get_sensor
+from saf_gen.camera import Sensor, get_sensor, is_sensor_file
 from saf_gen.errors import BadInput
-from saf_gen.focal_stack import StackSpec, StackStore
-from saf_gen.plan import Sequence, make_plan, shard
+from saf_gen.focal_stack import StackSpec
+from saf_gen.motions import readout_positions
+from saf_gen.plan import Family, Sequence, make_plan, shard
 from saf_gen.recipe import Recipe, read_recipe
 from saf_gen.record import MODEL, group_gains
+from saf_gen.reel import Reel, moments, windows
 from saf_gen.scene import Scene, find_scene
 
-__all__ = ["Work", "fingerprint", "prepare", "stack_digests"]
+__all__ = ["Work", "fingerprint", "prepare", "reel_digests"]
 
 STACK_BYTES, STREAM_BITS = 4, 0.4  # a value of a stack; a pixel and frame of a stream, on the safe side
 # Two cores of 2.8 GHz with LLVM: paths traced and splatted, pixel·frames encoded, stored and verified.
-PATHS_A_SECOND, SPIKES_A_SECOND = 3e6, 0.7e9
+PATHS_A_SECOND, SPIKES_A_SECOND, LOAD_SECONDS = 3e6, 0.7e9, 0.3
 
 
 @dataclass(frozen=True)
@@ -30,29 +33,61 @@ class Work:
     recipe: Recipe
     sequences: list[Sequence]
     scenes: dict[str, Scene]
-    specs: dict[str, StackSpec]
     sensor: Sensor
 
-    def stacks_missing(self, folder: Path) -> list[str]:
-        """Scenes whose focal stack is not whole in this dataset folder."""
-        wanted = dict.fromkeys(s.scene for s in self.sequences)
-        return [s for s in wanted if StackStore(folder / "stacks", self.specs[s]).missing()]
+    @property
+    def plan(self) -> list[Sequence]:
+        """All sequences of the recipe, those of other shards too."""
+        return _plan(self.recipe, self.scenes)
+
+    def member(self, sequence: Sequence) -> Scene:
+        """The member of its scene's family that a sequence films."""
+        return self.scenes[sequence.scene].with_params(sequence.params)
+
+    def reel(self, sequence: Sequence) -> Reel:
+        """The focal stacks that a sequence films."""
+        spec = _spec(self.recipe, self.member(sequence), self.sensor)
+        if sequence.scene_motion == "static":
+            return Reel((0,), (spec,))
+        card, hz = self.scenes[sequence.scene].card, self.sensor.readout_hz
+        a_second = self.recipe.render.slices_per_s or card.slices_per_s or 0.0
+        position = readout_positions(sequence.motion, self.recipe.camera.frames, hz)
+        at = moments(position.size, hz, a_second)
+        samples = self.recipe.render.samples_a_slice
+        slices = [
+            replace(spec, samples=samples, time_s=frame / hz, window=window)
+            for frame, window in zip(at, windows(position, at, spec.positions), strict=True)
+        ]
+        return Reel(at, tuple(slices))
+
+    def reels(self) -> dict[Reel, list[Sequence]]:
+        """Every reel that the sequences film, each once, with those that film it."""
+        found: dict[Reel, list[Sequence]] = {}
+        for sequence in self.sequences:
+            found.setdefault(self.reel(sequence), []).append(sequence)
+        return found
+
+    def to_render(self, folder: Path) -> dict[Reel, list[Sequence]]:
+        """The reels of which something is still to be rendered in this dataset folder."""
+        return {reel: films for reel, films in self.reels().items() if reel.missing(folder / "stacks")}
 
     def bytes_expected(self, folder: Path) -> int:
         """Disk that the work still to do will take, about, a little on the safe side."""
         pixels = self.sensor.rows * self.sensor.columns
-        stacks = (self.specs[s] for s in self.stacks_missing(folder))
-        rendered = sum(len(s.groups) * s.positions * pixels * STACK_BYTES for s in stacks)
+        rendered = sum(len(s.groups) * s.rendered * pixels * STACK_BYTES for s in self._missing(folder))
         to_record = sum(not (folder / s.file).exists() for s in self.sequences)
         return rendered + int(to_record * pixels * self.recipe.camera.frames * STREAM_BITS / 8)
 
     def seconds_expected(self, folder: Path) -> float:
         """Time that the work still to do will take, roughly, on two cores with LLVM."""
         pixels = self.sensor.rows * self.sensor.columns
-        stacks = (self.specs[s] for s in self.stacks_missing(folder))
-        rendering = sum(len(s.groups) * s.samples * pixels for s in stacks) / PATHS_A_SECOND
+        specs = self._missing(folder)
+        rendering = sum(len(s.groups) * (s.samples * pixels / PATHS_A_SECOND + LOAD_SECONDS) for s in specs)
         to_record = sum(not (folder / s.file).exists() for s in self.sequences)
         return rendering + to_record * pixels * self.recipe.camera.frames / SPIKES_A_SECOND
+
+    def _missing(self, folder: Path) -> set[StackSpec]:
+        return {spec for reel in self.to_render(folder) for spec in reel.missing(folder / "stacks")}
 
 
 def prepare(recipe_path: str | Path, *, part: tuple[int, int] = (1, 1)) -> Work:
@@ -63,40 +98,64 @@ def prepare(recipe_path: str | Path, *, part: tuple[int, int] = (1, 1)) -> Work:
     Raises BadInput for whatever does not fit; nothing has been written then.
     """
     recipe = read_recipe(recipe_path)
-    sensor = _sensor(recipe)
+    sensor = _sensor(recipe, Path(recipe_path).parent)
     scenes = {}
     for name in (name for split in recipe.splits.values() for name in split.scenes):
         try:
             scenes[name] = find_scene(name)
         except BadInput as error:
             raise BadInput(str(error), where=str(recipe_path)) from error
-    specs = {name: _spec(recipe, scene, sensor) for name, scene in scenes.items()}
-    sequences = make_plan(recipe)
+        _check_drive(recipe, scenes[name])
+    try:
+        sequences = _plan(recipe, scenes)
+    except BadInput as error:
+        raise BadInput(str(error), where=str(recipe_path)) from error
     for sequence in sequences:
         # Cheap, and it finds a group or a negative gain now rather than after the rendering.
         try:
-            group_gains(sequence.schedule, specs[sequence.scene].groups, 16, sensor.readout_hz)
+            group_gains(sequence.schedule, tuple(scenes[sequence.scene].card.lights), 16, sensor.readout_hz)
         except BadInput as error:
             raise BadInput(
                 f"light {sequence.light!r} on {sequence.scene}: {error}", where=str(recipe_path)
             ) from error
-    return Work(recipe, shard(sequences, *part), scenes, specs, sensor)
+    motions: dict[str, Sequence] = {}  # most often all move alike
+    for sequence in sequences:
+        motions.setdefault(json.dumps(sequence.motion, sort_keys=True), sequence)
+    for sequence in motions.values():
+        try:
+            readout_positions(sequence.motion, recipe.camera.frames, sensor.readout_hz)
+        except BadInput as error:
+            raise BadInput(f"the lens motion of {sequence.id}: {error}", where=str(recipe_path)) from error
+    return Work(recipe, shard(sequences, *part), scenes, sensor)
 
 
-def _sensor(recipe: Recipe) -> Sensor:
+def _plan(recipe: Recipe, scenes: dict[str, Scene]) -> list[Sequence]:
+    families = {
+        name: Family(scene.card.params, scene.card.slices_per_s is not None, scene.card.illuminance_lux)
+        for name, scene in scenes.items()
+    }
+    return make_plan(recipe, families)
+
+
+def _sensor(recipe: Recipe, folder: Path) -> Sensor:
+    """The recipe's sensor: by name, or by the path of a file, which starts in the recipe's folder."""
     camera = recipe.camera
+    named = folder / camera.sensor if is_sensor_file(camera.sensor) else camera.sensor
     laws = {"reset": camera.reset, "saturation": camera.saturation}
     switches = camera.noise.model_dump(exclude_none=True)
-    sensor = get_sensor(camera.sensor, **{k: v for k, v in laws.items() if v is not None})
+    sensor = get_sensor(named, **{k: v for k, v in laws.items() if v is not None})
     return sensor.with_noise(**switches)
 
 
-def _spec(recipe: Recipe, scene: Scene, sensor: Sensor) -> StackSpec:
+def _check_drive(recipe: Recipe, scene: Scene) -> None:
     if scene.card.lens.drive != recipe.focus.drive:
         raise BadInput(
             f"the recipe asks for the drive {recipe.focus.drive!r}; scene {scene.id!r} has another",
             allowed=scene.card.lens.drive,
         )
+
+
+def _spec(recipe: Recipe, scene: Scene, sensor: Sensor) -> StackSpec:
     return StackSpec(
         scene=scene.id,
         scene_digest=scene.digest,
@@ -108,23 +167,32 @@ def _spec(recipe: Recipe, scene: Scene, sensor: Sensor) -> StackSpec:
         positions=recipe.focus.positions,
         samples=recipe.render.samples,
         max_depth=recipe.render.max_depth,
+        params=json.dumps(dict(scene.params), sort_keys=True),
+        time_s=scene.card.still_s if scene.card.slices_per_s is not None else 0.0,
     )
 
 
-def stack_digests(work: Work, stacks: Path) -> dict[str, str]:
-    """The digest of every focal stack of the recipe that is whole, by scene."""
-    stores = {name: StackStore(stacks, spec) for name, spec in work.specs.items()}
-    return {name: store.digest() for name, store in stores.items() if not store.missing()}
+def reel_digests(work: Work, sequences: Iterable[Sequence], stacks: Path) -> dict[str, str]:
+    """By sequence, the digest of the stacks that it films, where they are whole."""
+    made: dict[Reel, str] = {}
+    out = {}
+    for sequence in sequences:
+        reel = work.reel(sequence)
+        if reel not in made:
+            made[reel] = "" if reel.missing(stacks) else reel.digest(stacks)
+        if made[reel]:
+            out[sequence.id] = made[reel]
+    return out
 
 
 def fingerprint(work: Work, sequence: Sequence, stack_digest: str) -> str:
     """Digest of everything that decides a sequence's numbers: an old file is never taken for it."""
-    sensor = asdict(work.sensor)
+    reel, sensor = work.reel(sequence), asdict(work.sensor)
     del sensor["name"], sensor["sources"]  # words, not numbers
     decisive = {
         "model": MODEL,
         "sequence": asdict(sequence),
-        "stack": [work.specs[sequence.scene].key, stack_digest],
+        "stack": [[spec.key for spec in reel.specs], reel.frames, stack_digest],
         "sensor": sensor,
         "frames": work.recipe.camera.frames,
         "seed": work.recipe.seed,

@@ -1,6 +1,9 @@
 """The small dataset of the tests: its scenes, its sensor, its recipe."""
 
 from pathlib import Path
+from typing import Any
+
+from saf_gen.plan import Sequence
 
 HERE = Path(__file__).parent
 SCENES = HERE / "scenes"
@@ -18,3 +21,22 @@ lights:
 splits:
   test: {{scenes: [plane], lights: [constant, continuous, lamp_only]}}
 """
+
+
+def sequence_of(**changes: Any) -> Sequence:
+    """A sequence of a still plane under constant light, the lens in one sweep, but for these changes."""
+    usual: dict[str, Any] = {
+        "id": "s",
+        "split": "test",
+        "scene": "plane",
+        "variant": 0,
+        "params": {},
+        "scene_motion": "static",
+        "light": "constant",
+        "repeat": 0,
+        "seed": 5,
+        "schedule": {"": {"kind": "constant"}},
+        "motion": {"kind": "sweep"},
+        "mean_rate": 0.2,
+    }
+    return Sequence(**{**usual, **changes})

@@ -12,16 +12,20 @@ from saf_gen import registry
 PACKAGE = Path(__file__).resolve().parent.parent / "saf_gen"
 
 FLOORS = (
-    ("ground", "errors files host signals seeds registry parts region"),
-    ("intent", "documents ranges recipe plan"),
-    ("world", "optics scene lights render exr focal_stack"),
+    ("ground", "errors files host signals seeds registry parts region tables passes"),
+    ("intent", "documents ranges written schedules recipe plan"),
+    ("world", "optics keyframes scene scene_xml lights motions render exr focal_stack reel"),
     ("camera", "camera"),
     ("contract", "bits slabs metadata stream dataset"),
-    ("work", "cluster record jobs card preview work generate methods rig scores evaluate measures searches"),
+    (
+        "work",
+        "cluster exposed truth record jobs card preview work generate "
+        "methods rig scores evaluate measures searches",
+    ),
     ("publication", "leaderboard figures report interop inspection machine bench cli __main__"),
 )
 FLOOR = {name: i for i, (_, names) in enumerate(FLOORS) for name in names.split()}
-GENERATE = {"cluster", "record", "jobs", "card", "preview", "work", "generate"}
+GENERATE = {"cluster", "exposed", "truth", "record", "jobs", "card", "preview", "work", "generate"}
 EVALUATE = {"methods", "rig", "scores", "evaluate", "measures", "searches"}
 DOORS = {
     "mitsuba": {"render"},

@@ -451,7 +451,7 @@ SLIPS = {
     "light kind": (
         "kind: ramp",
         "kind: rmap",
-        ["'rmap'", "constant, ramp", "did you mean 'ramp'?", "recipe.yaml:"],
+        ["'rmap'", "constant, flash", "did you mean 'ramp'?", "recipe.yaml:"],
     ),
     "light's key": ("from: 0.5", "frm: 0.5", ["'frm'", "from", "recipe.yaml:"]),
     "light's name": ("[constant,", "[constnt,", ["'constnt'", "did you mean 'constant'?", "recipe.yaml:"]),

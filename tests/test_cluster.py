@@ -18,8 +18,14 @@ from saf_gen.cluster import run_jobs
 from saf_gen.errors import BadInput
 
 
+class Light:
+    """What all jobs here say of themselves."""
+
+    takes_all_cores = False
+
+
 @dataclass(frozen=True)
-class Square:
+class Square(Light):
     """A job that does well, and reports half way and at its end."""
 
     number: int
@@ -35,7 +41,7 @@ class Square:
 
 
 @dataclass(frozen=True)
-class Raises:
+class Raises(Light):
     """A job that fails in a way of its own."""
 
     error: BaseException
@@ -49,7 +55,7 @@ class Raises:
 
 
 @dataclass(frozen=True)
-class Dies:
+class Dies(Light):
     """A job whose whole process is gone, as when the kernel takes its memory back."""
 
     name: str = "dies"
@@ -59,7 +65,7 @@ class Dies:
 
 
 @dataclass(frozen=True)
-class Sleeps:
+class Sleeps(Light):
     """A job that says where it runs, and takes its time."""
 
     note: Path
@@ -131,6 +137,41 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
     assert results["raises MemoryError"][1] == "out of memory; run with fewer --workers"
     assert "division by zero" in results["raises ZeroDivisionError"][1]
     assert results["square 3"][0][0] == 9
+
+
+def followers(job, result):
+    """A square of a one-digit number is squared again."""
+    return [Square(result[0])] if result[0] < 10 else []
+
+
+def test_what_follows_from_a_job_runs_after_it():
+    order = []
+    for job, result, error in run_jobs(
+        [Square(3), Raises(MemoryError())], workers=1, tell=lambda name, done: None, then=followers
+    ):
+        order.append((job.name, error is None and result[0]))
+    assert set(order) == {("square 3", 9), ("square 9", 81), ("raises MemoryError", False)}
+    assert order.index(("square 3", 9)) < order.index(("square 9", 81))
+
+
+def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another():
+    """The light one ends although the heavy ones, one after the other, are still at it."""
+    heavy = [Heavy(1.0, "one"), Heavy(1.0, "two")]
+    jobs = run_jobs([*heavy, Square(1)], workers=1, tell=lambda name, done: None)
+    ended = [(job.name, time.monotonic()) for job, _, _ in jobs]
+    when = dict(ended)
+    assert when["two"] - when["one"] >= 1.0
+    assert when["square 1"] < when["two"]
+
+
+def test_a_job_that_follows_a_dead_process_fails_with_that_cause():
+    """Its pool is broken by then: what should run next is named too, nothing hangs."""
+    ended = run_jobs(
+        [Heavy(), Dies()], workers=1, tell=lambda name, done: None, then=lambda job, result: [Square(2)]
+    )
+    results = {job.name: error for job, _, error in ended}
+    assert results["heavy"] is None
+    assert "its process died" in str(results["square 2"])
 
 
 def test_bad_input_is_told_apart_from_other_failures():
@@ -208,6 +249,18 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
             os.killpg(run.pid, signal.SIGKILL)
 
 
+@dataclass(frozen=True)
+class Heavy:
+    """A job that wants the machine for itself; long enough for another one to die meanwhile."""
+
+    seconds: float = 3.0
+    name: str = "heavy"
+    takes_all_cores: bool = True
+
+    def run(self, tell):
+        time.sleep(self.seconds)
+
+
 # A cluster. The stand-in does what run_jobs needs of dask.distributed; the real one is tried where it is.
 
 
@@ -241,9 +294,19 @@ class FakeClient:
         return future
 
 
+class FakeCompleted(list):
+    """The last first, and what is added meanwhile."""
+
+    def __iter__(self):
+        while self:
+            yield self.pop()
+
+    update = list.extend
+
+
 @pytest.fixture
 def fake_dask(monkeypatch):
-    fake = SimpleNamespace(Client=FakeClient, as_completed=lambda futures: reversed(futures))
+    fake = SimpleNamespace(Client=FakeClient, as_completed=FakeCompleted)
     monkeypatch.setitem(sys.modules, "distributed", fake)
 
 
@@ -258,6 +321,11 @@ def test_a_cluster_gives_results_and_names_what_failed(fake_dask):
     assert results["square 3"][0][0] == 9
     assert results["raises BadInput"] == (None, "no such group")
     assert ("square 2", 1.0) in heard
+
+
+def test_what_follows_from_a_job_runs_on_the_cluster_too(fake_dask):
+    results = done([Square(3)], address="tcp://here:8786", then=followers)
+    assert {name: result[0] for name, (result, _) in results.items()} == {"square 3": 9, "square 9": 81}
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(fake_dask):

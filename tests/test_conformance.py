@@ -1,4 +1,4 @@
-"""What every focus measure and search must keep, run over whatever is registered, entry points too.
+"""What every focus measure, search and lens motion must keep, run over whatever is registered.
 
 The checks are functions, so that the parts broken on purpose at the end can show that each one bites.
 """
@@ -18,9 +18,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from saf_gen import get_measure, get_search, registry
+from saf_gen import get_measure, get_motion, get_search, registry
 from saf_gen.errors import BadInput
 from saf_gen.measures import measure_names
+from saf_gen.motions import readout_positions
 from saf_gen.parts import Answer
 from saf_gen.searches import search_names
 from saf_gen.seeds import generator
@@ -35,13 +36,17 @@ def counts_of(*shape, highest=50):
 
 
 def check_part(part):
+    check_class(part)
+    assert part.source.strip(), "it cites no source"
+
+
+def check_class(part):
     cls = type(part)
     assert is_dataclass(cls), "is no dataclass"
     assert cls.__dataclass_params__.frozen, "its dataclass is not frozen"
     written = inspect.getdoc(cls) or ""
     assert not written.startswith(f"{cls.__name__}("), "its class has no docstring"  # dataclass fills it in
     assert written, "its class has no docstring"
-    assert part.source.strip(), "it cites no source"
 
 
 def check_measure(measure):
@@ -134,6 +139,51 @@ def check_search(search):
     early = Seen(peak(5000, 0.3))
     search(early)
     assert not search.causal or early._seen < 5000, "it says it is causal, and needs the whole sweep"
+
+
+def check_motion(motion, *, first=None):
+    """A motion keeps its word: it begins at ``first``, stays in the travel, and does not jump."""
+    check_class(motion)
+    for duration in (0.5, 1.0):
+        times = np.linspace(0, duration, 8001)
+        times.flags.writeable = False
+        position = motion.positions(times, duration)
+        assert position.shape == times.shape, "it does not give a position for each time"
+        assert position.dtype == np.float64, "its positions are no float64"
+        assert np.isfinite(position).all(), "its positions are not finite"
+        assert position.min() >= 0, "it leaves the travel"
+        assert position.max() <= 1, "it leaves the travel"
+        assert np.array_equal(motion.positions(times, duration), position), (
+            "the same times get another motion"
+        )
+        few = motion.positions(times[5::7], duration)
+        assert few == pytest.approx(position[5::7], abs=1e-12), "other readouts see another motion"
+        if first is not None:
+            assert position[0] == pytest.approx(first, abs=1e-9), "it does not begin where it says"
+        widest, half = (np.abs(np.diff(position[::step])).max() for step in (2, 1))
+        assert half <= 0.75 * widest + 1e-12, "it jumps"  # twice as many readouts: steps half as wide
+        assert readout_positions(motion, 800, 800 / duration).shape == (800,)
+
+
+MOTIONS = {
+    "sweep": {"from": 0.9, "to": 0.2},
+    "sweep_and_return": {"from": 0.1, "dwell_s": 0.1},
+    "steps": {"count": 6, "natural_hz": 50.0, "damping": 0.15},
+    "hand": {"reversals": True, "irregularity": 0.9, "bandwidth_hz": 8.0},
+    "from_csv": {"file": {"path": "a.csv", "text": "time_s,position\n0,0.2\n0.3,0.9\n2,0.5\n"}},
+    "hold": {"position": 0.4},
+}
+"""Options that a motion of ours is built with; another's must do without any."""
+
+
+@pytest.mark.parametrize("name", registry.names("motions"))
+def test_a_registered_motion_conforms(name):
+    options = MOTIONS.get(name, {})
+    check_motion(get_motion(name, **options), first=options.get("from"))
+
+
+def test_every_motion_of_ours_is_tried_with_options():
+    assert set(MOTIONS) == registry._own("motions")
 
 
 @pytest.mark.parametrize("name", measure_names())
@@ -253,6 +303,14 @@ def search_of(call=middle, *, frozen=True, **members):
     return part_of({"causal": False, "__call__": call} | members, frozen=frozen)
 
 
+def motion_of(positions=None, *, frozen=True, **members):
+    return part_of({"positions": positions or way} | members, frozen=frozen)
+
+
+def way(self, seconds, duration_s):
+    return np.asarray(seconds) / duration_s
+
+
 BROKEN_MEASURES = {
     "its dataclass is not frozen": measure_of(frozen=False),
     "its class has no docstring": measure_of(__doc__=None),
@@ -286,6 +344,18 @@ BROKEN_SEARCHES = {
     "the unit of the scores": search_of(lambda self, view: Answer(0.0 if view.score(0, 500) > 0.5 else 1.0)),
     "needs the whole sweep": search_of(middle, causal=True),
 }
+BROKEN_MOTIONS = {
+    "its dataclass is not frozen": motion_of(frozen=False),
+    "its class has no docstring": motion_of(__doc__=None),
+    "it does not give a position for each time": motion_of(lambda self, t, T: way(self, t, T)[:-1]),
+    "its positions are no float64": motion_of(lambda self, t, T: way(self, t, T).astype(np.float32)),
+    "its positions are not finite": motion_of(lambda self, t, T: way(self, t, T) * math.nan),
+    "it leaves the travel": motion_of(lambda self, t, T: way(self, t, T) * 1.01),
+    "the same times get another motion": motion_of(lambda self, t, T: way(self, t, T) * random.random()),
+    "other readouts see another motion": motion_of(lambda self, t, T: np.linspace(0.1, 1, len(t))),
+    "it does not begin where it says": motion_of(lambda self, t, T: 1 - way(self, t, T)),
+    "it jumps": motion_of(lambda self, t, T: np.floor(4 * way(self, t, T)) / 4),
+}
 CRASHING_SEARCHES = {
     "a window of no frame": (search_of(lambda self, view: Answer(view.score(5, 5))), BadInput),
     "beyond the recording": (search_of(lambda self, view: Answer(view.score(0, view.frames + 1))), BadInput),
@@ -303,6 +373,13 @@ def test_the_parts_that_the_broken_ones_are_made_of_conform():
     check_measure(measure_of())
     check_measure(measure_of(partialmethod(contrast, empty=0.0), degree=0))
     check_search(search_of())
+    check_motion(motion_of(), first=0)
+
+
+@pytest.mark.parametrize("fault", BROKEN_MOTIONS)
+def test_a_broken_motion_is_caught(fault):
+    with pytest.raises(AssertionError, match=fault):
+        check_motion(BROKEN_MOTIONS[fault], first=0)
 
 
 @pytest.mark.parametrize("fault", BROKEN_MEASURES)

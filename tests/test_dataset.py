@@ -19,7 +19,19 @@ from saf_gen.errors import BadInput
 from saf_gen.stream import write_stream
 
 ENTRY = SequenceEntry(
-    "a-1", "test", "usaf_target", "constant", 0, 2**62, "test/a-1.h5", 20_000, "f00", "c0ffee"
+    "a-1",
+    "test",
+    "usaf_target",
+    0,
+    "static",
+    "sweep",
+    "constant",
+    0,
+    2**62,
+    "test/a-1.h5",
+    20_000,
+    "f00",
+    "c0ffee",
 )
 MANIFEST_ = Manifest(
     "tiny", "abc", "llvm", (ENTRY, replace(ENTRY, id="a-2", split="train", file="train/a-2.h5"))

@@ -18,19 +18,21 @@ from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 import numpy as np
 import pytest
 import typer
 import yaml
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter
 from small import HERE
 
-from saf_gen import registry
+from saf_gen import registry, schedules
 from saf_gen import work as work_room
+from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.cli import app
 from saf_gen.lights import readout_gains
+from saf_gen.optics.card import LensCard
 from saf_gen.recipe import Recipe, read_recipe
 from saf_gen.render import variant
 from saf_gen.scene import Card
@@ -136,13 +138,16 @@ def pyproject() -> dict[str, Any]:
 
 
 def test_every_language_of_a_block_is_one_that_is_tested():
-    assert {b.language for b in BLOCKS} <= {"", "sh", "yaml", "python", "toml"}
+    assert {b.language for b in BLOCKS} <= {"", "sh", "yaml", "python", "toml", "csv"}
 
 
 @pytest.mark.parametrize("block", of_language("yaml"))
 def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
-    """A recipe, a scene card, or some keys of a recipe, put into the quickstart."""
+    """A recipe, a scene card or its lens alone, or some keys of a recipe, put into the quickstart."""
     data = yaml.safe_load(block.text)
+    if set(data) == {"lens"}:
+        TypeAdapter(LensCard).validate_python(data["lens"]).drive_with()
+        return
     if "lens" in data:
         assert Card.model_validate(data).id == Path(block.path).parent.name
         return
@@ -153,6 +158,8 @@ def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
             split["lights"] = list(data["lights"])
     path = tmp_path / "recipe.yaml"
     path.write_text(yaml.safe_dump(data))
+    for beside in (b for b in BLOCKS if b.page == block.page and b.language == "csv"):
+        path.with_name(Path(beside.path).name).write_text(beside.text)
     recipe = read_recipe(path)
     assert block.path in ("", f"recipes/{recipe.name}.yaml")
 
@@ -194,10 +201,22 @@ def ticked(cell: str) -> list[str]:
     return re.findall(r"`([^`]+)`", cell)
 
 
+def kinds_of(annotation: Any) -> list[type[BaseModel]]:
+    """The models of a union of kinds; none for anything else."""
+    return [get_args(kind)[0] for kind in get_args(annotation) if get_origin(kind) is Annotated]
+
+
 def leaves(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, bool]]:
-    """Dotted keys of a document's model with whether they must be given; * stands for any name."""
+    """Dotted keys of a document's model with whether they must be given; * stands for any name.
+
+    Of a union of kinds those that all kinds have.
+    """
     for name, field in model.model_fields.items():
         inner, at = field.annotation, f"{prefix}{name}"
+        if kinds := kinds_of(inner):
+            common = set.intersection(*(set(kind.model_fields) for kind in kinds))
+            yield from (leaf for leaf in leaves(kinds[0], f"{at}.") if leaf[0].split(".")[-1] in common)
+            continue
         if get_origin(inner) is dict and get_args(inner)[1] is not Any:
             inner, at = get_args(inner)[1], f"{at}.*"
         if isinstance(inner, type) and issubclass(inner, BaseModel):
@@ -216,17 +235,45 @@ def test_the_table_of_keys_is_that_of_the_model(page, heading, model):
     assert rows == dict(leaves(model))
 
 
-def test_the_table_of_light_schedules_is_that_of_the_registry():
+def test_the_table_of_drives_is_that_of_the_cards():
+    shown: dict[str, list[str]] = {}
+    drive = ""
+    for first, _, key, *_ in table("docs/add-a-scene.md", "drive"):
+        drive = ticked(first)[0] if first else drive
+        shown.setdefault(drive, []).append(ticked(key)[0])
+    common = {key for key, _ in leaves(Card)}
+    real = {
+        kind.optics.kind: [f"lens.{k}" for k in kind.model_fields if f"lens.{k}" not in common]
+        for kind in kinds_of(Card.model_fields["lens"].annotation)
+    }
+    assert shown == real
+
+
+@pytest.mark.parametrize(("heading", "room"), [("kind", "lights"), ("motion", "motions")])
+def test_the_table_of_parts_is_that_of_the_registry(heading, room):
     shown: dict[str, dict[str, bool]] = {}
     kind = ""
-    for first, key, *_, default, _ in table("docs/generate.md", "kind"):
+    for first, key, *_, default, _ in table("docs/generate.md", heading):
         kind = ticked(first)[0] if first else kind
         shown.setdefault(kind, {})[ticked(key)[0]] = default in NEEDED
     real = {
-        name: {f.name.rstrip("_"): f.default is MISSING for f in fields(registry.part_class("lights", name))}
-        for name in registry.names("lights")
+        name: {f.name.rstrip("_"): f.default is MISSING for f in fields(registry.part_class(room, name))}
+        for name in registry.names(room)
     }
     assert shown == real
+
+
+def test_the_keys_of_every_light_schedule_are_those_of_the_code():
+    shown = [ticked(row[0])[0] for row in table("docs/generate.md", "key of every kind")]
+    assert shown == list(schedules.COMMON)
+
+
+def test_the_table_of_sensors_is_that_of_the_sensor_files():
+    for name, pixels, hz, _ in table("docs/generate.md", "sensor"):
+        sensor = get_sensor(ticked(name)[0])
+        assert pixels == f"{sensor.columns} × {sensor.rows}"
+        assert hz == f"{sensor.readout_hz:,}"
+    assert sorted(ticked(row[0])[0] for row in table("docs/generate.md", "sensor")) == sensor_names()
 
 
 def change(*keys: str, to: Any) -> Callable[[dict[str, Any]], None]:
@@ -247,6 +294,7 @@ CHANGES = {
     "lights.flicker": change("lights", "flicker", "hz", to=120),
     "splits.test.repeats": change("splits", "test", "repeats", to=3),
     "camera.exposure.f_number": change("camera", "exposure", "f_number", to=4.0),
+    "focus.motion": change("focus", "motion", to={"kind": "sweep", "to": 0.9}),
     "focus.positions": change("focus", "positions", to=33),
     "render.samples": change("render", "samples", to=32),
     "render.max_depth": change("render", "max_depth", to=3),
@@ -262,8 +310,9 @@ def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
         path = tmp_path / "recipe.yaml"
         path.write_text(yaml.safe_dump(recipe))
         work = work_room.prepare(path)
-        stacks = {name: spec.key for name, spec in work.specs.items()}
-        return stacks, {s.id: work_room.fingerprint(work, s, stacks[s.scene]) for s in work.sequences}
+        stacks = {s.id: work.reel(s).specs[0].key for s in work.sequences}
+        made = {s.id: work_room.fingerprint(work, s, stacks[s.id]) for s in work.sequences}
+        return {s.scene: stacks[s.id] for s in work.sequences}, made
 
     stacks, before = fingerprints(lambda recipe: None)
     rows = table("docs/generate.md", "you change")
@@ -317,7 +366,8 @@ def desk(tmp_path_factory):
     (folder / "scenes").mkdir()
     sensor = yaml.safe_load((HERE / "small_sensor.yaml").read_text())
     sensor |= {"rows": 125, "columns": 200, "pitch_m": 4e-5}
-    (folder / "quarter.yaml").write_text(yaml.safe_dump(sensor))
+    for beside in (folder, folder / "recipes"):  # a recipe looks for its sensor in its own folder
+        (beside / "quarter.yaml").write_text(yaml.safe_dump(sensor))
     recipe = folder / "quickstart.yaml"
     recipe.write_text(shrunk((ROOT / "recipes/quickstart.yaml").read_text()))
     run(folder, ["saf-gen", "generate", recipe.name, "--out", "datasets/quickstart"])
@@ -350,7 +400,7 @@ def test_what_a_page_shows_runs_in_its_order(page, desk, monkeypatch):
         if block.path:
             target = desk / block.path
             target.parent.mkdir(parents=True, exist_ok=True)
-            is_recipe = block.path.startswith("recipes/")
+            is_recipe = block.path.startswith("recipes/") and block.language == "yaml"
             target.write_text(shrunk(block.text) if is_recipe else block.text, encoding="utf-8")
         if block.language == "sh":
             for words in commands(block):

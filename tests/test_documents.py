@@ -1,9 +1,9 @@
 """YAML is read strictly, and what does not fit is told with its line."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import pytest
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from saf_gen.documents import Frozen, read_as
 from saf_gen.errors import BadInput
@@ -71,6 +71,51 @@ def test_a_good_document_becomes_a_frozen_value_that_knows_its_lines(tmp_path):
 )
 def test_what_does_not_fit_is_told_in_one_line(tmp_path, text, told):
     assert complaint(tmp_path, text) == told
+
+
+class Disc(Frozen):
+    shape: Literal["disc"]
+    radius: float
+
+
+class Box(Frozen):
+    shape: Literal["box"] = "box"
+    edges: tuple[float, float]
+
+
+def shape(value):
+    return value.get("shape", "box") if isinstance(value, dict) else "none"
+
+
+class Drawing(Frozen):
+    part: Annotated[Annotated[Disc, Tag("disc")] | Annotated[Box, Tag("box")], Discriminator(shape)]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "part:\n  shape: disk\n  radius: 1\n",
+            "doc.yaml:2: part.shape is 'disk'; allowed: disc, box; did you mean 'disc'?",
+        ),
+        (
+            "part:\n  shape: disc\n  radius: 1\n  edges: 3\n",
+            "doc.yaml:4: unknown key 'edges' in part; allowed: shape, radius",
+        ),
+        ("part:\n  shape: disc\n", "doc.yaml:1: the key 'part.radius' is missing"),
+        (
+            "part:\n  edges: [1, wide]\n",
+            "doc.yaml:2: part.edges.1 is 'wide'; allowed: a valid number",
+        ),
+        ("part: 3\n", "doc.yaml:1: part.shape is 'none'; allowed: disc, box"),
+    ],
+)
+def test_what_does_not_fit_one_of_several_kinds_is_told_by_that_kind(tmp_path, text, told):
+    path = tmp_path / "doc.yaml"
+    path.write_text(text)
+    with pytest.raises(BadInput) as caught:
+        read_as(Drawing, path)
+    assert str(caught.value).replace(str(tmp_path) + "/", "") == told
 
 
 def test_a_missing_file_is_told_with_the_nearest_one(tmp_path):

@@ -11,8 +11,11 @@ from saf_gen.errors import BadInput
 from saf_gen.evaluate import evaluate, score_curve
 from saf_gen.measures import get_measure
 from saf_gen.methods import DEFAULT_METHODS, parse_method
+from saf_gen.motions import readout_positions
 from saf_gen.parts import Answer
+from saf_gen.passes import passes
 from saf_gen.scores import record_to_json
+from saf_gen.seeds import generator
 from saf_gen.stream import open_stream, write_stream
 
 PEAK = 300.0
@@ -43,6 +46,9 @@ def dataset(tmp_path_factory):
                 id=name,
                 split=split,
                 scene=scene,
+                variant=0,
+                scene_motion="static",
+                lens_motion="sweep",
                 light=light,
                 repeat=0,
                 seed=1,
@@ -134,6 +140,49 @@ def test_the_traces_of_egs_code_come_through_as_they_are(stream_file):
     trace = one(stream_file, "sd_code+egs_code").trace
     assert trace[0] == 400  # the midpoint of the 1-based frames 1 ... 800
     assert abs(trace[-1] - PEAK) < 80
+
+
+def moving(path, lens, *, dof=0.1):
+    """A stream whose contrast follows the lens, sharp at 0.4 of the travel, with what is true of it."""
+    contrast = 0.05 + 0.9 * np.exp(-(((lens - 0.4) / 0.11) ** 2))
+    board = np.where(np.add.outer(np.arange(48) // 4, np.arange(64) // 4) % 2, 1.0, -1.0)
+    rate = 0.25 * (1 + contrast[:, None, None] * board)
+    phase = generator("moving").random((48, 64))
+    frames = np.diff(np.floor(phase + np.cumsum(rate, axis=0)), axis=0, prepend=0.0).astype(np.uint8)
+    passed = passes(lens, 0.4)
+    frame = passed[0] if passed.size else float("nan")
+    truth = {"position": 0.4, "depth_of_focus": (0.4 - dof / 2, 0.4 + dof / 2), "frame": frame}
+    write_stream(path, frames, focus_position=lens, truth=truth)
+
+
+MOVED = {
+    "there and back": ({"kind": "sweep_and_return", "dwell_s": 0.005}, True),
+    "backwards": ({"kind": "sweep", "from": 1.0, "to": 0.0}, True),
+    "steps": ({"kind": "steps", "count": 10, "natural_hz": 1500.0, "damping": 0.2}, True),
+    "hand": (
+        {"kind": "hand", "reversals": True, "bandwidth_hz": 150.0, "irregularity": 1.0, "seed": 1},
+        True,
+    ),
+    "hold, sharp": ({"kind": "hold", "position": 0.42}, True),
+    "hold, blurred": ({"kind": "hold", "position": 0.8}, False),
+}
+
+
+@pytest.mark.parametrize(("motion", "in_reach"), MOVED.values(), ids=MOVED)
+def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, in_reach):
+    """All default methods answer, argmax rightly; errors are those of the position and the nearest pass."""
+    lens = readout_positions(motion, 800, 20_000).astype(np.float32)
+    moving(tmp_path / "s.h5", lens)
+    (*records,) = evaluate(tmp_path / "s.h5", methods=[*DEFAULT_METHODS, "sd+argmax:window=20"]).records
+    when = passes(lens, 0.4)
+    for record in records:
+        assert record.status == "answered"
+        assert record.error == pytest.approx(np.interp(record.frame, np.arange(800), lens) - 0.4, abs=1e-6)
+        assert record.error_dof == pytest.approx(record.error / 0.1)
+        nearest = when[np.abs(when - record.frame).argmin()] if when.size else None
+        assert record.truth_frame == pytest.approx(nearest)
+        assert record.error_frames == (None if nearest is None else pytest.approx(record.frame - nearest))
+    assert records[-1].success_1dof is in_reach
 
 
 def test_a_stream_without_truth_is_searched_with_null_errors(tmp_path):

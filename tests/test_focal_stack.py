@@ -1,13 +1,15 @@
 """The store of focal stacks: keyed by content, whole or missing."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from saf_gen import exr
 from saf_gen.errors import BadInput
 from saf_gen.focal_stack import StackSpec, StackStore
-from saf_gen.optics import ImageDistance
+from saf_gen.optics import FocalLength, ImageDistance, Stage
 
 SPEC = StackSpec(
     scene="plane",
@@ -42,6 +44,14 @@ def test_what_is_stored_comes_back(tmp_path):
     assert np.array_equal(stack.depth, depth)
     assert np.array_equal(stack.target, target)
     assert stack.variant == "llvm"
+
+
+def test_a_piece_says_which_drive_it_was_seen_through(tmp_path):
+    store, *_ = filled(tmp_path)
+    drive = {"kind": "image_distance", "focal_length_m": 0.025, "f_number": 2.0}
+    drive |= {"focus_range_m": [0.6, 0.42], "transmission": 1.0}
+    assert json.loads(exr.read_planes(store.folder / "lamp.exr")[1]["drive"]) == drive
+    assert json.loads((store.folder / "lamp.json").read_text())["spec"]["drive"] == drive
 
 
 def test_pieces_are_missing_until_they_are_there(tmp_path):
@@ -98,6 +108,8 @@ def test_a_stack_made_by_two_variants_says_so(tmp_path):
         {"positions": 4},
         {"pitch_m": 10e-6},
         {"drive": ImageDistance(0.025, 2.8, (0.6, 0.42))},
+        {"drive": FocalLength(0.025, 2.0, (0.6, 0.42))},  # the same numbers, another drive
+        {"drive": Stage(0.025, 2.0, 0.05, (0.0, 0.1))},
         {"groups": ("lamp",)},
     ],
 )

@@ -63,7 +63,7 @@ def test_a_recipe_becomes_streams_with_truth(made):
         assert stream.shape == (400, 40, 64)
         assert stream.truth.position == pytest.approx(0.46199, abs=1e-4)
         assert stream.truth.frame == pytest.approx(0.46199 * 400 - 0.5, abs=0.1)
-        assert stream.focus_position[0] == pytest.approx(0.5 / 400)
+        assert stream.focus_position[0] == pytest.approx(0.5 / 400, abs=1e-7)  # on a grid of 2⁻²⁴
         assert stream.truth.target.all()
         assert stream.truth.sharpness.shape == (9,)
         counts = stream.counts(0, 400)
@@ -79,6 +79,12 @@ def test_the_file_says_how_it_was_made(made):
         assert file["provenance/variant"][()].decode() == VARIANT
     assert "name: small" in recipe
     assert versions["mitsuba"] == "3.9.1"
+
+
+def test_a_recording_holds_the_sensor_that_made_it_as_a_sensor_file(work, made, tmp_path):
+    with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
+        (tmp_path / "again.yaml").write_text(stream.metadata.provenance["sensor"])
+    assert saf_gen.get_sensor(tmp_path / "again.yaml") == work.sensor
 
 
 def test_light_schedules_are_stored_a_group_a_column(made):
@@ -131,10 +137,16 @@ def test_a_shard_after_a_change_of_recipe_lists_nothing_of_the_old_one(small_rec
     assert [e.id for e in part.manifest.sequences] == part.recorded == ["plane-constant-00"]
 
 
+def spec_of(work):
+    """The one stack of the small dataset."""
+    ((spec,),) = (reel.specs for reel in work.reels())
+    return spec
+
+
 def test_another_stack_records_anew(small_recipe, work, made):
     for path in made.folder.glob("stacks/*/lamp.*"):
         path.unlink()
-    store = StackStore(made.folder / "stacks", work.specs["plane"])
+    store = StackStore(made.folder / "stacks", spec_of(work))
     store.put_group("lamp", store_radiance(made.folder, work) * 2, VARIANT)
     again = generate(work, made.folder, variant=VARIANT)
     assert again.rendered == []
@@ -144,7 +156,7 @@ def test_another_stack_records_anew(small_recipe, work, made):
 def store_radiance(folder, work):
     """The room's radiance, here to stand in for another lamp's."""
     planes, _ = read_planes(next(folder.glob("stacks/*/room.exr")))
-    return np.array([planes[f"focus.{k:04d}"] for k in range(work.specs["plane"].positions)])
+    return np.array([planes[f"focus.{k:04d}"] for k in range(spec_of(work).positions)])
 
 
 @pytest.mark.slow

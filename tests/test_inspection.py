@@ -1,9 +1,12 @@
 """What is in a stream, in words."""
 
 import numpy as np
+import pytest
 
 import saf_gen
 from saf_gen.inspection import describe
+from saf_gen.motions import readout_positions
+from saf_gen.passes import passes
 
 
 def test_a_stream_with_truth_is_described(tmp_path):
@@ -28,6 +31,33 @@ def test_a_stream_with_truth_is_described(tmp_path):
     assert facts["true focus"] == "0.25000 of the travel, at frame 19.5"
     assert facts["depth of focus"] == "0.20000 to 0.30000 of the travel"
     assert facts["variant"] == "llvm"
+
+
+@pytest.mark.parametrize(
+    ("motion", "way", "passed"),
+    [
+        ({"kind": "sweep", "from": 0.8, "to": 0.0}, "0.795 to 0.005 of the travel", "at frame 54.5"),
+        (
+            {"kind": "sweep_and_return"},
+            "0.0125 to 0.0125 of the travel with turns, within 0.0125 to 0.9875",
+            "at frame 9.5, the first of 2 times",
+        ),
+        ({"kind": "hold", "position": 0.5}, "0.5 of the travel throughout", "never passed"),
+    ],
+)
+def test_the_way_of_the_lens_is_told(tmp_path, motion, way, passed):
+    lens = readout_positions(motion, 80, 80.0)
+    when = passes(lens, 0.25)
+    saf_gen.write_stream(
+        tmp_path / "a.h5",
+        np.zeros((80, 4, 6), dtype=np.uint8),
+        focus_position=lens,
+        truth={"position": 0.25, "frame": when[0] if when.size else np.nan},
+    )
+    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+        facts = describe(stream)
+    assert facts["focus"] == way
+    assert facts["true focus"] == f"0.25000 of the travel, {passed}"
 
 
 def test_a_stream_without_truth_says_so(tmp_path):

@@ -1,69 +1,222 @@
-"""The thin lens, against its own equations."""
+"""The thin lens and its drives, against their own equations."""
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
+from saf_gen.camera.exposure import irradiance_per_radiance
 from saf_gen.errors import BadInput
-from saf_gen.optics import ImageDistance, sweep
+from saf_gen.optics import DRIVES, FocalLength, ImageDistance, Stage
 
-LENS = ImageDistance(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
+MACRO = ImageDistance(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
+LIQUID = FocalLength(image_distance_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
+MICROSCOPE = Stage(focal_length_m=0.004, f_number=1.1, magnification=20, travel_m=(-30e-6, 30e-6))
+TABLE = Stage(focal_length_m=0.05, f_number=2.0, magnification=0.25, travel_m=(0.06, -0.04))
+LENSES = (MACRO, LIQUID, MICROSCOPE, TABLE)
+P = np.linspace(0, 1, 11)
 PITCH = 20e-6
 
-
-def test_every_position_obeys_the_lens_equation():
-    p = np.linspace(0, 1, 11)
-    assert 1 / LENS.image_distance(p) + 1 / LENS.object_distance(p) == pytest.approx(1 / 0.035, rel=1e-12)
+every_drive = pytest.mark.parametrize("lens", LENSES, ids=("macro", "liquid", "microscope", "table"))
 
 
-def test_the_ends_of_the_travel_focus_where_the_card_says():
-    assert LENS.object_distance(np.array([0.0, 1.0])) == pytest.approx([0.9, 0.4], rel=1e-12)
+def among(lens, count):
+    """Depths that the middle of the travel focuses."""
+    return lens.focus_depth(np.linspace(0.3, 0.7, count))
 
 
-def test_position_is_linear_in_the_image_distance():
-    v = LENS.image_distance(np.linspace(0, 1, 5))
+def test_every_kind_of_drive_is_tested():
+    assert {type(lens) for lens in LENSES} == set(DRIVES.values())
+
+
+def test_a_lens_that_moves_obeys_the_lens_equation_and_is_linear_in_v():
+    v = MACRO.image_distance(P)
+    assert 1 / v + 1 / MACRO.object_distance(P) == pytest.approx(1 / 0.035, rel=1e-12)
     assert np.diff(v) == pytest.approx(np.diff(v)[0])
-    assert LENS.position(v) == pytest.approx(np.linspace(0, 1, 5))
 
 
-def test_blur_is_the_textbooks_and_vanishes_at_the_best_position():
-    depth, p = 0.55, 0.2
-    v, u = float(LENS.image_distance(p)), float(LENS.object_distance(p))
-    assert float(LENS.blur_diameter(p, depth)) == pytest.approx(0.0175 * v * abs(1 / depth - 1 / u))
-    assert float(LENS.blur_diameter(LENS.best_position(depth), depth)) == pytest.approx(0, abs=1e-15)
+def test_a_varifocal_lens_keeps_v_and_is_linear_in_its_power():
+    assert np.array_equal(LIQUID.image_distance(P), np.full(11, 0.035))
+    power = 1 / LIQUID.image_distance(P) + 1 / LIQUID.object_distance(P)
+    assert np.diff(power) == pytest.approx(np.diff(power)[0])
 
 
-def test_the_truth_of_one_depth_is_its_best_position():
-    assert LENS.truth(np.full(10, 0.6)) == pytest.approx(float(LENS.best_position(0.6)), rel=1e-12)
+def test_a_stage_keeps_the_lens_and_is_linear_in_z():
+    u, v = MICROSCOPE.object_distance(P), MICROSCOPE.image_distance(P)
+    assert 1 / u + 1 / v == pytest.approx(1 / 0.004, rel=1e-12)
+    assert v / u == pytest.approx(20, rel=1e-12)
+    assert np.diff(MICROSCOPE.shift(P)) == pytest.approx(6e-6)
 
 
-def test_the_truth_of_many_depths_minimises_the_mean_squared_blur():
-    depths = np.linspace(0.5, 0.8, 40)
+@pytest.mark.parametrize(
+    ("lens", "ends"),
+    [(MACRO, (0.9, 0.4)), (LIQUID, (0.9, 0.4)), (MICROSCOPE, (0.00417, 0.00423)), (TABLE, (0.31, 0.21))],
+)
+def test_the_ends_of_the_travel_focus_where_the_card_says(lens, ends):
+    assert lens.focus_depth(np.array([0.0, 1.0])) == pytest.approx(ends, rel=1e-12)
+    assert lens.reach_m == pytest.approx(sorted(ends), rel=1e-12)
+
+
+@every_drive
+def test_the_best_position_is_the_inverse_of_the_depth_in_focus(lens):
+    assert lens.best_position(lens.focus_depth(P)) == pytest.approx(P, abs=1e-9)
+
+
+@every_drive
+def test_blur_is_the_textbooks_and_vanishes_at_the_best_position(lens):
+    depth, p = float(lens.focus_depth(0.6)), 0.2
+    u, v = float(lens.object_distance(p)), float(lens.image_distance(p))
+    distance = depth - float(lens.shift(p))
+    expected = 2 * lens.aperture_radius_m * v * abs(1 / distance - 1 / u)
+    assert float(lens.blur_diameter(p, depth)) == pytest.approx(expected, rel=1e-12)
+    assert expected > PITCH
+    assert float(lens.blur_diameter(lens.best_position(depth), depth)) == pytest.approx(0, abs=1e-12)
+
+
+def test_a_point_that_the_lens_has_reached_has_no_finite_blur():
+    assert TABLE.blur_diameter(0.0, np.array([0.06, 0.05])) == pytest.approx(np.inf)
+
+
+def test_the_f_number_is_that_of_the_lens_at_infinity():
+    assert MACRO.aperture_radius_m == pytest.approx(0.035 / 4)
+    assert LIQUID.aperture_radius_m == pytest.approx(0.035 / 4)  # focused at infinity its f is v
+    assert MICROSCOPE.aperture_radius_m == pytest.approx(0.004 / 2.2)
+
+
+@every_drive
+def test_the_truth_of_one_depth_is_its_best_position(lens):
+    depth = float(lens.focus_depth(0.37))
+    assert lens.truth(np.full(10, depth)) == pytest.approx(float(lens.best_position(depth)), rel=1e-12)
+
+
+@every_drive
+def test_the_truth_of_many_depths_minimises_the_mean_squared_blur(lens):
+    depths = among(lens, 40)
     found = minimize_scalar(
-        lambda p: float(np.mean(LENS.blur_diameter(p, depths) ** 2)), bounds=(0, 1), method="bounded",
+        lambda p: float(np.mean(lens.blur_diameter(p, depths) ** 2)) * 1e12, bounds=(0, 1), method="bounded",
         options={"xatol": 1e-10},
     )  # fmt: skip
-    assert LENS.truth(depths) == pytest.approx(found.x, abs=1e-7)
+    assert lens.truth(depths) == pytest.approx(found.x, abs=1e-7)
 
 
-def test_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus():
-    low, high = LENS.depth_of_focus(np.full(4, 0.6), PITCH)
-    assert low < LENS.truth(np.full(4, 0.6)) < high
-    assert LENS.blur_diameter(np.array([low, high]), 0.6) == pytest.approx(PITCH, rel=1e-9)
+@pytest.mark.parametrize("counts", [(3, 6, 4), (1, 1, 1), (1, 50, 2000)])
+def test_the_truth_of_a_deep_relief_on_a_stage_is_its_only_minimum(counts):
+    """Layers at 1, 2.2 and 5 times u, 100,001 places from the nearest in focus to the nearest at the lens."""
+    lens = Stage(focal_length_m=0.05, f_number=2.0, magnification=0.25, travel_m=(-0.1, 0.1))
+    u = float(lens.object_distance(0.0))
+    p = np.linspace(*(float(lens.best_position(d)) for d in (u, 2 * u * (1 - 1e-9))), 100_001)
+    mean = sum(n * lens.blur_diameter(p, d) ** 2 for n, d in zip(counts, (u, 2.2 * u, 5 * u), strict=True))
+    assert (np.diff(np.sign(np.diff(mean))) != 0).sum() == 1
+    depths = np.repeat([u, 2.2 * u, 5 * u], counts)
+    assert lens.truth(depths) == pytest.approx(p[mean.argmin()], abs=2 * (p[1] - p[0]))
 
 
-def test_a_lens_that_cannot_focus_so_near_is_refused():
-    with pytest.raises(
-        BadInput, match=r"the lens of 35 mm cannot focus at 0.03 m; allowed: object distances"
-    ):
-        ImageDistance(0.035, 2.0, (0.9, 0.03))
+@every_drive
+def test_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus(lens):
+    depth = float(lens.focus_depth(0.4))
+    low, high = lens.depth_of_focus(np.full(4, depth), PITCH)
+    assert low < lens.truth(np.full(4, depth)) < high
+    assert lens.blur_diameter(np.array([low, high]), depth) == pytest.approx(PITCH, rel=1e-6)
 
 
-def test_a_lens_that_does_not_move_is_refused():
-    with pytest.raises(BadInput, match="both ends focus at 0.5 m"):
-        ImageDistance(0.035, 2.0, (0.5, 0.5))
+def test_the_microscopes_depth_of_focus_is_a_micrometre_to_each_side():
+    """u²·pitch/(2R·v) to first order: 1.155 µm."""
+    low, high = MICROSCOPE.depth_of_focus(np.array([0.0042]), PITCH)
+    assert (high - low) * 60e-6 / 2 == pytest.approx(0.0042**2 * PITCH / (2 * 0.004 / 2.2 * 0.084), rel=1e-5)
 
 
-def test_a_sweep_passes_the_travel_once_at_constant_speed():
-    p = sweep(8)
-    assert p == pytest.approx((np.arange(8) + 0.5) / 8)
+def test_a_pinhole_on_a_stage_has_no_far_end_of_focus():
+    pinhole = Stage(focal_length_m=0.004, f_number=300.0, magnification=0.5, travel_m=(-1e-3, 1e-3))
+    near, far = pinhole.depth_of_focus(np.array([0.012]), PITCH)
+    assert (near, far) == (-np.inf, pytest.approx(float(pinhole.best_position(0.012)), abs=10))
+
+
+@every_drive
+def test_a_path_is_a_straight_line_through_the_stack(lens):
+    entries = lens.transfer(P)
+    assert np.diff(entries, axis=0) == pytest.approx(np.broadcast_to(entries[1] - entries[0], (10, 2, 2)))
+    assert entries[5] == pytest.approx(np.eye(2), abs=1e-15)
+
+
+@every_drive
+def test_the_transfer_is_the_ray_through_the_moved_lens(lens):
+    """Against the drives' own formulas: x = a - v·(s + a/f), the lens moved by z through the ray."""
+    x, a = 0.7e-3, 0.4 * lens.aperture_radius_m
+    s = (a - x) / lens.image_distance(0.5) - a * power(lens, 0.5)
+    moved = a + s * (lens.shift(P) - lens.shift(0.5))
+    expected = moved - lens.image_distance(P) * (s + moved * power(lens, P))
+    x_p, a_p = (lens.transfer(P) @ [x, a]).T
+    assert x_p == pytest.approx(expected, rel=1e-9)
+    assert a_p == pytest.approx(moved, rel=1e-12)
+
+
+def power(lens, position):
+    """1/f."""
+    return 1 / lens.object_distance(position) + 1 / lens.image_distance(position)
+
+
+@every_drive
+def test_rays_spread_evenly_stay_spread_evenly(lens):
+    """The determinant is that of the scale of the picture alone, 1 where v does not change (étendue)."""
+    scale = lens.image_distance(P) / lens.image_distance(0.5)
+    assert np.linalg.det(lens.transfer(P)) == pytest.approx(scale, rel=1e-12)
+
+
+@pytest.mark.parametrize("lens", [MICROSCOPE, TABLE], ids=("microscope", "table"))
+def test_all_rays_from_a_point_on_the_stage_meet_where_it_is_in_focus(lens):
+    """At -v·h/u, h the point's height: two rays through it, led to the position that focuses it."""
+    p, h = 0.8, 0.05e-3
+    depth, u, v = (float(f(p)) for f in (lens.focus_depth, lens.object_distance, lens.image_distance))
+    from_lens = depth - float(lens.shift(0.5))  # at the position of reference
+    for a in (-0.3 * lens.aperture_radius_m, 0.8 * lens.aperture_radius_m):
+        s = (h - a) / from_lens
+        x = -v * (s + a / u)
+        assert (lens.transfer(p) @ [x, a])[0] == pytest.approx(-v * h / u, rel=1e-9)
+
+
+@every_drive
+def test_the_light_that_the_lens_collects_changes_with_v_alone(lens):
+    """E/L = π·R²/v² on the axis, at the aperture that stays as it is."""
+    v = lens.image_distance(P)
+    seen = irradiance_per_radiance((1, 1), v, pitch_m=PITCH, aperture_radius_m=lens.aperture_radius_m)
+    assert seen[:, 0, 0] == pytest.approx(np.pi * (lens.aperture_radius_m / v) ** 2, rel=1e-12)
+    assert (float(np.ptp(seen)) > 0) == (lens is MACRO)
+
+
+@every_drive
+def test_a_drive_as_plain_data_makes_the_drive_again(lens):
+    plain = lens.as_dict()
+    assert DRIVES[plain.pop("kind")](**plain) == lens
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (
+            lambda: ImageDistance(0.035, 2.0, (0.9, 0.03)),
+            r"the lens of 35 mm cannot focus at 0.03 m; allowed: object distances beyond 0.035 m",
+        ),
+        (lambda: ImageDistance(0.035, 2.0, (0.5, 0.5)), "does not move: both ends focus at 0.5 m"),
+        (
+            lambda: FocalLength(0.035, 2.0, (0.5, -0.1)),
+            "cannot focus at -0.1 m; allowed: object distances in front of it",
+        ),
+        (lambda: FocalLength(0.035, 2.0, (0.5, 0.5)), "does not change: both ends focus at 0.5 m"),
+        (
+            lambda: Stage(0.004, 1.1, 20, (1e-5, 1e-5)),
+            "stage does not move: both ends of the travel are 1e-05 m",
+        ),
+        (
+            lambda: Stage(0.004, 1.1, 20, (-0.003, 0.002)),
+            r"travel of 0.005 m runs into the lens, which is in focus at 0.0042 m; allowed: less than 0.0042",
+        ),
+        (
+            lambda: Stage(0.004, 1.1, 20, (-0.005, -0.0045)),
+            r"at -0.005 m of travel the lens, in focus at 0.0042 m, cannot focus before it; "
+            r"allowed: a travel above -0.0042 m",
+        ),
+    ],
+)
+def test_a_drive_that_cannot_be_is_refused_in_one_line(make, told):
+    with pytest.raises(BadInput, match=told) as caught:
+        make()
+    assert "\n" not in str(caught.value)

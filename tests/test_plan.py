@@ -1,7 +1,9 @@
 """Recipes become sequences; what is drawn depends on names alone."""
 
+import yaml
+
 from saf_gen.plan import make_plan, recipe_fingerprint, shard
-from saf_gen.recipe import Recipe
+from saf_gen.recipe import Recipe, read_recipe
 
 BASE = {
     "name": "tiny",
@@ -40,6 +42,49 @@ def test_open_numbers_are_drawn_within_their_range_and_differ_between_repeats():
     assert first.schedule[""]["to"] != second.schedule[""]["to"]
     assert 0.1 <= first.mean_rate <= 0.3
     assert first.seed != second.seed
+
+
+def moved(motion, **changes):
+    return [s.motion for s in plan(focus={"positions": 5, "motion": motion}, **changes)]
+
+
+def test_a_lens_sweeps_unless_told_otherwise():
+    assert [s.motion for s in plan()] == [{"kind": "sweep"}] * 4
+
+
+def test_open_numbers_of_a_motion_are_drawn_for_each_sequence():
+    drawn = moved({"kind": "sweep", "from": {"uniform": [0.0, 0.2]}, "to": 0.9})
+    assert all(0 <= m["from"] <= 0.2 and m["to"] == 0.9 for m in drawn)
+    assert len({m["from"] for m in drawn}) == 4
+
+
+def test_a_motion_may_be_drawn_among_several():
+    among = [{"kind": "sweep"}, {"kind": "hold", "position": {"uniform": [0.2, 0.4]}}]
+    drawn = moved({"choice": among}, splits={"test": BASE["splits"]["test"] | {"repeats": 20}})
+    assert {m["kind"] for m in drawn} == {"sweep", "hold"}
+    held = [m["position"] for m in drawn if m["kind"] == "hold"]
+    assert len(set(held)) == len(held)
+
+
+def test_a_hand_is_another_in_each_sequence_unless_the_recipe_names_its_seed():
+    assert len({m["seed"] for m in moved({"kind": "hand"})}) == 4
+    assert {m["seed"] for m in moved({"kind": "hand", "seed": 5})} == {5}
+
+
+def test_a_motion_moves_nothing_else_of_a_sequence():
+    for one, other in zip(plan(), plan(focus={"positions": 5, "motion": {"kind": "hand"}}), strict=True):
+        assert (one.seed, one.schedule, one.mean_rate) == (other.seed, other.schedule, other.mean_rate)
+
+
+def test_an_edited_table_of_a_motion_makes_other_sequences(tmp_path):
+    recipe = BASE | {"focus": {"positions": 5, "motion": {"kind": "from_csv", "file": "lens.csv"}}}
+    (tmp_path / "r.yaml").write_text(yaml.safe_dump(recipe))
+    plans = []
+    for end in ("0.9", "0.8"):
+        (tmp_path / "lens.csv").write_text(f"time_s,position\n0,0.1\n1,{end}\n")
+        plans.append(make_plan(read_recipe(tmp_path / "r.yaml")))
+    assert plans[0][0].motion["file"] == {"path": "lens.csv", "text": "time_s,position\n0,0.1\n1,0.9\n"}
+    assert plans[0] != plans[1]
 
 
 def test_a_sequence_does_not_depend_on_its_neighbours():

@@ -1,11 +1,14 @@
 """Recipes: what is right is read, what is wrong is told with its line."""
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from saf_gen.errors import BadInput
-from saf_gen.recipe import read_recipe
+from saf_gen.optics import DRIVES
+from saf_gen.recipe import Focus, read_recipe
+from saf_gen.work import prepare
 
 GOOD = """\
 name: tiny
@@ -25,6 +28,11 @@ def read(tmp_path, text):
     path = tmp_path / "r.yaml"
     path.write_text(text)
     return read_recipe(path)
+
+
+def test_a_recipe_can_ask_for_every_drive_there_is():
+    asked = Focus.model_fields["drive"].annotation
+    assert get_args(asked) == tuple(DRIVES)
 
 
 def test_a_recipe_is_read_whole(tmp_path):
@@ -48,8 +56,16 @@ def test_every_recipe_of_the_project_is_right(path):
         ("{mean_rate: 0.2}", "{mean_rate: 1.2}", r"r.yaml:3: camera.exposure is .*above 0 and below 1"),
         ("{mean_rate: 0.2}", "{}", r"either mean_rate: .* or absolute: true"),
         ("drive: image_distance", "drive: imagedistance", r"r.yaml:4: focus.drive is 'imagedistance'"),
-        ("kind: constant", "kind: constnt", r"r.yaml:7: unknown light kind 'constnt'; .*mean 'constant'\?"),
-        ("from: 0.5", "form: 0.5", r"r.yaml:8: unknown key of light 'ramp': 'form'; .*mean 'from'\?"),
+        (
+            "kind: constant",
+            "kind: constnt",
+            r"r.yaml:7: unknown light schedule 'constnt'; .*mean 'constant'\?",
+        ),
+        (
+            "from: 0.5",
+            "form: 0.5",
+            r"r.yaml:8: unknown key of light schedule 'ramp': 'form'; .*mean 'from'\?",
+        ),
         ("from: 0.5", "from: -0.5", r"r.yaml:8: from -0.5 to 1; allowed: gains of 0 or more"),
         ("[1, 2]", "[2, 1]", r"r.yaml:8: uniform is \[2, 1\]; allowed: \[low, high\] with low < high"),
         ("[constant, mixed]", "[constant, mixd]", r"r.yaml:10: unknown light 'mixd'; .*mean 'mixed'\?"),
@@ -62,6 +78,64 @@ def test_a_wrong_recipe_is_told_in_one_line(tmp_path, old, new, told):
     assert old in GOOD
     with pytest.raises(BadInput, match=told) as caught:
         read(tmp_path, GOOD.replace(old, new))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("motion", "told"),
+    [
+        ("sweep", r"r.yaml:4: focus.motion is 'sweep'; allowed: a lens motion .*such as {kind: sweep}"),
+        (
+            "{from: 0.1}",
+            r"r.yaml:4: motion has no kind; allowed: .*from_csv, hand, hold, steps, sweep, sweep_",
+        ),
+        ("{kind: swep}", r"r.yaml:4: unknown lens motion 'swep'; .*mean 'sweep'\?"),
+        (
+            "{kind: sweep, form: 0.1}",
+            r"r.yaml:4: unknown key of lens motion 'sweep': 'form'; .*mean 'from'\?",
+        ),
+        ("{kind: sweep, to: 1.5}", r"r.yaml:4: to is 1.5; allowed: 0 to 1, a fraction of the travel"),
+        ("{kind: sweep, to: {uniform: [0.5, 1.5]}}", r"r.yaml:4: to is 1.5; allowed: 0 to 1"),
+        (
+            "{kind: sweep, to: {uniform: [0.5, 0.5]}}",
+            r"r.yaml:4: uniform is \[0.5, 0.5\]; allowed: .*low < high",
+        ),
+        ("{choice: [{kind: sweep}, {kind: hold}]}", r"r.yaml:4: lens motion 'hold': .*missing"),
+        ("{choice: [sweep]}", r"r.yaml:4: motion is 'sweep'; allowed: {kind: ...,"),
+        (
+            "{kind: from_csv, file: lns.csv}",
+            r"r.yaml:4: 'lns.csv' does not exist; .*did you mean 'lens.csv'\?",
+        ),
+        ("{kind: from_csv, file: ../lens.csv}", r"r.yaml:4: '../lens.csv' lies outside the folder"),
+        (
+            "{kind: from_csv, file: lens.csv}",
+            r"lens.csv:3: time_s goes from 0 to 0; allowed: a rising column",
+        ),
+    ],
+)
+def test_a_wrong_lens_motion_is_told_in_one_line(tmp_path, motion, told):
+    (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0,1\n")
+    with pytest.raises(BadInput, match=told) as caught:
+        read(tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}"))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("motion", "told"),
+    [
+        ("{kind: steps, count: {uniform: [2, 9]}, natural_hz: 900, damping: 1}", "count is .*a whole number"),
+        ("{kind: sweep_and_return, dwell_s: 1}", r"dwell_s is 1 in a recording of 0.005 s"),
+        ("{kind: hand}", r"bandwidth_hz is 5 in a recording of 0.005 s; allowed: at least 400"),
+        ("{kind: from_csv, file: lens.csv}", "lens.csv: time_s goes from 0 to 0.001, the recording"),
+    ],
+)
+def test_a_motion_that_does_not_fit_the_recording_is_told_before_anything_is_made(tmp_path, motion, told):
+    (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0.001,1\n")
+    path = tmp_path / "r.yaml"
+    path.write_text(GOOD.replace("positions: 5", f"positions: 5, motion: {motion}"))
+    with pytest.raises(BadInput, match=told) as caught:
+        prepare(path)
+    assert str(caught.value).startswith(f"{path}: the lens motion of usaf_target-constant-00: ")
     assert "\n" not in str(caught.value)
 
 

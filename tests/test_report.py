@@ -122,6 +122,28 @@ def test_a_sweep_with_less_than_everything_is_drawn_too():
     }
 
 
+def test_over_frames_every_pass_of_the_truth_and_the_lens_are_drawn():
+    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
+    figure = curves_figure([sweep(lens=there_and_back)], title="camel")
+    axes = next(a for a in figure.axes if a.get_title())
+    (passed,) = (c for c in axes.collections if len(c.get_paths()) == 2 and "Line" in type(c).__name__)
+    when = sorted(path.vertices[0, 0] for path in passed.get_paths())
+    assert when == pytest.approx([0.375 * 399.5, 799 - 0.375 * 399.5], abs=1)
+    (drawn,) = (line for line in axes.get_lines() if len(line.get_xdata()) == 800)
+    np.testing.assert_allclose(drawn.get_ydata(), there_and_back, atol=1e-6)
+    assert "focus position, 0 to 1" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_a_lens_that_rests_on_its_way_is_drawn_over_frames():
+    stop_and_go = np.repeat(np.linspace(0, 1, 8, dtype=np.float32), 100)
+    slow_and_fast = LENS**2
+    figure = curves_figure(
+        [sweep("stop", lens=stop_and_go), sweep("hand", lens=slow_and_fast)], title="camel"
+    )
+    over = {axes.get_title(): axes.get_xlabel() for axes in figure.axes if axes.get_title()}
+    assert over == {"stop": "frame", "hand": "focus position, fraction of travel"}
+
+
 def test_a_truth_outside_the_travel_does_not_stretch_the_axis():
     figure = curves_figure([sweep(truth=1.4, depth_of_focus=(1.3, 1.5))], title="camel")
     axes = next(a for a in figure.axes if a.get_title())

@@ -1,10 +1,12 @@
 """Scene cards: what is right is read, what is wrong is told with its line."""
 
 import shutil
+from dataclasses import replace
 
 import pytest
 
 from saf_gen.errors import BadInput
+from saf_gen.optics import FocalLength, ImageDistance, Stage
 from saf_gen.scene import find_scene, scene_names
 
 
@@ -51,6 +53,7 @@ def test_an_unknown_scene_is_told_with_the_nearest(test_scenes):
         ("focal_length_mm", "focal_lenght_mm", r"scene.yaml:6: .*focal_length_mm"),
         ("look_at_m: [0, 0, 1]", "look_at_m: [0, 0, 0]", r"look_at_m away from origin_m"),
         ("room: [room]", "room: [lamp]", r"emitter 'lamp' is in two light groups"),
+        ("id: plane", "id: plane\nunit_m: 0", r"scene.yaml:2: unit_m is 0; allowed: greater than 0"),
         ("target: [plane]", "target: []", r"scene.yaml:10: target is \[\]"),
     ],
 )
@@ -60,9 +63,62 @@ def test_a_wrong_card_is_told_in_one_line(edited, old, new, told):
         find_scene("plane")
 
 
+MACRO = "{focal_length_mm: 25, f_number: 2.0, drive: image_distance, focus_range_m: [0.60, 0.42]}"
+LIQUID = "{drive: focal_length, image_distance_mm: 26, f_number: 2.0, focus_range_m: [0.60, 0.42]}"
+STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, travel_m: [-3.0e-5, 3e-5]}"
+
+
+@pytest.mark.parametrize(
+    ("lens", "drive", "words"),
+    [
+        (MACRO, ImageDistance(0.025, 2.0, (0.6, 0.42)), "25 mm f/2"),
+        (MACRO.replace("drive: image_distance, ", ""), ImageDistance(0.025, 2.0, (0.6, 0.42)), "25 mm f/2"),
+        (LIQUID, FocalLength(0.026, 2.0, (0.6, 0.42)), "26 mm f/2, varifocal"),
+        (STAGE, Stage(0.004, 1.1, 20.0, (-30e-6, 30e-6)), "4 mm f/1.1, 20×, stage"),
+    ],
+)
+def test_a_card_has_the_words_of_its_drive(edited, lens, drive, words):
+    edited(MACRO, lens)
+    scene = find_scene("plane")
+    assert scene.drive() == drive
+    assert scene.drive(4.0) == replace(drive, f_number=4.0)
+    assert scene.card.lens.words == words
+
+
+@pytest.mark.parametrize(
+    ("lens", "told"),
+    [
+        (
+            LIQUID.replace("focal_length,", "focal_lenght,"),
+            r"scene.yaml:6: lens.drive is 'focal_lenght'; allowed: image_distance, focal_length, stage; "
+            r"did you mean 'focal_length'\?",
+        ),
+        (
+            LIQUID.replace("image_distance_mm", "focal_length_mm"),
+            r"scene.yaml:6: unknown key 'focal_length_mm' in lens; allowed: .*image_distance_mm",
+        ),
+        (
+            STAGE.replace("travel_m: [-3.0e-5, 3e-5]", "focus_range_m: [0.6, 0.4]"),
+            r"scene.yaml:6: unknown key 'focus_range_m' in lens; allowed: .*travel_m",
+        ),
+        (STAGE.replace("magnification: 20, ", ""), r"the key 'lens.magnification' is missing"),
+        (STAGE.replace("20", "-20"), r"scene.yaml:6: lens.magnification is -20; allowed: greater than 0"),
+        (STAGE.replace("3e-5]", "-3.0e-5]"), r"scene.yaml:6: the stage does not move"),
+        (STAGE.replace("3e-5]", "4.5e-3]"), r"scene.yaml:6: a travel of 0.00453 m runs into the lens"),
+        (LIQUID.replace("0.42", "0"), r"scene.yaml:6: the lens cannot focus at 0 m"),
+        (LIQUID.replace("0.42", "0.60"), r"scene.yaml:6: the lens does not change"),
+    ],
+)
+def test_a_wrong_drive_is_told_in_one_line(edited, lens, told):
+    edited(MACRO, lens)
+    with pytest.raises(BadInput, match=told) as caught:
+        find_scene("plane")
+    assert "\n" not in str(caught.value)
+
+
 def test_a_scene_without_geometry_is_told(edited):
     (edited("id: plane", "id: plane") / "scene.py").unlink()
-    with pytest.raises(BadInput, match=r"has no scene.py; add one with build\(params\)"):
+    with pytest.raises(BadInput, match=r"has neither scene.py nor scene.xml; add scene.py with build\(params\)"):
         find_scene("plane")
 
 
@@ -73,3 +129,48 @@ def test_the_digest_sees_geometry_and_not_prose(edited, test_scenes):
     assert changed != before
     (folder / "SOURCE.md").write_text("made here")
     assert find_scene("plane").digest == changed
+
+
+# --- a scene is a family ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def family(test_scenes, tmp_path, monkeypatch):
+    """The test scene with two open parameters."""
+    folder = tmp_path / "scenes" / "plane"
+    shutil.copytree(test_scenes / "plane", folder)
+    card = (folder / "scene.yaml").read_text().rstrip().splitlines()
+    card = [line for line in card if not line.startswith("params")]
+    card.append("params: {distance_m: {uniform: [0.4, 0.5]}, seed: {choice: [1, 2, 3]}, texels: 64}")
+    (folder / "scene.yaml").write_text("\n".join(card))
+    monkeypatch.setenv("SAF_GEN_SCENES", str(folder.parent))
+    return folder
+
+
+def test_open_parameters_are_drawn_by_name(family):
+    scene = find_scene("plane")
+    one, same, other = (scene.drawn(7, "train", n) for n in (0, 0, 1))
+    assert one.params == same.params
+    assert one.params["distance_m"] != other.params["distance_m"]
+    assert 0.4 <= one.params["distance_m"] <= 0.5
+    assert one.params["seed"] in (1, 2, 3)
+    assert one.params["texels"] == 64
+    assert one.digest == other.digest
+
+
+def test_a_scene_looked_at_twice_is_the_same(family):
+    assert find_scene("plane").params == find_scene("plane").params
+
+
+def test_parameters_can_be_chosen_by_name_only(family):
+    scene = find_scene("plane")
+    assert scene.with_params({"seed": 3}).params == {**scene.params, "seed": 3}
+    with pytest.raises(BadInput, match=r"unknown parameter of scene 'plane': 'sead'.*did you mean 'seed'"):
+        scene.with_params({"sead": 3})
+
+
+def test_a_range_of_a_card_that_has_no_width_is_refused_with_its_line(family):
+    card = family / "scene.yaml"
+    card.write_text(card.read_text().replace("[0.4, 0.5]", "[0.5, 0.5]"))
+    with pytest.raises(BadInput, match=r"scene.yaml:\d+: uniform is \[0.5, 0.5\]; allowed: \[low, high\]"):
+        find_scene("plane")

@@ -9,8 +9,8 @@ SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
 
 
 def judged(frame, **given):
-    known = {"truth": 0.5, "truth_frame": 400.0, "ends": (0.45, 0.55)}
-    return judge(frame, frames_seen=801, focus_position=SWEEP, **{**known, **given})
+    known = {"focus_position": SWEEP, "truth": 0.5, "truth_frame": 400.0, "ends": (0.45, 0.55)}
+    return judge(frame, frames_seen=801, **{**known, **given})
 
 
 def test_the_position_is_linear_between_readouts_and_held_beyond_the_ends():
@@ -101,6 +101,72 @@ def test_without_a_lens_record_nothing_about_positions_is_known():
 
 def test_a_full_sweep_with_the_focus_half_way_costs_one_and_a_half_travels():
     assert lens_travel(801, 400.0, SWEEP) == pytest.approx(1.5)
+
+
+THERE_AND_BACK = np.concatenate([SWEEP, SWEEP[-2::-1]])  # frame t stands at t/800, then at (1600 - t)/800
+
+
+@pytest.mark.parametrize(
+    ("frame", "passed"), [(430.0, 400.0), (799.0, 400.0), (801.0, 1200.0), (1150.0, 1200.0)]
+)
+def test_an_error_in_frames_is_to_the_pass_nearest_to_the_answer(frame, passed):
+    verdict = judged(frame, focus_position=THERE_AND_BACK)
+    assert verdict.truth_frame == passed
+    assert verdict.error_frames == frame - passed
+    assert verdict.error == pytest.approx(position_at(frame, THERE_AND_BACK) - 0.5)
+
+
+def test_an_answer_on_the_way_back_is_as_good_as_one_on_the_way_there():
+    there, back = (judged(frame, focus_position=THERE_AND_BACK) for frame in (408.0, 1192.0))
+    assert there.error == pytest.approx(back.error)
+    assert there.success == back.success
+    assert (there.error_frames, back.error_frames) == (8, -8)
+
+
+def test_without_an_answer_the_frame_of_truth_is_the_first_pass():
+    assert judged(None, focus_position=THERE_AND_BACK).truth_frame == 400.0
+    assert judged(None, focus_position=THERE_AND_BACK, truth_frame=math.nan).truth_frame == 400.0
+    assert judged(None, truth=math.nan, truth_frame=math.nan).truth_frame is None
+
+
+@pytest.mark.parametrize(("place", "error"), [(0.52, 0.02), (0.5, 0.0), (0.9, 0.4)])
+def test_a_lens_that_holds_is_judged_by_its_position(place, error):
+    still = np.full(801, place)
+    verdict = judged(300.0, focus_position=still, truth_frame=math.nan)
+    assert verdict.error == pytest.approx(error)
+    assert verdict.error_dof == pytest.approx(error / 0.1)
+    assert verdict.success == tuple(abs(error) <= limit * 0.1 for limit in WITHIN)
+    assert verdict.error_frames == (0.0 if error == 0 else None)
+    assert verdict.lens_travel == 0
+    nothing = judged(None, focus_position=still, truth_frame=math.nan)
+    assert nothing.success == tuple(error > limit * 0.1 for limit in WITHIN)
+
+
+def test_at_rest_in_the_focus_every_frame_is_right():
+    lens = np.concatenate([np.linspace(0, 0.5, 100), np.full(100, 0.5), np.linspace(0.5, 1, 100)])
+    for frame in (99.0, 150.3, 200.0):
+        assert judged(frame, focus_position=lens, truth_frame=99.0).error_frames == 0
+    assert judged(210.0, focus_position=lens, truth_frame=99.0).error_frames == 10
+
+
+def test_a_truth_that_moves_is_followed():
+    """The target goes from 0.75 of the travel to 0.25 while the lens sweeps: they meet at frame 400."""
+    track = np.linspace(0.75, 0.25, 801)
+    late = judged(480.0, track=track)
+    assert (late.truth, late.truth_frame) == (pytest.approx(0.45), 400.0)
+    assert late.error == pytest.approx(0.6 - 0.45)
+    assert late.error_frames == 80
+    assert judged(480.0, track=track, truth_frame=math.nan).truth_frame == pytest.approx(400)
+    assert judged(None, track=track).truth == 0.5
+    still = judged(300.0, focus_position=np.full(801, 0.3), track=track, truth_frame=math.nan)
+    assert still.error == pytest.approx(0.3 - (0.75 - 0.5 * 300 / 800))
+    assert still.truth_frame == pytest.approx(720)  # the target comes to the lens: 0.75 - 0.5·t/800 = 0.3
+    assert judged(None, focus_position=np.zeros(801), track=track).success == (True, True, True)
+
+
+def test_what_the_lens_does_not_say_the_stream_may():
+    blind = judge(400.0, frames_seen=801, focus_position=None, truth=0.5, truth_frame=380.0)
+    assert (blind.truth_frame, blind.error_frames) == (380.0, None)
 
 
 def test_stopping_early_costs_the_way_there_and_back():

@@ -6,12 +6,14 @@ import pytest
 from saf_gen.render import splat
 
 
-def one_by_one(first_x, first_y, step_x, step_y, value, shape):
+def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=None):
     """The readable twin: mean of the values that fall into each pixel at each position."""
     focus, rows, columns = shape
+    begin = np.zeros(len(value), dtype=int) if begin is None else begin
+    end = np.full(len(value), focus) if end is None else end
     total, count = np.zeros(shape), np.zeros(shape, dtype=int)
-    for x, y, dx, dy, v in zip(first_x, first_y, step_x, step_y, value, strict=True):
-        for k in range(focus):
+    for x, y, dx, dy, v, b, e in zip(first_x, first_y, step_x, step_y, value, begin, end, strict=True):
+        for k in range(b, min(e, focus)):
             column, row = int(np.floor(x + k * dx)), int(np.floor(y + k * dy))
             if 0 <= row < rows and 0 <= column < columns:
                 total[k, row, column] += v
@@ -30,16 +32,37 @@ def paths(seed, count, shape):
     return [np.asarray(a, dtype=np.float32) for a in (first_x, first_y, step_x, step_y, random.random(count))]
 
 
+def windows(seed, count, shape):
+    """Begins and ends of all sorts: empty, of one position, the whole travel, past its end."""
+    random = np.random.default_rng(seed)
+    begin = random.integers(0, shape[0], count)
+    end = begin + random.integers(-1, shape[0], count)
+    begin[: count // 10], end[: count // 10] = 0, shape[0]
+    return begin.astype(np.int32), end.astype(np.int32)
+
+
+@pytest.mark.parametrize("windowed", [False, True])
 @pytest.mark.parametrize("shape", [(17, 9, 13), (2, 5, 4), (64, 6, 6)])
-def test_the_stack_is_that_of_adding_paths_one_by_one(shape):
+def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
     arrays = paths(5, 3000, shape)
+    window = windows(8, 3000, shape) if windowed else ()
     sums = splat.accumulators(2, shape)
-    assert splat.splat(sums, *arrays, 2.0**30, 1e9) == 0
-    total, count = one_by_one(*arrays, shape)
+    assert splat.splat(sums, *arrays, 2.0**30, 1e9, *window) == 0
+    total, count = one_by_one(*arrays, shape, *window)
     seen = count > 0
     # float32 places may fall on the other side of a pixel's border in the twin's order of rounding
     agree = np.isclose(splat.resolve(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
     assert agree.mean() > 0.9995
+
+
+def test_a_window_of_all_positions_changes_no_bit():
+    shape = (17, 9, 13)
+    arrays = paths(6, 5000, shape)
+    whole = np.zeros(5000, dtype=np.int32), np.full(5000, 17, dtype=np.int32)
+    plain, windowed = splat.accumulators(2, shape), splat.accumulators(2, shape)
+    splat.splat(plain, *arrays, 2.0**30, 1e9)
+    splat.splat(windowed, *arrays, 2.0**30, 1e9, *whole)
+    assert np.array_equal(plain, windowed)
 
 
 def test_the_number_of_workers_changes_no_bit():

@@ -8,7 +8,7 @@ from saf_gen.camera.exposure import (
     irradiance_per_radiance,
 )
 from saf_gen.camera.response import fixed_pattern
-from saf_gen.camera.sensor import Sensor, get_sensor, sensor_names
+from saf_gen.camera.sensor import Sensor, get_sensor, is_sensor_file, sensor_names
 
 __all__ = [
     "Encoder",
@@ -20,6 +20,7 @@ __all__ = [
     "fixed_pattern",
     "get_sensor",
     "irradiance_per_radiance",
+    "is_sensor_file",
     "knot_weights",
     "sensor_names",
 ]

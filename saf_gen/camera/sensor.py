@@ -9,7 +9,7 @@ from typing import Any
 from saf_gen.documents import read
 from saf_gen.errors import BadInput, closest, unknown
 
-__all__ = ["Noise", "Sensor", "get_sensor", "sensor_names"]
+__all__ = ["Noise", "Sensor", "get_sensor", "is_sensor_file", "sensor_names"]
 
 _FOLDER = Path(__file__).parent / "sensors"
 
@@ -104,7 +104,7 @@ class Sensor:
     sources: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for key in (*_RANGES, *_CHOICES):
+        for key in ("name", *_RANGES, *_CHOICES):
             _check(key, getattr(self, key), f"sensor {self.name}")
         if self.noise.shot and self.threshold_e < 25:
             raise BadInput(
@@ -144,6 +144,11 @@ def sensor_names() -> list[str]:
     return sorted(p.stem for p in _FOLDER.glob("*.yaml"))
 
 
+def is_sensor_file(name: str | Path) -> bool:
+    """Whether this is the path of a sensor file, and no sensor's name."""
+    return Path(name).suffix in (".yaml", ".yml")
+
+
 def get_sensor(name: str | Path, **changes: Any) -> Sensor:
     """The sensor ``name``, or the one in your own YAML file, with some keys changed.
 
@@ -151,7 +156,7 @@ def get_sensor(name: str | Path, **changes: Any) -> Sensor:
 
     Raises BadInput for an unknown name or key and for a value that is not allowed.
     """
-    if Path(name).suffix in (".yaml", ".yml"):
+    if is_sensor_file(name):
         path = Path(name)
     elif str(name) in sensor_names():
         path = _FOLDER / f"{name}.yaml"
@@ -211,5 +216,8 @@ def _check(key: str, value: Any, where: str) -> None:
         raise BadInput(
             f"noise is {value!r}", where=where, allowed=", ".join(_names(Noise)) + ", true or false"
         )
-    if key == "sources" and not (isinstance(value, list | tuple) and all(isinstance(s, str) for s in value)):
-        raise BadInput(f"sources is {value!r}", where=where, allowed="a list of texts")
+    if key == "name" and not (isinstance(value, str) and value.strip()):
+        raise BadInput(f"name is {value!r}", where=where, allowed="a text")
+    texts = isinstance(value, list | tuple) and all(isinstance(s, str) and s.strip() for s in value)
+    if key == "sources" and not (value and texts):
+        raise BadInput(f"sources is {value!r}", where=where, allowed="a list of at least one text")

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen import registry
+from saf_gen import schedules
 from saf_gen.errors import BadInput
 from saf_gen.parts import Light
 
@@ -12,8 +12,11 @@ __all__ = ["get_light", "readout_gains"]
 
 
 def get_light(name: str, **options: Any) -> Light:
-    """The light schedule ``name`` with its options; raises BadInput for an unknown name or key."""
-    return registry.build("lights", name, **options)
+    """The light schedule ``name`` with its options, those of :mod:`saf_gen.schedules` among them.
+
+    Raises BadInput for an unknown name or key, and for a value that is not allowed.
+    """
+    return schedules.build(name, **options)
 
 
 def readout_gains(light: Light, frames: int, readout_hz: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Light that swings: a dimmer moved by hand, or mains flicker at its first harmonic."""
+"""Light that swings: a dimmer moved by hand."""
 
 from dataclasses import dataclass
 from math import inf

@@ -1,8 +1,10 @@
 """The renderer: from a scene to the files of its focal stack. The one room with Mitsuba in it."""
 
-from collections.abc import Callable
-from functools import partial
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from saf_gen import seeds
 from saf_gen.focal_stack import StackSpec, StackStore
@@ -15,46 +17,74 @@ __all__ = ["_load", "render_missing"]
 
 def render_missing(
     scene: Scene,
-    spec: StackSpec,
+    specs: Sequence[StackSpec],
     root: Path,
     *,
     variant_name: str,
     threads: int | None = None,
     progress: Callable[[str, float], None] = lambda name, done: None,
 ) -> list[str]:
-    """Render what the stack's folder lacks and store it piece by piece; returns the names rendered.
+    """Render what these stacks of a scene lack and store it piece by piece; returns the names rendered.
 
-    A JIT variant traces once for all positions; scalar renders position after position. ``progress`` is
-    told the name of a piece (a light group, or 'geometry') and the share of it that is done.
+    One stack where the scene stands still, else one for each of many moments. A JIT variant traces once for
+    all positions; scalar renders position after position. ``progress`` is told the name of a piece (a light
+    group, or 'geometry') and the share of it that is done.
 
     Raises BadInput where the scene cannot be built, or its target is out of sight.
     """
-    store = StackStore(root, spec)
-    missing = store.missing()
-    if not missing:
+    todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing()]
+    if not todo:
         return []
     variant.use(variant_name, threads=threads)
     described = world.build(scene)
-    to_world = world.camera_to_world(scene)
+    motions = world.motions(scene, described)
+    left = Counter(name for _, name in todo)
+    whole = dict(left)
+    for spec, name in todo:
+
+        def told(share: float, name: str = name) -> None:
+            progress(name, 1 - (left[name] - share) / whole[name])
+
+        told(0.0)
+        moment = world.posed(described, motions, spec.time_s, unit_m=scene.card.unit_m)
+        _render(scene, moment, spec, name, root, variant_name, passing=len(specs) > 1, progress=told)
+        left[name] -= 1
+        told(0.0)
+    if len(specs) == 1:
+        return [name for _, name in todo]
+    return [f"{name} at {spec.time_s:.4f} s" for spec, name in todo]
+
+
+def _render(
+    scene: Scene,
+    moment: dict[str, Any],
+    spec: StackSpec,
+    name: str,
+    root: Path,
+    variant_name: str,
+    *,
+    passing: bool,
+    progress: Callable[[float], None],
+) -> None:
+    """Render one piece of one stack and store it."""
+    store = StackStore(root, spec)
+    lit = spec.groups if name == "geometry" else (name,)
+    burning = tuple(e for group in lit for e in scene.card.lights[group])
+    loaded, integrator = world.load(moment, burning, spec.max_depth)
     film = Film(spec.rows, spec.columns, spec.pitch_m)
+    setup = Setup(loaded, integrator, world.camera_to_world(scene), spec.drive, film, scene.card.unit_m)
+    if name == "geometry":
+        seen = geometry.look(setup, scene.card.target, passing=passing)
+        store.put_geometry(seen.depth, seen.target, variant_name)
+        return
     stack_of = thinlens.render_stack if variant_name == "scalar" else one_pass.render_stack
-    for name in missing:
-        progress(name, 0.0)
-        lit = spec.groups if name == "geometry" else (name,)
-        burning = tuple(e for group in lit for e in scene.card.lights[group])
-        loaded, integrator = world.load(described, burning, spec.max_depth)
-        setup = Setup(loaded, integrator, to_world, spec.drive, film)
-        if name == "geometry":
-            seen = geometry.look(setup, scene.card.target)
-            store.put_geometry(seen.depth, seen.target, variant_name)
-        else:
-            radiance, clipped = stack_of(
-                setup,
-                positions=spec.positions,
-                samples=spec.samples,
-                seed=seeds.integer("stack", spec.key, name),
-                progress=partial(progress, name),
-            )
-            store.put_group(name, radiance, variant_name, clipped=clipped)
-        progress(name, 1.0)
-    return missing
+    radiance, clipped = stack_of(
+        setup,
+        positions=spec.positions,
+        window=spec.window,
+        samples=spec.samples,
+        # Moments of one scene share their noise: it does not flicker where nothing moves.
+        seed=seeds.integer("stack", replace(spec, time_s=0.0, window=None).key, name),
+        progress=progress,
+    )
+    store.put_group(name, radiance, variant_name, clipped=clipped)

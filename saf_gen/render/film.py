@@ -4,9 +4,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from saf_gen.optics import ImageDistance
+import mitsuba as mi
+import numpy as np
 
-__all__ = ["Film", "Setup", "field_of_view", "film_dict"]
+from saf_gen.optics import Drive
+
+__all__ = ["Film", "Setup", "film_dict", "rendered", "seen_from"]
 
 
 @dataclass(frozen=True)
@@ -22,14 +25,26 @@ class Film:
 class Setup:
     """A loaded scene in front of a lens: what to trace and how, from where, through what, onto what.
 
-    world, integrator : of Mitsuba. to_world : transform of camera space, which looks along +z.
+    world, integrator : of Mitsuba. to_world : transform of camera space, which looks along +z, to the world;
+    both in units of the scene, ``unit_m`` metres each.
     """
 
     world: Any
     integrator: Any
     to_world: Any
-    drive: ImageDistance
+    drive: Drive
     film: Film
+    unit_m: float = 1.0
+
+    def camera(self, forward_m: float) -> Any:
+        """Camera space (scene units) to the world, the lens moved this far (m) towards the scene."""
+        return self.to_world @ mi.ScalarTransform4f().translate([0, 0, forward_m / self.unit_m])
+
+
+def rendered(positions: int, window: tuple[int, int] | None) -> np.ndarray:
+    """The positions to render, float64 (focus,): of so many over the whole travel the first to the last."""
+    first, last = window or (0, positions - 1)
+    return np.linspace(0, 1, positions)[first : last + 1]
 
 
 def film_dict(film: Film) -> dict[str, Any]:
@@ -44,7 +59,17 @@ def film_dict(film: Film) -> dict[str, Any]:
     }
 
 
-def field_of_view(film: Film, image_distance: float) -> dict[str, Any]:
-    """The horizontal field of view of the sensor at this image distance, in Mitsuba's terms."""
+def seen_from(setup: Setup, position: float) -> dict[str, Any]:
+    """What any Mitsuba sensor in place of the lens must know: pose, field of view, film, clips.
+
+    The near clip lies at a ten-thousandth of the distance in focus: Mitsuba's own, 0.01, hides a specimen.
+    """
+    drive, film = setup.drive, setup.film
     half = film.columns * film.pitch_m / 2
-    return {"fov_axis": "x", "fov": math.degrees(2 * math.atan(half / image_distance))}
+    return {
+        "to_world": setup.camera(float(drive.shift(position))),
+        "near_clip": 1e-4 * float(drive.object_distance(position)) / setup.unit_m,
+        "fov_axis": "x",
+        "fov": math.degrees(2 * math.atan(half / float(drive.image_distance(position)))),
+        "film": film_dict(film),
+    }

@@ -8,16 +8,19 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.render.film import Setup, field_of_view, film_dict
+from saf_gen.render.film import Film, Setup, film_dict, seen_from
 
 __all__ = ["Geometry", "look"]
+
+ACROSS = 64  # rays across the aperture that look for something in the lens's way
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """Through a pinhole at the lens centre, at the image distance that focuses the target.
+    """Through a pinhole at the lens centre, at the position that focuses the target.
 
-    depth : float32 (row, col), axial distance (m) of the first surface; inf where there is none.
+    depth : float32 (row, col), axial distance (m) of the first surface from the lens as the card puts it; inf
+    where there is none.
     target : bool (row, col).
     """
 
@@ -25,55 +28,85 @@ class Geometry:
     target: np.ndarray
 
 
-def look(setup: Setup, target_shapes: tuple[str, ...]) -> Geometry:
+def look(setup: Setup, target_shapes: tuple[str, ...], *, passing: bool = False) -> Geometry:
     """Depth and target mask, one ray through each pixel's centre.
 
-    The picture breathes as the lens moves, so the mask is taken where the target is in focus: once at the
-    middle of the travel to learn its distance, then there.
+    The picture may change its scale over the travel, so the mask is taken where the target is in focus: once
+    at the middle of the travel to learn its distance, then there. ``passing``: a moment of a scene that
+    moves, at which the target may be out of sight (then the mask is empty) or out of the lens's reach.
 
-    Raises BadInput when no pixel sees the target, or no position of the lens focuses it.
+    Raises BadInput when no pixel sees the target, no position of the lens focuses it, or the lens runs into
+    the scene on its travel.
     """
     drive = setup.drive
+    _check_the_way(setup)
     geometry = _look_at(setup, target_shapes, 0.5)
-    best = drive.truth(geometry.depth[geometry.target])
-    if not 0 <= best <= 1:
-        near, far = sorted(drive.focus_range_m)
+    if not geometry.target.any():
+        if passing:
+            return geometry
         raise BadInput(
-            f"the target is {np.median(geometry.depth[geometry.target]):.4g} m away, out of the lens's reach",
-            allowed=f"{near:g} to {far:g} m (focus_range_m in scene.yaml)",
+            f"the target ({', '.join(target_shapes)}) is not visible to the camera",
+            allowed="a target shape that at least one pixel sees",
+            hint="check camera and target in scene.yaml",
+        )
+    best = drive.truth(geometry.depth[geometry.target])
+    if passing:
+        return _look_at(setup, target_shapes, min(max(best, 0.0), 1.0))
+    if not 0 <= best <= 1:
+        near, far = drive.reach_m
+        raise BadInput(
+            f"the target is {np.median(geometry.depth[geometry.target]):.6g} m away, out of the lens's reach",
+            allowed=f"{near:g} to {far:g} m ({drive.travel_key} in scene.yaml)",
             hint="move the target, or give the lens a longer travel",
         )
     return _look_at(setup, target_shapes, best)
 
 
 def _look_at(setup: Setup, target_shapes: tuple[str, ...], position: float) -> Geometry:
-    drive, film, to_world = setup.drive, setup.film, setup.to_world
-    sensor = mi.load_dict(
-        {
-            "type": "perspective",
-            "to_world": to_world,
-            "near_clip": 1e-4,
-            **field_of_view(film, float(drive.image_distance(position))),
-            "film": film_dict(film),
-            # One sample, not jittered: the ray through the pixel's centre.
-            "sampler": {"type": "stratified", "sample_count": 1, "jitter": False},
-        }
-    )
-    integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
-    planes = np.array(mi.render(setup.world, sensor=sensor, integrator=integrator, spp=1), dtype=np.float64)
-    point, shape = planes[..., 0:3], planes[..., 3]
-    to_camera = np.linalg.inv(np.array(to_world.matrix, dtype=np.float64))
-    axial = point @ to_camera[2, :3] + to_camera[2, 3]
-    depth = np.where(shape > 0, axial, np.inf).astype(np.float32)  # index 0: the ray met nothing
+    sensor = {"type": "perspective", **seen_from(setup, position)}
+    forward = float(setup.drive.shift(position))
+    axial, shape = _first_surfaces(setup, sensor, forward)
+    depth = (axial + forward).astype(np.float32)
     wanted = [_index(s, i) for i, s in enumerate(setup.world.shapes()) if s.id() in target_shapes]
-    target = np.isin(shape.astype(np.int64), wanted)
-    if not target.any():
+    return Geometry(depth, np.isin(shape, wanted))
+
+
+def _check_the_way(setup: Setup) -> None:
+    """Refuse a surface that the aperture runs into: parallel rays across it, from the far end of its way."""
+    drive, radius = setup.drive, setup.drive.aperture_radius_m
+    start, end = sorted(float(z) for z in drive.shift(np.array([0.0, 1.0])))
+    if start == end:
+        return
+    # 1e-4 of the radius: its own default, 0.01, would hide a specimen.
+    sensor = {
+        "type": "orthographic",
+        "to_world": setup.camera(start) @ mi.ScalarTransform4f().scale([radius / setup.unit_m] * 2 + [1]),
+        "near_clip": 1e-4 * radius / setup.unit_m,
+        "film": film_dict(Film(ACROSS, ACROSS, 1.0)),
+    }
+    nearest = float(_first_surfaces(setup, sensor, start)[0].min()) + start
+    if nearest <= end:
         raise BadInput(
-            f"the target ({', '.join(target_shapes)}) is not visible to the camera",
-            allowed="a target shape that at least one pixel sees",
-            hint="check camera and target in scene.yaml",
+            f"the stage runs the scene into the lens: a surface lies {nearest:.6g} m before it",
+            allowed=f"nothing nearer than the travel's end, {end:g} m (travel_m in scene.yaml)",
+            hint="shorten the travel, or move the scene",
         )
-    return Geometry(depth, target)
+
+
+def _first_surfaces(setup: Setup, sensor: dict[str, Any], forward_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """What a sensor sees through each pixel's centre: axial distance (m) of the first surface, its index.
+
+    float64 and int64 (row, col); the distance counts from the lens moved ``forward_m``, inf for nothing.
+    """
+    # One sample, not jittered: the ray through the pixel's centre.
+    sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
+    loaded = mi.load_dict({**sensor, "sampler": sampler})
+    integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
+    planes = np.array(mi.render(setup.world, sensor=loaded, integrator=integrator, spp=1), dtype=np.float64)
+    point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
+    to_camera = np.linalg.inv(np.array(setup.camera(forward_m).matrix, dtype=np.float64))
+    axial = (point @ to_camera[2, :3] + to_camera[2, 3]) * setup.unit_m
+    return np.where(shape > 0, axial, np.inf), shape  # index 0: the ray met nothing
 
 
 def _index(shape: Any, place: int) -> int:

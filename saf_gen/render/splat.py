@@ -49,28 +49,36 @@ def _axis(first, step):
 
 
 @nb.njit(nogil=True, cache=True)
-def _splat_some(sums, first_x, first_y, step_x, step_y, value, scale, most):
+def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end):
     rows, columns, focus = sums.shape
     clipped = 0
-    for i in range(value.size):
+    for i in range(a, b):
         radiance = value[i]
         if radiance > most:
             radiance = most
             clipped += 1
         word = (np.int64(radiance * scale + 0.5) << COUNT_BITS) + 1
+        k, stop = 0, focus
+        x, y = first_x[i], first_y[i]
+        if begin is not None:  # settled when compiled: drives without a window lose no time on it
+            k, stop = begin[i], min(end[i], focus)
+            x += np.float32(k) * step_x[i]
+            y += np.float32(k) * step_y[i]
         # From border to border (Amanatides and Woo 1987): one addition a border, no division.
-        column, right, to_x, pace_x = _axis(first_x[i], step_x[i])
-        row, down, to_y, pace_y = _axis(first_y[i], step_y[i])
-        k = 0
-        while k < focus:
+        column, right, to_x, pace_x = _axis(x, step_x[i])
+        row, down, to_y, pace_y = _axis(y, step_y[i])
+        if begin is not None:
+            to_x += np.float32(k)
+            to_y += np.float32(k)
+        while k < stop:
             border = min(to_x, to_y)
-            end = focus if border >= focus else int(border) + 1
-            if end > k:
+            run_end = stop if border >= stop else int(border) + 1
+            if run_end > k:
                 if 0 <= row < rows and 0 <= column < columns:
                     sums[row, column, k] += word
-                    if end < focus:
-                        sums[row, column, end] -= word
-                k = end
+                    if run_end < focus:
+                        sums[row, column, run_end] -= word
+                k = run_end
             if to_x < to_y:
                 column += right
                 to_x += pace_x
@@ -81,7 +89,7 @@ def _splat_some(sums, first_x, first_y, step_x, step_y, value, scale, most):
 
 
 @nb.njit(parallel=True, cache=True)
-def splat(sums, first_x, first_y, step_x, step_y, value, scale, most):
+def splat(sums, first_x, first_y, step_x, step_y, value, scale, most, begin=None, end=None):
     """Add paths to the accumulators.
 
     Parameters
@@ -91,6 +99,7 @@ def splat(sums, first_x, first_y, step_x, step_y, value, scale, most):
     step_x, step_y : float32 (path,), how far it moves from one position to the next, in pixels.
     value : float32 (path,), radiance.
     scale : fixed-point units a unit of radiance; ``most`` : radiance at which a sample is clipped.
+    begin, end : int32 (path,), each path counts at positions begin <= k < end; None: at all of them.
 
     Returns the number of clipped samples, so that a caller can say when it is not 0.
     """
@@ -100,7 +109,7 @@ def splat(sums, first_x, first_y, step_x, step_y, value, scale, most):
         a = value.size * worker // workers
         b = value.size * (worker + 1) // workers
         clipped[worker] = _splat_some(
-            sums[worker], first_x[a:b], first_y[a:b], step_x[a:b], step_y[a:b], value[a:b], scale, most
+            sums[worker], a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end
         )
     return clipped.sum()
 

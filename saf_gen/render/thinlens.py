@@ -1,7 +1,7 @@
 """A focal stack by Mitsuba's own thin lens, one render a focus position: the scalar way, and the referee.
 
-The field of view follows the image distance (breathing); Mitsuba's pixel is the mean radiance over the
-aperture and the pixel, as ours.
+The field of view follows the image distance (breathing), the camera the stage. Mitsuba's pixel is the mean
+radiance over the aperture and the pixel, as ours.
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.film import Setup, field_of_view, film_dict
+from saf_gen.render.film import Setup, rendered, seen_from
 
 __all__ = ["render_at", "render_stack"]
 
@@ -27,11 +27,9 @@ def render_at(
     sensor = mi.load_dict(
         {
             "type": "thinlens",
-            "to_world": setup.to_world,
-            "aperture_radius": drive.aperture_radius_m,
-            "focus_distance": float(drive.object_distance(position)),
-            **field_of_view(film, float(drive.image_distance(position))),
-            "film": film_dict(film),
+            **seen_from(setup, position),
+            "aperture_radius": drive.aperture_radius_m / setup.unit_m,
+            "focus_distance": float(drive.object_distance(position)) / setup.unit_m,
             "sampler": {"type": "independent", "sample_count": samples},
         }
     )
@@ -46,14 +44,17 @@ def render_stack(
     positions: int,
     samples: int,
     seed: int,
+    window: tuple[int, int] | None = None,
     progress: Callable[[float], None] = lambda done: None,
 ) -> tuple[np.ndarray, int]:
     """Mean radiance at evenly spaced positions, float32 (focus, row, col); works in every variant.
 
-    Returns it with the number of paths clipped as fireflies: none, nothing is clipped here.
+    ``positions`` lie over the whole travel; ``window``, where given, is the first and the last of them to
+    render. Returns the stack with the number of paths clipped as fireflies: none, nothing is clipped here.
     """
-    out = np.empty((positions, setup.film.rows, setup.film.columns), dtype=np.float32)
-    for k, position in enumerate(np.linspace(0, 1, positions)):
+    focus = rendered(positions, window)
+    out = np.empty((focus.size, setup.film.rows, setup.film.columns), dtype=np.float32)
+    for k, position in enumerate(focus):
         out[k] = render_at(
             setup,
             position=float(position),
@@ -62,5 +63,5 @@ def render_stack(
             # seed each, the average of two knots is smoother than a knot, and a sweep would show that beat.
             seed=seed,
         )
-        progress((k + 1) / positions)
+        progress((k + 1) / focus.size)
     return out, 0

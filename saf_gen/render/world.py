@@ -1,36 +1,37 @@
 """From a scene folder to a Mitsuba scene with one light group burning."""
 
-import importlib.util
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import mitsuba as mi
 
 from saf_gen.errors import BadInput, unknown
+from saf_gen.keyframes import RigidMotion
+from saf_gen.render import from_xml
+from saf_gen.render.moving import as_motions, posed
+from saf_gen.render.script import called
 from saf_gen.scene import Scene
+from saf_gen.scene_xml import PLUGINS, read_scene_xml
 
-__all__ = ["build", "camera_to_world", "load"]
+__all__ = ["build", "camera_to_world", "load", "motions", "posed"]
 
 
 def build(scene: Scene) -> dict[str, Any]:
-    """Run the folder's ``build(params)`` and check it against the card.
+    """Read the folder's ``scene.xml``, or run its ``build(params)``, and check it against the card.
 
     Returns the Mitsuba dictionary, every light group in it.
-    Raises BadInput where the script fails, or names on the card are absent from what it built.
+    Raises BadInput where the geometry fails, or names on the card are absent from what it built.
     """
-    described = _run(scene)
+    described = _described(scene)
     emitters = [name for name, entry in described.items() if _emits(entry)]
-    shapes = [name for name, entry in described.items() if _kind(entry) not in (None, "scene")]
+    shapes = [name for name, entry in described.items() if _is_shape(entry)]
     card = str(scene.folder / "scene.yaml")
     for group, names in scene.card.lights.items():
         for name in names:
             if name not in emitters:
                 raise unknown(f"emitter of light group {group!r}:", name, emitters, where=card)
     for name in scene.card.target:
-        if name not in described:
+        if name not in shapes:
             raise unknown("target shape", name, shapes, where=card)
     listed = {name for names in scene.card.lights.values() for name in names}
     for name in emitters:
@@ -41,6 +42,27 @@ def build(scene: Scene) -> dict[str, Any]:
     return described
 
 
+def motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
+    """How the shapes of this scene move: the card's ``motion``, and ``motion(params)`` of its script.
+
+    ``described`` is what :func:`build` gave; :func:`posed` takes both. Empty for a scene that stands still.
+    Raises BadInput where the script fails, a shape has two motions, or there is no such entry.
+    """
+    card, script = str(scene.folder / "scene.yaml"), str(scene.folder / "scene.py")
+    moving = {name: (motion, card) for name, motion in scene.card.motion.items()}
+    own = called(scene, "motion", {}) if scene.has_script else {}
+    for name, motion in as_motions(own, script).items():
+        if name in moving:
+            raise BadInput(
+                f"{name!r} moves by the card and by motion()", where=script, hint="keep one of the two"
+            )
+        moving[name] = (motion, script)
+    for name, (_, where) in moving.items():
+        if name not in described:
+            raise unknown("moving shape", name, described, where=where)
+    return {name: motion for name, (motion, _) in moving.items()}
+
+
 def load(described: Mapping[str, Any], burning: tuple[str, ...], max_depth: int) -> tuple[Any, Any]:
     """The Mitsuba scene with only these emitters, and the integrator to trace it.
 
@@ -49,6 +71,7 @@ def load(described: Mapping[str, Any], burning: tuple[str, ...], max_depth: int)
     """
     lit = {name: _without_light(entry, name in burning) for name, entry in described.items()}
     lit = {name: entry for name, entry in lit.items() if entry is not None}
+    lit = dict(_keyed(name, entry, lit) for name, entry in lit.items())
     try:
         loaded = mi.load_dict({"type": "scene", **lit}, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
@@ -58,11 +81,31 @@ def load(described: Mapping[str, Any], burning: tuple[str, ...], max_depth: int)
 
 
 def camera_to_world(scene: Scene) -> Any:
-    """Transform of camera space (looking along +z, x to the left) to the world."""
-    pose = scene.card.camera
-    return mi.ScalarTransform4f().look_at(
-        origin=list(pose.origin_m), target=list(pose.look_at_m), up=list(pose.up)
-    )
+    """Transform of camera space (looking along +z, x to the left) to the world, in the scene's units."""
+    pose, unit = scene.card.camera, scene.card.unit_m
+    origin, target = ([x / unit for x in place] for place in (pose.origin_m, pose.look_at_m))
+    return mi.ScalarTransform4f().look_at(origin=origin, target=target, up=list(pose.up))
+
+
+def _described(scene: Scene) -> dict[str, Any]:
+    if not scene.has_script:
+        path = scene.folder / "scene.xml"
+        return from_xml.described(read_scene_xml(path, scene.params), path)
+    described = called(scene, "build")
+    if not isinstance(described, dict):
+        script = scene.folder / "scene.py"
+        raise BadInput(f"build() of {script} gave {type(described).__name__}", allowed="a Mitsuba dictionary")
+    return {name: entry for name, entry in described.items() if name != "type"}
+
+
+def _keyed(name: str, entry: Any, taken: Mapping[str, Any]) -> tuple[str, Any]:
+    """An entry under a key that Mitsuba takes: Blender's Cube.001 has a dot, which is a key's delimiter."""
+    if "." not in name or not isinstance(entry, dict):
+        return name, entry
+    key = name.replace(".", "_")
+    while key in taken:
+        key += "_"
+    return key, {"id": name, **entry}
 
 
 def _kind(entry: Any) -> str | None:
@@ -77,21 +120,8 @@ def _emits(entry: Any) -> bool:
     return _is_emitter(entry) or any(_is_emitter(part) for part in entry.values())
 
 
-EMITTERS = (
-    "area",
-    "constant",
-    "envmap",
-    "point",
-    "spot",
-    "directional",
-    "directionalarea",
-    "projector",
-    "sunsky",
-)
-
-
 def _is_emitter(entry: Any) -> bool:
-    return _kind(entry) in EMITTERS or isinstance(entry, mi.Emitter)
+    return _kind(entry) in PLUGINS["emitter"] or isinstance(entry, mi.Emitter)
 
 
 def _without_light(entry: Any, burning: bool) -> Any:
@@ -112,41 +142,16 @@ def _without_light(entry: Any, burning: bool) -> Any:
     return dark
 
 
+def _is_shape(entry: Any) -> bool:
+    """Whether an entry may be a target; a plug-in that is not known may be one."""
+    if not isinstance(entry, dict):
+        return isinstance(entry, mi.Shape)
+    others = set().union(*(names for tag, names in PLUGINS.items() if tag != "shape"))
+    return _kind(entry) not in {*others, "scene", "ref", "shapegroup"}
+
+
 def _is_bsdf(part: Any) -> bool:
-    if _kind(part) in (None, "ref"):
-        return isinstance(part, mi.BSDF) or _kind(part) == "ref"
+    kind = _kind(part)
+    if kind is None or kind == "ref" or any(kind in names for names in PLUGINS.values()):
+        return isinstance(part, mi.BSDF) or kind == "ref" or kind in PLUGINS["bsdf"]
     return isinstance(mi.load_dict(part), mi.BSDF)
-
-
-def _run(scene: Scene) -> dict[str, Any]:
-    script = scene.folder / "scene.py"
-    spec = importlib.util.spec_from_file_location(f"saf_gen_scene_{scene.id}", script)
-    if spec is None or spec.loader is None:
-        raise BadInput(f"{script} cannot be loaded")
-    module = importlib.util.module_from_spec(spec)
-    with _on_path(scene.folder):
-        try:
-            spec.loader.exec_module(module)
-            described = module.build(dict(scene.card.params))
-        except BadInput:
-            raise
-        except Exception as error:  # a scene is anybody's code: whatever it raises is told in one line
-            raise BadInput(f"{script} failed: {type(error).__name__}: {error}") from error
-    if not isinstance(described, dict):
-        raise BadInput(f"build() of {script} gave {type(described).__name__}", allowed="a Mitsuba dictionary")
-    return {name: entry for name, entry in described.items() if name != "type"}
-
-
-@contextmanager
-def _on_path(folder: Path) -> Iterator[None]:
-    """Lets scene.py import its neighbours, and forgets them after, so that two scenes never mix."""
-    before = set(sys.modules)
-    sys.path.insert(0, str(folder))
-    try:
-        yield
-    finally:
-        sys.path.remove(str(folder))
-        for name in set(sys.modules) - before:
-            origin = getattr(sys.modules[name], "__file__", None)
-            if origin and Path(origin).parent == folder:
-                del sys.modules[name]

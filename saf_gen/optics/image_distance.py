@@ -1,35 +1,33 @@
-"""The thin lens and its drive: focus positions, blur, depth of focus, truth. Closed forms only.
-
-Thin lens of focal length f, f-number N, aperture radius R = f/(2N): 1/u + 1/v = 1/f. A ray through the
-lens point a with slope s in object space meets the sensor at x = -v·(s + a/u_k), u_k the distance in focus.
-All lengths in metres; a position is the fraction 0...1 of the drive's travel.
-"""
+"""The lens that moves against the sensor, as a macro lens does."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.optics._drive import Drive
 
-__all__ = ["ImageDistance", "sweep"]
+__all__ = ["ImageDistance"]
 
 
 @dataclass(frozen=True)
-class ImageDistance:
-    """A lens of fixed focal length that moves against the sensor, as a macro lens does.
-
-    Position p is linear in the image distance v; the picture breathes, its scale goes as v.
+class ImageDistance(Drive):
+    """A lens of fixed focal length; position p is linear in v. The picture breathes, its scale goes as v.
 
     Parameters
     ----------
-    focal_length_m, f_number : the lens.
+    focal_length_m, f_number : the lens; its aperture radius is R = f/(2N).
     focus_range_m : object distances in focus at position 0 and at position 1.
     transmission : share of the light that the glass lets through.
 
     Raises
     ------
-    BadInput : a distance at or inside the focal length, which no lens position can focus.
+    BadInput : a distance at or inside the focal length, which no lens position can focus; no travel.
     """
+
+    kind: ClassVar[str] = "image_distance"
+    travel_key: ClassVar[str] = "focus_range_m"
 
     focal_length_m: float
     f_number: float
@@ -48,16 +46,16 @@ class ImageDistance:
 
     @property
     def aperture_radius_m(self) -> float:
-        """R = f / 2N."""
+        """R = f/(2N)."""
         return self.focal_length_m / (2 * self.f_number)
 
     @property
     def _ends(self) -> tuple[float, float]:
-        near, far = (1 / (1 / self.focal_length_m - 1 / u) for u in self.focus_range_m)
-        return near, far
+        first, last = (1 / (1 / self.focal_length_m - 1 / u) for u in self.focus_range_m)
+        return first, last
 
     def image_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """v (m) at each position."""
+        """v (m) at each position: linear."""
         first, last = self._ends
         return first + (last - first) * np.asarray(position, dtype=np.float64)
 
@@ -72,14 +70,8 @@ class ImageDistance:
         return (np.asarray(image_distance, dtype=np.float64) - first) / (last - first)
 
     def best_position(self, depth: np.ndarray | float) -> np.ndarray:
-        """The position that focuses a point at this axial distance (m)."""
+        """The position that focuses a point of this depth (m)."""
         return self.position(1 / (1 / self.focal_length_m - 1 / np.asarray(depth, dtype=np.float64)))
-
-    def blur_diameter(self, position: np.ndarray | float, depth: np.ndarray | float) -> np.ndarray:
-        """Diameter (m, on the sensor) of the blur of a point: c = 2R·v·|1/u_o - 1/u_k|."""
-        v = self.image_distance(position)
-        defocus = 1 / np.asarray(depth, dtype=np.float64) - 1 / self.object_distance(position)
-        return 2 * self.aperture_radius_m * v * np.abs(defocus)
 
     def truth(self, depths: np.ndarray) -> float:
         """The position that minimises the mean of c² over these depths (m).
@@ -91,17 +83,8 @@ class ImageDistance:
         return float(self.position(w.mean() / np.mean(w**2)))
 
     def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
-        """The two positions, in rising order, at which the blur at the truth's depth is one pixel.
-
-        Taken at the one depth that is in focus at :meth:`truth`; a target with depth of its own is never
-        sharp everywhere, and its mean blur might not come down to a pixel at all.
-        """
+        """v·(1 ± pitch/(2R)) as positions; see :meth:`Drive.depth_of_focus`."""
         v = float(self.image_distance(self.truth(depths)))
         half = pixel_pitch_m / (2 * self.aperture_radius_m)
         low, high = sorted(float(self.position(v * (1 + sign * half))) for sign in (-1, 1))
         return low, high
-
-
-def sweep(frames: int) -> np.ndarray:
-    """Position of the lens at the middle of each readout of one sweep, float64 (frames,), 0...1."""
-    return (np.arange(frames) + 0.5) / frames

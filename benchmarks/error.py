@@ -1,0 +1,146 @@
+"""How the error of a focal stack falls with samples, and with time: one pass against Mitsuba's thin lens.
+
+    python benchmarks/error.py [--out benchmarks/pictures] [--scene usaf_target] [--small]
+
+The error is the root mean square over pixels against a thin-lens reference of 2,048 samples with other seeds,
+the reference's own noise taken off, as a share of the mean radiance; the mean of five positions. Time is that
+of the whole stack: the thin lens's is the mean of its renders at the five positions, times all positions.
+Writes error.json and error.png. Full size takes about five minutes on two cores and needs LLVM.
+"""
+
+import argparse
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from drawing import BLUE, GREY, ORANGE, log_log, panels, save, slope
+
+from saf_gen.bench import stack
+from saf_gen.bench.child import timed
+from saf_gen.machine import facts
+
+HERE = Path(__file__).resolve().parent
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is rendered: 129 positions, 4 ... 256 samples a pixel."""
+
+    sensor: str = "vidar_400x250"
+    positions: int = 129
+    samples: tuple[int, ...] = (4, 8, 16, 32, 64, 128, 256)
+    reference: int = 2048
+    batch: int = 256
+
+
+SMALL = Plan(positions=9, samples=(4, 8, 16), reference=64, batch=16)
+
+
+def measure(plan: Plan, scene: str) -> dict[str, Any]:
+    """Error and time of both ways at every number of samples, as they go into error.json."""
+    setup, variant = stack.set_up(plan.sensor, scene)
+    places = stack.places(plan.positions)
+    references = []
+    for place in places:
+        references.append(stack.reference(setup, place, samples=plan.reference, batch=plan.batch)[0])
+        print(f"reference at {place:.2f}: noise {100 * _share(references[-1]):.3g} %", flush=True)
+    found: dict[str, Any] = {
+        "scene": scene,
+        "variant": variant,
+        "positions": plan.positions,
+        "places": places,
+    }
+    found |= {"reference_samples": plan.reference, "samples": list(plan.samples)}
+    ways = {"one_pass": _one_pass, "thin_lens": _thin_lens}
+    for name, way in ways.items():
+        rows = [way(setup, plan, samples, places) for samples in plan.samples]
+        errors = [
+            [reference.error(image) for reference, image in zip(references, images, strict=True)]
+            for images, _ in rows
+        ]
+        peak = np.array([np.quantile(r.radiance, 0.999) / r.radiance.mean() for r in references])
+        found[name] = {
+            "seconds": [took for _, took in rows],
+            "error": [float(np.mean(e)) for e in errors],
+            "psnr_db": [float(np.mean(20 * np.log10(peak / np.array(e)))) for e in errors],
+            "error_at_places": errors,
+        }
+        for samples, took, error in zip(
+            plan.samples, found[name]["seconds"], found[name]["error"], strict=True
+        ):
+            print(f"{name}, {samples} samples: {took:.3g} s, error {100 * error:.3g} %", flush=True)
+    found["slope_of_error"] = {name: slope(found["samples"], found[name]["error"]) for name in ways}
+    found["less_error_at_equal_time_db"] = _at_equal_time(found["one_pass"], found["thin_lens"])
+    return found
+
+
+def _share(reference: stack.Reference) -> float:
+    return math.sqrt(reference.noise) / float(reference.radiance.mean())
+
+
+def _one_pass(setup: Any, plan: Plan, samples: int, places: list[float]) -> tuple[list[np.ndarray], float]:
+    """Pictures at the places, and the time of the stack, after one that compiles."""
+    stack.one_pass(setup, plan.positions, samples)
+    whole, took = timed(stack.one_pass, setup, plan.positions, samples)
+    return [whole[round(place * (plan.positions - 1))] for place in places], took
+
+
+def _thin_lens(setup: Any, plan: Plan, samples: int, places: list[float]) -> tuple[list[np.ndarray], float]:
+    stack.thin_lens(setup, places[0], samples, 0)
+    done = [timed(stack.thin_lens, setup, place, samples, 0) for place in places]
+    return [image for image, _ in done], plan.positions * float(np.mean([took for _, took in done]))
+
+
+def _at_equal_time(ours: dict[str, Any], theirs: dict[str, Any]) -> dict[str, float]:
+    """How much less (dB) our error is than theirs at the same time, where both were measured.
+
+    Theirs is a line between its points, both axes logarithmic. By time, in seconds.
+    """
+    times, errors = np.log(theirs["seconds"]), np.log(theirs["error"])
+    order = np.argsort(times)
+    return {
+        f"{took:.3g}": float(20 * (np.interp(np.log(took), times[order], errors[order]) / math.log(10)))
+        - 20 * math.log10(error)
+        for took, error in zip(ours["seconds"], ours["error"], strict=True)
+        if min(theirs["seconds"]) <= took <= max(theirs["seconds"])
+    }
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Error over samples, and over the time of the whole stack."""
+    figure, grid = panels(1, 2, width=9, height=3.8)
+    for name, label, colour in (("thin_lens", "thin lens", ORANGE), ("one_pass", "one pass", BLUE)):
+        percent = [100 * e for e in found[name]["error"]]
+        label = f"{label}, slope {found['slope_of_error'][name]:.2f}"
+        log_log(grid[0, 0], found["samples"], percent, colour, label)
+        log_log(grid[0, 1], found[name]["seconds"], percent, colour)
+    grid[0, 0].set(xlabel="samples a pixel", ylabel="error (% of mean radiance)", title="at equal samples")
+    grid[0, 0].legend(frameon=False)
+    grid[0, 1].set(xlabel=f"time of {found['positions']} positions (s)", title="at equal time")
+    for n, took, error in zip(
+        found["samples"], found["one_pass"]["seconds"], found["one_pass"]["error"], strict=True
+    ):
+        if n in (found["samples"][0], found["samples"][-1]):
+            grid[0, 1].annotate(f" {n}", (took, 100 * error), color=GREY)
+    save(figure, path)
+
+
+def main(argv: list[str] | None = None, *, plan: Plan | None = None) -> None:
+    """Measure and write; ``plan`` replaces what the command line says, for tests."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=HERE / "pictures")
+    parser.add_argument("--scene", default=stack.SCENE)
+    parser.add_argument("--small", action="store_true", help="few samples: only to see that it runs")
+    given = parser.parse_args(argv)
+    found = measure(plan or (SMALL if given.small else Plan()), given.scene)
+    given.out.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"machine": facts()[0], **found}, indent=1, ensure_ascii=False)
+    (given.out / "error.json").write_text(text + "\n")
+    draw(found, given.out / "error.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,181 @@
+"""How time and memory grow: with focus positions, samples, frames, pixels and sequences.
+
+    python benchmarks/growth.py [--out benchmarks/pictures] [--only positions]... [--small]
+
+Every point is measured in a fresh process, so that its peak memory is its own. Writes growth.json, and
+growth.png: time above, peak memory below, both axes logarithmic, the exponent of the last three points
+written in. Full size takes about eight minutes on two cores and needs LLVM; --small, half a minute.
+"""
+
+import argparse
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from drawing import BLUE, ORANGE, log_log, panels, save, slope, wide
+
+from saf_gen.bench import stack, workload
+from saf_gen.bench.child import alone, peak_gib, timed
+from saf_gen.camera import get_sensor
+from saf_gen.cluster import Tell
+from saf_gen.evaluate import evaluate
+from saf_gen.generate import generate
+from saf_gen.machine import facts
+from saf_gen.recipe import read_recipe
+from saf_gen.work import prepare
+
+HERE = Path(__file__).resolve().parent
+CURVES = ("positions", "samples", "frames", "pixels", "sequences")
+Measured = tuple[float, float]
+"""Seconds, and peak memory in GiB."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sizes along each curve, and what stays the same meanwhile."""
+
+    sensor: str = "vidar_400x250"
+    positions: tuple[int, ...] = (17, 33, 65, 129, 257, 513, 1025)
+    samples: tuple[int, ...] = (16, 64, 256, 1024)
+    frames: tuple[int, ...] = (2_000, 6_000, 20_000, 60_000, 200_000)
+    arrays: tuple[tuple[int, int], ...] = ((63, 100), (125, 200), (250, 400), (500, 800), (1000, 1000))
+    sequences: tuple[int, ...] = (1, 2, 4, 8, 16)
+    usual_positions: int = 129
+    usual_samples: int = 256
+    few_frames: int = 4_000
+    recipe: str = str(HERE.parent / "recipes" / "quickstart.yaml")
+
+
+SMALL = Plan(
+    positions=(3, 5, 9),
+    samples=(1, 2, 4),
+    frames=(400, 800, 1600),
+    arrays=((16, 32), (32, 64), (64, 128)),
+    sequences=(1, 2),
+    usual_positions=5,
+    usual_samples=2,
+    few_frames=400,
+)
+
+
+def render(sensor: str, positions: int, samples: int, tell: Tell) -> Measured:
+    """A focal stack in one pass, after one that compiles."""
+    setup, _ = stack.set_up(sensor)
+    stack.one_pass(setup, positions, samples)
+    _, took = timed(stack.one_pass, setup, positions, samples)
+    return took, peak_gib()
+
+
+def record(sensor: str, shape: tuple[int, int], positions: int, frames: int, tell: Tell) -> Measured:
+    """One sequence, encoded with all noise and stored; the charge of all positions is in memory."""
+    camera = replace(get_sensor(sensor), rows=shape[0], columns=shape[1])
+    charge = workload.charge(camera, positions)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "sequence.h5"
+        workload.record(path, camera, charge, 16)  # compiles
+        _, took = timed(workload.record, path, camera, charge, frames)
+    return took, peak_gib()
+
+
+def dataset(recipe: str, stacks: str, sequences: int, tell: Tell) -> Measured:
+    """A dataset whose stacks are there, generated and evaluated; memory of the largest process."""
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "dataset"
+        shutil.copytree(stacks, folder / "stacks")
+        _, took = timed(_dataset, recipe, sequences, folder)
+    return took, peak_gib()
+
+
+def _dataset(recipe: str, sequences: int, folder: Path) -> None:
+    """The first scene of a recipe under its first light, so many times: JSON is YAML."""
+    data = read_recipe(recipe).model_dump(mode="json")
+    split = next(iter(data["splits"].values()))
+    data["splits"] = {
+        "test": {"scenes": split["scenes"][:1], "lights": split["lights"][:1], "repeats": sequences}
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "recipe.yaml"
+    path.write_text(json.dumps(data))
+    outcome = generate(prepare(path), folder)
+    for error in outcome.failed.values():
+        raise error
+    evaluate(folder)
+
+
+Point = tuple[int, Callable[..., Measured], tuple[Any, ...]]
+"""Size along a curve, the function that measures it, and what it is given."""
+
+
+def points(curve: str, plan: Plan, stacks: Path) -> list[Point]:
+    """Every point of a curve; ``stacks`` is where those of the datasets are rendered, once for all."""
+    usual = plan.usual_positions
+    if curve == "positions":
+        return [(n, render, (plan.sensor, n, plan.usual_samples)) for n in plan.positions]
+    if curve == "samples":
+        return [(n, render, (plan.sensor, usual, n)) for n in plan.samples]
+    if curve == "frames":
+        camera = get_sensor(plan.sensor)
+        return [(n, record, (plan.sensor, (camera.rows, camera.columns), usual, n)) for n in plan.frames]
+    if curve == "pixels":
+        return [(h * w, record, (plan.sensor, (h, w), usual, plan.few_frames)) for h, w in plan.arrays]
+    _dataset(plan.recipe, 1, stacks.parent)
+    return [(n, dataset, (plan.recipe, str(stacks), n)) for n in plan.sequences]
+
+
+def measure(plan: Plan, curves: list[str], one: Callable[..., Measured]) -> dict[str, Any]:
+    """The curves as they go into growth.json; ``one`` calls a function and gives what it gives."""
+    found: dict[str, Any] = {}
+    with TemporaryDirectory() as temporary:
+        for curve in curves:
+            sizes, took, peaks = [], [], []
+            for size, function, given in points(curve, plan, Path(temporary) / "dataset" / "stacks"):
+                seconds, gib = one(function, *given)
+                print(f"{curve} {size}: {seconds:.3g} s, {gib:.3g} GiB", flush=True)
+                sizes, took, peaks = [*sizes, size], [*took, seconds], [*peaks, gib]
+            found[curve] = {"size": sizes, "seconds": took, "peak_gib": peaks}
+            found[curve] |= {"slope_seconds": slope(sizes, took), "slope_peak_gib": slope(sizes, peaks)}
+    return found
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Time above, memory below, a column a curve."""
+    figure, grid = panels(2, len(found), width=2.7 * len(found), height=4.8)
+    for column, (curve, data) in enumerate(found.items()):
+        for row, (key, unit, colour) in enumerate(
+            (("seconds", "time (s)", BLUE), ("peak_gib", "peak memory (GiB)", ORANGE))
+        ):
+            axes = grid[row, column]
+            log_log(axes, data["size"], data[key], colour)
+            axes.set_title(f"{curve}: slope {data[f'slope_{key}']:.2f}")
+            wide(axes, data[key])
+            if column == 0:
+                axes.set_ylabel(unit)
+            if row == 1:
+                axes.set_xlabel(curve)
+    save(figure, path)
+
+
+def main(
+    argv: list[str] | None = None, *, plan: Plan | None = None, one: Callable[..., Measured] = alone
+) -> None:
+    """Measure and write; ``plan`` and ``one`` replace what the command line says, for tests."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=HERE / "pictures")
+    parser.add_argument("--only", action="append", choices=CURVES, help="this curve; may be given again")
+    parser.add_argument("--small", action="store_true", help="small sizes: only to see that it runs")
+    given = parser.parse_args(argv)
+    chosen = plan or (SMALL if given.small else Plan())
+    curves = given.only or list(CURVES)
+    found = measure(chosen, curves, one)
+    given.out.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"machine": facts()[0], "curves": found}, indent=1, ensure_ascii=False)
+    (given.out / "growth.json").write_text(text + "\n")
+    draw(found, given.out / "growth.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""The encoders of public spike-camera tool kits, as algorithms: what ours is timed against.
+
+Each is written anew here, plainly, as its source does it: whole pictures in numpy, or a loop over pixels
+where the source has one. What does not belong to encoding is left out, in their favour: opening and decoding
+picture files, intermediate files, progress lines. `saf-gen bench encode` runs them.
+
+All take grey pictures uint8 (frames, row, col), one a readout, and a numpy Generator; all give spikes
+(frames, row, col), 0 or 1. None makes readouts between pictures: who has fewer pictures than readouts makes
+them before, by a network or by repeating.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = [
+    "ENCODERS",
+    "PublicEncoder",
+    "image_to_spikes",
+    "simulate",
+    "simulate_pixel_by_pixel",
+    "video_to_spikes",
+]
+
+GREYS = 255.0
+
+
+@dataclass(frozen=True)
+class PublicEncoder:
+    """name : of source and algorithm. slower : how many times fewer frames it is given to be timed on."""
+
+    name: str
+    run: Callable[[np.ndarray, np.random.Generator], np.ndarray]
+    slower: int = 1
+
+
+def image_to_spikes(
+    image: np.ndarray, frames: int, *, gain: float = 0.5, threshold: float = 1.0
+) -> np.ndarray:
+    """Spikes of one picture that stands still, float64 (frames, row, col); ``image`` float64, 0 ... 1.
+
+    Every readout adds gain·image to what a pixel holds; a pixel that reaches the threshold fires and is set
+    to 0, whatever it held. Its period is therefore a whole number of readouts, ⌈threshold/(gain·image)⌉: the
+    rate is a staircase. No noise, no phase.
+
+    Source: SpikeCV, ``spkData/convert_img.py``, ``img_to_spike`` of Zyj061/SpikeCV; Y. Zheng et
+    al., SpikeCV: open a continuous computer vision era, arXiv:2303.11684.
+    """
+    held = np.zeros_like(image)
+    spikes = np.zeros((frames, *image.shape))
+    for t in range(frames):
+        held += gain * image
+        fired = held >= threshold
+        held = held * (1 - fired)
+        spikes[t] = fired
+    return spikes
+
+
+def video_to_spikes(video: np.ndarray, random: np.random.Generator, *, threshold: float = 5.0) -> np.ndarray:
+    """Spikes of a video, one picture a readout, uint8 (frames, row, col).
+
+    A pixel starts at a random phase, adds the picture's grey (0 ... 1), fires at the threshold and gives up
+    just the threshold: its mean rate is grey/threshold. No other noise.
+
+    Source: SpikeCV, ``spkData/convert_video.py``, ``video_to_spike``; as above.
+    """
+    held = random.random(video.shape[1:]) * threshold
+    spikes = np.zeros(video.shape, np.uint8)
+    for t, picture in enumerate(video):
+        held += picture / GREYS
+        fired = np.nonzero(held >= threshold)
+        held[fired] -= threshold
+        spikes[t][fired] = 1
+    return spikes
+
+
+# What SCSim measured on a camera: voltages (V), capacitance (fF), dark current, and their spread over pixels.
+SWING, SWING_OFFSET, SWING_SD = 1.1, -0.0076, 0.0497
+CAPACITANCE, CAPACITANCE_SD = 4.348, 0.0128
+DARK, DARK_SD = 0.4442, 0.1731
+RESPONSE, RESPONSE_SD = 1.0128, 0.0584
+THERMAL_SD, SHOT_SD = 9.644e-9, 0.00636  # of the threshold's voltage, drawn for every pixel and readout
+READOUT = 0.05  # of a millisecond
+PHOTONS = 50_000  # at full grey: what the Poisson draw stands for
+AFTER_RESET = 0.998  # of its charge is what a pixel collects in the readout after a spike
+FULL = CAPACITANCE * (SWING + SWING_OFFSET)  # charge that full grey gives in a readout: one spike
+
+
+def _device(shape: tuple[int, int], random: np.random.Generator) -> tuple[np.ndarray, ...]:
+    """Dark current, response, capacitance and swing of every pixel."""
+    return (
+        random.normal(DARK, DARK_SD, shape),
+        random.normal(RESPONSE, RESPONSE_SD, shape) / RESPONSE,
+        random.normal(CAPACITANCE, CAPACITANCE_SD, shape),
+        SWING + random.normal(SWING_OFFSET, SWING_SD, shape),
+    )
+
+
+def simulate_pixel_by_pixel(video: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Spikes with noise, uint8 (frames, row, col): a Poisson and two normal draws a pixel and readout.
+
+    A pixel adds its dark current and its grey, times a Poisson count over its mean; it fires where that
+    reaches capacitance·(swing + fresh noise), gives up that much, and loses 0.2 % of the next readout.
+
+    Source: SCSim, ``v2s.py`` of Acnext/SCSim, a loop over pixels in Python; L. Hu et al., SCSim: a
+    realistic spike cameras simulator, ICME 2024, arXiv:2405.16790. Its second, noise-free stream is left out.
+    """
+    frames, rows, columns = video.shape
+    dark, response, capacitance, swing = _device((rows, columns), random)
+    held = random.random((rows, columns))
+    after_spike = np.zeros((rows, columns), bool)
+    spikes = np.zeros(video.shape, np.uint8)
+    for t in range(frames):
+        for y in range(rows):
+            for x in range(columns):
+                grey = video[t, y, x] / GREYS
+                photons = int(PHOTONS * grey)
+                shot = random.poisson(photons) / photons if photons else 0.0
+                charge = READOUT * dark[y, x] + shot * FULL * grey * response[y, x]
+                if after_spike[y, x]:
+                    charge *= AFTER_RESET
+                held[y, x] += charge
+                noise = random.normal(0.0, THERMAL_SD) + random.normal(0.0, SHOT_SD)
+                threshold = capacitance[y, x] * (swing[y, x] + noise)
+                after_spike[y, x] = fired = held[y, x] >= threshold
+                if fired:
+                    held[y, x] -= threshold
+                    spikes[t, y, x] = 1
+    return spikes
+
+
+def simulate(video: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """The same simulator with whole pictures in place of the loop over pixels: what numpy makes of it.
+
+    Nobody published this one; it is here so that ours is not only compared with a loop in Python.
+    """
+    shape = video.shape[1:]
+    dark, response, capacitance, swing = _device(shape, random)
+    held = random.random(shape)
+    share = np.ones(shape)
+    spikes = np.zeros(video.shape, np.uint8)
+    for t, picture in enumerate(video):
+        grey = picture / GREYS
+        photons = np.floor(PHOTONS * grey)
+        shot = random.poisson(photons) / np.maximum(photons, 1.0)
+        held += share * (READOUT * dark + shot * FULL * grey * response)
+        noise = random.normal(0.0, THERMAL_SD, shape) + random.normal(0.0, SHOT_SD, shape)
+        threshold = capacitance * (swing + noise)
+        fired = held >= threshold
+        held -= np.where(fired, threshold, 0.0)
+        share = np.where(fired, AFTER_RESET, 1.0)
+        spikes[t] = fired
+    return spikes
+
+
+ENCODERS = (
+    PublicEncoder(
+        "SpikeCV's image to spikes, no noise",
+        lambda video, random: image_to_spikes(2 * video[0] / GREYS, len(video)),  # gain is a half
+    ),
+    PublicEncoder(
+        "SpikeCV's video to spikes, no noise",
+        lambda video, random: video_to_spikes(video, random, threshold=1.0),
+    ),
+    PublicEncoder("SCSim's simulator made whole pictures in numpy, noise", simulate, slower=10),
+    PublicEncoder(
+        "SCSim's simulator as published, pixel by pixel, noise", simulate_pixel_by_pixel, slower=100
+    ),
+)

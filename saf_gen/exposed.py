@@ -1,0 +1,85 @@
+"""A recording's stacks as charge: what the sensor collects at any frame and focus position.
+
+At most two stacks are in memory, those between which a moving scene is.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from saf_gen.camera import Sensor, charge_stack, knot_weights
+from saf_gen.reel import Footage
+
+__all__ = ["Exposed"]
+
+
+class Exposed:
+    """Footage in front of a sensor, in photo-electrons a readout at gain 1.
+
+    ``scale`` multiplies the light (the exposure): 1 at first, and may be set at any time.
+    """
+
+    def __init__(self, footage: Footage, sensor: Sensor) -> None:
+        self.reel, self.sensor, self.scale = footage.reel, sensor, 1.0
+        self._footage = footage
+        self._charge = lru_cache(maxsize=2)(self._collected)
+        self._summed = lru_cache(maxsize=2)(lambda j: self._charge(j).sum(axis=0, keepdims=True))
+
+    def picture(self, frame: float, position: float) -> np.ndarray:
+        """Photo-electrons a readout at gain 1, float32 (light, row, col), at a moment and a focus position.
+
+        Where a moving scene was not rendered at that position, at the nearest one that was.
+        """
+        j, w = self._between(frame)
+        before = self._at(j, position)
+        if w > 0:
+            before = before + np.float32(w) * (self._at(j + 1, position) - before)
+        return before * np.float32(self.scale)
+
+    def lights(
+        self, begin: int, end: int, j: int, position: np.ndarray, gain: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What :meth:`saf_gen.camera.Encoder.encode` takes for frames begin <= t < end, a run of the reel.
+
+        ``position`` and ``gain`` are those of the whole recording, (T,) and (T, G). One schedule for all
+        light groups makes one light of them, as far as the camera can tell.
+        """
+        positions, specs = self.reel.specs[0].positions, self.reel.specs
+        index, fraction = knot_weights(position[begin:end], positions)
+        charge = self._charge
+        if (gain == gain[:, :1]).all():
+            gain, charge = gain[:, :1], self._summed
+        gain = gain[begin:end] * self.scale
+        if not self.reel.moves:
+            return charge(j), index, fraction, gain
+        first, last = int(index.min()), int((index + (fraction > 0)).max())
+        both = [charge(n)[:, first - specs[n].first : last + 1 - specs[n].first] for n in (j, j + 1)]
+        way = self.reel.way(begin, end, j)[:, None]
+        gains = np.concatenate([gain * (1 - way), gain * way], axis=1)
+        return np.concatenate(both), index - first, fraction, gains
+
+    def _between(self, frame: float) -> tuple[int, float]:
+        """The stack before a moment and the share of the way to the next."""
+        if not self.reel.moves:
+            return 0, 0.0
+        at = self.reel.frames
+        j = min(max(int(np.searchsorted(at, frame + 0.5, side="right")) - 1, 0), len(at) - 2)
+        return j, float(np.clip((frame + 0.5 - at[j]) / (at[j + 1] - at[j]), 0, 1))
+
+    def _at(self, j: int, position: float) -> np.ndarray:
+        charge, spec = self._charge(j), self.reel.specs[j]
+        knot = float(np.clip(position * (spec.positions - 1) - spec.first, 0, spec.rendered - 1))
+        k = min(int(knot), spec.rendered - 2)
+        return charge[:, k] + np.float32(knot - k) * (charge[:, k + 1] - charge[:, k])
+
+    def _collected(self, j: int) -> np.ndarray:
+        """Charge float32 (light, focus, row, col) of stack j, before the exposure."""
+        stack = self._footage.stack(j)
+        drive = stack.spec.drive
+        return charge_stack(
+            stack.radiance,
+            drive.image_distance(stack.spec.focus),
+            drive.aperture_radius_m,
+            self.sensor,
+            transmission=drive.transmission,
+        )

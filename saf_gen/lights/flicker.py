@@ -1,0 +1,66 @@
+"""A lamp on the mains: it flickers at twice the mains frequency, with harmonics of its own."""
+
+from dataclasses import dataclass
+from math import inf, isfinite
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """Gain ``level`` · (1 + s · Σ ``harmonics``[n] · cos((n + 1)(2π · ``hz`` · t + ``phase``))).
+
+    The scale s follows from ``depth``, the modulation depth (highest - lowest)/(highest + lowest) of IEEE
+    Std 1789-2015. The mean over whole periods is ``level``, exactly, whatever the depth and harmonics.
+
+    ``hz`` is 100 where the mains have 50 Hz, 120 where they have 60. ``harmonics`` are relative amplitudes
+    of hz, 2·hz, 3·hz, ...; [1, -0.2, 0.0857] is the beginning of a rectified sine. ``phase`` in radians;
+    at 0 the recording begins at a crest of the fundamental.
+    """
+
+    depth: float
+    hz: float = 100.0
+    harmonics: tuple[float, ...] = (1.0,)
+    level: float = 1.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.depth <= 1:
+            raise BadInput(f"depth is {self.depth!r}", allowed="0 to 1: there is no negative light")
+        if not 0 < self.hz < inf:
+            raise BadInput(f"hz is {self.hz!r}", allowed="a frequency above 0 in Hz")
+        if not (any(self.harmonics) and all(isfinite(a) for a in self.harmonics)):
+            raise BadInput(f"harmonics are {self.harmonics!r}", allowed="a list of amplitudes, not all 0")
+        if not 0 <= self.level < inf:
+            raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
+        if not isfinite(self.phase):
+            raise BadInput(f"phase is {self.phase!r}", allowed="radians")
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Gain seconds from 0 to each time."""
+        seconds = np.asarray(seconds, dtype=np.float64)
+        omega = 2 * np.pi * self.hz
+        wave = np.zeros_like(seconds)
+        for n, amplitude in enumerate(self.harmonics, start=1):
+            turned = np.sin(n * (omega * seconds + self.phase)) - np.sin(n * self.phase)
+            wave += amplitude * turned / (n * omega)
+        return self.level * (seconds + self._scale() * wave)
+
+    def _scale(self) -> float:
+        """The factor s: lowest and highest are 1 + s·low and 1 + s·high, their ratio gives the depth."""
+        low, high = _extremes(np.asarray(self.harmonics, dtype=np.float64))
+        return 2 * self.depth / ((high - low) - self.depth * (high + low))
+
+
+def _extremes(amplitudes: np.ndarray) -> tuple[float, float]:
+    """Lowest and highest of Σ a_n cos(nθ): its derivative is a polynomial in exp(iθ), whose roots are all.
+
+    Roots off the unit circle give angles where nothing special happens: no harm.
+    """
+    orders = np.arange(1, len(amplitudes) + 1)
+    slopes = orders * amplitudes
+    angles = np.angle(np.roots(np.concatenate((slopes[::-1], [0.0], -slopes))))
+    wave = np.cos(np.outer(np.append(angles, 0.0), orders)) @ amplitudes
+    return float(wave.min()), float(wave.max())

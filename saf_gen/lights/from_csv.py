@@ -1,0 +1,45 @@
+"""Light as somebody measured or drew it: gains in a file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.lights._line import integral_of_line
+from saf_gen.tables import columns
+
+
+@dataclass(frozen=True)
+class FromCsv:
+    """The gain runs in straight lines through the points of a table, and is level before and after it.
+
+    ``file``: in a recipe the path of a CSV file, in the recipe's folder or below it, with the columns
+    ``time_s`` (s from the beginning of the recording, rising) and ``gain`` (0 and more). The recipe reads
+    it: the part is given ``{"path": ..., "text": ...}``.
+    """
+
+    file: Mapping[str, str] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.file, Mapping) and set(self.file) == {"path", "text"}):
+            raise BadInput(
+                f"file is {self.file!r}",
+                allowed="in a recipe the path of a CSV file; else {'path': ..., 'text': ...}",
+            )
+        times, gains = self._points()
+        if gains.min() < 0:
+            worst = int(gains.argmin())
+            raise BadInput(
+                f"gain is {gains[worst]:g} at {times[worst]:g} s",
+                where=self.file["path"],
+                allowed="0 or more: there is no negative light",
+            )
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Gain seconds from 0 to each time."""
+        return integral_of_line(seconds, *self._points())
+
+    def _points(self) -> tuple[np.ndarray, np.ndarray]:
+        times, gains = columns(self.file["text"], ("time_s", "gain"), name=self.file["path"])
+        return times, gains

@@ -1,0 +1,45 @@
+"""A light that is switched on and off fast, as dimmed LEDs are."""
+
+from dataclasses import dataclass
+from math import inf, isfinite
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+
+@dataclass(frozen=True)
+class Pwm:
+    """Gain ``high`` for the first ``duty`` of each period of 1/``hz`` seconds, ``low`` for the rest.
+
+    The mean over whole periods is low + duty·(high - low). ``phase`` in radians shifts the pattern to the
+    left: at 0 the recording begins with the light just on.
+    """
+
+    hz: float
+    duty: float
+    low: float = 0.0
+    high: float = 1.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.hz < inf:
+            raise BadInput(f"hz is {self.hz!r}", allowed="a frequency above 0 in Hz")
+        if not 0 <= self.duty <= 1:
+            raise BadInput(f"duty is {self.duty!r}", allowed="0 to 1 of the period")
+        if not 0 <= self.low <= self.high < inf:
+            raise BadInput(f"low is {self.low!r}, high {self.high!r}", allowed="gains with 0 <= low <= high")
+        if not isfinite(self.phase):
+            raise BadInput(f"phase is {self.phase!r}", allowed="radians")
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Gain seconds from 0 to each time."""
+        seconds = np.asarray(seconds, dtype=np.float64)
+        start = np.asarray(self.phase / (2 * np.pi))
+        on = (self._periods_on(seconds * self.hz + start) - self._periods_on(start)) / self.hz
+        return self.low * seconds + (self.high - self.low) * on
+
+    def _periods_on(self, periods: np.ndarray) -> np.ndarray:
+        """For how many periods the light has been on after so many."""
+        whole = np.floor(periods)
+        return whole * self.duty + np.minimum(periods - whole, self.duty)

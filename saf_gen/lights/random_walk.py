@@ -1,0 +1,64 @@
+"""Light that wanders: clouds before the sun, people who pass a lamp."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.lights._line import integral_of_line
+from saf_gen.seeds import generator
+
+STEP_S = 5e-4  # between two points of the walk; the gain is a straight line between them
+
+
+@dataclass(frozen=True)
+class RandomWalk:
+    """Gain ``level`` · exp(y - var(y)/2), where y is a Gaussian walk; its expectation is ``level`` always.
+
+    With ``return_s`` the walk returns (Ornstein and Uhlenbeck): y is stationary, with standard deviation
+    ``sd`` and correlation exp(-lag/return_s). Without, it wanders off (Brownian motion): y begins at 0 and
+    has standard deviation sd·√t after t seconds.
+
+    ``seed`` names the walk: the same seed walks the same way, whatever the length of the recording. Where a
+    recipe gives none, each sequence has its own.
+
+    Source: G. E. Uhlenbeck and L. S. Ornstein, On the theory of the Brownian motion, Physical Review 36,
+    1930, doi:10.1103/PhysRev.36.823.
+    """
+
+    sd: float
+    return_s: float | None = None
+    level: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.sd <= 3:
+            raise BadInput(f"sd is {self.sd!r}", allowed="0 to 3, of the logarithm of the gain")
+        if self.return_s is not None and not 10 * STEP_S <= self.return_s < inf:
+            raise BadInput(f"return_s is {self.return_s!r}", allowed=f"{10 * STEP_S:g} seconds and more")
+        if not 0 <= self.level < inf:
+            raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            raise BadInput(f"seed is {self.seed!r}", allowed="a whole number, 0 or more")
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Gain seconds from 0 to each time."""
+        times = np.arange(int(np.ceil(duration_s / STEP_S)) + 2) * STEP_S
+        draws = generator("random_walk", self.seed).standard_normal(len(times))
+        if self.return_s is None:
+            walk = self.sd * np.sqrt(STEP_S) * np.concatenate(([0.0], np.cumsum(draws[1:])))
+            variance = self.sd**2 * times
+        else:
+            walk = self.sd * _returning(draws, float(np.exp(-STEP_S / self.return_s)))
+            variance = np.full_like(times, self.sd**2)
+        return integral_of_line(seconds, times, self.level * np.exp(walk - variance / 2))
+
+
+def _returning(draws: np.ndarray, kept: float) -> np.ndarray:
+    """A stationary walk of variance 1 that keeps this share of its value from one point to the next."""
+    fresh = (1 - kept * kept) ** 0.5
+    walk = draws.tolist()
+    for i in range(1, len(walk)):
+        walk[i] = kept * walk[i - 1] + fresh * walk[i]
+    return np.array(walk)

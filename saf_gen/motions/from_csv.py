@@ -1,0 +1,58 @@
+"""The lens as somebody measured or drew it: positions in a file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.tables import columns
+
+SLACK_S = 1e-9  # decimals in a file and quotients of readouts differ in their last digits
+
+
+@dataclass(frozen=True)
+class FromCsv:
+    """The lens moves in straight lines through the points of a table.
+
+    ``file``: in a recipe the path of a CSV file, in the recipe's folder or below it, with the columns
+    ``time_s`` (s from the beginning of the recording, rising) and ``position`` (0...1 of the travel). It must
+    reach from the middle of the first readout to that of the last. The recipe reads it: the part is given
+    ``{"path": ..., "text": ...}``.
+    """
+
+    file: Mapping[str, str] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.file, Mapping) and set(self.file) == {"path", "text"}):
+            raise BadInput(
+                f"file is {self.file!r}",
+                allowed="in a recipe the path of a CSV file; else {'path': ..., 'text': ...}",
+            )
+        times, places = self._points()
+        outside = np.flatnonzero((places < 0) | (places > 1))
+        if outside.size:
+            raise BadInput(
+                f"position is {places[outside[0]]:g} at {times[outside[0]]:g} s",
+                where=self.file["path"],
+                allowed="0 to 1, a fraction of the travel",
+            )
+
+    def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Fraction of the travel at each time. Raises BadInput for a time that the table does not reach."""
+        times, places = self._points()
+        seconds = np.asarray(seconds, dtype=np.float64)
+        outside = seconds[(seconds < times[0] - SLACK_S) | (seconds > times[-1] + SLACK_S)]
+        if outside.size:
+            raise BadInput(
+                f"time_s goes from {times[0]:g} to {times[-1]:g}, the recording of {duration_s:g} s needs "
+                f"the lens at {outside.flat[-1]:g} s",
+                where=self.file["path"],
+                allowed="a table that covers the recording",
+                hint="add rows, or record fewer frames",
+            )
+        return np.interp(seconds, times, places)
+
+    def _points(self) -> tuple[np.ndarray, np.ndarray]:
+        times, places = columns(self.file["text"], ("time_s", "position"), name=self.file["path"])
+        return times, places

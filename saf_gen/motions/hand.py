@@ -1,0 +1,79 @@
+"""A focus ring turned by hand: the speed is never quite even."""
+
+from dataclasses import dataclass
+from math import floor, sqrt
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from saf_gen.errors import BadInput
+from saf_gen.motions._travel import check_range, check_way
+from saf_gen.seeds import generator
+
+FINE = 32  # points of the speed in one period of its fastest wave; it is a straight line between them
+
+
+@dataclass(frozen=True)
+class Hand:
+    """From ``from`` to ``to`` in the whole recording, at a speed that varies by ``irregularity``.
+
+    The speed over its mean is a random sum of sines with whole periods in the recording, none of them above
+    ``bandwidth_hz``. With noise n of mean 0 and variance 1 and irregularity σ it is
+
+    - 1 + σ·n where ``reversals`` is true: below 0, in about Φ(-1/σ) of the time, the lens goes back a little;
+    - (1 + s·m)² over its mean where it is false, m like n with half the bandwidth: the lens never goes back.
+      s² = √(2/(2 - σ²)) - 1 gives it the standard deviation σ, where m is Gaussian.
+
+    A reversal at an end of the travel is cut off at its stop.
+
+    The default bandwidth is below physiological tremor (6 to 12 Hz: Lakie et al., The Journal of Physiology
+    593, 2015, doi:10.1113/JP270464); ``seed`` names the noise, and each sequence has its own where a recipe
+    gives none.
+    """
+
+    from_: float = 0.0
+    to: float = 1.0
+    irregularity: float = 0.5
+    bandwidth_hz: float = 5.0
+    reversals: bool = False
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_way(self.from_, self.to)
+        check_range("irregularity", self.irregularity, 0, 1, "of the mean speed")
+        check_range("bandwidth_hz", self.bandwidth_hz, 0, 1000, "Hz")
+        if not isinstance(self.reversals, bool):
+            raise BadInput(f"reversals is {self.reversals!r}", allowed="true, false")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            raise BadInput(f"seed is {self.seed!r}", allowed="a whole number, 0 or more")
+
+    def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Fraction of the travel at each time. Raises BadInput where no wave fits into the recording."""
+        times, speed = self._speed(duration_s)
+        way = make_interp_spline(times, speed, k=1).antiderivative()
+        share = way(np.asarray(seconds, dtype=np.float64)) / way(duration_s)
+        return np.clip(self.from_ + (self.to - self.from_) * share, 0.0, 1.0)
+
+    def _speed(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times (s) and speeds (of no unit) over the recording, float64 (n,) each."""
+        periods = self.bandwidth_hz * duration_s
+        waves = floor(periods * (1 if self.reversals else 0.5) + 1e-9)
+        if waves < 1:
+            least = (1 if self.reversals else 2) / duration_s
+            raise BadInput(
+                f"bandwidth_hz is {self.bandwidth_hz:g} in a recording of {duration_s:g} s",
+                allowed=f"at least {least:g}: a wave must fit into it",
+                hint="raise it, or record more frames",
+            )
+        points = FINE * max(floor(periods), 1)
+        coefficients = generator("hand", self.seed).standard_normal((waves, 2))
+        coefficients /= sqrt(np.square(coefficients).sum() / 2)  # variance 1 over the recording
+        spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
+        spectrum[1 : waves + 1] = (coefficients[:, 0] - 1j * coefficients[:, 1]) * points / 2
+        noise = np.fft.irfft(spectrum, points)
+        noise = np.append(noise, noise[0])
+        if self.reversals:
+            speed = 1 + self.irregularity * noise
+        else:
+            speed = (1 + sqrt(sqrt(2 / (2 - self.irregularity**2)) - 1) * noise) ** 2
+        return np.linspace(0, duration_s, points + 1), speed

@@ -1,0 +1,92 @@
+"""Stop and go: a drive that is sent from place to place, and rings before it rests."""
+
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.motions._travel import check_range, check_way
+
+MOST = 100_000
+
+
+@dataclass(frozen=True)
+class Steps:
+    """``count`` equal steps from ``from`` to ``to``, a new one after each ``dwell_s`` seconds.
+
+    The first place is held for ``dwell_s`` too. Without ``dwell_s`` all places share the recording evenly;
+    with it the lens rests at ``to`` after the last step.
+
+    The drive is a mass on a spring, as a voice coil is: it follows its command c by
+    x″ + 2ζω·x′ + ω²·x = ω²·c, with ω = 2π·``natural_hz`` and ζ = ``damping``. Below ζ = 1 it overshoots a
+    step by exp(-πζ/√(1 - ζ²)) of its height and rings at natural_hz·√(1 - ζ²); it has settled to 2 % after
+    about 4/(ζω) seconds. What still rings when the next step comes rings on. The solution is exact.
+
+    The travel ends at mechanical stops: an overshoot beyond 0 or 1 is cut off there, without a rebound.
+
+    Source: K. Ogata, Modern Control Engineering, 5th edition, 2010, section 5-3.
+    """
+
+    count: int
+    natural_hz: float
+    damping: float
+    from_: float = 0.0
+    to: float = 1.0
+    dwell_s: float | None = None
+
+    def __post_init__(self) -> None:
+        check_way(self.from_, self.to)
+        if isinstance(self.count, bool) or not (isinstance(self.count, int) and 1 <= self.count <= MOST):
+            raise BadInput(
+                f"count is {self.count!r}",
+                allowed=f"a whole number of steps, 1 to {MOST}; to draw one, {{choice: [4, 8]}}",
+            )
+        check_range("natural_hz", self.natural_hz, 0, 1e5, "Hz")
+        check_range("damping", self.damping, 0, 10, "of the critical damping")
+        if self.dwell_s is not None:
+            check_range("dwell_s", self.dwell_s, 0, 3600, "s")
+
+    def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Fraction of the travel at each time. Raises BadInput where the recording ends before a step."""
+        dwell = duration_s / (self.count + 1) if self.dwell_s is None else self.dwell_s
+        if not 0 < self.count * dwell < duration_s:
+            raise BadInput(
+                f"{self.count} steps, one each {dwell:g} s, in a recording of {duration_s:g} s",
+                allowed=f"dwell_s above 0 and below {duration_s / self.count:g}",
+                hint="without dwell_s they share it evenly",
+            )
+        seconds = np.asarray(seconds, dtype=np.float64)
+        begins = np.arange(self.count + 1) * dwell
+        step = np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)
+        off, speed = self._states(dwell)
+        of_off, of_speed = self._ringing(seconds - begins[step])
+        command = self.from_ + (self.to - self.from_) * (step / self.count)
+        return np.clip(command + off[step] * of_off + speed[step] * of_speed, 0.0, 1.0)
+
+    def _states(self, dwell: float) -> tuple[np.ndarray, np.ndarray]:
+        """How far the lens is off its new place, and its speed, when it is sent there: (count + 1,) each."""
+        height = (self.to - self.from_) / self.count
+        omega = 2 * pi * self.natural_hz
+        a, b = (float(x) for x in self._ringing(np.asarray(dwell)))
+        states = [(0.0, 0.0)]
+        for _ in range(self.count):
+            off, speed = states[-1]
+            next_speed = -(omega**2) * b * off + (a - 2 * self.damping * omega * b) * speed
+            states.append((a * off + b * speed - height, next_speed))
+        off_all, speed_all = np.array(states).T
+        return off_all, speed_all
+
+    def _ringing(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The free oscillator after so many seconds: from x = 1 at rest, and from x = 0 at speed 1."""
+        omega, damping = 2 * pi * self.natural_hz, self.damping
+        if damping <= 1:
+            turn = omega * sqrt(1 - damping**2)
+            decay = np.exp(-damping * omega * seconds)
+            wave, of_speed = decay * np.cos(turn * seconds), decay * seconds * np.sinc(turn * seconds / pi)
+        else:
+            apart = omega * sqrt(damping**2 - 1)
+            slow = np.exp(-omega / (damping + sqrt(damping**2 - 1)) * seconds)  # ω(ζ - √(ζ² - 1))
+            gone = -np.expm1(-2 * apart * seconds)
+            wave, of_speed = slow * (1 - gone / 2), slow * gone / (2 * apart)
+        return wave + damping * omega * of_speed, of_speed

@@ -1,0 +1,36 @@
+"""There and back: every place is passed twice, in both directions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.motions._travel import check_seconds, check_way
+
+
+@dataclass(frozen=True)
+class SweepAndReturn:
+    """From ``from`` to ``to``, ``dwell_s`` seconds of rest there, and back, in the whole recording.
+
+    Both ways at the same constant speed; the lens turns at once.
+    """
+
+    from_: float = 0.0
+    to: float = 1.0
+    dwell_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_way(self.from_, self.to)
+        check_seconds("dwell_s", self.dwell_s)
+
+    def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Fraction of the travel at each time. Raises BadInput where the rest leaves no time to move."""
+        if not self.dwell_s < duration_s:
+            raise BadInput(
+                f"dwell_s is {self.dwell_s:g} in a recording of {duration_s:g} s",
+                allowed=f"0 up to but not {duration_s:g}",
+                hint="shorten it, or record more frames",
+            )
+        there = (duration_s - self.dwell_s) / 2
+        moments = [0.0, there, there + self.dwell_s, duration_s]
+        return np.interp(seconds, moments, [self.from_, self.to, self.to, self.from_])

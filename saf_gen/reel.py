@@ -1,0 +1,116 @@
+"""What a recording films: one focal stack, or for a scene that moves a focal stack at each of many moments.
+
+Between two moments the picture goes over from one stack to the other in a straight line. A readout at the
+share w of the way, at its own focus position, sees (1 - w) of the stack before and w of the one after, each
+interpolated between its own two nearest positions. The encoder takes the two as two sets of lights, so that
+this is exact at every readout.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.focal_stack import FocalStack, StackSpec, StackStore
+
+__all__ = ["Footage", "Reel", "moments", "windows"]
+
+GRAIN = 8  # frames: the encoder records whole bytes, and goes over to the next pair of stacks between two
+
+
+@dataclass(frozen=True)
+class Reel:
+    """The stacks of a recording, and at the beginning of which frame each is what is seen.
+
+    One stack: nothing moves. More: rising frames from 0 to at least the length of the recording.
+    """
+
+    frames: tuple[int, ...]
+    specs: tuple[StackSpec, ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether the scene moves."""
+        return len(self.specs) > 1
+
+    def missing(self, root: Path) -> list[StackSpec]:
+        """The stacks that are not whole under ``root``."""
+        return [spec for spec in self.specs if StackStore(root, spec).missing()]
+
+    def digest(self, root: Path) -> str:
+        """What is made from these very stacks, as they lie under ``root``, is made from this."""
+        digests = [StackStore(root, spec).digest() for spec in self.specs]
+        return digests[0] if len(digests) == 1 else hashlib.sha256(" ".join(digests).encode()).hexdigest()
+
+    def runs(self, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
+        """The stretches of frames begin <= t < end that lie between the same two stacks.
+
+        Yields first frame, end, and the number of the stack before; all in one where nothing moves.
+        """
+        if not self.moves:
+            yield begin, end, 0
+            return
+        for j, (first, last) in enumerate(pairwise(self.frames)):
+            if first < end and last > begin:
+                yield max(first, begin), min(last, end), j
+
+    def way(self, begin: int, end: int, j: int) -> np.ndarray:
+        """How far each readout begin <= t < end is on the way from stack j to the next: float64, 0...1."""
+        first, last = self.frames[j], self.frames[j + 1]
+        return (np.arange(begin, end) + 0.5 - first) / (last - first)
+
+
+@dataclass(frozen=True)
+class Footage:
+    """A reel and where its stacks come from: ``stack(j)`` whole, ``geometry(j)`` depth and target alone.
+
+    ``digest`` is over all of them, ``variant`` what rendered them.
+    """
+
+    reel: Reel
+    stack: Callable[[int], FocalStack]
+    geometry: Callable[[int], tuple[np.ndarray, np.ndarray]]
+    digest: str
+    variant: str
+
+    @classmethod
+    def stored(cls, reel: Reel, root: Path) -> "Footage":
+        """The reel's stacks as they lie under ``root``; one that is not whole is refused in its turn."""
+        stores = [StackStore(root, spec) for spec in reel.specs]
+        variant = ", ".join(sorted(set().union(*(store.variants() for store in stores))))
+        digest = reel.digest(root)
+        return cls(reel, lambda j: stores[j].load(), lambda j: stores[j].geometry(), digest, variant)
+
+    @classmethod
+    def of(cls, stack: FocalStack) -> "Footage":
+        """One stack in memory, of a scene that stands still."""
+        reel = Reel((0,), (stack.spec,))
+        return cls(reel, lambda j: stack, lambda j: (stack.depth, stack.target), stack.digest, stack.variant)
+
+
+def moments(frames: int, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
+    """Frames, from 0 to the first at or after the end, at which a moving scene is rendered.
+
+    As many a second as asked for, or a few more: multiples of 8 frames, at least 8 apart.
+    """
+    step = max(GRAIN, int(readout_hz / slices_per_s) // GRAIN * GRAIN)
+    return tuple(range(0, frames + step, step))
+
+
+def windows(position: np.ndarray, at: tuple[int, ...], positions: int) -> list[tuple[int, int]]:
+    """For each of these moments the first and last rendered position that the recording needs there.
+
+    ``position`` (T,) is the lens, fraction of the travel: a stack serves the readouts from the moment before
+    it to the one after. At least two positions each.
+    """
+    place = np.clip(np.asarray(position, dtype=np.float64), 0, 1) * (positions - 1)
+    out = []
+    for j in range(len(at)):
+        begin, end = at[max(j - 1, 0)], min(at[min(j + 1, len(at) - 1)], place.size)
+        used = place[min(begin, place.size - 1) : max(end, begin + 1)]
+        first = min(int(np.floor(used.min())), positions - 2)
+        out.append((first, max(int(np.ceil(used.max())), first + 1)))
+    return out

@@ -1,0 +1,124 @@
+"""A scene as Mitsuba's XML, as exporters write it: read, kept within its folder, made plain.
+
+An XML scene is data of somebody else, so nothing in it may run code or reach out of its folder. The file is
+parsed by expat, which standard libraries stand on and which knows the line of every element; a DOCTYPE, the
+root of entity bombs, is refused as such. What is left is written again as plain XML (includes, parameters and
+aliases settled, every file name absolute and checked), and only that text is handed to Mitsuba's own parser,
+which knows types, transforms and older versions. So both see the same, and nothing escapes between them.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from saf_gen.errors import BadInput, unknown
+from saf_gen.scene_xml._allowed import PLUGINS, check, file_of
+from saf_gen.scene_xml._tree import Element, parsed, text_of, word
+
+__all__ = ["PLUGINS", "read_scene_xml"]
+
+IGNORED = frozenset(
+    ("sensor", "integrator", "film", "sampler", "rfilter")
+)  # the card and the recipe say these
+MOST = 1_000_000  # elements, of all files together
+HOW = 'a parameter of an XML scene is one of its <default name="..." value="..."/>'
+
+
+def read_scene_xml(path: Path, params: Mapping[str, Any]) -> str:
+    """The scene's own elements as plain XML, every top-level one with an id; sensors and the like left out.
+
+    params : values for the file's ``<default>`` parameters, by name. Elements keep the lines they have in the
+    file, unless it includes others. An id is the element's ``id``, else its ``name``, else tag and number, as
+    ``shape_3`` for the third shape.
+
+    Raises BadInput, in one line that names file, line and element, for a file that is no such scene, that
+    names a file which is missing or out of its folder, or that asks for a plug-in which is not known to be
+    harmless; and for a parameter that the file does not have.
+    """
+    root = parsed(path)
+    if "version" not in root.words:
+        raise BadInput(
+            "the version is missing", where=root.where, allowed='<scene version="3.0.0">, as exporters write'
+        )
+    settled = _Settled(path.parent.resolve(), params)
+    elements = list(settled.scene(root, (path.resolve(),)))
+    for name in params:
+        if name not in settled.values:
+            card = str(path.parent / "scene.yaml")
+            raise unknown("parameter", name, settled.values, where=card, hint=HOW)
+    for element in elements:
+        check(element, settled.folder)
+    _name(elements)
+    alone = all(element.file == path for element in elements)
+    return text_of(root.words["version"], root.line, elements, in_order=alone)
+
+
+class _Settled:
+    """Fills in parameters, puts what is included in its place, and leaves out what does not count.
+
+    ``values``: the parameters met so far; as in Mitsuba one holds from its ``<default>`` on.
+    """
+
+    def __init__(self, folder: Path, params: Mapping[str, Any]) -> None:
+        self.folder, self.params = folder, params
+        self.values: dict[str, str] = {}
+        self._count = 0
+
+    def scene(self, scene: Element, within: tuple[Path, ...]) -> Iterator[Element]:
+        """The elements directly in a scene; ``within``: the files that are being read."""
+        for element in scene.inside:
+            if element.tag in IGNORED:
+                continue
+            self._fill(element)
+            if element.tag == "include":
+                file = file_of(element, "filename", self.folder)
+                if file in within:
+                    raise BadInput("the file includes itself", where=element.where, hint="remove the include")
+                yield from self.scene(parsed(file), (*within, file))
+            elif element.tag == "default":
+                name = word(element, "name")
+                value = _text(self.params[name]) if name in self.params else word(element, "value")
+                self.values.setdefault(name, value)
+            else:
+                yield element
+
+    def _fill(self, element: Element) -> None:
+        """Put parameters into an element and all in it; the longest name that fits wins, as in Mitsuba."""
+        self._count += 1
+        if self._count > MOST:
+            raise BadInput("the scene is too large", where=element.where, allowed=f"{MOST:,} elements")
+        for key, text in element.words.items():
+            for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
+                text = text.replace(f"${name}", self.values[name])
+            if "$" in text:
+                name = re.sub(r".*?\$(\w*).*", r"\1", text, flags=re.DOTALL)
+                raise unknown("parameter", name, self.values, where=element.where, hint=HOW)
+            element.words[key] = text
+        element.inside = [inner for inner in element.inside if inner.tag not in IGNORED]
+        for inner in element.inside:
+            self._fill(inner)
+
+
+def _text(value: Any) -> str:
+    """A parameter's value as XML has it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        return ", ".join(_text(v) for v in value)
+    return str(value)
+
+
+def _name(elements: list[Element]) -> None:
+    """Give every object directly in the scene an id of its own."""
+    taken: dict[str, Element] = {}
+    counts: dict[str, int] = {}
+    for element in elements:
+        if element.tag not in PLUGINS:
+            continue
+        counts[element.tag] = counts.get(element.tag, 0) + 1
+        name = element.words.get("id") or element.words.get("name") or f"{element.tag}_{counts[element.tag]}"
+        if name in taken:
+            raise BadInput(f"the id stands twice, first at {taken[name].where}", where=element.where)
+        taken[name] = element
+        element.words["id"] = name

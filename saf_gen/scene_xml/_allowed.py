@@ -1,0 +1,100 @@
+"""What an XML scene may hold: elements, plug-ins and files that can do no harm."""
+
+from pathlib import Path, PureWindowsPath
+
+from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.scene_xml._tree import Element, word
+
+__all__ = ["PLUGINS", "check", "file_of"]
+
+PLUGINS: dict[str, frozenset[str]] = {
+    tag: frozenset(names.split())
+    for tag, names in {
+        "shape": "bsplinecurve cube cylinder disk instance linearcurve obj ply rectangle sdfgrid serialized"
+        " shapegroup sphere",
+        "emitter": "area constant directional directionalarea envmap point projector spot sunsky"
+        " timed_sunsky",
+        "bsdf": "blendbsdf bumpmap conductor dielectric diffuse hair mask measured normalmap null plastic"
+        " pplastic principled principledthin roughconductor roughdielectric roughplastic thindielectric"
+        " twosided",
+        "texture": "bitmap checkerboard mesh_attribute volume",
+        "spectrum": "blackbody d65 irregular rawconstant regular srgb uniform",
+        "volume": "constvolume gridvolume",
+        "medium": "heterogeneous homogeneous",
+        "phase": "blendphase hg isotropic rayleigh sggx tabphase",
+    }.items()
+}
+"""What may be loaded, by element. A name is all that Mitsuba needs to load a library, so it must be known;
+``blender`` is not here: it reads memory at whatever address the file says."""
+
+PROPERTIES = frozenset(
+    ("boolean", "integer", "float", "string", "point", "vector", "rgb", "spectrum", "transform", "ref")
+)
+STEPS = frozenset(("translate", "rotate", "scale", "matrix", "lookat"))  # of a transform
+
+
+def check(element: Element, folder: Path) -> None:
+    """Refuse an element, or one within it, that is not known or could do harm; make its file names absolute.
+
+    ``folder`` is the scene's, resolved. Raises BadInput with file, line, element and the next step.
+    """
+    tag, words = element.tag, element.words
+    if tag == "path":
+        raise BadInput(
+            "a search path is refused", where=element.where, hint="name files relative to the scene's folder"
+        )
+    known = {*PLUGINS, *PROPERTIES, *STEPS}
+    if tag not in known and tag != "alias":
+        raise unknown("element", tag, known, where=f"{element.file}:{element.line}")
+    if tag in PLUGINS and (tag != "spectrum" or "type" in words):
+        plugin = word(element, "type")
+        if plugin not in PLUGINS[tag]:
+            raise unknown("type", plugin, PLUGINS[tag], where=element.where, hint=_why_not(plugin))
+    if tag == "spectrum" and "filename" in words:
+        words["filename"] = str(file_of(element, "filename", folder))
+    if tag == "string":
+        value = word(element, "value")
+        if "file" in words.get("name", ""):
+            words["value"] = str(file_of(element, "value", folder))
+        elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
+            raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")
+    for inner in element.inside:
+        check(inner, folder)
+
+
+def _why_not(plugin: str) -> str:
+    if plugin == "blender":
+        return "it reads Blender's memory: export meshes as PLY"
+    return "no other plug-in is loaded from an XML scene"
+
+
+def file_of(element: Element, key: str, folder: Path) -> Path:
+    """The file that an element names, which lies in the scene's folder once links are followed."""
+    value = word(element, key)
+    if Path(value).is_absolute() or PureWindowsPath(value).drive:
+        raise BadInput(
+            f"the file {value!r} is named by an absolute path",
+            where=element.where,
+            hint=f"copy it into {folder} and name it from there",
+        )
+    named = folder / value.replace("\\", "/")
+    try:
+        file = named.resolve()
+    except (OSError, RuntimeError) as error:  # a link in a circle
+        raise BadInput(f"the file {value!r} cannot be followed: {error}", where=element.where) from error
+    if not file.is_relative_to(folder):
+        raise BadInput(
+            f"the file {value!r} lies outside of the scene's folder",
+            where=element.where,
+            hint=f"copy it into {folder} and name it from there",
+        )
+    if not file.is_file():
+        there = [p.name for p in file.parent.iterdir()] if file.parent.is_dir() else []
+        near = closest(file.name, there)
+        raise BadInput(
+            f"the file {value!r} does not exist",
+            where=element.where,
+            nearest=(Path(value).parent / near).as_posix() if near else "",
+            hint="export again with its files, or correct the name",
+        )
+    return file

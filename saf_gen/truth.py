@@ -1,0 +1,86 @@
+"""The true focus of a recording: where the target is sharp, when the lens is there, and what is elsewhere."""
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.exposed import Exposed
+from saf_gen.passes import passes
+from saf_gen.reel import Footage
+from saf_gen.region import target_box
+from saf_gen.stream import Truth
+
+__all__ = ["find_truth", "sharpness"]
+
+
+def find_truth(footage: Footage, position: np.ndarray) -> Truth:
+    """What is in focus where, and when a lens with these positions (T,) is first there.
+
+    In a scene that moves the best focus may move too: ``track`` follows it, on straight lines between the
+    moments that were rendered and see the target. Everything else is of the moment at which the lens first
+    meets it, or comes nearest.
+
+    Raises BadInput where no moment sees the target.
+    """
+    reel = footage.reel
+    if not reel.moves:
+        depth, target = footage.geometry(0)
+        place = reel.specs[0].drive.truth(depth[target])
+        return _truth(footage, 0, place, _first(passes(position, place)))
+    at, best = [], []
+    for j, (begin, spec) in enumerate(zip(reel.frames, reel.specs, strict=True)):
+        depth, target = footage.geometry(j)
+        if target.any():
+            at.append(begin)
+            best.append(spec.drive.truth(depth[target]))
+    if not at:
+        raise BadInput(
+            f"the target of {reel.specs[0].scene} is never seen in {position.size} frames",
+            hint="check its motion, the camera and the target in scene.yaml",
+        )
+    track = np.interp(np.arange(position.size) + 0.5, at, best)
+    frame = _first(passes(position - track, 0.0))
+    met = frame if np.isfinite(frame) else float(np.argmin(np.abs(position - track)))
+    nearest = at[int(np.argmin(np.abs(np.asarray(at) - met - 0.5)))]
+    place = float(np.interp(met, np.arange(position.size), track))
+    truth = _truth(footage, reel.frames.index(nearest), place, frame)
+    return Truth(**{**vars(truth), "track": track.astype(np.float32)})
+
+
+def _first(passed: np.ndarray) -> float:
+    return float(passed[0]) if passed.size else float("nan")
+
+
+def _truth(footage: Footage, j: int, position: float, frame: float) -> Truth:
+    """The truth at stack j."""
+    spec = footage.reel.specs[j]
+    depth, target = footage.geometry(j)
+    return Truth(
+        position=position,
+        depth_of_focus=spec.drive.depth_of_focus(depth[target], spec.pitch_m),
+        frame=frame,
+        depth=depth,
+        target=target,
+        best_position=spec.drive.best_position(depth).astype(np.float32),
+    )
+
+
+def sharpness(exposed: Exposed, truth: Truth, position: np.ndarray) -> np.ndarray:
+    """Noise-free SD (variance over squared mean) in the target's box at each of the evenly spaced positions.
+
+    float64 (focus,), at gain 1. Where the scene moves, at the moment when the lens is first there; NaN at
+    positions where it never is.
+    """
+    rows, columns = target_box(np.asarray(truth.target))
+    positions = exposed.reel.specs[0].positions
+    lowest, highest = float(position.min()), float(position.max())
+    stride = float(np.abs(np.diff(position)).max(initial=0.0))  # readouts see the ends only to within that
+    out = np.full(positions, np.nan)
+    for k, place in enumerate(np.linspace(0, 1, positions)):
+        passed = np.zeros(1)
+        if exposed.reel.moves:
+            there = float(np.clip(place, lowest, highest))
+            passed = passes(position, there) if abs(there - place) <= stride else passed[:0]
+        if passed.size:
+            seen = exposed.picture(float(passed[0]), float(place)).sum(axis=0)[rows, columns]
+            out[k] = seen.var(dtype=np.float64) / seen.mean(dtype=np.float64) ** 2
+    return out

@@ -1,0 +1,98 @@
+"""What tests of the renderer share: scenes made on the spot, and the way to load and render them."""
+
+import numpy as np
+import pytest
+
+from saf_gen.render import one_pass, variant, world
+from saf_gen.render.film import Film, Setup
+from saf_gen.scene import find_scene
+
+FILM = Film(rows=40, columns=64, pitch_m=60e-6)
+needs_llvm = pytest.mark.skipif(not variant.probe().llvm_usable, reason=variant.probe().llvm_in_words)
+
+
+def loaded(scene, burning=("lamp", "room"), *, name="llvm", film=FILM, drive=None):
+    """A scene ready to render, with its own drive or another."""
+    variant.use(name)
+    lit, integrator = world.load(world.build(scene), burning, 3)
+    to_world, unit = world.camera_to_world(scene), scene.card.unit_m
+    return Setup(lit, integrator, to_world, drive or scene.drive(), film, unit)
+
+
+def one_pass_stack(setup, **options):
+    """The stack alone; none of these scenes has a firefly."""
+    stack, clipped = one_pass.render_stack(setup, **options)
+    assert clipped == 0
+    return stack
+
+
+def made_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target, unit_m=1.0):
+    """A scene on the spot, of one light; the lens stands ``distance_m`` before the origin and looks along +z.
+
+    lens : the card's words. shapes : the dictionary that build() gives, as text; lengths in it are in metres
+    times ``m``, the number of units in one.
+    """
+    scene = folder / "made"
+    scene.mkdir()
+    (scene / "scene.yaml").write_text(
+        f"id: made\ntitle: Made\nlicence: Apache-2.0\nsource: here\nunit_m: {unit_m}\n"
+        f"camera: {{origin_m: [0, 0, {-distance_m}], look_at_m: [0, 0, 0]}}\n"
+        f"lens: {lens}\nlights: {{{light}: [{light}]}}\ntarget: [{target}]\n"
+    )
+    (scene / "scene.py").write_text(
+        "import mitsuba as mi\n"
+        "def build(params):\n"
+        f"    t, m = mi.ScalarTransform4f(), {1 / unit_m!r}\n"
+        f"    return {shapes}\n"
+    )
+    monkeypatch.setenv("SAF_GEN_SCENES", str(folder))
+    return find_scene("made")
+
+
+def edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_m=1.0):
+    """A bright half plane beside the dark: the camera sees one straight edge, ``edge_m`` off the axis."""
+    half = 0.5 * distance_m
+    shapes = (
+        f"{{'glow': {{'type': 'rectangle',"
+        f" 'to_world': t.translate([{edge_m + half} * m, 0, 0]).rotate([0, 1, 0], 180).scale({half} * m),"
+        " 'emitter': {'type': 'area', 'radiance': {'type': 'rgb', 'value': 1.0}}}}"
+    )
+    return made_scene(
+        folder,
+        monkeypatch,
+        lens=lens,
+        distance_m=distance_m,
+        shapes=shapes,
+        light="glow",
+        target="glow",
+        unit_m=unit_m,
+    )
+
+
+def edge_of(image, pitch_m):
+    """Width (m) and place (m from the middle) of a blurred edge along the columns.
+
+    The profile of an edge blurred by a disc of diameter c has a derivative of standard deviation c/4; a pixel
+    and the difference of two add 1/12 square pixel each. Its centre of gravity is where the middle of the
+    lens sees the edge. No width is below 0.
+    """
+    slope = np.diff(image.astype(np.float64).mean(axis=0))
+    slope /= slope.sum()
+    x = np.arange(1, slope.size + 1)  # the derivative lies between two pixels
+    centre = (slope * x).sum()
+    variance = (slope * (x - centre) ** 2).sum() - 1 / 6
+    return 4 * np.sqrt(max(variance, 0.0)) * pitch_m, (centre - image.shape[1] / 2) * pitch_m
+
+
+def dispersion(stack):
+    """Variance over squared mean at each position: noise-free sharpness."""
+    stack = stack.astype(np.float64)
+    return stack.var(axis=(1, 2)) / stack.mean(axis=(1, 2)) ** 2
+
+
+def peak(curve, around=4):
+    """Where a focus curve has its top, in steps: of a parabola through the places round the largest."""
+    k = int(curve.argmax())
+    near = slice(max(k - around, 0), k + around + 1)
+    parabola = np.polynomial.Polynomial.fit(np.arange(len(curve))[near], curve[near], 2)
+    return float(parabola.deriv().roots()[0])

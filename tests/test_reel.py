@@ -1,0 +1,223 @@
+"""Moving scenes on film: which moments, which positions, what is seen between two of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small import sequence_of
+
+import saf_gen
+from saf_gen.camera import Encoder, get_sensor
+from saf_gen.errors import BadInput
+from saf_gen.exposed import Exposed
+from saf_gen.focal_stack import FocalStack, StackSpec, StackStore
+from saf_gen.optics import ImageDistance
+from saf_gen.record import Recorder
+from saf_gen.reel import Footage, Reel, moments, windows
+from saf_gen.truth import find_truth, sharpness
+
+DRIVE = ImageDistance(0.025, 2.0, (0.6, 0.42))
+SPEC = StackSpec("plane", "0" * 64, ("lamp", "room"), DRIVE, 6, 8, 60e-6, 9, 16, 4)
+SENSOR = get_sensor("ideal", rows=6, columns=8, pitch_m=60e-6)
+FRAMES = 400
+AT = (0, 160, 320, 480)
+SWEEP = (np.arange(FRAMES) + 0.5) / FRAMES
+
+
+def stacks(position=SWEEP, at=AT, depths=(0.5, 0.5, 0.5, 0.5)):
+    """A stack at each moment, random light, the target wherever a depth is given."""
+    random = np.random.default_rng(4)
+    made = []
+    for frame, window, depth in zip(at, windows(position, at, SPEC.positions), depths, strict=True):
+        spec = replace(SPEC, time_s=frame / 20_000, window=window)
+        light = random.uniform(0.1, 1, (2, spec.rendered, 6, 8)).astype(np.float32)
+        target = np.full((6, 8), depth is not None)
+        far = np.full((6, 8), 0.5 if depth is None else depth, np.float32)
+        made.append(FocalStack(spec, light, far, target, "llvm"))
+    return made
+
+
+def footage(made, at=AT):
+    reel = Reel(at, tuple(stack.spec for stack in made))
+    return Footage(reel, made.__getitem__, lambda j: (made[j].depth, made[j].target), "d", "llvm")
+
+
+def seen(made, frame, position):
+    """The radiance at a moment and a position, worked out one step after the other."""
+    j = max(n for n in range(len(made) - 1) if AT[n] <= frame + 0.5)
+    w = (frame + 0.5 - AT[j]) / (AT[j + 1] - AT[j])
+    pictures = []
+    for stack in made[j : j + 2]:
+        focus = stack.spec.focus
+        k = min(int(np.searchsorted(focus, position, side="right")) - 1, len(focus) - 2)
+        share = (position - focus[k]) / (focus[k + 1] - focus[k])
+        pictures.append((1 - share) * stack.radiance[:, k] + share * stack.radiance[:, k + 1])
+    return (1 - w) * pictures[0] + w * pictures[1]
+
+
+@pytest.mark.parametrize(
+    ("frames", "hz", "a_second", "step"),
+    [(20_000, 20_000, 100, 200), (20_000, 20_000, 64, 312), (400, 20_000, 1, 20_000), (100, 20_000, 1e4, 8)],
+)
+def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, a_second, step):
+    at = moments(frames, hz, a_second)
+    assert set(np.diff(at)) == {step}
+    assert at[0] == 0
+    assert at[-2] < frames <= at[-1]
+    assert step % 8 == 0
+
+
+def test_windows_hold_every_position_that_the_lens_passes_between_the_moments_beside_them():
+    there_and_back = np.abs(1 - 2 * SWEEP)
+    for position in (SWEEP, SWEEP[::-1], there_and_back, np.full(FRAMES, 0.25)):
+        found = windows(position, AT, 9)
+        for j, (first, last) in enumerate(found):
+            around = position[AT[max(j - 1, 0)] : AT[min(j + 1, 3)]] * 8
+            assert 0 <= first < last <= 8
+            assert first <= around.min()
+            assert around.max() <= last
+    assert windows(SWEEP, AT, 9)[0][1] < 8  # not the whole travel: that is what windows are for
+    assert set(windows(np.full(FRAMES, 0.25), AT, 9)) == {(2, 3)}
+
+
+@pytest.mark.parametrize("cut", [400, 160, 96, 8])
+def test_runs_cover_every_frame_once_and_never_cross_a_moment(cut):
+    reel = footage(stacks()).reel
+    frames = []
+    for begin in range(0, FRAMES, cut):
+        for first, end, j in reel.runs(begin, min(begin + cut, FRAMES)):
+            assert AT[j] <= first < end <= AT[j + 1]
+            assert first % 8 == 0
+            frames += range(first, end)
+    assert frames == list(range(FRAMES))
+
+
+def test_a_reel_of_one_stack_is_one_run():
+    assert list(Reel((0,), (SPEC,)).runs(0, 400)) == [(0, 400, 0)]
+    assert not Reel((0,), (SPEC,)).moves
+
+
+@pytest.mark.parametrize("frame", [0, 79.5, 159.5, 160, 300, 399])
+def test_a_picture_is_the_straight_line_in_time_and_in_focus(frame):
+    made = stacks()
+    exposed = Exposed(footage(made), SENSOR)
+    even = [replace_light(stack, 1.0) for stack in made]
+    position = float(np.interp(frame, np.arange(FRAMES), SWEEP))
+    flat = Exposed(footage(even), SENSOR).picture(frame, position)  # lens and sensor alone
+    found = exposed.picture(frame, position) / flat
+    # The bellows factor is interpolated with the light: 1e-3 of it over a step of focus.
+    assert found == pytest.approx(seen(made, frame, position), rel=2e-3)
+
+
+def replace_light(stack, radiance):
+    return replace(stack, radiance=np.full_like(stack.radiance, radiance))
+
+
+def test_what_the_encoder_gets_is_the_picture_of_every_readout():
+    exposed = Exposed(footage(stacks()), SENSOR)
+    exposed.scale = 3.0
+    gain = np.stack([np.linspace(1, 2, FRAMES), np.linspace(1, 0, FRAMES)], axis=1)
+    for begin, end, j in exposed.reel.runs(0, FRAMES):
+        stack, index, fraction, weights = exposed.lights(begin, end, j, SWEEP, gain)
+        for t in range(0, end - begin, 37):
+            k, f = index[t], fraction[t]
+            after = stack[:, min(k + 1, stack.shape[1] - 1)]
+            pictures = (1 - f) * stack[:, k] + f * after
+            got = np.tensordot(weights[t], pictures, 1)
+            wanted = np.tensordot(gain[begin + t], exposed.picture(begin + t, SWEEP[begin + t]), 1)
+            assert got == pytest.approx(wanted, rel=1e-5)
+
+
+def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
+    """Up to the rounding of a sum of two: one spike a pixel."""
+    random = np.random.default_rng(1)
+    light = random.uniform(0.1, 1, (2, 9, 6, 8)).astype(np.float32)
+    whole = FocalStack(SPEC, light, np.ones((6, 8), np.float32), np.ones((6, 8), bool), "llvm")
+    slices = []
+    for stack in stacks():
+        first, last = stack.spec.window
+        slices.append(replace(stack, radiance=light[:, first : last + 1]))
+    counts = []
+    for film in (Footage.of(whole), footage(slices)):
+        exposed, encoder = Exposed(film, SENSOR), Encoder(SENSOR, (6, 8), 3)
+        exposed.scale = 0.2 * SENSOR.threshold_e / float(exposed.picture(0, 0.0).sum(axis=0).mean())
+        gain = np.ones((FRAMES, 2), np.float32)
+        blocks = [encoder.encode(*exposed.lights(*run, SWEEP, gain)) for run in film.reel.runs(0, FRAMES)]
+        counts.append(np.unpackbits(np.concatenate(blocks, axis=-1), axis=-1).sum(axis=-1).astype(int))
+    assert np.abs(counts[0] - counts[1]).max() <= 1
+    assert counts[0].sum() > 1_000
+
+
+def test_the_truth_follows_a_target_that_comes_nearer():
+    """Best focus on straight lines between moments; the frame is where the lens meets it."""
+    made = stacks(depths=(0.55, 0.53, 0.51, 0.49))
+    truth = find_truth(footage(made), SWEEP)
+    best = DRIVE.best_position(np.float32([0.55, 0.53, 0.51, 0.49]).astype(float))
+    assert truth.track[0] == pytest.approx(best[0], abs=0.002)
+    assert truth.track[159] == pytest.approx(best[1], abs=0.001)
+    assert (np.diff(truth.track) > 0).all()
+    frame = truth.frame
+    assert np.interp(frame, np.arange(FRAMES), SWEEP) == pytest.approx(truth.position, abs=1e-6)
+    assert np.interp(frame, np.arange(FRAMES), truth.track) == pytest.approx(truth.position, abs=1e-6)
+    assert truth.depth_of_focus[0] < DRIVE.best_position(truth.depth[0, 0]) < truth.depth_of_focus[1]
+
+
+def test_moments_that_do_not_see_the_target_do_not_count():
+    truth = find_truth(footage(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
+    assert np.ptp(truth.track) == 0
+    assert truth.target.any()
+
+
+def test_a_lens_that_never_meets_the_target_has_no_frame():
+    position = np.full(FRAMES, 0.9)
+    truth = find_truth(footage(stacks(position, depths=(0.55, 0.53, 0.51, 0.50))), position)
+    assert np.isnan(truth.frame)
+    assert truth.position == pytest.approx(truth.track.max(), abs=0.01)  # the nearest that it came
+
+
+def test_a_target_that_is_never_seen_is_refused(tmp_path):
+    recorder = Recorder(SENSOR, FRAMES, device_seed=1, provenance={})
+    with pytest.raises(BadInput, match="the target of plane is never seen in 400 frames; check its motion"):
+        recorder.record(sequence_of(), footage(stacks(depths=(None,) * 4)), tmp_path / "s.h5", fingerprint="")
+    assert not (tmp_path / "s.h5").exists()
+
+
+def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
+    film = footage(stacks())
+    exposed = Exposed(film, SENSOR)
+    found = sharpness(exposed, find_truth(film, SWEEP), SWEEP)
+    assert np.isfinite(found).all()
+    half = SWEEP / 2
+    film = footage(stacks(half))
+    found = sharpness(Exposed(film, SENSOR), find_truth(film, half), half)
+    assert np.isfinite(found[:5]).all()
+    assert np.isnan(found[5:]).all()
+
+
+def test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track(tmp_path):
+    recorder = Recorder(SENSOR, FRAMES, device_seed=1, provenance={})
+    recorder.record(sequence_of(mean_rate=0.25), footage(stacks()), tmp_path / "s.h5", fingerprint="")
+    with saf_gen.open_stream(tmp_path / "s.h5") as stream:
+        frame = round(stream.truth.frame)
+        rate = stream.counts(frame - 20, frame + 20).mean() / 40
+        assert stream.truth.track.shape == (FRAMES,)
+        assert stream.metadata.provenance["stack"].count("\n") == 3
+    assert rate == pytest.approx(0.25, rel=0.1)  # the light itself changes over 40 frames
+
+
+def test_a_reel_on_disk_knows_what_it_lacks(tmp_path):
+    made = stacks()
+    reel = footage(made).reel
+    assert reel.missing(tmp_path) == list(reel.specs)
+    for stack in made:
+        store = StackStore(tmp_path, stack.spec)
+        store.put_geometry(stack.depth, stack.target, "llvm")
+        for group, radiance in zip(SPEC.groups, stack.radiance, strict=True):
+            store.put_group(group, radiance, "llvm")
+    assert reel.missing(tmp_path) == []
+    film = Footage.stored(reel, tmp_path)
+    assert np.array_equal(film.stack(2).radiance, made[2].radiance)
+    assert film.variant == "llvm"
+    digest = reel.digest(tmp_path)
+    StackStore(tmp_path, reel.specs[1]).put_group("lamp", made[1].radiance[0] * 2, "llvm")
+    assert reel.digest(tmp_path) != digest

@@ -1,0 +1,99 @@
+"""Tables beside a document: what is read, and what is refused with its line."""
+
+import numpy as np
+import pytest
+
+from saf_gen.errors import BadInput
+from saf_gen.tables import columns, text_beside
+
+NAMES = ("time_s", "gain")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """tmp/inside holds a table, and beside it tmp/outside.csv, which it must not reach."""
+    inside = tmp_path / "inside"
+    (inside / "curves").mkdir(parents=True)
+    (inside / "lamp.csv").write_text("time_s,gain\n0,1\n")
+    (inside / "curves" / "dusk.csv").write_text("time_s,gain\n0,2\n")
+    (tmp_path / "outside.csv").write_text("secret")
+    return inside
+
+
+def test_a_table_is_its_columns():
+    times, gains = columns("time_s, gain\n0, 1\n\n# a pause\n0.5, 1e-3\n", NAMES, name="t.csv")
+    assert times.dtype == gains.dtype == np.float64
+    assert times.tolist() == [0, 0.5]
+    assert gains.tolist() == [1, 1e-3]
+    assert not times.flags.writeable
+
+
+def test_the_ways_of_spreadsheets_are_read(folder):
+    (folder / "excel.csv").write_bytes(b"\xef\xbb\xbftime_s,gain\r\n0,1\r\n1,2\r\n")
+    assert columns(text_beside(folder, "excel.csv"), NAMES, name="excel.csv")[1].tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("name", ["lamp.csv", "./lamp.csv", "curves/dusk.csv", "curves/../lamp.csv"])
+def test_a_file_in_the_folder_or_below_it_is_read(folder, name):
+    assert text_beside(folder, name).startswith("time_s,gain")
+
+
+def test_the_folder_itself_may_be_reached_by_a_link(folder, tmp_path):
+    (tmp_path / "link").symlink_to(folder)
+    assert text_beside(tmp_path / "link", "lamp.csv").startswith("time_s")
+
+
+@pytest.mark.parametrize(
+    "name", ["../outside.csv", "/etc/hostname", "curves/../../outside.csv", "link.csv", ".."]
+)
+def test_a_path_that_leads_out_is_refused(folder, name):
+    (folder / "link.csv").symlink_to(folder.parent / "outside.csv")
+    with pytest.raises(
+        BadInput, match=r"r.yaml:3: '.*' lies outside the folder.*; allowed: a file in"
+    ) as caught:
+        text_beside(folder, name, where="r.yaml:3")
+    assert "secret" not in str(caught.value)
+
+
+def test_a_missing_file_is_told_with_the_nearest(folder):
+    with pytest.raises(BadInput, match=r"'lampp.csv' does not exist; .*did you mean 'lamp.csv'\?"):
+        text_beside(folder, "lampp.csv")
+    with pytest.raises(BadInput, match=r"did you mean 'curves/dusk.csv'\?"):
+        text_beside(folder, "curves/dusc.csv")
+
+
+def test_a_file_that_is_no_text_or_too_large_is_refused(folder):
+    (folder / "picture.csv").write_bytes(b"\x89PNG\xff\xfe")
+    with pytest.raises(BadInput, match="'picture.csv' cannot be read"):
+        text_beside(folder, "picture.csv")
+    with pytest.raises(BadInput, match="'curves' cannot be read"):
+        text_beside(folder, "curves")
+    (folder / "long.csv").write_bytes(b"0" * ((4 << 20) + 1))
+    with pytest.raises(
+        BadInput, match=r"'long.csv' has 4194305 bytes; allowed: at most 4194304; thin it out"
+    ):
+        text_beside(folder, "long.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "t.csv: the table has no rows; allowed: time_s,gain, then numbers"),
+        ("time_s,gain\n", "t.csv: the table has no rows"),
+        ("gain,time_s\n0,1\n", "t.csv:1: the columns are 'gain,time_s'; allowed: time_s,gain"),
+        ("0,1\n1,2\n", "t.csv:1: the columns are '0,1'"),
+        ("time_s;gain\n0;1\n", "t.csv:1: the columns are 'time_s;gain'"),
+        ("time_s,gain\n0,1\n1\n", "t.csv:3: the row is '1'; allowed: 2 numbers"),
+        ("time_s,gain\n0,1,2\n", "t.csv:2: the row is '0,1,2'"),
+        ("time_s,gain\n0,bright\n", "t.csv:2: gain is 'bright'; allowed: a finite number"),
+        ("time_s,gain\n0,nan\n", "t.csv:2: gain is 'nan'; allowed: a finite number"),
+        ("time_s,gain\n0,inf\n", "t.csv:2: gain is 'inf'"),
+        ("time_s,gain\n0,\n", "t.csv:2: gain is ''"),
+        ("time_s,gain\n0,1\n0,2\n", "t.csv:3: time_s goes from 0 to 0; allowed: a rising column"),
+        ("time_s,gain\n# x\n1,1\n\n0.5,2\n", "t.csv:5: time_s goes from 1 to 0.5"),
+    ],
+)
+def test_a_table_that_does_not_fit_is_told_by_line(text, told):
+    with pytest.raises(BadInput, match=told) as caught:
+        columns(text, NAMES, name="t.csv")
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,61 @@
+"""Parts as recipes write them: checked at the corners, resolved by name."""
+
+import json
+
+import pytest
+
+from saf_gen import written
+from saf_gen.documents import read
+from saf_gen.errors import BadInput
+
+NAME = (7, "test", "camel-constant-00")
+
+
+def read_part(tmp_path, text):
+    path = tmp_path / "r.yaml"
+    path.write_text(f"motion: {text}\n")
+    document = read(path)
+    return written.read("motions", document.data["motion"], document, ("motion",))
+
+
+def test_a_part_is_read_as_it_was_written_but_for_its_files(tmp_path):
+    (tmp_path / "a.csv").write_text("time_s,position\n0,0.5\n")
+    table = {"path": "a.csv", "text": "time_s,position\n0,0.5\n"}
+    assert read_part(tmp_path, "{kind: sweep, to: {uniform: [0.5, 0.9]}}") == {
+        "kind": "sweep",
+        "to": {"uniform": [0.5, 0.9]},
+    }
+    assert read_part(tmp_path, "{kind: from_csv, file: a.csv}")["file"] == table
+    among = read_part(tmp_path, "{kind: from_csv, file: {choice: [a.csv, a.csv]}}")["file"]
+    assert among == {"choice": [table, table]}
+    again = json.dumps({"kind": "from_csv", "file": table})  # as a recording's own recipe has it
+    assert read_part(tmp_path, again)["file"] == table
+
+
+def test_a_corner_that_no_draw_may_hit_is_found(tmp_path):
+    with pytest.raises(BadInput, match=r"r.yaml:1: to is 1.5; allowed: 0 to 1"):
+        read_part(tmp_path, "{kind: sweep, from: {uniform: [0, 0.1]}, to: {choice: [0.5, 1.5, 0.7]}}")
+
+
+def test_a_part_is_resolved_by_the_names_of_recording_and_purpose():
+    part = {"kind": "hand", "irregularity": {"uniform": [0.1, 0.9]}, "bandwidth_hz": {"uniform": [5, 9]}}
+    one = written.resolved("motions", part, NAME, ("motion",))
+    assert one == written.resolved("motions", part, NAME, ("motion",))
+    assert 0.1 <= one["irregularity"] <= 0.9
+    others = [
+        written.resolved("motions", part, NAME, ("another",)),
+        written.resolved("motions", part, (8, *NAME[1:]), ("motion",)),
+    ]
+    for other in others:
+        assert other["seed"] != one["seed"]
+        assert other["irregularity"] != one["irregularity"]
+    fixed = written.resolved("motions", part | {"irregularity": 0.5}, NAME, ("motion",))
+    assert fixed == one | {"irregularity": 0.5}  # one key's draw moves no other
+
+
+def test_a_choice_among_parts_draws_a_part_and_then_its_numbers():
+    among = {"choice": [{"kind": "hold", "position": {"uniform": [0.1, 0.9]}}, {"kind": "sweep"}]}
+    drawn = [written.resolved("motions", among, (seed, "a"), ("motion",)) for seed in range(40)]
+    held = [part["position"] for part in drawn if part["kind"] == "hold"]
+    assert 5 < len(held) < 35  # a fair coin leaves this range with a chance of 1.4·10⁻⁶
+    assert len(set(held)) == len(held)
