@@ -62,9 +62,12 @@ class Camera(Frozen):
 
 
 class Focus(Frozen):
-    """The lens drive, how many focus positions to render, evenly over its travel, and how the lens moves."""
+    """How many focus positions to render, evenly over the lens's travel, and how the lens moves over it.
 
-    drive: Literal["image_distance", "focal_length", "stage"] = "image_distance"
+    ``drive``, where given, is what every scene must have; else each scene is filmed with its own.
+    """
+
+    drive: Literal["image_distance", "focal_length", "stage"] | None = None
     positions: int = Field(ge=2, le=4096)
     motion: dict[str, Any] = Field(default_factory=lambda: {"kind": "sweep"})
 

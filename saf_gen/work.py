@@ -148,10 +148,11 @@ def _sensor(recipe: Recipe, folder: Path) -> Sensor:
 
 
 def _check_drive(recipe: Recipe, scene: Scene) -> None:
-    if scene.card.lens.drive != recipe.focus.drive:
+    if recipe.focus.drive not in (None, scene.card.lens.drive):
         raise BadInput(
             f"the recipe asks for the drive {recipe.focus.drive!r}; scene {scene.id!r} has another",
             allowed=scene.card.lens.drive,
+            hint="or leave focus.drive out: each scene then has its own",
         )
 
 

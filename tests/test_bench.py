@@ -4,6 +4,8 @@ import importlib
 import json
 import math
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,8 @@ import pytest
 from small import HERE
 
 from saf_gen import bench
-from saf_gen.bench import BENCHES, Figure, Results, Size, child, encode, job, run, stack, stream
+from saf_gen.bench import BENCHES, Figure, Results, Size, child, encode, job, run, stack, stream, workload
+from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.errors import BadInput, SafGenError
 from saf_gen.render import variant
@@ -263,7 +266,7 @@ def script(monkeypatch):
     """Imports a script of benchmarks/ as `python benchmarks/NAME.py` would."""
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     yield lambda name: importlib.import_module(name)
-    for name in ("growth", "error", "drawing"):
+    for name in ("growth", "error", "drawing", "chunks"):
         sys.modules.pop(name, None)
 
 
@@ -302,3 +305,22 @@ def test_the_thin_lens_error_falls_as_the_root_of_samples(script, tmp_path, test
 def test_the_slope_is_the_exponent(script):
     x = [1.0, 3.0, 10.0, 30.0]
     assert script("drawing").slope(x, [1.0, *(5 * n**1.5 for n in x[1:])]) == pytest.approx(1.5)
+
+
+def test_every_chunk_shape_counts_the_same_spikes(script, tmp_path):
+    chunks = script("chunks")
+    camera = replace(get_sensor("vidar_400x250"), rows=90, columns=90)
+    charge = workload.charge(camera, 5)
+    spikes = np.concatenate(list(workload.blocks(camera, charge, 2_080)), axis=2)
+    box = (slice(3, 67), slice(20, 84), slice(13, 156))
+    ones = np.unpackbits(spikes[box], axis=2)
+    expected = ones.reshape(64, 64, -1, 8 * chunks.WINDOW).sum(axis=3).transpose(2, 0, 1)
+    with ThreadPoolExecutor(2) as pool:
+        for shape in ((10, 90, 250), (90, 90, 10), (1, 90, 260), (64, 64, 250), (16, 16, 33)):
+            path = tmp_path / "trial.h5"
+            chunk = tuple(min(c, n) for c, n in zip(shape, spikes.shape, strict=True))
+            chunks.store(path, spikes, chunk, pool)
+            assert np.array_equal(chunks.counts(path, box, pool), expected)
+    found = chunks.measured(spikes, (10, 90, 250), tmp_path)
+    assert 0.1 < found["bits"] < 0.6
+    assert min(found.values()) > 0
