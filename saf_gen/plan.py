@@ -90,6 +90,8 @@ def _sequence(
     words = [scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"]
     name = "-".join(words)
     stream = (recipe.seed, split, name)
+    # The lens moves alike under every light: one film of a moving scene serves them all, and lights compare.
+    filmed = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
     variant = repeat % recipe.splits[split].variants
     return Sequence(
         id=name,
@@ -102,7 +104,7 @@ def _sequence(
         repeat=repeat,
         seed=seeds.integer(*stream, "camera"),
         schedule=schedules.resolved(recipe.lights[light], stream, family.illuminance_lux),
-        motion=written.resolved("motions", recipe.focus.motion, stream, ("motion",)),
+        motion=written.resolved("motions", recipe.focus.motion, filmed, ("motion",)),
         mean_rate=draw(recipe.camera.exposure.mean_rate, seeds.generator(*stream, "recipe", "mean_rate")),
     )
 
