@@ -138,7 +138,7 @@ def test_a_target_is_met_on_its_own_side():
 
 def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
     monkeypatch.setattr(encode.saf_gen, "__file__", "/nowhere/saf_gen/__init__.py")
-    monkeypatch.setattr(job, "PAPERS_SET", Path("/nowhere/recipes/sad_synthetic.yaml"))
+    monkeypatch.setattr(job, "PAPERS_SET", Path("/nowhere/recipes/sad_core.yaml"))
     monkeypatch.setattr(stream, "read_bytes", lambda: None)
     assert encode.public_encoders() is None
     remarks = [f for f in measured("stream")[0] if isinstance(f, str)]

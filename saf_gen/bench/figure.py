@@ -34,7 +34,7 @@ class Size:
     samples, reference : a pixel, of the stack and of what its error is measured against.
     public_frames : given to the public encoders; the slower ones get a tenth and a hundredth.
     sequences : that ten methods are run on.
-    recipe : of the whole job; '' is the project's recipes/sad_synthetic.yaml.
+    recipe : of the whole job; '' is the project's recipes/sad_core.yaml.
     """
 
     sensor: str = "vidar_400x250"

@@ -21,7 +21,7 @@ from saf_gen.work import prepare
 __all__ = ["measure"]
 
 MOST_S = 120.0
-PAPERS_SET = Path(saf_gen.__file__).resolve().parent.parent / "recipes" / "sad_synthetic.yaml"
+PAPERS_SET = Path(saf_gen.__file__).resolve().parent.parent / "recipes" / "sad_core.yaml"
 OTHER: dict[str, Any] = {"kind": "ramp", "from": 2.0, "to": 0.5}
 
 
