@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-__all__ = ["Answer", "Light", "Measure", "Motion", "Search", "View"]
+__all__ = ["Answer", "Light", "Measure", "Motion", "Search", "View", "wants_halves"]
 
 
 class Light(Protocol):
@@ -42,12 +42,21 @@ class Motion(Protocol):
 
 
 class Measure(Protocol):
-    """A focus measure: spike counts (row, col) in, one number out; larger is sharper."""
+    """A focus measure: spike counts (row, col) in, one number out; larger is sharper.
+
+    A measure with the class attribute ``halves = True`` compares the two halves of a window. It gets the
+    counts of both, (2, row, col): the first of n frames' n // 2, and the rest.
+    """
 
     degree: ClassVar[int]
     """Power of brightness in the score: counts times a give the score times a**degree."""
 
     def __call__(self, counts: np.ndarray) -> float: ...
+
+
+def wants_halves(measure: object) -> bool:
+    """Whether a focus measure asks for the counts of both halves of a window, (2, row, col)."""
+    return bool(getattr(measure, "halves", False))
 
 
 class View(Protocol):

@@ -12,6 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.parts import wants_halves
 from saf_gen.region import Region, checked_region, checked_window, extent
 from saf_gen.stream import SpikeStream
 
@@ -66,6 +67,20 @@ class Counts:
             self._windows.popitem(last=False)
         return counts
 
+    def halves(self, first: int, stop: int) -> np.ndarray:
+        """Counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
+
+        Raises BadInput as ``window`` does, and for a single frame.
+        """
+        window = checked_window(first, stop, self.frames)
+        if len(window) < 2:
+            raise BadInput(
+                f"the window of frame {window.start} alone has no halves",
+                allowed="windows of 2 frames or more for a measure that compares halves",
+            )
+        middle = window.start + len(window) // 2
+        return np.stack([self.window(window.start, middle), self.window(middle, window.stop)])
+
     def _count(self, first: int, stop: int) -> np.ndarray:
         after, before = -(-first // self._step), stop // self._step  # the knots just inside the window
         if before - after < 2:
@@ -110,7 +125,8 @@ class Recording:
 
         Raises BadInput for a window outside the recording, and for a score that is no finite number.
         """
-        counts = self._counts.window(first, stop)
+        count = self._counts.halves if wants_halves(self._measure) else self._counts.window
+        counts = count(first, stop)
         self.windows += 1
         self.frames_seen = max(self.frames_seen, int(stop))
         start = perf_counter()

@@ -22,7 +22,7 @@ from saf_gen import get_measure, get_motion, get_search, registry
 from saf_gen.errors import BadInput
 from saf_gen.measures import measure_names
 from saf_gen.motions import readout_positions
-from saf_gen.parts import Answer
+from saf_gen.parts import Answer, wants_halves
 from saf_gen.searches import search_names
 from saf_gen.seeds import generator
 
@@ -49,12 +49,23 @@ def check_class(part):
     assert written, "its class has no docstring"
 
 
-def check_measure(measure):
+def halved(measure):
+    """``measure`` as one of whole windows: where it compares halves, it gets the same counts for both."""
+    return (lambda counts: measure(np.stack([counts, counts]))) if wants_halves(measure) else measure
+
+
+def scene():
+    """Patches of random counts: neighbours are alike, as in noise they are not. Seven pixels fit no tile."""
+    return np.kron(counts_of(9, 9), np.ones((7, 7)))
+
+
+def check_measure(part):
     """A focus measure keeps its word: a finite float, its degree, and no side effect."""
-    check_part(measure)
-    assert type(measure.degree) is int, "degree is no whole number"
-    assert measure.degree >= 0, "degree is below 0"
-    assert measure.score_range.strip(), "it states no range"
+    check_part(part)
+    measure, degree = halved(part), part.degree
+    assert type(degree) is int, "degree is no whole number"
+    assert degree >= 0, "degree is below 0"
+    assert part.score_range.strip(), "it states no range"
     for name, counts in {
         "random": counts_of(37, 52),
         "empty": np.zeros((20, 30), np.uint32),
@@ -67,14 +78,15 @@ def check_measure(measure):
         score = measure(counts)
         assert isinstance(score, float), f"the score of {name} counts is no float"
         assert math.isfinite(score), f"the score of {name} counts is {score}"
-        if name == "empty" and measure.degree == 0:
+        if name == "empty" and degree == 0:
             assert score == 0.0, "it does not score empty counts 0.0"
     check_that_layout_does_not_matter(measure, counts_of(37, 52))
-    counts, score = counts_of(37, 52), measure(counts_of(37, 52))
+    # What a measure of halves adds for counting in whole spikes does not scale: there it takes many.
+    counts = counts_of(37, 52) * np.uint32(10_000 if wants_halves(part) else 1)
     scaled = measure(counts * np.uint32(3))
-    assert scaled == pytest.approx(score * 3.0**measure.degree, rel=1e-9), "its degree is wrong"
-    sharp = counts.astype(float)
-    blurred = gaussian_filter(sharp, 2.0, mode="wrap")
+    assert scaled == pytest.approx(measure(counts) * 3.0**degree, rel=1e-9), "its degree is wrong"
+    sharp = scene()
+    blurred = gaussian_filter(sharp, 12.0, mode="wrap")
     assert measure(blurred) <= measure(sharp) * (1 + 1e-9), "it scores a blurred image above the sharp one"
 
 
@@ -372,6 +384,7 @@ CRASHING_SEARCHES = {
 def test_the_parts_that_the_broken_ones_are_made_of_conform():
     check_measure(measure_of())
     check_measure(measure_of(partialmethod(contrast, empty=0.0), degree=0))
+    check_measure(measure_of(lambda self, c: float((c[0].astype(float) * c[1]).sum()), halves=True))
     check_search(search_of())
     check_motion(motion_of(), first=0)
 

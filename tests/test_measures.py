@@ -1,18 +1,28 @@
-"""Focus measures against closed forms, and against slow twins written with scipy."""
+"""Focus measures: what all of them keep, their names and twins; the paper's against slow ones of scipy.
+
+Those of the literature by hand: test_measure_forms.py. Measures of two halves: test_halves.py.
+"""
+
+import re
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import sobel
+from scipy.ndimage import gaussian_filter, sobel
 from scipy.signal import convolve2d
 
-from saf_gen import get_measure
+from saf_gen import get_measure, open_stream, registry, write_stream
 from saf_gen.errors import BadInput
 from saf_gen.measures import ByBrightness, measure_names
+from saf_gen.parts import wants_halves
+from saf_gen.rig import Counts, Recording
 from saf_gen.seeds import generator
 
 SHAPES = [(250, 400), (64, 64), (37, 51), (4, 4), (3, 5), (1, 1)]
-NORMALISED = [name for name in measure_names() if get_measure(name).degree == 0]
+OF_IMAGES = [name for name in measure_names() if not wants_halves(get_measure(name))]
+PROMISING = [n for n in OF_IMAGES if "Never rises when a periodic scene is blurred" in get_measure(n).__doc__]
 KERNEL = np.outer([1, 1, -1, -1], [1, 1, -1, -1])
 
 
@@ -100,15 +110,89 @@ def test_rows_beyond_the_last_whole_tile_do_not_enter_mfdct_code():
     assert get_measure("mfdct_code")(c) != get_measure("mfdct_code")(changed)
 
 
-@pytest.mark.parametrize("name", measure_names())
+@pytest.mark.parametrize("name", OF_IMAGES)
 @pytest.mark.parametrize("factor", [2, 7, 100])
 def test_counts_times_a_give_the_score_times_a_to_the_degree(name, factor):
     measure, c = get_measure(name), counts_of((41, 60))
     assert measure(c * factor) == pytest.approx(measure(c) * float(factor) ** measure.degree, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", NORMALISED)
-def test_normalised_measures_score_zero_where_there_is_no_spike(name):
+def scene():
+    """Patches of seven pixels, their counts drawn: periodic, and sharp."""
+    patches = generator("test_measures", "scene").integers(5, 60, (14, 16))
+    return np.kron(patches, np.ones((7, 7)))
+
+
+@pytest.mark.parametrize("name", PROMISING)
+def test_a_measure_that_promises_it_falls_with_every_further_blur(name):
+    measure = get_measure(name)
+    blurs = [0, 0.4, 0.7, 1, 1.5, 2, 3, 4, 6, 9, 14]
+    scores = [measure(gaussian_filter(scene(), blur, mode="wrap") if blur else scene()) for blur in blurs]
+    assert all(sharper > softer for sharper, softer in pairwise(scores)), scores
+
+
+def test_all_but_these_promise_to_fall():
+    others = {"er_count", "mfdct_code", "entropy", "vollath_f4", "vollath_f5"}
+    others |= {"dct_energy_ratio", "wavelet_ratio"}
+    ours = {name for name in OF_IMAGES if not name.endswith("_n")}
+    assert ours - set(PROMISING) == others
+
+
+@pytest.mark.parametrize(("name", "period"), [("vollath_f4", 2), ("vollath_f5", 3), ("entropy", 10)])
+def test_one_that_does_not_promise_may_rise_with_blur(name, period):
+    bars = np.tile(20.0 + 15 * np.sign(np.sin(2 * np.pi * (np.arange(90) + 0.25) / period)), (40, 1))
+    blurred = gaussian_filter(bars, 1.2, mode="wrap")
+    assert get_measure(name)(blurred) > get_measure(name)(bars)
+
+
+SMALLEST = {
+    "tenengrad": (3, 3),
+    "brenner": (1, 3),
+    "squared_gradient": (1, 2),
+    "gaussian_derivative": (7, 7),
+    "energy_of_laplacian": (3, 3),
+    "modified_laplacian": (3, 3),
+    "variance_of_laplacian": (3, 4),  # one number has no variance
+    "vollath_f4": (1, 3),
+    "vollath_f5": (1, 2),
+    "dct_energy_ratio": (8, 8),
+    "wavelet_ratio": (6, 6),
+    "mfdct_code": (4, 4),
+    "mfdct_lee": (4, 4),
+}
+
+
+@pytest.mark.parametrize("name", SMALLEST)
+def test_an_image_smaller_than_the_kernel_scores_nothing(name):
+    measure, (rows, cols) = get_measure(name), SMALLEST[name]
+    c = generator("test_measures", "small").integers(1, 60, (rows, cols))
+    assert measure(c) != 0.0
+    for small in (c[1:], c[:, 1:]):
+        assert not small.size or measure(small) == 0.0
+
+
+@pytest.mark.parametrize("name", OF_IMAGES)
+def test_a_measure_takes_a_region_of_a_recording_as_it_takes_an_image(name, recording):
+    frames, path = recording
+    with open_stream(path) as stream:
+        counts = Counts(stream, (slice(3, 21), slice(5, 30)))
+        found = Recording(counts, get_measure(name)).score(10, 70)
+    image = frames[10:70, 3:21, 5:30].sum(axis=0, dtype=np.uint32)
+    assert found == get_measure(name)(image)
+    assert found != 0.0 or get_measure(name)(image) == 0.0
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    chance = generator("test_measures", "recording").random((80, 24, 32))
+    frames = (chance < 0.3).astype(np.uint8)
+    path = tmp_path_factory.mktemp("recording") / "s.h5"
+    write_stream(path, frames)
+    return frames, path
+
+
+@pytest.mark.parametrize("name", OF_IMAGES)
+def test_a_measure_scores_zero_where_there_is_no_spike(name):
     assert get_measure(name)(np.zeros((20, 30), dtype=np.uint32)) == 0.0
 
 
@@ -116,7 +200,7 @@ def test_every_measure_that_grows_with_brightness_has_a_twin_and_no_other_has():
     names = measure_names()
     for name in [n for n in names if not n.endswith("_n")]:
         assert (f"{name}_n" in names) == (get_measure(name).degree > 0)
-    assert {"er_sumsq_n", "er_count_n", "gradient_code_n", "mfdct_code_n", "mfdct_lee_n"} <= set(names)
+    assert not [name for name in registry.names("measures") if name.endswith("_n")]  # none has a file
 
 
 @pytest.mark.parametrize("name", [n for n in measure_names() if n.endswith("_n")])
@@ -126,6 +210,12 @@ def test_a_twin_is_its_measure_over_the_mean_to_its_degree(name):
     assert twin.degree == 0
     assert twin(c) == pytest.approx(measure(c) / c.mean(dtype=float) ** measure.degree, rel=1e-12)
     assert measure.source in twin.source
+
+
+def test_both_variances_over_their_brightness_are_spike_dispersion():
+    c = counts_of((41, 60))
+    assert get_measure("variance_n")(c) == pytest.approx(get_measure("sd")(c), rel=1e-12)
+    assert get_measure("normalised_variance_n")(c) == pytest.approx(get_measure("sd")(c), rel=1e-12)
 
 
 def test_the_twin_of_the_event_count_is_exactly_the_number_of_pixels():
@@ -149,6 +239,37 @@ def test_a_measure_free_of_brightness_has_no_twin():
 def test_an_unknown_option_of_a_measure_is_refused(name):
     with pytest.raises(BadInput, match=r"unknown key of focus measure '\w+': 'window'"):
         get_measure(name, window=3)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("modified_laplacian", {"step": 0}, "step is 0; allowed: a whole number of pixels, 1 or more"),
+        ("modified_laplacian", {"step": 1.5}, "step is 1.5; allowed: a whole number"),
+        ("gaussian_derivative", {"sigma_px": "fine"}, "sigma_px is 'fine'; allowed: a number of pixels"),
+        ("gaussian_derivative", {"sigma_px": 0.1}, "sigma_px is 0.1; allowed: 0.3 to 30 pixels"),
+        ("dct_energy_ratio", {"highest_order": 15}, "highest_order is 15; allowed: a whole number, 1 to 14"),
+        ("wavelet_ratio", {"levels": 0}, "levels is 0; allowed: a whole number, 1 to 8"),
+        ("cen", {"highest": 1.0}, "highest 1.0; allowed: cycles a pixel, 0 <= lowest < highest <= 0.75"),
+        ("cen", {"highest": True}, "highest is True; allowed: a frequency in cycles a pixel"),
+        (
+            "mid_band_power",
+            {"lowest": 0.3},
+            "lowest is 0.3, highest 0.25; allowed: .*; pixels carry up to 0.5",
+        ),
+        ("mid_band_power_n", {"lowest": -0.1}, "lowest is -0.1, highest 0.25; allowed"),
+    ],
+)
+def test_an_option_that_makes_no_sense_is_refused_in_one_line(name, options, message):
+    with pytest.raises(BadInput, match=message):
+        get_measure(name, **options)
+
+
+def test_the_page_lists_every_measure_with_its_degree_and_its_twin():
+    page = (Path(__file__).parents[1] / "docs" / "evaluate.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| .* \| (\d) \|$", page, re.MULTILINE)
+    ours = registry._own("measures")
+    assert {name: int(degree) for name, degree in rows} == {n: get_measure(n).degree for n in ours}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Focus measures, by name: spike counts (row, col) in, one number out; larger is sharper.
 
+A measure with ``halves`` takes the counts of the two halves of a window, (2, row, col).
+
 Each measure is one file of this folder, or a package's, offered under the entry point ``saf_gen.measures``.
 A score that grows with brightness follows the light, not the focus, wherever the light changes. So every
 measure of degree d > 0 has a twin, its name with ``_n``, which divides by mean count**d. The twins are made
@@ -13,7 +15,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures._counts import as_numbers
-from saf_gen.parts import Measure
+from saf_gen.parts import Measure, wants_halves
 from saf_gen.registry import ROOMS, build, names, part_class
 
 __all__ = ["ByBrightness", "get_measure", "measure_names"]
@@ -40,13 +42,18 @@ class ByBrightness:
         return f"{getattr(self.measure, 'source', '')}; divided by mean count**{self.measure.degree}"
 
     @property
+    def halves(self) -> bool:
+        """Whether the measure takes the counts of both halves of a window; the mean is then over both."""
+        return wants_halves(self.measure)
+
+    @property
     def score_range(self) -> str:
         """Range of the measure, over brightness."""
         return f"({getattr(self.measure, 'score_range', '')}) / mean count**{self.measure.degree}"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type. Raises BadInput as the measure does."""
-        numbers, degree = as_numbers(counts), self.measure.degree
+        """Score of counts as the measure takes them. Raises BadInput as the measure does."""
+        numbers, degree = as_numbers(counts, halves=self.halves), self.measure.degree
         total = numbers.sum().item()  # an exact int for whole numbers, so that equal windows stay equal
         return self.measure(counts) * numbers.size**degree / total**degree if total else 0.0
 

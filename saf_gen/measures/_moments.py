@@ -4,12 +4,30 @@ import numpy as np
 
 from saf_gen.measures._counts import as_numbers
 
-__all__ = ["squared_contrast", "sum_of_squares"]
+__all__ = ["mean_square", "squared_contrast", "sum_of_squares", "variance"]
 
 
 def sum_of_squares(numbers: np.ndarray) -> int | float:
     """Sum of squared numbers of any shape: an exact int for int64 (see as_numbers), else a float."""
     return np.vdot(numbers, numbers).item()
+
+
+def mean_square(numbers: np.ndarray) -> float:
+    """Mean of squared numbers of any shape; 0.0 for none of them."""
+    return sum_of_squares(numbers) / numbers.size if numbers.size else 0.0
+
+
+def variance(numbers: np.ndarray) -> float:
+    """Mean square of deviations from the mean, of numbers as as_numbers gives them or whole sums of those.
+
+    Whole numbers go through N·Σc² − (Σc)² in Python integers, as in squared_contrast. 0.0 for none.
+    """
+    if not numbers.size:
+        return 0.0
+    size, total = numbers.size, numbers.sum().item()
+    if isinstance(total, int):
+        return (size * sum_of_squares(numbers) - total**2) / size**2
+    return sum_of_squares(numbers - total / size) / size
 
 
 def squared_contrast(counts: np.ndarray, *, pixels: bool = False) -> float:

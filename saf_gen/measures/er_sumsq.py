@@ -13,6 +13,7 @@ from saf_gen.measures._moments import sum_of_squares
 class EventRateSquares:
     """Sum of squared counts, Σc²: follows the light by construction (sd_code = er_sumsq/ū² − N).
 
+    Never rises when a periodic scene is blurred further.
     Range 0 ... N·n² for windows of n frames, degree 2, one multiplication and one addition a pixel.
     """
 

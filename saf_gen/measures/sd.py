@@ -13,6 +13,7 @@ class SpikeDispersion:
     """Squared contrast of the counts: variance over squared mean, V/ū²; 0.0 where there is no spike.
 
     Equation 6 of the paper without its factor N, so that regions of different size compare.
+    Never rises when a periodic scene is blurred further.
     Range 0 ... N − 1, degree 0, about two additions and one multiplication a pixel.
     """
 

@@ -12,6 +12,7 @@ from saf_gen.measures._moments import squared_contrast
 class SpikeDispersionCode:
     """Sum of squared deviations over squared mean, Σ(c − ū)²/ū²; 0.0 where there is no spike.
 
+    Never rises when a periodic scene is blurred further.
     It is N times ``sd``, and er_sumsq/ū² − N exactly. Range 0 ... N(N − 1), degree 0, cost as ``sd``.
     """
 

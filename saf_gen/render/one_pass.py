@@ -107,7 +107,9 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
         sampler.seed(seeds.integer(seed, begin) & 0xFFFFFFFF, size)
         index = dr.arange(mi.UInt32, size)
         pixel, sample = index // samples, index % samples
-        row, column = pixel // columns + dr.opaque(mi.UInt32, begin), pixel % columns
+        # Column by column of the band: what neighbours splat into then stays in the cache.
+        height = dr.opaque(mi.UInt32, count)
+        row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
         across, down, lens = spread(row * columns + column, sample, seed)
         x = (mi.Float(column) + across - columns / 2) * film.pitch_m
         y = (mi.Float(row) + down - rows / 2) * film.pitch_m
@@ -133,7 +135,7 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
         if moves:
             paths += _window(mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b), drive, focus.size)
         dr.eval(*paths)
-        yield (begin + count) / rows, Paths(*(np.array(p).ravel() for p in paths))
+        yield (begin + count) / rows, Paths(*(p.numpy() for p in paths))
 
 
 def _line(setup: Setup, focus: np.ndarray, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:

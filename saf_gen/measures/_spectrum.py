@@ -1,0 +1,51 @@
+"""Power spectra of counts in a band of spatial frequencies."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.fft import rfft2
+
+from saf_gen.errors import BadInput
+from saf_gen.measures._counts import as_floats
+
+__all__ = ["checked_band", "power_in_band"]
+
+
+def checked_band(lowest: float, highest: float) -> None:
+    """Raises BadInput unless 0 <= lowest < highest <= 0.75 cycles a pixel (a corner has 0.71)."""
+    for key, value in (("lowest", lowest), ("highest", highest)):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise BadInput(f"{key} is {value!r}", allowed="a frequency in cycles a pixel")
+    if not 0 <= lowest < highest <= 0.75:
+        raise BadInput(
+            f"lowest is {lowest!r}, highest {highest!r}",
+            allowed="cycles a pixel, 0 <= lowest < highest <= 0.75",
+            hint="pixels carry up to 0.5 along an axis",
+        )
+
+
+def power_in_band(counts: np.ndarray, lowest: float, highest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where the variance of counts (row, col) lies: |FFT(c − ū)|²/N² and its radius, cycles a pixel.
+
+    One column for each frequency from 0 on that can lie in the band; columns that stand for their mirror
+    image too count twice, and power outside lowest <= radius <= highest is 0. Over all frequencies the power
+    sums up to the variance. Both float64 (rows, columns); the radius is shared, do not write to it.
+    """
+    image = as_floats(counts)
+    weight, radius = _band(image.shape, lowest, highest)
+    image -= image.sum() / image.size
+    wave = rfft2(image)[:, : weight.shape[1]]
+    return (np.square(wave.real) + np.square(wave.imag)) * weight, radius
+
+
+@lru_cache(maxsize=16)
+def _band(shape: tuple[int, int], lowest: float, highest: float) -> tuple[np.ndarray, np.ndarray]:
+    rows, cols = shape
+    down, across = np.abs(np.fft.fftfreq(rows)), np.abs(np.fft.rfftfreq(cols))
+    twice = np.where((across > 0) & (2 * np.arange(across.size) < cols), 2.0, 1.0)
+    kept = np.searchsorted(across, highest, side="right")
+    radius = np.hypot(down[:, None], across[None, :kept])
+    inside = (radius >= lowest) & (radius <= highest)
+    weight = np.where(inside, twice[:kept], 0.0) / (rows * cols) ** 2
+    weight.flags.writeable = radius.flags.writeable = False
+    return weight, radius

@@ -1,0 +1,57 @@
+"""Energy of the gradient at a scale: derivatives of a Gaussian."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.measures._counts import as_floats
+from saf_gen.measures._filters import correlated
+from saf_gen.measures._moments import mean_square
+
+
+@dataclass(frozen=True)
+class GaussianDerivative:
+    """Mean of (c * Gx)² + (c * Gy)², G a Gaussian of ``sigma_px`` cut off at 3 sigma, where it lies inside.
+
+    Smoothing keeps noise out: the source takes sigma = d/√12 for details of d pixels. A ramp of s counts
+    a pixel scores s² at any scale, white noise about its variance over 4π·sigma⁴. 0.0 where the
+    kernel of 2·⌈3 sigma⌉ + 1 pixels does not fit.
+
+    Never rises when a periodic scene is blurred further. Squared counts a pixel², from 0, degree 2, four
+    passes of the kernel's length: about 28 additions and multiplications a pixel at sigma 1.
+    """
+
+    sigma_px: float = 1.0
+
+    degree: ClassVar[int] = 2
+    source: ClassVar[str] = (
+        "Geusebroek et al., Robust autofocusing in microscopy, Cytometry 39(1), 2000, "
+        "doi:10.1002/(SICI)1097-0320(20000101)39:1<1::AID-CYTO2>3.0.CO;2-J"
+    )
+    score_range: ClassVar[str] = "from 0; 0 for constant counts"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.sigma_px, bool) or not isinstance(self.sigma_px, int | float):
+            raise BadInput(f"sigma_px is {self.sigma_px!r}", allowed="a number of pixels")
+        if not 0.3 <= self.sigma_px <= 30:
+            raise BadInput(f"sigma_px is {self.sigma_px!r}", allowed="0.3 to 30 pixels")
+
+    def __call__(self, counts: np.ndarray) -> float:
+        """Score of counts (row, col), any number type, squared counts a pixel²."""
+        smooth, slope = _kernels(self.sigma_px)
+        c = as_floats(counts)
+        if min(c.shape) < smooth.size:
+            return 0.0
+        return mean_square(correlated(c, smooth, slope, 1)) + mean_square(correlated(c, slope, smooth, 1))
+
+
+@lru_cache(maxsize=16)
+def _kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Smoothing that keeps a constant, and a derivative that gives a ramp its slope."""
+    reach = int(np.ceil(3 * sigma_px))
+    x = np.arange(-reach, reach + 1, dtype=np.float64)
+    bell = np.exp(-0.5 * (x / sigma_px) ** 2)
+    return bell / bell.sum(), x * bell / (x**2 * bell).sum()

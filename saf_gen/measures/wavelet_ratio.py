@@ -1,0 +1,56 @@
+"""Energy of wavelet details over that of what is left."""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import ClassVar
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.measures._counts import as_floats
+from saf_gen.measures._filters import correlated
+from saf_gen.measures._moments import mean_square
+
+A, B = sqrt(10), sqrt(5 + 2 * sqrt(10))
+LOW = np.array([1 + A + B, 5 + A + 3 * B, 10 - 2 * A + 2 * B, 10 - 2 * A - 2 * B, 5 + A - 3 * B, 1 + A - B])
+LOW /= 16 * sqrt(2)
+HIGH = LOW[::-1] * [1, -1, 1, -1, 1, -1]
+"""Daubechies' orthonormal wavelet of six taps, three vanishing moments."""
+
+
+@dataclass(frozen=True)
+class WaveletRatio:
+    """Energy of the details of ``levels`` octaves over energy of the smooth rest, Daubechies' D6 wavelet.
+
+    Energies are means a pixel, from coefficients whose six taps lie inside; second-order surfaces have
+    no details. The rest holds the brightness. At one level the details are the finest octave, mostly noise
+    where counts are few. 0.0 where the filter does not fit at each level, or nothing is left.
+
+    Range from 0, degree 0, about 18 additions and multiplications a pixel, a third more for many levels.
+    """
+
+    levels: int = 1
+
+    degree: ClassVar[int] = 0
+    source: ClassVar[str] = (
+        "Kautsky et al., A new wavelet-based measure of image focus, Pattern Recognition Letters 23(14), "
+        "2002, doi:10.1016/S0167-8655(02)00152-6; Xie, Rong and Sun, IROS 2006, "
+        "doi:10.1109/IROS.2006.282641; D6 as in Yang and Nelson, Wavelet-based autofocusing, IROS 2003"
+    )
+    score_range: ClassVar[str] = "from 0; 0 for constant counts and ramps"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.levels, bool) or not isinstance(self.levels, int) or not 1 <= self.levels <= 8:
+            raise BadInput(f"levels is {self.levels!r}", allowed="a whole number, 1 to 8")
+
+    def __call__(self, counts: np.ndarray) -> float:
+        """Score of counts (row, col), any number type."""
+        rest, details = as_floats(counts), 0.0
+        for level in range(1, self.levels + 1):
+            if min(rest.shape) < LOW.size:
+                return 0.0
+            bands = ((LOW, HIGH), (HIGH, LOW), (HIGH, HIGH))
+            details += sum(mean_square(correlated(rest, *band, 2)) for band in bands) / 4**level
+            rest = correlated(rest, LOW, LOW, 2)
+        left = mean_square(rest) / 4**self.levels
+        return details / left if left else 0.0
