@@ -3,8 +3,6 @@
 At most two stacks are in memory, those between which a moving scene is.
 """
 
-from functools import lru_cache
-
 import numpy as np
 
 from saf_gen.camera import Sensor, charge_stack, knot_weights
@@ -22,8 +20,9 @@ class Exposed:
     def __init__(self, footage: Footage, sensor: Sensor) -> None:
         self.reel, self.sensor, self.scale = footage.reel, sensor, 1.0
         self._footage = footage
-        self._charge = lru_cache(maxsize=2)(self._collected)
-        self._summed = lru_cache(maxsize=2)(lambda j: self._charge(j).sum(axis=0, keepdims=True))
+        # Plain dictionaries: an lru_cache over a method would keep both, and the stacks, until a collection.
+        self._charges: dict[int, np.ndarray] = {}
+        self._sums: dict[int, np.ndarray] = {}
 
     def picture(self, frame: float, position: float) -> np.ndarray:
         """Photo-electrons a readout at gain 1, float32 (light, row, col), at a moment and a focus position.
@@ -72,14 +71,30 @@ class Exposed:
         k = min(int(knot), spec.rendered - 2)
         return charge[:, k] + np.float32(knot - k) * (charge[:, k + 1] - charge[:, k])
 
-    def _collected(self, j: int) -> np.ndarray:
+    def _charge(self, j: int) -> np.ndarray:
         """Charge float32 (light, focus, row, col) of stack j, before the exposure."""
-        stack = self._footage.stack(j)
-        drive = stack.spec.drive
-        return charge_stack(
-            stack.radiance,
-            drive.image_distance(stack.spec.focus),
-            drive.aperture_radius_m,
-            self.sensor,
-            transmission=drive.transmission,
-        )
+        if j not in self._charges:
+            _make_room(self._charges)
+            stack = self._footage.stack(j)
+            drive = stack.spec.drive
+            self._charges[j] = charge_stack(
+                stack.radiance,
+                drive.image_distance(stack.spec.focus),
+                drive.aperture_radius_m,
+                self.sensor,
+                transmission=drive.transmission,
+            )
+        return self._charges[j]
+
+    def _summed(self, j: int) -> np.ndarray:
+        """The same with all light groups as one."""
+        if j not in self._sums:
+            _make_room(self._sums)
+            self._sums[j] = self._charge(j).sum(axis=0, keepdims=True)
+        return self._sums[j]
+
+
+def _make_room(kept: dict[int, np.ndarray]) -> None:
+    """Let go of all but the latest: of a scene that moves two stacks are needed at a time."""
+    while len(kept) > 1:
+        del kept[next(iter(kept))]
