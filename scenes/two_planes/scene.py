@@ -29,7 +29,7 @@ PENCIL = [(0.0, 0.0), (0.0037, 0.0002), (0.0037, 0.07), (0.0037, 0.098), (0.0010
 
 LAMP_SIZE, LAMP_AWAY, LAMP_UP = (0.2, 0.2), 0.85, 0.45
 WINDOW_SIZE = (0.9, 1.2)
-LAMP_IRRADIANCE, WINDOW_RADIANCE, SKY_RADIANCE = 1.25, 5.0, 0.12  # W m^-2 on the target; W m^-2 sr^-1
+LAMP_IRRADIANCE, WINDOW_RADIANCE = 1.25, 6.5  # W m^-2 on the target; W m^-2 sr^-1
 
 
 def build(params: dict[str, Any]) -> dict[str, Any]:
@@ -78,7 +78,6 @@ def _lights(azimuth_deg: float, side: float, target: tuple[float, float, float])
     return {
         "lamp": panel(lamp, target, LAMP_SIZE, radiance),
         "window": panel(window, (0.0, 0.0, -0.65), WINDOW_SIZE, WINDOW_RADIANCE),
-        "sky": {"type": "constant", "radiance": SKY_RADIANCE},
     }
 
 
@@ -88,7 +87,9 @@ def _room(far: float) -> dict[str, Any]:
     wood = satin(planks((1500, 1700), 8, random), 0.35)
     top = placed((0.0, TABLE_Y, -(front + edge) / 2), (X, -90.0))
     middle = 0.0, 0.06, -far - WALL_BEHIND_M
+    ceiling = placed((0.0, 1.6, 0.2), (X, 90.0))
     return {
+        "ceiling": sheet(ceiling, 3.0, 3.0, matte(0.8)),
         "table": sheet(top, 0.66, edge - front, wood),
         "wall": sheet(placed(middle), 0.68, 0.50, matte(bricks(0.68, 0.50, 0.0004, random))),
     }
@@ -102,7 +103,7 @@ def _small_things(card: Any, plan: Any, side: float, yaw_deg: float) -> dict[str
     height = POSTER_AT[1] - HEIGHT_MM / 2 * M_PER_MM + FOOT_M - TABLE_Y
     block = placed((x, TABLE_Y + height / 2, z), (Y, yaw_deg))
     things = {"foot": box(block, (0.052, height, 0.014), satin(1.6 * foot, 0.3))}
-    pin = satin(0.07, 0.12)
+    pin = satin(0.07, 0.3)
     for number, (across, up) in enumerate([(-1, 1), (1, 1), (-1, -1), (1, -1)]):
         at = [
             plan[0] + across * (MAP_WIDTH_MM / 2 - 5) * M_PER_MM,
@@ -111,5 +112,5 @@ def _small_things(card: Any, plan: Any, side: float, yaw_deg: float) -> dict[str
         ]
         things[f"pin_{number}"] = {"type": "sphere", "center": at, "radius": 0.0042, "bsdf": pin}
     lying = placed((-side * 0.062, TABLE_Y + PENCIL[1][0], -0.60), (Y, side * 62.0), (X, 90.0))
-    things["pencil"] = turned("pencil", PENCIL, lying, satin(pencil(random), 0.15))
+    things["pencil"] = turned("pencil", PENCIL, lying, satin(pencil(random), 0.35))
     return things

@@ -1,0 +1,117 @@
+"""A stained section of a lily anther under a microscope: light from below, and a ring of lamps above.
+
+World frame: millimetres, x right, y up in the picture, z towards the objective; the section lies
+``height_um`` over the origin. It is two sheets that let light straight through, less by their absorbance;
+the upper one throws a little of the light from above back.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from anther import Anther
+from stain import SIZE_UM, View, layers
+
+MM_PER_UM = 1e-3
+BELOW_UM = 5.0  # from the upper sheet to the lower
+SCATTERED = 0.2  # of the light from above, by unit absorbance
+GRID = (36, 50)  # quadrilaterals of a sheet
+
+LAMP_MM, LAMP_RADIUS_MM, LAMP_RADIANCE = -3.0, 6.0, 46.6  # opal glass; W m^-2 sr^-1
+RING_MM, RING_RADIUS_MM, PANEL_RADIUS_MM, RING_RADIANCE = 24.0, 15.0, 4.5, 278.5
+
+
+def build(params: dict[str, Any]) -> dict[str, Any]:
+    """Scene dictionary (millimetres, W m^-2 sr^-1) without sensor and integrator."""
+    random = np.random.default_rng([1753, int(params["seed"])])
+    anther = Anther(random)
+    view = View(np.radians(params["turn_deg"]), (params["offset_x_um"], params["offset_y_um"]))
+    upper, lower = (params["stain"] * a for a in layers(anther, view, params["grain_um"], random))
+    height = _relief(params, random)
+    return {
+        "type": "scene",
+        "section": _sheet("section", height, _stained(upper, SCATTERED)),
+        "section_below": _sheet("section_below", height - BELOW_UM, _stained(lower, 0.0)),
+        "lamp": _disc((0, 0, LAMP_MM), LAMP_RADIUS_MM, LAMP_RADIANCE),
+        **_ring(),
+    }
+
+
+def _relief(params: dict[str, Any], random: np.random.Generator) -> np.ndarray:
+    """Heights (µm) of the sheets' corners: tilted, and wavy as a section that was stretched on its slide."""
+    y, x = (np.linspace(-0.5, 0.5, n + 1) * size for n, size in zip(GRID, SIZE_UM[::-1], strict=True))
+    x, y = np.meshgrid(x, y)
+    azimuth = random.uniform(0, 2 * np.pi)
+    slope = np.tan(np.radians(params["tilt_deg"])) * (np.cos(azimuth) * x + np.sin(azimuth) * y)
+    wave = np.zeros_like(x)
+    for length, share in ((700.0, 0.6), (420.0, 0.3), (230.0, 0.15)):
+        towards, phase = random.uniform(0, 2 * np.pi, 2)
+        wave += share * np.sin(2 * np.pi / length * (np.cos(towards) * x + np.sin(towards) * y) + phase)
+    return params["height_um"] + slope + params["relief_um"] * wave
+
+
+def _stained(absorbance: np.ndarray, scattered: float) -> dict[str, Any]:
+    through = {
+        "type": "thindielectric",
+        "int_ior": 1.0,
+        "ext_ior": 1.0,
+        "specular_transmittance": _picture(10.0**-absorbance),
+    }
+    if scattered == 0:
+        return through
+    share = _picture((scattered * absorbance).clip(0, 0.5))
+    back = {"type": "diffuse", "reflectance": 0.9}
+    return {"type": "blendbsdf", "weight": share, "through": through, "back": back}
+
+
+def _picture(values: np.ndarray) -> dict[str, Any]:
+    """Texture of shares 0...1; the first row lies at the bottom."""
+    texels = np.ascontiguousarray(values, dtype=np.float32)
+    return {"type": "bitmap", "bitmap": mi.Bitmap(texels), "raw": True, "wrap_mode": "clamp"}
+
+
+def _disc(at: tuple[float, float, float], radius: float, radiance: float) -> dict[str, Any]:
+    """A lamp that faces the section."""
+    pose = mi.ScalarTransform4f().look_at(origin=list(at), target=[0, 0, 0], up=[0, 1, 0.1])
+    return {
+        "type": "disk",
+        "to_world": pose.scale(radius),
+        "bsdf": {"type": "diffuse", "reflectance": 0.0},
+        "emitter": {"type": "area", "radiance": radiance},
+    }
+
+
+def _ring() -> dict[str, Any]:
+    """Eight panels round the objective, out of its view."""
+    angle = np.arange(8) * np.pi / 4
+    places = RING_RADIUS_MM * np.column_stack([np.cos(angle), np.sin(angle)])
+    return {
+        f"ring_{k}": _disc((float(x), float(y), RING_MM), PANEL_RADIUS_MM, RING_RADIANCE)
+        for k, (x, y) in enumerate(places)
+    }
+
+
+def _sheet(name: str, height_um: np.ndarray, bsdf: dict[str, Any]) -> mi.Mesh:
+    """A sheet of the section's size through these heights (µm), facing up."""
+    rows, columns = height_um.shape
+    v, u = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
+    points = np.stack([(u - 0.5) * SIZE_UM[0], (v - 0.5) * SIZE_UM[1], height_um], -1).reshape(-1, 3)
+    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    above = first + columns
+    faces = [np.stack(half, 1) for half in ((first, first + 1, above + 1), (first, above + 1, above))]
+    props = mi.Properties()
+    props["bsdf"] = mi.load_dict(bsdf)
+    mesh = mi.Mesh(name, len(points), 2 * len(first), props=props, has_vertex_texcoords=True)
+    mesh.set_id(name)
+    held = mi.traverse(mesh)
+    values = {
+        "vertex_positions": points * MM_PER_UM,
+        "vertex_texcoords": np.stack([u, v], -1),
+        "faces": np.concatenate(faces),
+    }
+    for key, array in values.items():
+        held[key] = type(held[key])(np.ascontiguousarray(array).ravel())
+    held.update()
+    return mesh
