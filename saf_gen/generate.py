@@ -169,7 +169,7 @@ def _preview(work: Work, folder: Path) -> None:
         sheet = folder / "preview" / f"{spec.key}.png"
         store = StackStore(folder / "stacks", spec)
         if not (reel.moves or sheet.exists() or store.missing()):
-            write_preview(store.load(), sheet)
+            write_preview(store.load(), work.sensor, sheet)
 
 
 def _list(work: Work, folder: Path) -> Manifest:

@@ -40,7 +40,7 @@ def made_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target, 
         f"lens: {lens}\nlights: {{{light}: [{light}]}}\ntarget: [{target}]\n"
     )
     (scene / "scene.py").write_text(
-        "import mitsuba as mi\n"
+        "import mitsuba as mi\nimport numpy as np\n"
         "def build(params):\n"
         f"    t, m = mi.ScalarTransform4f(), {1 / unit_m!r}\n"
         f"    return {shapes}\n"

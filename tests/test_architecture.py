@@ -19,13 +19,13 @@ FLOORS = (
     ("contract", "bits slabs metadata stream dataset"),
     (
         "work",
-        "cluster exposed truth record jobs card preview work generate "
+        "cluster exposed truth record jobs card preview checks skeleton gallery work generate "
         "methods rig scores evaluate measures searches",
     ),
     ("publication", "leaderboard figures report interop inspection machine bench cli __main__"),
 )
 FLOOR = {name: i for i, (_, names) in enumerate(FLOORS) for name in names.split()}
-GENERATE = {"cluster", "exposed", "truth", "record", "jobs", "card", "preview", "work", "generate"}
+GENERATE = set("cluster exposed truth record jobs card preview checks skeleton gallery work generate".split())
 EVALUATE = {"methods", "rig", "scores", "evaluate", "measures", "searches"}
 DOORS = {
     "mitsuba": {"render"},

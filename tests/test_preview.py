@@ -1,25 +1,221 @@
-"""The contact sheet of a stack."""
+"""Contact sheets, of a stack and of a scene, and pictures side by side."""
+
+import re
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from saf_gen.camera import get_sensor
+from saf_gen.errors import BadInput
 from saf_gen.focal_stack import FocalStack, StackSpec
-from saf_gen.optics import ImageDistance
-from saf_gen.preview import write_preview
+from saf_gen.optics import FocalLength, ImageDistance, Stage
+from saf_gen.preview import Sheet, draw, encoded, preview_scene, save_grid, sheet_of, white_of, write_preview
+from saf_gen.render import variant
+from saf_gen.scene import find_scene
+from saf_gen.skeleton import new_scene
+
+VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
+SENSOR = get_sensor("vidar_400x250", rows=20, columns=32, pitch_m=60e-6)
+DRIVES = {
+    "image_distance": (ImageDistance(0.025, 2.0, (0.6, 0.42)), 0.5),
+    "focal_length": (FocalLength(0.026, 2.0, (0.6, 0.42)), 0.5),
+    "stage": (Stage(0.004, 1.1, 20.0, (-30e-6, 30e-6)), 0.0042),
+}
 
 
-@pytest.mark.parametrize("whole", [True, False])
-def test_a_preview_is_a_picture_of_the_stated_size(tmp_path, whole):
-    drive = ImageDistance(0.025, 2.0, (0.6, 0.42))
+def stack_of(drive, depth_m, target=None):
     spec = StackSpec("plane", "0" * 64, ("lamp", "room"), drive, 20, 32, 60e-6, 5, 16, 4)
-    random = np.random.default_rng(0)
-    target = np.ones((20, 32), dtype=bool)
-    target[:, :10] = whole
-    depth = np.full((20, 32), 0.5, dtype=np.float32)
-    stack = FocalStack(spec, random.random((2, 5, 20, 32), dtype=np.float32), depth, target, "llvm")
-    write_preview(stack, tmp_path / "preview" / "plane.png")
-    with Image.open(tmp_path / "preview" / "plane.png") as picture:
-        assert picture.size == (1400, 640)
-        assert np.asarray(picture.convert("L")).std() > 20
+    radiance = np.random.default_rng(0).random((2, 5, 20, 32), dtype=np.float32)
+    if target is None:
+        target = np.ones((20, 32), dtype=bool)
+        target[:, :10] = False
+    return FocalStack(spec, radiance, np.full((20, 32), depth_m, dtype=np.float32), target, "llvm")
+
+
+def grey(path):
+    with Image.open(path) as picture:
+        return np.asarray(picture.convert("L")), picture.size
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
+    """With each drive: the same words fit."""
+    write_preview(stack_of(*DRIVES[kind]), SENSOR, tmp_path / "preview" / "plane.png")
+    picture, size = grey(tmp_path / "preview" / "plane.png")
+    assert size == (1600, 720)
+    assert picture.std() > 20
     assert [p.name for p in (tmp_path / "preview").iterdir()] == ["plane.png"]
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_target_that_is_nowhere_or_everywhere_is_drawn_all_the_same(tmp_path, share):
+    stack = stack_of(*DRIVES["image_distance"], target=np.full((20, 32), share > 0))
+    assert np.isnan(Sheet("it", stack, SENSOR).truth) is np.bool_(share == 0)
+    write_preview(stack, SENSOR, tmp_path / "it.png")
+    assert grey(tmp_path / "it.png")[1] == (1600, 720)
+
+
+def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
+    stack = stack_of(*DRIVES["image_distance"])
+    stack.radiance[:] = 0
+    write_preview(stack, SENSOR, tmp_path / "it.png")
+
+
+def test_glimpses_get_a_row_of_their_own(tmp_path):
+    stack = stack_of(*DRIVES["image_distance"])
+    pictures = [(f"member {n}", stack.radiance[0, 0]) for n in range(6)]
+    draw(Sheet("it", stack, SENSOR, stack.radiance[0, 2], pictures), tmp_path / "it.png")
+    assert grey(tmp_path / "it.png")[1] == (1600, 960)
+
+
+def test_white_and_grey_are_for_the_eye():
+    image = np.linspace(0, 2, 1001).reshape(7, 143)
+    white = white_of(image)
+    assert white == pytest.approx(1.99, abs=0.005)
+    assert encoded(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
+    assert white_of(np.zeros((3, 3))) == 1
+
+
+def test_a_grid_is_as_small_as_asked_for(tmp_path):
+    noise = np.random.default_rng(0).random((250, 400))
+    save_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", most_bytes=150_000)
+    assert (tmp_path / "it.jpg").stat().st_size < 150_000
+    picture, size = grey(tmp_path / "it.jpg")
+    assert size == (3 * 400 + 8, 2 * 250 + 4)
+    assert picture[260:, 500:].min() > 240
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """The skeleton as ``mine``; gives a function that edits its card and finds it."""
+    monkeypatch.chdir(tmp_path)
+    new_scene("mine", tmp_path / "scenes")
+
+    def edit(old="", new=""):
+        card = tmp_path / "scenes/mine/scene.yaml"
+        assert old in card.read_text()
+        card.write_text(card.read_text().replace(old, new, 1))
+        return find_scene("mine")
+
+    return edit
+
+
+def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
+    sheet = sheet_of(mine(), SENSOR, variant=VARIANT)
+    assert sheet.stack.spec.groups == ("lamp", "room")
+    assert [word for word, _ in sheet.glimpses] == ["member 1", "member 2", "member 3"]
+    members = [picture for _, picture in sheet.glimpses]
+    assert members[0].shape == (10, 16)
+    assert np.abs(members[0] - members[1]).mean() > 0.05 * members[0].mean()
+    assert sheet.sharp.shape == (20, 32)
+    assert 0.1 < sheet.truth < 0.9
+
+
+def test_a_sheet_of_a_scene_that_moves_shows_moments(mine):
+    words = "motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.04, 0, 0]}]}}\nparams:"
+    scene = mine("params:", words)
+    sheet = sheet_of(scene.with_params({"square_mm": 3}), SENSOR, variant=VARIANT)
+    moments = {word: picture for word, picture in sheet.glimpses if word.endswith(" s")}
+    assert list(moments) == ["0.00 s", "0.50 s", "1.00 s"]
+    assert np.abs(moments["0.00 s"] - moments["1.00 s"]).mean() > 0.05 * moments["0.00 s"].mean()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("[0.65, 0.40]", "[2.0, 1.0]"), ("origin_m: [0, 0, 0.5]", "origin_m: [0, 5, 0.5]")],
+    ids=["out of reach", "out of sight"],
+)
+def test_a_scene_whose_target_is_not_where_it_should_be_is_drawn(mine, tmp_path, old, new):
+    """That is when its author wants to see it."""
+    scene = mine(old, new) if "origin" not in old else mine(old, new + "\n  # aside")
+    if "origin" in old:
+        scene = mine("look_at_m: [0, 0, 0]", "look_at_m: [0, 5, 0]")
+    preview_scene(scene, SENSOR, tmp_path / "it.png", variant=VARIANT)
+    assert grey(tmp_path / "it.png")[1][0] == 1600
+
+
+def test_a_scene_that_cannot_be_built_is_told(mine, tmp_path):
+    with pytest.raises(BadInput, match="unknown target shape 'cart'"):
+        preview_scene(mine("target: [card]", "target: [cart]"), SENSOR, tmp_path / "it.png", variant=VARIANT)
+    assert not (tmp_path / "it.png").exists()
+
+
+# --- the commands -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def call(capsys, monkeypatch, tmp_path, small_sensor):
+    """Runs a command of ``saf-gen scenes`` before a small sensor."""
+    from saf_gen.cli import main
+
+    def run(*args, sensor=True):
+        capsys.readouterr()
+        more = ("--sensor", small_sensor, "--variant", VARIANT) if sensor else ()
+        with pytest.raises(SystemExit) as stop:
+            main(["scenes", *(str(a) for a in (*args, *more))])
+        return stop.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_new_then_preview(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = call("new", "mine", sensor=False)
+    assert (code, err) == (0, "")
+    assert re.findall(r"scenes/mine/\S+", out) == [
+        "scenes/mine/SOURCE.md",
+        "scenes/mine/scene.py",
+        "scenes/mine/scene.yaml",
+    ]
+    assert "next: saf-gen scenes check mine; saf-gen scenes preview mine" in out
+    before = find_scene("mine").digest
+    code, out, err = call("preview", "mine")
+    assert (code, err) == (0, "")
+    assert (tmp_path / "scenes/mine/preview.png").is_file()
+    assert find_scene("mine").digest == before
+    assert call("preview", "scenes/mine", "--out", "it.png")[0] == 0
+    assert (tmp_path / "it.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("args", "told"),
+    [
+        (("new", "Mine"), "did you mean 'mine'?"),
+        (("new", "mine", "--xml", "--from", "x.xml"), "--xml and --from are both given; keep one"),
+        (("new", "mine", "--from", "x.xml"), "x.xml cannot be read: No such file or directory"),
+        (("preview", "mein"), "unknown scene 'mein'"),
+        (("gallery", "mein"), "unknown scene 'mein'"),
+    ],
+)
+def test_bad_input_is_one_line(call, tmp_path, monkeypatch, args, told):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = call(*args, sensor=False)
+    assert code == 2
+    assert len(err.strip().splitlines()) == 1
+    assert told in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_gallery_has_a_section_and_a_picture_a_scene(call, mine, tmp_path, test_scenes):
+    scene = mine()
+    code, _, err = call("gallery", "mine", "workbench", "--out", "docs")
+    assert (code, err) == (0, "")
+    page = (tmp_path / "docs/scenes.md").read_text()
+    assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == ["mine", "workbench"]
+    for name in re.findall(r"\]\((pictures/\S+)\)", page):
+        assert 1000 < (tmp_path / "docs" / name).stat().st_size < 150_000
+    links = re.findall(r"\[SOURCE.md\]\((\S+)\)", page)
+    assert [(tmp_path / "docs" / link).resolve() for link in links] == [
+        scene.folder / "SOURCE.md",
+        test_scenes / "workbench/SOURCE.md",
+    ]
+    assert "| family | `tilt_deg` -20 to 20; `square_mm` 1, 2, 3 |" in page
+
+
+def test_a_gallery_goes_on_where_a_scene_fails(call, mine, tmp_path, test_scenes):
+    mine("target: [card]", "target: [cart]")
+    code, _, err = call("gallery", "mine", "workbench", "--out", "docs")
+    assert code == 1
+    assert "mine could not be drawn: " in err
+    assert "## workbench" in (tmp_path / "docs/scenes.md").read_text()

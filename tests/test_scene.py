@@ -118,7 +118,9 @@ def test_a_wrong_drive_is_told_in_one_line(edited, lens, told):
 
 def test_a_scene_without_geometry_is_told(edited):
     (edited("id: plane", "id: plane") / "scene.py").unlink()
-    with pytest.raises(BadInput, match=r"has neither scene.py nor scene.xml; add scene.py with build\(params\)"):
+    with pytest.raises(
+        BadInput, match=r"has neither scene.py nor scene.xml; add scene.py with build\(params\)"
+    ):
         find_scene("plane")
 
 

@@ -32,7 +32,16 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "doctor": machine.doctor,
 }
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
-    "scenes": ("Scenes that recipes can name.", {"list": scenes.list_}),
+    "scenes": (
+        "Scenes that recipes can name.",
+        {
+            "list": scenes.list_,
+            "new": scenes.new,
+            "check": scenes.check,
+            "preview": scenes.preview,
+            "gallery": scenes.gallery,
+        },
+    ),
     "recipes": ("Recipes of datasets.", {"check": recipes.check}),
 }
 

@@ -13,7 +13,7 @@ from saf_gen.render.script import called
 from saf_gen.scene import Scene
 from saf_gen.scene_xml import PLUGINS, read_scene_xml
 
-__all__ = ["build", "camera_to_world", "load", "motions", "posed"]
+__all__ = ["build", "camera_to_world", "emitters", "load", "motions", "posed"]
 
 
 def build(scene: Scene) -> dict[str, Any]:
@@ -23,23 +23,28 @@ def build(scene: Scene) -> dict[str, Any]:
     Raises BadInput where the geometry fails, or names on the card are absent from what it built.
     """
     described = _described(scene)
-    emitters = [name for name, entry in described.items() if _emits(entry)]
+    lamps = emitters(described)
     shapes = [name for name, entry in described.items() if _is_shape(entry)]
     card = str(scene.folder / "scene.yaml")
     for group, names in scene.card.lights.items():
         for name in names:
-            if name not in emitters:
-                raise unknown(f"emitter of light group {group!r}:", name, emitters, where=card)
+            if name not in lamps:
+                raise unknown(f"emitter of light group {group!r}:", name, lamps, where=card)
     for name in scene.card.target:
         if name not in shapes:
             raise unknown("target shape", name, shapes, where=card)
     listed = {name for names in scene.card.lights.values() for name in names}
-    for name in emitters:
+    for name in lamps:
         if name not in listed:
             raise BadInput(
                 f"the emitter {name!r} belongs to no light group", where=card, hint="name it under lights"
             )
     return described
+
+
+def emitters(described: Mapping[str, Any]) -> list[str]:
+    """The entries that shine, lamps as such and shapes with a lamp in them."""
+    return [name for name, entry in described.items() if _emits(entry)]
 
 
 def motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
@@ -90,7 +95,7 @@ def camera_to_world(scene: Scene) -> Any:
 def _described(scene: Scene) -> dict[str, Any]:
     if not scene.has_script:
         path = scene.folder / "scene.xml"
-        return from_xml.described(read_scene_xml(path, scene.params), path)
+        return from_xml.described(read_scene_xml(path, scene.params).text, path)
     described = called(scene, "build")
     if not isinstance(described, dict):
         script = scene.folder / "scene.py"

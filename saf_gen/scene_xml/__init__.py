@@ -9,6 +9,7 @@ which knows types, transforms and older versions. So both see the same, and noth
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.scene_xml._allowed import PLUGINS, check, file_of
 from saf_gen.scene_xml._tree import Element, parsed, text_of, word
 
-__all__ = ["PLUGINS", "read_scene_xml"]
+__all__ = ["PLUGINS", "SceneXml", "read_scene_xml"]
 
 IGNORED = frozenset(
     ("sensor", "integrator", "film", "sampler", "rfilter")
@@ -25,12 +26,24 @@ MOST = 1_000_000  # elements, of all files together
 HOW = 'a parameter of an XML scene is one of its <default name="..." value="..."/>'
 
 
-def read_scene_xml(path: Path, params: Mapping[str, Any]) -> str:
-    """The scene's own elements as plain XML, every top-level one with an id; sensors and the like left out.
+@dataclass(frozen=True)
+class SceneXml:
+    """An XML scene that has been found harmless.
 
-    params : values for the file's ``<default>`` parameters, by name. Elements keep the lines they have in the
-    file, unless it includes others. An id is the element's ``id``, else its ``name``, else tag and number, as
-    ``shape_3`` for the third shape.
+    text : its own elements as plain XML, every top-level one with an id; sensors and the like left out.
+    cameras : its sensors, without their films, as a scene of their own. files : all that it needs, beside
+    itself. Elements keep the lines they have in the file, unless it includes others.
+    """
+
+    text: str
+    cameras: str
+    files: tuple[Path, ...]
+
+
+def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
+    """Read an XML scene; ``params`` are values for its ``<default>`` parameters, by name.
+
+    An id is the element's ``id``, else its ``name``, else tag and number, as ``shape_3`` for the third shape.
 
     Raises BadInput, in one line that names file, line and element, for a file that is no such scene, that
     names a file which is missing or out of its folder, or that asks for a plug-in which is not known to be
@@ -47,34 +60,46 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> str:
         if name not in settled.values:
             card = str(path.parent / "scene.yaml")
             raise unknown("parameter", name, settled.values, where=card, hint=HOW)
-    for element in elements:
-        check(element, settled.folder)
+    files = [*settled.included]
+    for element in (*elements, *settled.cameras):
+        files += check(element, settled.folder)
     _name(elements)
     alone = all(element.file == path for element in elements)
-    return text_of(root.words["version"], root.line, elements, in_order=alone)
+    version = root.words["version"]
+    return SceneXml(
+        text_of(version, root.line, elements, in_order=alone),
+        text_of(version, 1, settled.cameras, in_order=False),
+        tuple(dict.fromkeys(files)),
+    )
 
 
 class _Settled:
     """Fills in parameters, puts what is included in its place, and leaves out what does not count.
 
-    ``values``: the parameters met so far; as in Mitsuba one holds from its ``<default>`` on.
+    ``values``: the parameters met so far; as in Mitsuba one holds from its ``<default>`` on. ``cameras``: the
+    sensors met, ``included``: the files.
     """
 
     def __init__(self, folder: Path, params: Mapping[str, Any]) -> None:
         self.folder, self.params = folder, params
         self.values: dict[str, str] = {}
+        self.cameras: list[Element] = []
+        self.included: list[Path] = []
         self._count = 0
 
     def scene(self, scene: Element, within: tuple[Path, ...]) -> Iterator[Element]:
         """The elements directly in a scene; ``within``: the files that are being read."""
         for element in scene.inside:
-            if element.tag in IGNORED:
+            if element.tag in IGNORED - {"sensor"}:
                 continue
             self._fill(element)
-            if element.tag == "include":
+            if element.tag == "sensor":
+                self.cameras.append(element)
+            elif element.tag == "include":
                 file = file_of(element, "filename", self.folder)
                 if file in within:
                     raise BadInput("the file includes itself", where=element.where, hint="remove the include")
+                self.included.append(file)
                 yield from self.scene(parsed(file), (*within, file))
             elif element.tag == "default":
                 name = word(element, "name")

@@ -33,33 +33,38 @@ PROPERTIES = frozenset(
 STEPS = frozenset(("translate", "rotate", "scale", "matrix", "lookat"))  # of a transform
 
 
-def check(element: Element, folder: Path) -> None:
+def check(element: Element, folder: Path) -> list[Path]:
     """Refuse an element, or one within it, that is not known or could do harm; make its file names absolute.
 
-    ``folder`` is the scene's, resolved. Raises BadInput with file, line, element and the next step.
+    ``folder`` is the scene's, resolved. Returns the files. Raises BadInput with file, line, element and the
+    next step.
     """
+    files: list[Path] = []
     tag, words = element.tag, element.words
     if tag == "path":
         raise BadInput(
             "a search path is refused", where=element.where, hint="name files relative to the scene's folder"
         )
     known = {*PLUGINS, *PROPERTIES, *STEPS}
-    if tag not in known and tag != "alias":
+    if tag not in known and tag not in ("alias", "sensor"):
         raise unknown("element", tag, known, where=f"{element.file}:{element.line}")
     if tag in PLUGINS and (tag != "spectrum" or "type" in words):
         plugin = word(element, "type")
         if plugin not in PLUGINS[tag]:
             raise unknown("type", plugin, PLUGINS[tag], where=element.where, hint=_why_not(plugin))
     if tag == "spectrum" and "filename" in words:
-        words["filename"] = str(file_of(element, "filename", folder))
+        files.append(file_of(element, "filename", folder))
+        words["filename"] = str(files[-1])
     if tag == "string":
         value = word(element, "value")
         if "file" in words.get("name", ""):
-            words["value"] = str(file_of(element, "value", folder))
+            files.append(file_of(element, "value", folder))
+            words["value"] = str(files[-1])
         elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")
     for inner in element.inside:
-        check(inner, folder)
+        files += check(inner, folder)
+    return files
 
 
 def _why_not(plugin: str) -> str:

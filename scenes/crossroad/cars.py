@@ -1,4 +1,4 @@
-"""Cars: a lofted body with a painted skin, four wheels, and trim; in metres, nose towards +x, wheels on y = 0."""
+"""Cars: a lofted body, four wheels and trim; in metres, the nose towards +x, wheels on y = 0."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from meshes import Body, body, box, grid, joined, tube
-from surfaces import noise
 
 TEXEL_M = 0.009  # a pixel sees 27 mm at the target
 STATIONS, AROUND = 72, 29
@@ -44,8 +43,8 @@ KINDS = {
     ),
     "saloon": Kind(
         4.62, 1.80,
-        ((-2.31, 0.66), (-2.27, 0.98), (-2.10, 1.06), (-1.62, 1.09), (-0.92, 1.37), (-0.35, 1.45), (0.15, 1.44),
-         (0.55, 1.32), (1.18, 0.98), (1.75, 0.88), (2.12, 0.77), (2.28, 0.64), (2.31, 0.52)),
+        ((-2.31, 0.66), (-2.27, 0.98), (-2.10, 1.06), (-1.62, 1.09), (-0.92, 1.37), (-0.35, 1.45),
+         (0.15, 1.44), (0.55, 1.32), (1.18, 0.98), (1.75, 0.88), (2.12, 0.77), (2.28, 0.64), (2.31, 0.52)),
         (-1.56, 1.18, -0.98, 0.46), 0.95, (-1.36, 1.42), 0.320, (-0.55, 0.12),
     ),
     "estate": Kind(
@@ -64,9 +63,9 @@ KINDS = {
 
 
 def shell(kind: Kind) -> Body:
-    """The body without wheels; texture coordinates 0..1 lie in the picture of :func:`skin`."""
+    """The body without wheels; its texture coordinates count columns and rows of :func:`skin`."""
     half = kind.length / 2
-    x = -half * np.cos(np.linspace(0, np.pi, STATIONS)) ** 1
+    x = -half * np.cos(np.linspace(0, np.pi, STATIONS))
     top = _smooth(np.interp(x, *np.array(kind.roof).T), 2)
     end = np.clip(1 - np.abs(x) / half, 0, 1)
     width = kind.width / 2 * (1 - 0.30 * np.exp(-end / 0.045) - 0.06 * np.exp(-end / 0.25))
@@ -82,7 +81,7 @@ def shell(kind: Kind) -> Body:
     z, y = _smooth(z, 1, 1), _smooth(y, 1, 1)
     left = np.stack([np.broadcast_to(x[:, None], z.shape), y, z], axis=2)
     right = left[:, -2::-1] * [1, 1, -1]
-    hull = np.concatenate([left, right], axis=1)
+    hull = np.concatenate([left, right, left[:, :1]], axis=1)  # closed underneath
     caps = [np.repeat(hull[i : i + 1].mean(axis=1, keepdims=True), hull.shape[1], 1) for i in (0, -1)]
     return _skinned(grid(np.concatenate([caps[0], hull, caps[1]])), kind)
 
@@ -95,19 +94,19 @@ def _skinned(made: Body, kind: Kind) -> Body:
     facing = np.abs(normal)
     view = np.where(facing[:, 2] >= np.maximum(0.8 * facing[:, 0], facing[:, 1] * 0.7), 0, 1)
     blunt = facing[:, 0] > np.maximum(1.1 * facing[:, 1], 1.25 * facing[:, 2])
+    strip = np.tile(np.arange(len(normal) // 2) // (2 * (AROUND // 2) + 1), 2)
+    blunt |= (strip == 0) | (strip == strip.max())  # the flat caps
     view = np.where(blunt, np.where(middle > 0, 2, 3), view)
     x, y, z = made.vertices.T
-    side, wide = _side_rows(), _wide_rows(kind)
-    rows = side + 2 * wide
+    side, wide = side_rows(), wide_rows(kind)
     columns = int(kind.length / TEXEL_M)
-    across = x / kind.length + 0.5
-    aside = (z / kind.width + 0.5) * (kind.width / TEXEL_M) / columns
-    tall = np.clip(y / HEIGHT_M, 0, 1)
+    across, tall = (x / kind.length + 0.5) * columns, 1 - np.clip(y / HEIGHT_M, 0, 1)
+    aside = (z / kind.width + 0.5) * wide
     maps = [
-        (across, 1 - (1 - tall) * side / rows),
-        (across, 1 - (side + (z / kind.width + 0.5) * (wide - 1)) / rows),
-        (aside, (1 - (side + wide + (1 - tall) * (wide - 1)) / rows)),
-        (aside + 0.5, (1 - (side + wide + (1 - tall) * (wide - 1)) / rows)),
+        (across, tall * side),
+        (across, side + (z / kind.width + 0.5) * (wide - 1)),
+        (aside, side + wide + tall * (wide - 1)),
+        (aside + int(0.5 * columns), side + wide + tall * (wide - 1)),
     ]
     count = len(made.vertices)
     uv = np.concatenate([np.stack(m, axis=1) for m in maps])
@@ -115,9 +114,53 @@ def _skinned(made: Body, kind: Kind) -> Body:
     return body(vertices, made.triangles + count * view[:, None], uv=uv)
 
 
-def _side_rows() -> int:
+def side_rows() -> int:
+    """Rows of the side picture."""
     return int(HEIGHT_M / TEXEL_M)
 
 
-def _wide_rows(kind: Kind) -> int:
+def wide_rows(kind: Kind) -> int:
+    """Rows of the pictures of top, nose and tail."""
     return int(kind.width / TEXEL_M)
+
+
+def wheel(kind: Kind) -> Body:
+    """A tyre with a five-spoke rim, about the origin, its axle along z; both faces alike."""
+    r, angle = kind.wheel, np.linspace(0, 2 * np.pi, 61)
+    rings = [(0, 0.085, 0.30), (0.22, 0.085, 0.30), (0.24, 0.075, 0.50), (0.60, 0.075, 0.50),
+             (0.62, 0.09, 0.45), (0.68, 0.095, 0.40), (0.70, 0.095, 0.045), (0.96, 0.095, 0.045),
+             (1.0, 0.08, 0.04)]  # fmt: skip
+    rings += [(radius, -z, tone) for radius, z, tone in reversed(rings)]
+    radius, z, tone = (np.array(part)[:, None] for part in zip(*rings, strict=True))
+    points = np.stack(
+        [r * radius * np.cos(angle), r * radius * np.sin(angle), np.broadcast_to(z, (len(z), 61))], 2
+    )
+    spoke = np.where((radius > 0.23) & (radius < 0.61) & (np.cos(5 * angle) < 0.1), 0.06, tone)
+    return grid(points, tone=spoke)
+
+
+def trim(kind: Kind) -> Body:
+    """Underbody, mirrors, wipers' box, and an aerial."""
+    half, w = kind.length / 2, kind.width / 2
+    foot = kind.glass[1]
+    mirrors = [
+        box(
+            (foot - 0.30, kind.belt, s * (w + 0.10) - 0.10),
+            (foot - 0.12, kind.belt + 0.15, s * (w + 0.10) + 0.10),
+            0.04,
+        )
+        for s in (-1, 1)
+    ]
+    under = box((-half + 0.22, 0.15, -0.8 * w), (half - 0.22, 0.36, 0.8 * w), 0.02)
+    aerial = tube(
+        [(kind.glass[2] + 0.25, kind.top - 0.03, 0), (kind.glass[2] - 0.1, kind.top + 0.30, 0)], 0.012
+    )
+    return joined([*mirrors, under, aerial])
+
+
+def _smooth(values: np.ndarray, passes: int, axis: int = 0) -> np.ndarray:
+    """Averages of neighbours along an axis, the ends kept."""
+    out = np.moveaxis(np.array(values, dtype=np.float64), axis, 0)
+    for _ in range(passes):
+        out[1:-1] = 0.25 * out[:-2] + 0.5 * out[1:-1] + 0.25 * out[2:]
+    return np.moveaxis(out, 0, axis)

@@ -62,8 +62,8 @@ def quad(a: Any, b: Any, c: Any, d: Any, *, tone: float = 0.5, uv: Any = None) -
     """
     points = np.array([a, b, c, d], dtype=np.float64)
     if uv is None:
-        normal = np.abs(np.cross(points[1] - points[0], points[3] - points[0]))
-        across, up = ((2, 1), (0, 2), (0, 1))[int(normal.argmax())]
+        spans = points.max(axis=0) - points.min(axis=0)
+        across, up = ((2, 1), (0, 2), (0, 1))[int(spans.argmin())]
         uv = points[:, [across, up]]
     return body(points, [[0, 1, 2], [0, 2, 3]], uv=uv, tone=tone)
 
@@ -108,10 +108,10 @@ def turned(outline: Any, centre: Vector, *, around: int = 20, tone: Any = 0.5) -
     return grid(points + np.asarray(centre), tone=tones)
 
 
-def mesh(name: str, made: Body, bsdf: dict[str, Any], *, smooth: bool = False) -> mi.Mesh:
-    """The body as a Mitsuba mesh with its own id; ``vertex_tone`` carries the tones."""
+def mesh(name: str, made: Body, bsdf: Any, *, smooth: bool = False) -> mi.Mesh:
+    """The body as a Mitsuba mesh with its own id; ``bsdf`` is a description or a loaded one, to be shared."""
     props = mi.Properties()
-    props["bsdf"] = mi.load_dict(bsdf)
+    props["bsdf"] = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
     if not smooth:
         props["face_normals"] = True
     sizes = (len(made.vertices), len(made.triangles))
@@ -122,14 +122,23 @@ def mesh(name: str, made: Body, bsdf: dict[str, Any], *, smooth: bool = False) -
     for key, value in values.items():
         arrays[key] = type(arrays[key])(np.ascontiguousarray(value).ravel())
     arrays.update()  # computes the normals of a smooth one
-    shape.add_attribute("vertex_tone", 1, made.tone.astype(np.float32))
     return shape
 
 
-def matte() -> dict[str, Any]:
-    """Diffuse, the tone of each vertex its reflectance."""
-    tones = {"type": "mesh_attribute", "name": "vertex_tone"}
-    return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": tones}}
+def toned(made: Body) -> Body:
+    """The body with its tones as texture coordinates of :func:`matte`."""
+    return Body(
+        made.vertices, made.triangles, np.stack([made.tone, np.full(len(made.tone), 0.5)], 1), made.tone
+    )
+
+
+def matte() -> Any:
+    """Diffuse, for every :func:`toned` body: its picture is a ramp, whose value at u is u.
+
+    One surface for all shapes, loaded: Mitsuba's start-up time grows with the number of surfaces.
+    """
+    ramp = np.broadcast_to((np.arange(64) + 0.5) / 64, (2, 64))
+    return mi.load_dict(painted(ramp))
 
 
 def painted(picture: np.ndarray, *, tile_m: tuple[float, float] = (1.0, 1.0)) -> dict[str, Any]:

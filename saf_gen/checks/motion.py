@@ -1,0 +1,101 @@
+"""Motion: does the target stay in the frame and in reach, and how fast is what moves?"""
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from saf_gen.checks._finding import Finding, error, ok, warning
+from saf_gen.checks.trial import Trial
+
+__all__ = ["check_motion", "fastest"]
+
+MOMENTS = 9
+LATEST_S = 1.0  # a recording of 20,000 frames
+COARSE, FINE = 2.0, 1.0  # pixels from one time slice to the next: too far, and what is proposed
+
+
+def check_motion(trial: Trial) -> Iterator[Finding]:
+    """The target at a few moments, and the speed of the fastest shape against the card's time slices."""
+    studio, card = trial.studio, trial.scene.card
+    if not studio.motions:
+        if card.slices_per_s is not None:
+            yield warning(
+                "motion", "slices_per_s is on the card, but nothing moves: remove it, or add motion"
+            )
+        return
+    times = _times(trial)
+    lost, places = [], []
+    for time_s in times:
+        seen = studio.look(time_s=time_s, passing=True)
+        if seen.target.any():
+            places.append(trial.drive.truth(seen.depth[seen.target]))
+        else:
+            lost.append(time_s)
+    if not places:
+        yield error(
+            "motion", "the target is never in the frame while it moves: check motion, camera and target"
+        )
+        return
+    text = f"in focus from {min(places):.3f} to {max(places):.3f} of the travel"
+    if lost:
+        yield warning(
+            "motion", f"the target has left the frame at {lost[0]:.3g} s: shorten its way, or turn back"
+        )
+    elif min(places) < 0 or max(places) > 1:
+        yield warning("motion", f"{text}: out of the lens's reach for a while, shorten its way in depth")
+    else:
+        yield ok("motion", text)
+    yield _slices(trial, fastest(trial, times))
+
+
+def _slices(trial: Trial, speed: tuple[str, float]) -> Finding:
+    name, pixels_per_s = speed
+    slices = trial.scene.card.slices_per_s
+    write = f"slices_per_s: {max(1, round(pixels_per_s / FINE))} moves it a pixel from one to the next"
+    text = f"{name!r} moves at up to {pixels_per_s:,.0f} pixels a second"
+    if slices is None:
+        return warning("motion", f"{text}, but recordings of it stand still: {write}")
+    if pixels_per_s > COARSE * slices:
+        return warning("motion", f"{text}, {pixels_per_s / slices:.2g} pixels a time slice: {write}")
+    return ok("motion", f"{text}, {pixels_per_s / slices:.2g} pixels a time slice")
+
+
+def _times(trial: Trial) -> list[float]:
+    """Moments (s) within a recording: keyframes, and others evenly between."""
+    keys = {k.time_s for motion in trial.studio.motions.values() for k in motion.keyframes}
+    last = min(max(keys), LATEST_S) if max(keys) > 0 else LATEST_S
+    return sorted(
+        {*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]}
+    )
+
+
+def fastest(trial: Trial, times: list[float]) -> tuple[str, float]:
+    """The moving shape whose picture is fastest, with its speed (pixels a second).
+
+    By the corners of the box round each shape, seen through the middle of the lens where the target is in
+    focus, over a thousandth of a second at each of these times.
+    """
+    card, drive = trial.scene.card, trial.drive
+    origin = np.array(card.camera.origin_m)
+    ahead = np.array(card.camera.look_at_m) - origin
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, card.camera.up)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(right, ahead), ahead])
+    lens = origin + float(drive.shift(trial.truth)) * ahead
+    scale = float(drive.image_distance(trial.truth)) / trial.sensor.pitch_m
+    step_s = 1e-3
+    best = ("", 0.0)
+    for name, motion in trial.studio.motions.items():
+        corners = np.array(list(product(*trial.studio.rest(name).T)))
+        for time_s in times:
+            pixels = []
+            for t in (time_s, time_s + step_s):
+                pose = motion.pose(t)
+                x, y, depth = axes @ (corners @ pose[:3, :3].T + pose[:3, 3] - lens).T
+                pixels.append(scale * np.stack([x, y]) / np.where(depth > 0, depth, np.nan))
+            moved = np.hypot(*(pixels[1] - pixels[0])) / step_s
+            if np.isfinite(moved).any() and np.nanmax(moved) > best[1]:
+                best = (name, float(np.nanmax(moved)))
+    return best

@@ -1,0 +1,81 @@
+"""Sizes against distances: geometry in millimetres or inches, by mistake, is told with its factor."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from saf_gen.checks._finding import Finding, ok, warning
+from saf_gen.checks.trial import Trial
+
+__all__ = ["check_units", "mistaken_unit"]
+
+UNITS = {
+    "millimetres": 1e-3,
+    "centimetres": 1e-2,
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "metres": 1.0,
+    "micrometres": 1e-6,
+    "kilometres": 1e3,
+}
+FEW = 500  # pixels: less of a target is little to focus on
+FIELDS = 3.0  # a target seen at most so many fields of view off the axis may be meant
+
+
+def check_units(trial: Trial) -> Iterator[Finding]:
+    """How large the target is, how far, how much of the frame."""
+    seen = trial.seen
+    share = seen.target.mean()
+    size = np.ptp(_target_box(trial), axis=0)
+    text = (
+        f"target {_lengths(size)}, {np.median(trial.depths):.4g} m away, {share:.0%} of the frame; "
+        f"all there is {_lengths(np.ptp(trial.studio.bounds(), axis=0))}"
+    )
+    if seen.target.sum() < FEW:
+        yield warning(
+            "units", f"{text}: {seen.target.sum()} pixels are little to focus on, move the camera nearer"
+        )
+    else:
+        yield ok("units", text)
+
+
+def mistaken_unit(trial: Trial) -> str:
+    """What to write if another unit would bring the target into the lens's reach; '' where none would."""
+    card = trial.scene.card
+    box = _target_box(trial)
+    middle = box.mean(axis=0)
+    origin = np.array(card.camera.origin_m)
+    axis = np.array(card.camera.look_at_m) - origin
+    axis /= np.linalg.norm(axis)
+    near, far = trial.drive.reach_m
+    half = trial.sensor.columns * trial.sensor.pitch_m / 2 / float(trial.drive.image_distance(0.5))
+
+    def fits(point: np.ndarray, camera: np.ndarray) -> bool:
+        away = point - camera
+        depth = float(away @ axis)
+        aside = float(np.linalg.norm(away - depth * axis))
+        return bool(near <= depth <= far and aside <= FIELDS * half * depth)
+
+    for name, metres in UNITS.items():
+        factor = metres / card.unit_m
+        if factor == 1:
+            continue
+        if fits(middle * factor, origin):
+            return f"if the geometry is in {name}, write unit_m: {metres:g} on the card"
+        if fits(middle, origin * metres):
+            return f"if camera.origin_m is in {name}, multiply it and look_at_m by {metres:g}"
+    return ""
+
+
+def _target_box(trial: Trial) -> np.ndarray:
+    """Corners (m) of the box round all target shapes, float64 (2, 3)."""
+    boxes = np.array([trial.studio.bounds(name) for name in trial.scene.card.target])
+    return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+
+def _lengths(metres: np.ndarray) -> str:
+    """Three lengths in the unit that suits the largest."""
+    for unit, scale in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+        if metres.max() >= scale or unit == "µm":
+            return f"{' × '.join(f'{x / scale:.3g}' for x in metres)} {unit}"
+    raise AssertionError

@@ -1,0 +1,43 @@
+"""Radiance as a picture for the eye, and pictures side by side as one file."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.image import imsave
+
+from saf_gen.files import replaced
+
+__all__ = ["encoded", "save_grid", "white_of"]
+
+WHITE_SHARE = 0.995  # of the pixels lie below white: a glint does not darken the rest
+GAP = 4  # pixels between two pictures
+
+
+def white_of(*images: np.ndarray) -> float:
+    """The radiance to show as white in all of these pictures, above 0."""
+    brightest = max(float(np.quantile(image, WHITE_SHARE)) for image in images)
+    return brightest if brightest > 0 else 1.0
+
+
+def encoded(image: np.ndarray, white: float) -> np.ndarray:
+    """Linear radiance as grey values 0...1, encoded for the eye with a gamma of 2.2."""
+    shown: np.ndarray = np.clip(image / white, 0, 1) ** (1 / 2.2)
+    return shown
+
+
+def save_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, most_bytes: int) -> None:
+    """Write grey pictures (0...1, all of one size) in rows as JPEG, below ``most_bytes`` if it can be."""
+    height, width = rows[0][0].shape
+    columns = max(len(row) for row in rows)
+    sheet = np.ones((len(rows) * (height + GAP) - GAP, columns * (width + GAP) - GAP))
+    for i, row in enumerate(rows):
+        for j, picture in enumerate(row):
+            y, x = i * (height + GAP), j * (width + GAP)
+            sheet[y : y + height, x : x + width] = picture
+    with replaced(path) as part:
+        for quality in (90, 85, 80, 70, 60, 45):
+            options = {"quality": quality, "optimize": True}
+            imsave(part, sheet, cmap="gray", vmin=0, vmax=1, format="jpg", pil_kwargs=options)
+            if part.stat().st_size <= most_bytes:
+                break

@@ -1,0 +1,166 @@
+"""A scene set up to be looked at: one member of its family before a lens and a film, nothing stored."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from saf_gen import seeds
+from saf_gen.focal_stack import FocalStack, StackSpec
+from saf_gen.keyframes import RigidMotion
+from saf_gen.render import geometry, one_pass, thinlens, variant, world
+from saf_gen.render.film import Film, Setup
+from saf_gen.render.geometry import Geometry
+from saf_gen.render.received import irradiance
+from saf_gen.render.texels import texel_footprints
+from saf_gen.scene import Scene
+
+__all__ = ["Studio"]
+
+SHARP_F_NUMBER = 64.0  # the smallest stop a card may have: nothing is blurred at a camera's pixels
+
+
+class Studio:
+    """The scene as its geometry describes it, at any moment and under any of its light groups.
+
+    film : the sensor's pixels. ``motions`` are those of its shapes, by name.
+
+    Raises BadInput where the scene cannot be built, or the variant cannot run here.
+    """
+
+    motions: dict[str, RigidMotion]
+
+    def __init__(self, scene: Scene, film: Film, *, variant_name: str, max_depth: int = 6) -> None:
+        self.scene, self.film, self.max_depth = scene, film, max_depth
+        self.variant_name = variant.choose(variant_name, variant.probe())
+        variant.use(self.variant_name)
+        self._described = world.build(scene)
+        self.motions = world.motions(scene, self._described)
+        self._loaded = lru_cache(maxsize=4)(self._load)
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether this variant renders position after position."""
+        return self.variant_name == "scalar"
+
+    @property
+    def names(self) -> list[str]:
+        """The entries of the scene, as its geometry names them."""
+        return list(self._described)
+
+    def setup(
+        self,
+        groups: Sequence[str] | None = None,
+        *,
+        time_s: float | None = None,
+        f_number: float | None = None,
+        film: Film | None = None,
+    ) -> Setup:
+        """The scene with these light groups burning (default: all), before its lens.
+
+        Raises BadInput where Mitsuba cannot load it.
+        """
+        lit = tuple(self.scene.card.lights if groups is None else groups)
+        loaded, integrator = self._loaded(lit, self._moment(time_s))
+        to_world, unit_m = world.camera_to_world(self.scene), self.scene.card.unit_m
+        drive = self.scene.drive(f_number)
+        return Setup(loaded, integrator, to_world, drive, film or self.film, unit_m)
+
+    def look(self, *, time_s: float | None = None, passing: bool = False) -> Geometry:
+        """Depth and target; see :func:`saf_gen.render.geometry.look`."""
+        return geometry.look(self.setup(time_s=time_s), self.scene.card.target, passing=passing)
+
+    def bounds(self, name: str | None = None) -> np.ndarray:
+        """Corners (m) of the box round a shape, or round everything: float64 (2, 3), world axes."""
+        return _box_of(self.setup().world, name) * self.scene.card.unit_m
+
+    def rest(self, name: str) -> np.ndarray:
+        """The same of an entry where its geometry places it, before it moves."""
+        setup = self._loaded(tuple(self.scene.card.lights), None)[0]
+        return _box_of(setup, name) * self.scene.card.unit_m
+
+    def stack(
+        self,
+        seen: Geometry,
+        *,
+        positions: int,
+        samples: int,
+        window: tuple[int, int] | None = None,
+        time_s: float | None = None,
+        together: bool = False,
+        run: int = 0,
+    ) -> FocalStack:
+        """The focal stack at evenly spaced positions, or at a window of them; ``run`` names its noise.
+
+        ``together``: all lights at once, as one group of the name 'all'.
+        """
+        card = self.scene.card
+        groups = {"all": tuple(card.lights)} if together else {name: (name,) for name in card.lights}
+        spec = StackSpec(
+            scene=card.id,
+            scene_digest=self.scene.digest,
+            groups=tuple(groups),
+            drive=self.scene.drive(),
+            rows=self.film.rows,
+            columns=self.film.columns,
+            pitch_m=self.film.pitch_m,
+            positions=positions,
+            samples=samples,
+            max_depth=self.max_depth,
+            params=json.dumps(dict(self.scene.params), sort_keys=True),
+            time_s=self._moment(time_s),
+            window=window,
+        )
+        render = thinlens.render_stack if self.is_slow else one_pass.render_stack
+        seed = seeds.integer("studio", replace(spec, time_s=0.0, window=None).key, run)
+        radiance = [
+            render(
+                self.setup(lit, time_s=time_s),
+                positions=positions,
+                samples=samples,
+                window=window,
+                seed=seeds.integer(seed, group),
+            )[0]
+            for group, lit in groups.items()
+        ]
+        return FocalStack(spec, np.stack(radiance), seen.depth, seen.target, self.variant_name)
+
+    def sharp(
+        self, position: float, *, samples: int, time_s: float | None = None, film: Film | None = None
+    ) -> np.ndarray:
+        """Everything sharp, as through a pinhole, at the scale of this position: float32 (row, col)."""
+        setup = self.setup(time_s=time_s, f_number=SHARP_F_NUMBER, film=film)
+        return thinlens.render_at(setup, position=position, samples=samples, seed=1)
+
+    def irradiance(self, group: str, position: float, target: np.ndarray) -> tuple[float, float]:
+        """Irradiance (W m⁻²) of the target by a light group, and its standard error."""
+        return irradiance(self.setup((group,)), position, target)
+
+    def texels(self, position: float, target: np.ndarray) -> np.ndarray:
+        """Size (m) of the finest texels of the target; see :func:`saf_gen.render.texels.texel_footprints`."""
+        return texel_footprints(self.setup(), self.scene.card.target, position, target)
+
+    def _moment(self, time_s: float | None) -> float:
+        return self.scene.card.still_s if time_s is None and self.motions else time_s or 0.0
+
+    def _load(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
+        """``time_s`` None: every shape where its geometry places it."""
+        card = self.scene.card
+        burning = tuple(emitter for group in groups for emitter in card.lights[group])
+        moment = self._described
+        if time_s is not None:
+            moment = world.posed(moment, self.motions, time_s, unit_m=card.unit_m)
+        return world.load(moment, burning, self.max_depth)
+
+
+def _box_of(loaded: Any, name: str | None) -> np.ndarray:
+    """Corners (scene units) of the box round everything, or round the shapes of a name; float64 (2, 3)."""
+    if name is None:
+        boxes = [loaded.bbox()]
+    else:
+        boxes = [shape.bbox() for shape in loaded.shapes() if shape.id() == name]
+    corners = np.array([[box.min, box.max] for box in boxes], dtype=np.float64).reshape(-1, 2, 3)
+    return np.array([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])

@@ -1,0 +1,97 @@
+"""Irradiance of what the camera sees, against closed forms."""
+
+import math
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from saf_gen.optics import ImageDistance
+from saf_gen.render import variant
+from saf_gen.render.film import Film, Setup
+from saf_gen.render.received import irradiance
+
+DRIVE = ImageDistance(0.025, 2.0, (0.6, 0.4))
+FILM = Film(12, 16, 1e-4)
+WHOLE = np.ones((12, 16), dtype=bool)
+
+
+@pytest.fixture(autouse=True, params=["scalar", "llvm"])
+def _variant(request):
+    if request.param == "llvm" and not variant.probe().llvm_usable:
+        pytest.skip(variant.probe().llvm_in_words)
+    variant.use(request.param)
+
+
+def received(shapes, *, depth=4, target=WHOLE, position=0.5):
+    """Irradiance and its error before a lens 0.5 m above the plane z = 0, looking down."""
+    down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5], target=[0, 0, 0], up=[0, 1, 0])
+    loaded = mi.load_dict({"type": "scene", **shapes}, optimize=False)
+    integrator = mi.load_dict({"type": "path", "max_depth": depth})
+    return irradiance(Setup(loaded, integrator, down, DRIVE, FILM), position, target)
+
+
+def plane(**more):
+    at = mi.ScalarTransform4f().scale(2)
+    return {"type": "rectangle", "to_world": at, "bsdf": {"type": "diffuse", "reflectance": 0.3}, **more}
+
+
+def agrees(pair, expected):
+    """Within four standard errors and a percent, which covers where the points lie."""
+    value, error = pair
+    assert error < 0.03 * expected
+    assert value == pytest.approx(expected, abs=4 * error + 0.01 * expected)
+
+
+def test_the_light_of_a_point_falls_as_the_inverse_square_and_the_cosine():
+    lamp = {"type": "point", "position": [0.3, 0, 0.4], "intensity": 2.0}
+    agrees(received({"plane": plane(), "lamp": lamp}), 2.0 * 0.4 / 0.5 / 0.5**2)
+
+
+def test_a_sky_of_radiance_l_gives_pi_l():
+    agrees(received({"plane": plane(), "sky": {"type": "constant", "radiance": 0.7}}), math.pi * 0.7)
+
+
+@pytest.mark.parametrize("surface", ["grey", "null", "none"])
+def test_a_disc_above_gives_pi_l_sin_squared(surface):
+    """E = π·L·R²/(R² + h²) on its axis; the same for a lamp without a surface, as Blender exports them."""
+    down = mi.ScalarTransform4f().translate([0, 0, 0.8]).rotate([1, 0, 0], 180).scale(0.4)
+    lamp = {"type": "disk", "to_world": down, "emitter": {"type": "area", "radiance": 5.0}}
+    if surface != "none":
+        lamp["bsdf"] = {"type": "null"} if surface == "null" else {"type": "diffuse", "reflectance": 0.0}
+    expected = math.pi * 5.0 * 0.4**2 / (0.4**2 + 0.8**2)
+    agrees(received({"plane": plane(), "lamp": lamp}), expected)
+
+
+def test_light_by_way_of_a_wall_counts():
+    """Within a closed white furnace, all of it at radiance L, it receives π·L however long its path."""
+    shell = {
+        "type": "sphere",
+        "radius": 1.5,
+        "flip_normals": True,
+        "bsdf": {"type": "diffuse", "reflectance": 0.5},
+        "emitter": {"type": "area", "radiance": 1.0},
+    }
+    grey = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
+    sheet = {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(0.2), "bsdf": grey}
+    # The shell emits 1 and reflects a half: L = 1 + L/2 on it, where the sheet is small.
+    pair = received({"shell": shell, "sheet": sheet}, depth=40)
+    assert pair[0] == pytest.approx(2 * math.pi, rel=0.03)
+
+
+def test_a_surface_that_lets_light_through_receives_on_both_sides():
+    thin = {"type": "principledthin", "diff_trans": 1.0}
+    sky = {"type": "constant", "radiance": 0.7}
+    agrees(received({"plane": {**plane(), "bsdf": thin}, "sky": sky}), 2 * math.pi * 0.7)
+
+
+def test_only_the_target_counts():
+    """The right half of the picture lies in the shadow of a screen on the ground's edge."""
+    lamp = {"type": "directional", "direction": [0, 0, -1], "irradiance": 3.0}
+    at = mi.ScalarTransform4f().translate([1.0, 0, 0.8]).scale(1.0)
+    screen = {"type": "rectangle", "to_world": at, "bsdf": {"type": "diffuse", "reflectance": 0.0}}
+    left = np.zeros_like(WHOLE)
+    left[:, :8] = True
+    shapes = {"plane": plane(), "lamp": lamp, "screen": screen}
+    values = sorted(received(shapes, target=half)[0] for half in (left, ~left))
+    assert values == pytest.approx([0, 3.0], abs=1e-3)
