@@ -280,7 +280,7 @@ def test_a_coarse_texture_is_told(skeleton, sensor):
 
 
 def planted(signal, noise, seed):
-    """A stack of five positions at 0, 0.25, ...: the picture times ``signal``, and noise of its own."""
+    """Five positions at 0, 0.25, ...: the picture times ``signal`` of each, and noise of its own."""
     random = np.random.default_rng(seed)
     picture = np.random.default_rng(1).standard_normal((200, 200))
     radiance = np.array([3 + s * picture + noise * random.standard_normal((200, 200)) for s in signal])
@@ -457,6 +457,7 @@ def test_a_scene_that_is_not_there_is_bad_input(call, skeleton):
     assert "unknown scene 'mein'" in err
 
 
+@pytest.mark.slow
 def test_a_folder_may_be_named_and_its_script_is_not_run(call, tmp_path, sensor_file):
     shutil.copytree(SCENES / "workbench", tmp_path / "x/workbench")
     code, _, err = call(

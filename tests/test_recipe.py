@@ -45,6 +45,7 @@ def test_a_recipe_is_read_whole(tmp_path):
 @pytest.mark.parametrize("path", sorted(Path("recipes").glob("*.yaml")), ids=lambda p: p.name)
 def test_every_recipe_of_the_project_is_right(path):
     assert read_recipe(path).name == path.stem
+    assert prepare(path).sequences
 
 
 @pytest.mark.parametrize(

@@ -44,8 +44,11 @@ def draw_curves(axes: Axes, stack: FocalStack, sensor: Sensor, truth: float) -> 
     axes.set_xlim(0, 1)
     rows, columns = target_box(stack.target)
     seen = _charge(stack, sensor)[:, rows, columns].astype(np.float64)
+    mean = seen.mean(axis=(1, 2))
+    if not (mean > 0).all():
+        return  # in the dark there is no sharpness
     beside = axes.twinx()
-    beside.plot(stack.spec.focus, seen.var(axis=(1, 2)) / seen.mean(axis=(1, 2)) ** 2, ".-", color=ORANGE)
+    beside.plot(stack.spec.focus, seen.var(axis=(1, 2)) / mean**2, ".-", color=ORANGE)
     beside.set_ylabel("sharpness, variance over mean²", color=ORANGE)
     beside.set_ylim(bottom=0)
 

@@ -36,7 +36,7 @@ def save_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, most_bytes: i
             y, x = i * (height + GAP), j * (width + GAP)
             sheet[y : y + height, x : x + width] = picture
     with replaced(path) as part:
-        for quality in (90, 85, 80, 70, 60, 45):
+        for quality in (90, 85, 80, 70, 60, 45, 30):
             options = {"quality": quality, "optimize": True}
             imsave(part, sheet, cmap="gray", vmin=0, vmax=1, format="jpg", pil_kwargs=options)
             if part.stat().st_size <= most_bytes:

@@ -85,7 +85,7 @@ def _branches(params: dict[str, Any]) -> dict[str, Branch]:
     """The target, others of its tree behind it, twigs near the camera in the corners of the picture."""
     random = np.random.default_rng([int(params["seed"]), 5])
     depth, side = float(params["distance_m"]), float(random.choice([-1.0, 1.0]))
-    rise = float(random.uniform(0.0, 0.30))
+    rise = float(random.uniform(0.1, 0.4))
     made = {
         "target": branches.grow(
             _at(-0.27 * side, random.uniform(-0.03, 0.03) - 0.2 * rise, depth),
