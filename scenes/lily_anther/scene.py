@@ -12,8 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from anther import Anther
-from raster import SIZE_UM, View
-from stain import layers
+from stain import SIZE_UM, View, layers
 
 MM_PER_UM = 1e-3
 BELOW_UM = 5.0  # from the upper sheet to the lower
