@@ -12,7 +12,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from anther import Anther
-from stain import SIZE_UM, View, layers
+from raster import SIZE_UM, View
+from stain import layers
 
 MM_PER_UM = 1e-3
 BELOW_UM = 5.0  # from the upper sheet to the lower
