@@ -194,9 +194,23 @@ class _Watched:
     def frames(self) -> int:
         return self._view.frames
 
+    @property
+    def now(self) -> int:
+        return self._view.now
+
+    @property
+    def readout_hz(self) -> float:
+        return self._view.readout_hz
+
     def score(self, first: int, stop: int) -> float:
         self.asked[first, stop] = score = self._view.score(first, stop)
         return score
+
+    def position(self, frame: int) -> float:
+        return self._view.position(frame)
+
+    def move(self, to: float) -> None:
+        self._view.move(to)
 
 
 def _sequence(

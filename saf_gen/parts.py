@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-__all__ = ["Answer", "Light", "Measure", "Motion", "Search", "View", "wants_halves"]
+__all__ = ["Answer", "Light", "Measure", "Motion", "Search", "View", "commands", "wants_halves"]
 
 
 class Light(Protocol):
@@ -60,33 +60,68 @@ def wants_halves(measure: object) -> bool:
 
 
 class View(Protocol):
-    """What a search may see of a recording: its length and the score of any window. Truth is out of reach."""
+    """The handle that a search gets, on a recording or on a camera that is running. Truth is out of reach.
+
+    Frames are 0-based readouts. On a recording every frame is there at once. Live, a window that ends after
+    ``now`` makes the camera run until then, and the lens moves on meanwhile.
+    """
 
     @property
     def frames(self) -> int:
-        """Frames in the recording."""
+        """Frames that may be looked at: the recording's length; live, the budget."""
+        ...
+
+    @property
+    def now(self) -> int:
+        """Frames that have passed: live, the time; of a recording, the end of the latest window looked at."""
+        ...
+
+    @property
+    def readout_hz(self) -> float:
+        """Frames a second."""
         ...
 
     def score(self, first: int, stop: int) -> float:
-        """The measure's score of the counts in frames ``first <= t < stop`` (0-based, at least one)."""
+        """The measure's score of the counts in frames ``first <= t < stop`` (at least one)."""
         ...
+
+    def position(self, frame: int) -> float:
+        """Where the lens says it was at a frame that has passed, fraction of the travel.
+
+        Live it is what the drive's position sensor reads, noise and all. NaN where it is not recorded.
+        """
+        ...
+
+    def move(self, to: float) -> None:
+        """Command the lens to ``to``, fraction of the travel; returns at once, and the next frames see it go.
+
+        Raises BadInput on a recording, and for a place outside the travel.
+        """
+        ...
+
+
+def commands(search: object) -> bool:
+    """Whether a search commands the lens (class attribute ``commands = True``): it needs a running camera."""
+    return bool(getattr(search, "commands", False))
 
 
 @dataclass(frozen=True)
 class Answer:
     """Where a search says the focus is.
 
-    ``frame`` is 0-based and may be fractional (the centre of a block of frames a...b-1 is (a+b-1)/2);
-    None abstains. ``trace`` holds the steps on the way in the search's own convention, ``note`` one line
-    of what a reader should know (why it abstained, where it stopped).
+    ``frame`` is 0-based and may be fractional (the centre of a block of frames a...b-1 is (a+b-1)/2). A
+    search that commands the lens answers with ``position`` instead, fraction of the travel. With neither it
+    abstains. ``trace`` holds the steps on the way in the search's own convention, ``note`` one line of what
+    a reader should know (why it abstained, where it stopped).
     """
 
-    frame: float | None
+    frame: float | None = None
     trace: tuple[float, ...] = ()
     note: str = ""
+    position: float | None = None
 
 
 class Search(Protocol):
-    """A search: looks at windows of a recording through a view, and answers with a frame."""
+    """A search looks at windows through a view, and answers with a frame, or with a place for the lens."""
 
     def __call__(self, view: View) -> Answer: ...

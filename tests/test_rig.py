@@ -13,7 +13,9 @@ from saf_gen.stream import StreamWriter
 
 
 class InMemory:
-    """A stream of random spikes with the two members that the rig uses; notes what was counted."""
+    """A stream of random spikes with the members that the rig uses; notes what was counted."""
+
+    readout_hz, focus_position = 20_000.0, None
 
     def __init__(self, frames, height, width, *, rate=0.3):
         self.shape = (frames, height, width)
@@ -39,7 +41,7 @@ def windows_of(frames):
 @pytest.mark.parametrize("region", [None, (slice(1, 4), slice(2, 7)), (slice(None), slice(0, 1))])
 @pytest.mark.parametrize("knots", [256, 5, 1])
 def test_counts_are_the_frames_added_up(monkeypatch, frames, region, knots):
-    monkeypatch.setattr(rig, "KNOTS", knots)
+    monkeypatch.setattr(rig.counts, "KNOTS", knots)
     stream = InMemory(frames, 5, 8)
     counts = rig.Counts(stream, region)
     part = stream.spikes[:, *(region or (slice(None), slice(None)))]
@@ -70,7 +72,7 @@ def test_a_window_counted_before_is_not_counted_again_and_cannot_be_changed():
 
 
 def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
-    monkeypatch.setattr(rig, "WINDOW_BYTES", 3 * 4 * 12)
+    monkeypatch.setattr(rig.counts, "WINDOW_BYTES", 3 * 4 * 12)
     counts = rig.Counts(InMemory(500, 3, 4))
     windows = [counts.window(first, first + 10) for first in (0, 10, 20)]
     assert counts.window(0, 10) is windows[0]
@@ -80,8 +82,8 @@ def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
 
 
 def test_sums_at_knots_stay_within_their_memory(monkeypatch):
-    monkeypatch.setattr(rig, "KNOT_BYTES", 10 * 4 * 3600)
-    monkeypatch.setattr(rig, "WINDOW_BYTES", 0)
+    monkeypatch.setattr(rig.counts, "KNOT_BYTES", 10 * 4 * 3600)
+    monkeypatch.setattr(rig.counts, "WINDOW_BYTES", 0)
     counts = rig.Counts(InMemory(6400, 60, 60, rate=0.5))
     counts._stream.counts = lambda *_: np.ones((60, 60), np.uint32)  # what the stream needs is its own
     tracemalloc.start()
@@ -172,3 +174,22 @@ def test_two_hundred_blocks_and_a_fast_search_take_the_time_they_may(tmp_path):
 
     assert min(seconds("argmax") for _ in range(3)) <= 2
     assert min(seconds("sgfs_code") for _ in range(2)) <= 3
+
+
+def test_a_recording_says_what_time_it_is_and_where_the_lens_was(tmp_path):
+    path = tmp_path / "a.h5"
+    frames = np.zeros((400, 8, 8), np.uint8)
+    write_stream(path, frames, readout_hz=10_000, focus_position=np.linspace(0, 1, 400, dtype=np.float32))
+    with open_stream(path) as stream:
+        view = rig.Recording(rig.Counts(stream), get_measure("er_count"))
+        assert (view.frames, view.now, view.readout_hz) == (400, 0, 10_000)
+        view.score(10, 40)
+        view.score(0, 20)
+        assert view.now == 40
+        assert view.position(399) == 1.0
+        with pytest.raises(BadInput, match=r"the lens of a recording cannot be moved to 0\.5.*closed_loop"):
+            view.move(0.5)
+
+
+def test_a_recording_without_a_lens_does_not_know_where_it_was():
+    assert np.isnan(rig.Recording(rig.Counts(InMemory(8, 4, 4)), np.mean).position(3))

@@ -1,22 +1,18 @@
-"""What a search sees of a recording: its length, and the score of any window. The rest is the referee's.
+"""Spike counts of any window of a recording, cheaply.
 
 A search asks for hundreds of windows, often half the recording long, and several methods ask for the same
-ones. :class:`Counts` sums long windows from knots and keeps those already counted. :class:`Recording` is the
-view that one method gets; it keeps the bill.
+ones: long windows are summed from knots, and those already counted are kept.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable
-from time import perf_counter
 
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.parts import wants_halves
 from saf_gen.region import Region, checked_region, checked_window, extent
 from saf_gen.stream import SpikeStream
 
-__all__ = ["Counts", "Recording"]
+__all__ = ["Counts"]
 
 KNOTS = 256
 KNOT_BYTES = 128 << 20
@@ -43,6 +39,7 @@ class Counts:
         self.frames, height, width = stream.shape
         self._stream, self._region = stream, checked_region(region, (height, width))
         self.shape = extent(self._region)
+        self.readout_hz, self.lens = stream.readout_hz, stream.focus_position
         image_bytes = 4 * self.shape[0] * self.shape[1]
         between = max(min(KNOTS, KNOT_BYTES // image_bytes) - 1, 1)
         self._step = 8 * -(-self.frames // (8 * between))
@@ -101,41 +98,3 @@ class Counts:
             first = self._step * knot
             sums[knot + 1] = sums[knot] + self._stream.counts(first, first + self._step, self._region)
         return sums
-
-
-class Recording:
-    """The view of a recording that one method's search gets: see saf_gen.parts.View.
-
-    ``frames_seen`` is the end of the latest window asked for, ``windows`` the number of scores asked for,
-    ``seconds`` the time the measure took. Counting is not in it: how a stream is stored is no merit of a
-    method, and windows already counted are shared.
-    """
-
-    def __init__(self, counts: Counts, measure: Callable[[np.ndarray], float]) -> None:
-        self._counts, self._measure = counts, measure
-        self.frames_seen, self.windows, self.seconds = 0, 0, 0.0
-
-    @property
-    def frames(self) -> int:
-        """Frames in the recording."""
-        return self._counts.frames
-
-    def score(self, first: int, stop: int) -> float:
-        """The measure's score of frames ``first <= t < stop`` (0-based, at least one).
-
-        Raises BadInput for a window outside the recording, and for a score that is no finite number.
-        """
-        count = self._counts.halves if wants_halves(self._measure) else self._counts.window
-        counts = count(first, stop)
-        self.windows += 1
-        self.frames_seen = max(self.frames_seen, int(stop))
-        start = perf_counter()
-        score = float(self._measure(counts))
-        self.seconds += perf_counter() - start
-        if not np.isfinite(score):
-            raise BadInput(
-                f"{type(self._measure).__name__} scores frames {first} to {stop} with {score}",
-                allowed="a finite number for any counts",
-                hint="a measure gives 0.0 where there is no spike",
-            )
-        return score
