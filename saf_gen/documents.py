@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 
 from saf_gen.errors import BadInput, closest
 
-__all__ = ["Document", "Frozen", "read", "read_as"]
+__all__ = ["Document", "Frozen", "parse", "read", "read_as"]
 
 Key = str | int
 Model = TypeVar("Model", bound=BaseModel)
@@ -54,6 +54,15 @@ def read(path: str | Path) -> Document:
         raise BadInput(f"{path} does not exist", nearest=str(path.with_name(near)) if near else "") from None
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path} cannot be read: {error}") from error
+    return parse(text, path)
+
+
+def parse(text: str, path: str | Path) -> Document:
+    """Read YAML text that stands in the file ``path``.
+
+    Raises BadInput for broken YAML, or a key given twice.
+    """
+    path = Path(path)
     lines: dict[tuple[Key, ...], int] = {}
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)

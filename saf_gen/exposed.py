@@ -1,6 +1,6 @@
 """A recording's stacks as charge: what the sensor collects at any frame and focus position.
 
-At most two stacks are in memory, those between which a moving scene is.
+Unless told to keep more, at most two stacks are in memory, those between which a moving scene is.
 """
 
 import numpy as np
@@ -14,12 +14,15 @@ __all__ = ["Exposed"]
 class Exposed:
     """Footage in front of a sensor, in photo-electrons a readout at gain 1.
 
-    ``scale`` multiplies the light (the exposure): 1 at first, and may be set at any time.
+    ``scale`` multiplies the light (the exposure): 1 at first, and may be set at any time. ``rows``: of these
+    rows of the sensor alone. ``keep_bytes``: keep more than two stacks in memory while they take no more.
     """
 
-    def __init__(self, footage: Footage, sensor: Sensor) -> None:
+    def __init__(
+        self, footage: Footage, sensor: Sensor, *, rows: slice | None = None, keep_bytes: int = 0
+    ) -> None:
         self.reel, self.sensor, self.scale = footage.reel, sensor, 1.0
-        self._footage = footage
+        self._footage, self._rows, self._keep_bytes = footage, rows, keep_bytes
         # Plain dictionaries: an lru_cache over a method would keep both, and the stacks, until a collection.
         self._charges: dict[int, np.ndarray] = {}
         self._sums: dict[int, np.ndarray] = {}
@@ -74,27 +77,27 @@ class Exposed:
     def _charge(self, j: int) -> np.ndarray:
         """Charge float32 (light, focus, row, col) of stack j, before the exposure."""
         if j not in self._charges:
-            _make_room(self._charges)
+            self._make_room(self._charges)
             stack = self._footage.stack(j)
             drive = stack.spec.drive
-            self._charges[j] = charge_stack(
+            charge = charge_stack(
                 stack.radiance,
                 drive.image_distance(stack.spec.focus),
                 drive.aperture_radius_m,
                 self.sensor,
                 transmission=drive.transmission,
             )
+            self._charges[j] = charge if self._rows is None else charge[:, :, self._rows].copy()
         return self._charges[j]
 
     def _summed(self, j: int) -> np.ndarray:
         """The same with all light groups as one."""
         if j not in self._sums:
-            _make_room(self._sums)
+            self._make_room(self._sums)
             self._sums[j] = self._charge(j).sum(axis=0, keepdims=True)
         return self._sums[j]
 
-
-def _make_room(kept: dict[int, np.ndarray]) -> None:
-    """Let go of all but the latest: of a scene that moves two stacks are needed at a time."""
-    while len(kept) > 1:
-        del kept[next(iter(kept))]
+    def _make_room(self, kept: dict[int, np.ndarray]) -> None:
+        """Let go of the oldest but one: of a scene that moves two stacks are needed at a time."""
+        while len(kept) > 1 and sum(charge.nbytes for charge in kept.values()) > self._keep_bytes:
+            del kept[next(iter(kept))]

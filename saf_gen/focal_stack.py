@@ -16,7 +16,7 @@ import numpy as np
 from saf_gen import exr
 from saf_gen.errors import BadInput
 from saf_gen.files import replaced
-from saf_gen.optics import Drive
+from saf_gen.optics import Drive, drive_from
 
 __all__ = ["FocalStack", "StackSpec", "StackStore"]
 
@@ -54,6 +54,27 @@ class StackSpec:
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain data, the drive with its kind."""
         return {**asdict(self), "drive": self.drive.as_dict()}
+
+    @classmethod
+    def stored(cls, root: Path, key: str) -> "StackSpec":
+        """The spec of the stack ``key`` that lies under ``root``.
+
+        Raises BadInput where there is none, or its note is damaged.
+        """
+        path = root / key / "geometry.json"
+        try:
+            said = json.loads(path.read_text())["spec"]
+            window = said.pop("window")
+            told = {"drive": drive_from(said.pop("drive")), "groups": tuple(said.pop("groups"))}
+            spec = cls(**said, **told, window=None if window is None else tuple(window))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise BadInput(
+                f"there is no focal stack {key} under {root}",
+                hint="keep stacks/ beside the streams, or run saf-gen generate again",
+            ) from error
+        if spec.key != key:
+            raise BadInput(f"{path} tells of another stack, {spec.key}", hint="run saf-gen generate again")
+        return spec
 
     @property
     def focus(self) -> np.ndarray:

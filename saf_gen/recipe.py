@@ -83,13 +83,15 @@ class Render(Frozen):
     """Monte Carlo samples a pixel at each focus position, and the longest light path in segments.
 
     A scene that moves is rendered in time slices: ``slice_samples`` a pixel each (a quarter of ``samples``
-    where not given) and ``slices_per_s`` in place of what the scene's card says.
+    where not given) and ``slices_per_s`` in place of what the scene's card says. A slice holds the positions
+    that the recorded lens passes then; with ``whole_slices`` all of them, which the closed-loop track needs.
     """
 
     samples: int = Field(ge=1, le=65_536)
     max_depth: int = Field(default=6, ge=2, le=64)
     slice_samples: int | None = Field(default=None, ge=1, le=65_536)
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
+    whole_slices: bool = False
 
     @property
     def samples_a_slice(self) -> int:

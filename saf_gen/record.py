@@ -70,6 +70,7 @@ class Recorder:
                 **self.provenance,
                 "fingerprint": fingerprint,
                 "sequence": json.dumps(asdict(sequence), indent=1),
+                "exposure": json.dumps({"scale": exposed.scale, "device_seed": self.device_seed}),
                 "stack": "\n".join(spec.key for spec in reel.specs),
                 "stack_digest": footage.digest,
                 "variant": footage.variant,

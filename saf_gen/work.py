@@ -54,8 +54,9 @@ class Work:
         position = readout_positions(sequence.motion, self.recipe.camera.frames, hz)
         at = moments(position.size, hz, a_second)
         samples = self.recipe.render.samples_a_slice
+        whole = self.recipe.render.whole_slices
         slices = [
-            replace(spec, samples=samples, time_s=frame / hz, window=window)
+            replace(spec, samples=samples, time_s=frame / hz, window=None if whole else window)
             for frame, window in zip(at, windows(position, at, spec.positions), strict=True)
         ]
         return Reel(at, tuple(slices))

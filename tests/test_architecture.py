@@ -17,15 +17,16 @@ FLOORS = (
     ("world", "optics keyframes scene scene_xml lights motions render exr focal_stack reel"),
     ("camera", "camera"),
     ("contract", "bits slabs metadata stream dataset"),
+    ("film", "exposed truth take"),
     (
         "work",
-        "cluster exposed truth record jobs card preview checks skeleton gallery work generate "
+        "cluster record jobs card preview checks skeleton gallery work generate "
         "methods rig scores evaluate measures searches",
     ),
     ("publication", "leaderboard figures report interop inspection machine bench cli __main__"),
 )
 FLOOR = {name: i for i, (_, names) in enumerate(FLOORS) for name in names.split()}
-GENERATE = set("cluster exposed truth record jobs card preview checks skeleton gallery work generate".split())
+GENERATE = set("cluster record jobs card preview checks skeleton gallery work generate".split())
 EVALUATE = {"methods", "rig", "scores", "evaluate", "measures", "searches"}
 DOORS = {
     "mitsuba": {"render"},

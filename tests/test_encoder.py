@@ -250,6 +250,25 @@ def test_the_number_of_threads_does_not_matter(threads):
     )
 
 
+@pytest.mark.parametrize("rows", [slice(0, 5), slice(4, 9), slice(20, None), slice(None)])
+def test_some_rows_fire_as_they_do_in_the_whole(rows):
+    """48 columns: blocks of 64 pixels begin in every fourth row."""
+    stack, index, fraction, gain = schedule(shape=(23, 48))
+    sensor = get_sensor("vidar_400x250")
+    whole = Encoder(sensor, (23, 48), 11).encode(stack, index, fraction, gain)
+    some = Encoder(sensor, (23, 48), 11, rows=rows)
+    parts = [
+        some.encode(stack[:, :, rows], index[t], fraction[t], gain[t]) for t in (slice(200), slice(200, None))
+    ]
+    assert np.array_equal(np.concatenate(parts, axis=-1), whole[rows])
+
+
+@pytest.mark.parametrize("rows", [slice(3, 9), slice(5, 5)])
+def test_rows_begin_where_a_block_of_noise_does(rows):
+    with pytest.raises(BadInput, match="a multiple of 4"):
+        Encoder(get_sensor("vidar_400x250"), (23, 48), 11, rows=rows)
+
+
 DIGEST = "8a755ee72ea28a462ef0cffdc2717821a6eae923cb5fac8cd8e0745d97b4ab15"
 
 

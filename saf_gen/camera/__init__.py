@@ -7,10 +7,12 @@ from saf_gen.camera.exposure import (
     exposure_scale,
     irradiance_per_radiance,
 )
+from saf_gen.camera.noise import LANES
 from saf_gen.camera.response import fixed_pattern
-from saf_gen.camera.sensor import Sensor, get_sensor, is_sensor_file, sensor_names
+from saf_gen.camera.sensor import Sensor, get_sensor, is_sensor_file, sensor_from_text, sensor_names
 
 __all__ = [
+    "LANES",
     "Encoder",
     "Sensor",
     "charge_stack",
@@ -22,5 +24,6 @@ __all__ = [
     "irradiance_per_radiance",
     "is_sensor_file",
     "knot_weights",
+    "sensor_from_text",
     "sensor_names",
 ]

@@ -17,10 +17,11 @@ Source: T. Huang et al., 1000x faster camera and machine vision with ordinary de
 
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from math import gcd
 
 import numpy as np
 
-from saf_gen.camera.kernel import advance
+from saf_gen.camera.kernel import BLOCK_STRIDE, advance
 from saf_gen.camera.noise import LANES, SIZE, noise_table
 from saf_gen.camera.response import fixed_pattern
 from saf_gen.camera.sensor import Sensor, get_sensor
@@ -77,6 +78,7 @@ class Encoder:
     shape : (rows, columns) of the array to simulate.
     seed : names phases and noise (one recording).
     device_seed : names the fixed pattern (one device); ``seed`` where not given.
+    rows : record these rows of the array alone; they fire as they do in the whole.
     threads : at most so many; one for each core this process may use where not given.
     """
 
@@ -87,6 +89,7 @@ class Encoder:
         seed: int,
         *,
         device_seed: int | None = None,
+        rows: slice | None = None,
         threads: int | None = None,
     ) -> None:
         if len(shape) != 2 or min(shape) < 1:
@@ -104,6 +107,23 @@ class Encoder:
         phase = generator("encoder", seed, "phases").random(size, dtype=np.float32)
         self._state[0] = phase * self._state[1]
         self._threads = threads or cores()
+        if rows is not None:
+            self._keep(rows)
+
+    def _keep(self, rows: slice) -> None:
+        """Forget all rows but these. Noise is named by block of pixels: the first row must begin one."""
+        width = self.shape[1]
+        first, last, _ = rows.indices(self.shape[0])
+        if first >= last or first * width % LANES:
+            raise BadInput(
+                f"the rows are {rows}",
+                allowed=f"at least one, the first of them a multiple of {LANES // gcd(width, LANES)}",
+            )
+        pixels = slice(first * width, last * width)
+        self.shape = last - first, width
+        self._key = np.uint64((int(self._key) + first * width // LANES * BLOCK_STRIDE) % 2**64)
+        self._response = self._response[pixels].copy()
+        self._fixed, self._state = self._fixed[:, pixels].copy(), self._state[:, pixels].copy()
 
     @property
     def frames(self) -> int:

@@ -15,12 +15,15 @@ from numba import njit
 
 from saf_gen.camera.noise import LANES, SIZE
 
-__all__ = ["advance"]
+__all__ = ["BLOCK_STRIDE", "advance"]
+
+BLOCK_STRIDE = 0xD1342543DE82EF95  # a block of pixels adds this to the key of its noise
 
 U = np.uint64
 ZERO, ONE, EIGHT, MASK = U(0), U(1), U(8), U(SIZE - 1)
 _, L, L2, L3, L4, L5, L6, L7 = (U(i * LANES) for i in range(8))  # the second row of lanes, the third, ...
 HELD, THRESHOLD, SHARE, DARK, MEAN, SD, CAP = (U(i * LANES) for i in range(7))
+STRIDE = U(BLOCK_STRIDE)
 NOTHING = np.float32(-1e30)
 
 
@@ -123,7 +126,7 @@ def advance(
                 lane[j * L + i] = state[j, start + i]
             for j in range(U(4)):
                 lane[DARK + j * L + i] = fixed[j, start + i]
-        block_key = _mixed(U(key) + block * U(0xD1342543DE82EF95))
+        block_key = _mixed(U(key) + block * STRIDE)
         knot = np.int64(-1)
         for group in range(groups_of_eight):
             count = min(EIGHT, frames - group * EIGHT)

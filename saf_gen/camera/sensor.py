@@ -6,10 +6,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from saf_gen.documents import read
+from saf_gen.documents import Document, parse, read
 from saf_gen.errors import BadInput, closest, unknown
 
-__all__ = ["Noise", "Sensor", "get_sensor", "is_sensor_file", "sensor_names"]
+__all__ = ["Noise", "Sensor", "get_sensor", "is_sensor_file", "sensor_from_text", "sensor_names"]
 
 _FOLDER = Path(__file__).parent / "sensors"
 
@@ -162,20 +162,31 @@ def get_sensor(name: str | Path, **changes: Any) -> Sensor:
         path = _FOLDER / f"{name}.yaml"
     else:
         raise unknown("sensor", name, sensor_names(), hint="or give the path of a .yaml file")
-    document = read(path)
-    if not isinstance(document.data, dict):
-        raise BadInput("the file holds no keys", where=str(path), allowed=", ".join(_names(Sensor)))
-    card: dict[str, Any] = document.data
-    _check_keys("sensor key", card, Sensor, document.where)
-    for key, value in card.items():
-        _check(key, value, document.where(key))
-    _check_keys("noise term", card["noise"], Noise, lambda term: document.where("noise", term))
-    sensor = Sensor(**card | {"noise": Noise(**card["noise"]), "sources": tuple(card["sources"])})
+    sensor = _from_document(read(path))
     _check_keys("sensor key", changes, Sensor, lambda key: f"sensor {name}", missing=False)
     switches = changes.pop("noise", {})
     if isinstance(switches, Noise):
         switches = asdict(switches)
     return replace(sensor.with_noise(**switches), **changes)
+
+
+def sensor_from_text(text: str, where: str | Path) -> Sensor:
+    """A sensor from the text of a sensor file, as every stream holds one; ``where`` is for messages.
+
+    Raises BadInput as :func:`get_sensor` does.
+    """
+    return _from_document(parse(text, where))
+
+
+def _from_document(document: Document) -> Sensor:
+    if not isinstance(document.data, dict):
+        raise BadInput("the file holds no keys", where=str(document.path), allowed=", ".join(_names(Sensor)))
+    card: dict[str, Any] = document.data
+    _check_keys("sensor key", card, Sensor, document.where)
+    for key, value in card.items():
+        _check(key, value, document.where(key))
+    _check_keys("noise term", card["noise"], Noise, lambda term: document.where("noise", term))
+    return Sensor(**card | {"noise": Noise(**card["noise"]), "sources": tuple(card["sources"])})
 
 
 def _names(cls: type) -> list[str]:

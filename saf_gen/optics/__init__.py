@@ -3,12 +3,21 @@
 All lengths in metres; a position is the fraction 0...1 of a drive's travel.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 from saf_gen.optics._drive import Drive
 from saf_gen.optics.focal_length import FocalLength
 from saf_gen.optics.image_distance import ImageDistance
 from saf_gen.optics.stage import Stage
 
-__all__ = ["DRIVES", "Drive", "FocalLength", "ImageDistance", "Stage"]
+__all__ = ["DRIVES", "Drive", "FocalLength", "ImageDistance", "Stage", "drive_from"]
 
 DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in (ImageDistance, FocalLength, Stage)}
 """The class of each kind of drive."""
+
+
+def drive_from(said: Mapping[str, Any]) -> Drive:
+    """The drive that :meth:`Drive.as_dict` told of, after JSON too. Else KeyError or TypeError."""
+    numbers = {key: tuple(v) if isinstance(v, list) else v for key, v in said.items() if key != "kind"}
+    return DRIVES[said["kind"]](**numbers)

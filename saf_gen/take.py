@@ -1,0 +1,101 @@
+"""A recorded sequence that can be filmed again: the lens moved otherwise, everything else as it was.
+
+Light is linear and the stacks hold every focus position, so a camera that runs while a method moves its lens
+needs no renderer: the stacks, the light of each readout, the sensor and the seeds of the recording do.
+"""
+
+import json
+from dataclasses import dataclass
+from math import gcd
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.camera import LANES, Encoder, Sensor, sensor_from_text
+from saf_gen.errors import BadInput
+from saf_gen.exposed import Exposed
+from saf_gen.focal_stack import StackSpec
+from saf_gen.reel import Footage, Reel
+from saf_gen.stream import SpikeStream, Truth
+
+__all__ = ["Take"]
+
+KEEP_BYTES = 1 << 30  # of a moving scene's stacks: methods go through them one after the other
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """What was in front of the lens, and the camera.
+
+    ``gain`` float32 (T, G): the light of each readout; ``exposure`` multiplies it. ``seed`` names the noise
+    of the recording, ``device_seed`` the fixed pattern.
+    """
+
+    footage: Footage
+    sensor: Sensor
+    gain: np.ndarray
+    exposure: float
+    seed: int
+    device_seed: int
+    truth: Truth
+
+    @property
+    def frames(self) -> int:
+        """Readouts for which light and motion are known."""
+        return len(self.gain)
+
+    @classmethod
+    def of(cls, stream: SpikeStream, stacks: Path) -> "Take":
+        """The take behind a stream, from the stacks that it was made of.
+
+        Raises BadInput where the stream was not made by `saf-gen generate`, or the stacks are gone, are
+        others, or hold only the positions that the recorded sweep passed.
+        """
+        said, where = stream.metadata.provenance, str(stream.path)
+        try:
+            keys = said["stack"].split("\n")
+            exposure, seed = json.loads(said["exposure"]), int(json.loads(said["sequence"])["seed"])
+            sensor = sensor_from_text(said["sensor"], f"{where} /provenance/sensor")
+            scale, device = float(exposure["scale"]), int(exposure["device_seed"])
+            gain = np.asarray(stream.metadata.gain, dtype=np.float32)  # TypeError where there is none
+        except (KeyError, ValueError, TypeError) as error:
+            raise BadInput(
+                "the stream does not tell how to film it again",
+                where=where,
+                allowed="streams of a dataset, for the closed-loop track",
+                hint="remove it and run saf-gen generate again, or use --track recorded",
+            ) from error
+        specs = tuple(StackSpec.stored(stacks, key) for key in keys)
+        if any(spec.rendered != spec.positions for spec in specs):
+            raise BadInput(
+                "its time slices hold only the positions that the recorded sweep passed",
+                where=where,
+                hint="set render: {whole_slices: true} in the recipe and generate it into another folder",
+            )
+        moments = (0,) if len(specs) == 1 else tuple(round(s.time_s * stream.readout_hz) for s in specs)
+        footage = Footage.stored(Reel(moments, specs), stacks)
+        if footage.digest != said["stack_digest"]:
+            raise BadInput(
+                f"the focal stacks under {stacks} are not those it was made from",
+                where=where,
+                hint="run saf-gen generate again",
+            )
+        return cls(footage, sensor, gain, scale, seed, device, stream.truth)
+
+    @property
+    def rows_step(self) -> int:
+        """Rows from which an encoder may begin: multiples of this."""
+        return LANES // gcd(self.sensor.columns, LANES)
+
+    def exposed(self, rows: slice | None = None) -> Exposed:
+        """What the sensor collects, in these rows (None: all). One may serve many runs."""
+        exposed = Exposed(self.footage, self.sensor, rows=rows, keep_bytes=KEEP_BYTES)
+        exposed.scale = self.exposure
+        return exposed
+
+    def encoder(self, rows: slice | None = None, *, threads: int | None = None) -> Encoder:
+        """The camera at rest before the first readout, with the noise of the recording."""
+        shape = self.sensor.rows, self.sensor.columns
+        return Encoder(
+            self.sensor, shape, self.seed, device_seed=self.device_seed, rows=rows, threads=threads
+        )

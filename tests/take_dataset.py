@@ -1,0 +1,45 @@
+"""A dataset that can be filmed again: the chequered plane of the tests, still and coming nearer."""
+
+import shutil
+from pathlib import Path
+
+from small import HERE, SCENES
+
+from saf_gen.generate import generate
+from saf_gen.render import variant
+from saf_gen.work import prepare
+
+MOTION = """
+motion:
+  plane: {keyframes: [{time_s: 0}, {time_s: 0.04, translate_m: [0.002, 0, -0.04]}]}
+slices_per_s: 250
+still_s: 0.02
+"""
+RECIPE = f"""\
+name: takes
+seed: 3
+camera: {{sensor: {HERE / "small_sensor.yaml"}, frames: 800, exposure: {{mean_rate: 0.2}}}}
+focus: {{positions: 9}}
+render: {{samples: 16, max_depth: 3, slice_samples: 16, whole_slices: true}}
+lights:
+  constant: {{kind: constant}}
+  lamp_only: {{lamp: {{kind: ramp, from: 0.5, to: 2.0}}}}
+splits:
+  test: {{scenes: [plane], lights: [constant, lamp_only], scene_motion: [static, dynamic]}}
+"""
+
+
+def make(folder: Path, monkeypatch, recipe: str = RECIPE) -> Path:
+    """Generate it below ``folder``; gives the dataset's folder."""
+    scenes = folder / "scenes"
+    shutil.copytree(SCENES / "plane", scenes / "plane")
+    with (scenes / "plane" / "scene.yaml").open("a") as card:
+        card.write(MOTION)
+    path = folder / "takes.yaml"
+    path.write_text(recipe)
+    monkeypatch.setenv("SAF_GEN_SCENES", str(scenes))
+    outcome = generate(
+        prepare(path), folder / "takes", variant="llvm" if variant.probe().llvm_usable else "scalar"
+    )
+    assert outcome.failed == {}
+    return outcome.folder
