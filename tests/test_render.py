@@ -53,7 +53,8 @@ def test_one_pass_agrees_with_mitsubas_thin_lens(plane, drive):
 def test_every_position_gets_the_samples_asked_for(plane, drive):
     """On the film and within the aperture: 50 a pixel, fewer only as a picture grows (v²). Within 1 %."""
     setup, landed = loaded(plane, drive=drive), np.zeros(5)
-    for _, paths in one_pass._trace(setup, np.linspace(0, 1, 5), 50, 1):
+    for _, band in one_pass._trace(setup, np.linspace(0, 1, 5), 50, 1):
+        paths = band.on_host()
         for k in range(5):
             x, y = paths.first_x + k * paths.step_x, paths.first_y + k * paths.step_y
             counts = (x >= 0) & (x < setup.film.columns) & (y >= 0) & (y < setup.film.rows)

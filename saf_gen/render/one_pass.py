@@ -10,18 +10,18 @@ unbiased.
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numba as nb
 import numpy as np
 
 from saf_gen import seeds
 from saf_gen.optics import Drive
-from saf_gen.render import splat
+from saf_gen.render.device_splat import DeviceSums
 from saf_gen.render.film import Setup, rendered
 from saf_gen.render.samples import coverage, spread
+from saf_gen.render.splat import VALUE_BITS, HostSums, Paths
 
 __all__ = ["render_stack"]
 
@@ -37,24 +37,38 @@ def render_stack(
     seed: int,
     window: tuple[int, int] | None = None,
     progress: Callable[[float], None] = lambda done: None,
+    on_device: bool | None = None,
 ) -> tuple[np.ndarray, int]:
     """Mean radiance at evenly spaced positions, float32 (focus, row, col), in one pass over the scene.
 
     ``positions`` lie over the whole travel; ``window``, where given, is the first and the last of them to
     render. Returns the stack with the number of paths that were clipped as fireflies, of all that were
-    traced. ``progress`` is told the share done, 0...1. Needs a JIT variant (llvm or cuda).
+    traced. ``progress`` is told the share done, 0...1. ``on_device`` splats on the device that traces, by
+    default under cuda only; the stack is the same bit for bit. Sums that do not fit there are made in bands
+    of rows, and the paths traced again for each. Needs a JIT variant (llvm or cuda).
     """
-    film = setup.film
     focus = rendered(positions, window)
     scale, most = _fixed_point(setup, focus, samples, seed)
-    sums = splat.accumulators(nb.get_num_threads(), (focus.size, film.rows, film.columns))
-    clipped = 0
-    for done, paths in _trace(setup, focus, samples, seed):
-        line = (paths.first_x, paths.first_y, paths.step_x, paths.step_y)
-        counting = (paths.begin, paths.end)
-        clipped += int(splat.splat(sums, *line, paths.radiance, scale, most, *counting))
-        progress(done)
-    return splat.resolve(sums, scale), clipped
+    kind = _kind(on_device)
+    shape = (focus.size, setup.film.rows, setup.film.columns)
+    bands = kind.bands(shape)
+
+    def part(n: int) -> tuple[np.ndarray, int]:
+        sums, clipped = kind(shape, bands[n], scale, most), 0
+        for done, paths in _trace(setup, focus, samples, seed):
+            clipped += sums.add(paths)
+            progress((n + done) / len(bands))
+        return sums.stack(), clipped
+
+    stacks, clipped = zip(*map(part, range(len(bands))), strict=True)
+    # Every band saw the same paths, so the same were clipped.
+    return stacks[0] if len(stacks) == 1 else np.concatenate(stacks, axis=1), clipped[0]
+
+
+def _kind(on_device: bool | None) -> type[DeviceSums | HostSums]:
+    if on_device is None:
+        on_device = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
+    return DeviceSums if on_device else HostSums
 
 
 def _fixed_point(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> tuple[float, float]:
@@ -65,27 +79,15 @@ def _fixed_point(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> tu
     """
     brightest = 0.0
     for _, paths in _trace(setup, focus, 1, seeds.integer(seed, "trial")):
-        brightest = max(brightest, float(paths.radiance.max()))
+        brightest = max(brightest, float(dr.max(paths.radiance)[0]))
     most = 64 * brightest if brightest > 0 else 1.0
-    return 2.0**splat.VALUE_BITS / (4 * samples * most), most
-
-
-class Paths(NamedTuple):
-    """Traced paths, as :func:`splat.splat` takes them; no window where all count at every position."""
-
-    first_x: np.ndarray
-    first_y: np.ndarray
-    step_x: np.ndarray
-    step_y: np.ndarray
-    radiance: np.ndarray
-    begin: np.ndarray | None = None
-    end: np.ndarray | None = None
+    return 2.0**VALUE_BITS / (4 * samples * most), most
 
 
 def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator[tuple[float, Paths]]:
     """Trace band after band of rows, for these positions (at least two, evenly spaced).
 
-    Yields the share done, 0...1, and the paths of the band.
+    Yields the share done, 0...1, and the paths of the band, evaluated arrays of Dr.Jit.
     """
     drive, film, units = setup.drive, setup.film, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
@@ -135,7 +137,7 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
         if moves:
             paths += _window(mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b), drive, focus.size)
         dr.eval(*paths)
-        yield (begin + count) / rows, Paths(*(p.numpy() for p in paths))
+        yield (begin + count) / rows, Paths(*paths)
 
 
 def _line(setup: Setup, focus: np.ndarray, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:

@@ -11,15 +11,66 @@ however many cores made it. Positions lie innermost: the pixels of a blur disc a
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numba as nb
 import numpy as np
 
-__all__ = ["COUNT_BITS", "VALUE_BITS", "accumulators", "resolve", "splat"]
+__all__ = ["COUNT_BITS", "NEVER", "VALUE_BITS", "HostSums", "Paths", "accumulators", "resolve", "splat"]
 
 COUNT_BITS = 20
 VALUE_BITS = 63 - COUNT_BITS
 ACCUMULATOR_BYTES = 1 << 30
+NEVER = np.float32(1e9)  # positions
+
+
+class Paths(NamedTuple):
+    """Traced paths, arrays of Dr.Jit or numpy; no window where all count at every position.
+
+    first_x, first_y : float32 (path,), where each path meets the sensor at position 0, in pixels.
+    step_x, step_y : float32 (path,), how far it moves from one position to the next, in pixels.
+    radiance : float32 (path,).
+    begin, end : int32 (path,), each path counts at positions begin <= k < end; None: at all of them.
+    """
+
+    first_x: Any
+    first_y: Any
+    step_x: Any
+    step_y: Any
+    radiance: Any
+    begin: Any = None
+    end: Any = None
+
+    def on_host(self) -> "Paths":
+        """The same of Dr.Jit's as numpy arrays; without a copy where the device is the host (LLVM)."""
+        return Paths(*(array if array is None else array.numpy() for array in self))
+
+
+class HostSums:
+    """Sums of a band of rows of the film, added to by the cores.
+
+    shape : (focus, row, col) of the whole stack. band : first row and the one after the last, here always
+    all. scale, most : as :func:`splat` takes them.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], scale: float, most: float) -> None:
+        self.sums = accumulators(nb.get_num_threads(), shape)
+        self.scale, self.most = scale, most
+
+    @staticmethod
+    def bands(shape: tuple[int, int, int]) -> list[tuple[int, int]]:
+        """The whole film: where memory is short there are fewer accumulators, not parts of one."""
+        return [(0, shape[1])]
+
+    def add(self, paths: Paths) -> int:
+        """Add paths (Dr.Jit arrays); the number of clipped samples among them."""
+        host = paths.on_host()
+        line = (host.first_x, host.first_y, host.step_x, host.step_y)
+        return int(splat(self.sums, *line, host.radiance, self.scale, self.most, host.begin, host.end))
+
+    def stack(self) -> np.ndarray:
+        """Mean radiance, float32 (focus, row, col)."""
+        return resolve(self.sums, self.scale)
 
 
 def accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
@@ -30,9 +81,6 @@ def accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
     focus, rows, columns = shape
     workers = max(1, min(workers, ACCUMULATOR_BYTES // (8 * focus * rows * columns)))
     return np.zeros((workers, rows, columns, focus), dtype=np.int64)
-
-
-NEVER = np.float32(1e9)
 
 
 @nb.njit(nogil=True, cache=True)
