@@ -1,9 +1,11 @@
 # Two commands for a newcomer: `make demo` (recipe to leaderboard) and `make test`.
-# Both set up .venv by themselves; nothing is installed outside it but libllvm19, where apt may.
+# Both set up .venv by themselves; nothing is installed outside it but libllvm19, and chromium for the tests,
+# where apt may.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+BROWSER := $(VENV)/.browser
 
 .PHONY: help install demo test test-fast lint clean
 help:
@@ -31,11 +33,15 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test: lint
-	$(BIN)/pytest -m 'not gpu and not browser' --durations=10
+$(BROWSER): $(STAMP) tools/install-chromium.sh
+	@sh tools/install-chromium.sh
+	@touch $@
+
+test: lint $(BROWSER)
+	$(BIN)/pytest -m 'not gpu' -rs --durations=10
 
 test-fast: lint
 	$(BIN)/pytest
 
 clean:
-	rm -rf datasets/quickstart .pytest_cache .mypy_cache .ruff_cache
+	rm -rf datasets/quickstart $(BROWSER) .pytest_cache .mypy_cache .ruff_cache

@@ -65,8 +65,8 @@ class StackSpec:
         try:
             said = json.loads(path.read_text())["spec"]
             window = said.pop("window")
-            told = {"drive": drive_from(said.pop("drive")), "groups": tuple(said.pop("groups"))}
-            spec = cls(**said, **told, window=None if window is None else tuple(window))
+            said |= {"drive": drive_from(said["drive"]), "groups": tuple(said["groups"])}
+            spec = cls(**said, window=None if window is None else tuple(window))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise BadInput(
                 f"there is no focal stack {key} under {root}",

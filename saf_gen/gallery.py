@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,29 @@ import numpy as np
 from saf_gen.camera import Sensor
 from saf_gen.dataset import write_text
 from saf_gen.errors import BadInput
-from saf_gen.preview import Sheet, encoded, save_grid, sheet_of, white_of
+from saf_gen.preview import encoded, glimpses, save_grid, white_of
 from saf_gen.ranges import ends, is_range
-from saf_gen.scene import Scene
+from saf_gen.render.film import Film
+from saf_gen.render.geometry import Geometry
+from saf_gen.render.studio import Studio
+from saf_gen.scene import Card, Scene
 
 __all__ = ["write_gallery"]
 
-MOST_BYTES = 150_000
-HEAD = """# Scenes
+MOST_BYTES = 100_000  # of a picture: it is cloned with the project
+SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 32, 4, 24  # a pixel of the pictures; of the small ones
+GLIMPSES = 3  # members, and moments
+HEAD = f"""# Scenes
 
-Each picture has in its first row one end of the lens's travel, the true focus of the target, and the other
-end. A second row has members of the scene's family, drawn at random; the last row of a scene that moves has
-moments of a second. Made by `saf-gen scenes gallery`.
+The upper row of a picture has one end of the lens's travel, the true focus of the target, and the other
+end. Below are members of the scene's family, drawn at random, and of a scene that moves the first moment of a
+second, its middle and its end. It is what the camera sees; a file has at most {MOST_BYTES // 1000} kB.
+
+This page is made by one command, and made again when a scene has changed:
+
+```
+saf-gen scenes gallery
+```
 """
 
 
@@ -41,41 +53,60 @@ def write_gallery(
     for scene in scenes:
         progress(scene.id)
         try:
-            sheet = sheet_of(scene, sensor, variant=variant, smaller=1)
+            view = _View.of(scene, sensor, variant)
         except BadInput as problem:
             failed[scene.id] = problem
             continue
         picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
-        save_grid(_rows(sheet), picture, most_bytes=MOST_BYTES)
-        parts.append(_section(scene, sheet, picture.relative_to(folder), folder))
+        save_grid(view.rows, picture, most_bytes=MOST_BYTES)
+        parts.append(_section(scene, view, picture.relative_to(folder), folder))
     page = folder / "scenes.md"
     write_text(page, "\n".join(parts))
     return page, failed
 
 
-def _rows(sheet: Sheet) -> list[list[np.ndarray]]:
-    image, focus = sheet.stack.radiance.sum(axis=0), sheet.stack.spec.focus
-    best = int(np.abs(focus - np.nan_to_num(sheet.truth, nan=0.5)).argmin())
-    white = white_of(image[best])
-    rows = [[encoded(image[k], white) for k in (0, best, len(focus) - 1)]]
-    others = [encoded(picture, white_of(picture)) for _, picture in sheet.glimpses]
-    return rows + [others[n : n + 3] for n in range(0, len(others), 3)]
+@dataclass(frozen=True)
+class _View:
+    """Grey pictures in rows, 0...1, and where the target is: pixels, depth, true focus (NaN out of sight)."""
+
+    rows: list[list[np.ndarray]]
+    seen: Geometry
+    truth: float
+
+    @classmethod
+    def of(cls, scene: Scene, sensor: Sensor, variant: str) -> "_View":
+        studio = Studio(scene, Film(sensor.rows, sensor.columns, sensor.pitch_m), variant_name=variant)
+        seen = studio.look(passing=True)
+        depths = seen.depth[seen.target]
+        truth = scene.drive().truth(depths) if depths.size else float("nan")
+        best = float(np.clip(np.nan_to_num(truth, nan=0.5), 0, 1))
+        samples = SLOW_SAMPLES if studio.is_slow else SAMPLES
+        whole = slice(0, sensor.rows), slice(0, sensor.columns)
+        pictures = [studio.picture(p, samples=samples, region=whole) for p in (0.0, best, 1.0)]
+        white = white_of(pictures[1])
+        rows = [[encoded(picture, white) for picture in pictures]]
+        samples = SLOW_SAMPLES if studio.is_slow else SMALL_SAMPLES
+        small = [picture for _, picture in glimpses(studio, best, samples=samples, count=GLIMPSES)]
+        if small:
+            rows.append([encoded(picture, white_of(picture)) for picture in small])
+        return cls(rows, seen, truth)
 
 
-def _section(scene: Scene, sheet: Sheet, picture: Path, folder: Path) -> str:
-    card, stack = scene.card, sheet.stack
-    depths = stack.depth[stack.target]
+def _section(scene: Scene, view: _View, picture: Path, folder: Path) -> str:
+    card, seen = scene.card, view.seen
+    depths = seen.depth[seen.target]
     near, far = scene.drive().reach_m
+    drive = "" if card.lens.drive in card.lens.words else f", `{card.lens.drive}`"
     target = ", ".join(f"`{name}`" for name in card.target)
     if depths.size:
-        target += f", {np.median(depths):.4g} m away, {stack.target.mean():.0%} of the frame"
-        target += f", in focus at {sheet.truth:.3f} of the travel"
+        target += f", {np.median(depths):.4g} m away, {seen.target.mean():.0%} of the frame"
+        target += f", in focus at {view.truth:.3f} of the travel"
     rows = {
-        "lens": f"{card.lens.words}, `{card.lens.drive}`, in focus from {near:.4g} to {far:.4g} m",
+        "lens": f"{card.lens.words}{drive}, in focus from {near:.4g} to {far:.4g} m",
         "target": target,
         "light": ", ".join(_light(group, card.illuminance_lux) for group in card.lights),
         "family": "; ".join(_param(*param) for param in card.params.items() if is_range(param[1])),
-        "motion": f"{card.slices_per_s:g} time slices a second" if card.slices_per_s else "",
+        "motion": _motion(card),
         "licence": card.licence,
         "source": _source(scene, folder),
     }
@@ -90,11 +121,19 @@ def _light(group: str, lux: Any) -> str:
     return f"`{group}` {lux[group]:,g} lux" if group in lux else f"`{group}`"
 
 
+def _motion(card: Card) -> str:
+    if card.slices_per_s is None:
+        return ""
+    error = card.interpolation_error
+    off = "" if error is None else f", half way between two at most {100 * error:.2g} % off"
+    return f"{card.slices_per_s:g} time slices a second{off}"
+
+
 def _param(name: str, value: Any) -> str:
     among = ends(value)
     if "choice" in value:
         return f"`{name}` {', '.join(str(one) for one in dict.fromkeys(among))}"
-    return f"`{name}` {among[0]:g} to {among[1]:g}"
+    return f"`{name}` {among[0]:,.10g} to {among[1]:,.10g}"
 
 
 def _source(scene: Scene, folder: Path) -> str:

@@ -1,11 +1,16 @@
 """The machine we run on, as far as work must know it."""
 
 import os
+import platform
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
 
-__all__ = ["cores", "uninterrupted"]
+import numpy as np
+
+__all__ = ["cores", "describe", "uninterrupted"]
 
 
 def cores() -> int:
@@ -13,6 +18,24 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1  # macOS has no affinity
+
+
+@cache
+def describe() -> str:
+    """The machine in a line: what seconds depend on. It names no host and nobody."""
+    return (
+        f"{_processor()}, {cores()} cores, {platform.system()}, "
+        f"Python {platform.python_version()}, numpy {np.__version__}"
+    )
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:  # not Linux
+        lines = []
+    models = [" ".join(line.partition(":")[2].split()) for line in lines if line.startswith("model name")]
+    return f"{platform.machine()} {models[0] if models else platform.processor()}".strip()
 
 
 @contextmanager

@@ -7,15 +7,17 @@ import hashlib
 import inspect
 import json
 import sys
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
-from saf_gen.parts import Measure, Search
+from saf_gen.parts import Measure, Search, wants_measures
 from saf_gen.searches import get_search
+from saf_gen.tuned import read_tuned
 
-__all__ = ["DEFAULT_METHODS", "Method", "parse_method"]
+__all__ = ["DEFAULT_LIVE_METHODS", "DEFAULT_METHODS", "Method", "options_of", "parse_method"]
 
 DEFAULT_METHODS = (
     *(
@@ -31,6 +33,21 @@ DEFAULT_METHODS = (
 """What `saf-gen evaluate` runs when no method is named: the paper's measures and searches."""
 
 
+DEFAULT_LIVE_METHODS = (
+    *(
+        f"{measure}+{search}"
+        for search in ("egs_code", "sgfs_code", "sgfs_causal")
+        for measure in ("sd_code", "gradient_code", "mfdct_code", "er_sumsq")
+    ),
+    *(
+        f"{measure}+{search}"
+        for search in ("golden_section", "fibonacci", "hill_climb", "rule_based", "coarse_to_fine")
+        for measure in ("sd", "gradient_code_n")
+    ),
+)
+"""What `saf-gen evaluate --track closed_loop` runs when no method is named."""
+
+
 @dataclass(frozen=True)
 class Method:
     """A focus measure with a search, by name and ready to run."""
@@ -40,6 +57,8 @@ class Method:
     search: Search
     code: str
     """12 digits of a sha256 over the options and the source of the two parts: what made the numbers."""
+    tuning: str = ""
+    """12 digits of the file of tuned constants that named it (``@FILE``), or ''."""
 
     @property
     def measure_name(self) -> str:
@@ -51,10 +70,15 @@ class Method:
 
 
 def parse_method(spec: str) -> Method:
-    """The method that ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...]`` names.
+    """The method that ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...]`` names, or the one of ``@FILE``.
+
+    MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``: it is run.
 
     Raises BadInput for a malformed spec, an unknown measure or search, and options that they refuse.
     """
+    if spec.startswith("@"):
+        tuned, digest = read_tuned(spec[1:])
+        return replace(parse_method(tuned.method), tuning=digest)
     text = "".join(spec.split())
     halves = text.split("+")
     if len(halves) != 2 or not all(halves):
@@ -63,9 +87,10 @@ def parse_method(spec: str) -> Method:
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
-    (measure, measure_options), (search, search_options) = (_options(half, spec) for half in halves)
+    (measure, measure_options), (search, search_options) = (options_of(half, spec) for half in halves)
     try:
         parts = get_measure(measure, **measure_options), get_search(search, **search_options)
+        others = [get_measure(name) for name in wants_measures(parts[1])]
     except BadInput as error:
         raise BadInput(
             error.problem,
@@ -74,11 +99,14 @@ def parse_method(spec: str) -> Method:
             nearest=error.nearest,
             hint=error.hint or "`saf-gen methods` lists measures and searches",
         ) from None
-    return Method(text, *parts, code=_code_digest(parts))
+    return Method(text, *parts, code=_code_digest([*parts, *others]))
 
 
-def _options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
+def options_of(half: str, spec: str) -> tuple[str, dict[str, Any]]:
     name, _, tail = half.partition(":")
+    if "." in name:  # package.module:Class, or file.py:Class
+        cls, _, tail = tail.partition(":")
+        name = f"{name}:{cls}"
     options: dict[str, Any] = {}
     for item in tail.split(",") if tail else ():
         key, equals, value = item.partition("=")
@@ -99,14 +127,13 @@ def _value(text: str) -> Any:
     return {"true": True, "false": False}.get(text.lower(), text)
 
 
-def _code_digest(parts: tuple[Measure, Search]) -> str:
+def _code_digest(parts: Sequence[Measure | Search]) -> str:
     """Over the parts with their options, and the source of their modules and of those they share a room with.
 
     Parts take helpers from their room and a twin wraps another measure: a change in any moves numbers.
     """
-    inner = [getattr(part, f.name) for part in parts for f in fields(part)]  # type: ignore[arg-type]
-    todo = [type(value).__module__ for value in (*parts, *inner)]
-    rooms = {_room(type(part).__module__) for part in parts}
+    todo = [type(part).__module__ for whole in parts for part in _nested(whole)]
+    rooms = {_room(module) for module in todo}
     sources: dict[str, str] = {}
     while todo:
         name = todo.pop()
@@ -121,6 +148,14 @@ def _code_digest(parts: tuple[Measure, Search]) -> str:
         todo += [home for home in homes if isinstance(home, str)]
     written = json.dumps([[repr(part) for part in parts], sorted(sources.items())])
     return hashlib.sha256(written.encode()).hexdigest()[:12]
+
+
+def _nested(part: object) -> Iterator[object]:
+    """A part, and the parts that it wraps."""
+    if is_dataclass(part):
+        yield part
+        for field in fields(part):
+            yield from _nested(getattr(part, field.name))
 
 
 def _room(module: str) -> str:

@@ -6,11 +6,23 @@ here.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import numpy as np
 
-__all__ = ["Answer", "Light", "Measure", "Motion", "Search", "View", "commands", "wants_halves"]
+__all__ = [
+    "Answer",
+    "Light",
+    "Measure",
+    "Motion",
+    "Search",
+    "View",
+    "commands",
+    "wants_frames",
+    "wants_halves",
+    "wants_intervals",
+    "wants_measures",
+]
 
 
 class Light(Protocol):
@@ -45,18 +57,33 @@ class Measure(Protocol):
     """A focus measure: spike counts (row, col) in, one number out; larger is sharper.
 
     A measure with the class attribute ``halves = True`` compares the two halves of a window. It gets the
-    counts of both, (2, row, col): the first of n frames' n // 2, and the rest.
+    counts of both, (2, row, col): the first of n frames' n // 2, and the rest. One with ``intervals = True``
+    gets float64 (row, col) in place of counts: what the window would count at the rate of the one interval
+    between spikes round its middle. One with ``timed = True`` is told how long a window was, in frames, as
+    ``frames=n``; it must do without, too.
     """
 
-    degree: ClassVar[int]
-    """Power of brightness in the score: counts times a give the score times a**degree."""
+    @property
+    def degree(self) -> int:
+        """Power of brightness in the score: counts times a give the score times a**degree."""
+        ...
 
     def __call__(self, counts: np.ndarray) -> float: ...
+
+
+def wants_frames(measure: object) -> bool:
+    """Whether a focus measure asks how many frames a window has, as ``frames=n`` beside the counts."""
+    return bool(getattr(measure, "timed", False))
 
 
 def wants_halves(measure: object) -> bool:
     """Whether a focus measure asks for the counts of both halves of a window, (2, row, col)."""
     return bool(getattr(measure, "halves", False))
+
+
+def wants_intervals(measure: object) -> bool:
+    """Whether a focus measure asks for the texture from intervals in place of counts."""
+    return bool(getattr(measure, "intervals", False))
 
 
 class View(Protocol):
@@ -81,8 +108,11 @@ class View(Protocol):
         """Frames a second."""
         ...
 
-    def score(self, first: int, stop: int) -> float:
-        """The measure's score of the counts in frames ``first <= t < stop`` (at least one)."""
+    def score(self, first: int, stop: int, measure: str | None = None) -> float:
+        """The score of the counts in frames ``first <= t < stop`` (at least one).
+
+        By the method's measure, or by another of that name: see :func:`wants_measures`.
+        """
         ...
 
     def position(self, frame: int) -> float:
@@ -99,10 +129,23 @@ class View(Protocol):
         """
         ...
 
+    def wait(self, frames: int) -> None:
+        """Let time pass without a look: at least ``frames`` more frames (some cameras hand over packets).
+
+        Raises BadInput on a recording. More frames than are left end the run: compare ``now`` with
+        ``frames``.
+        """
+        ...
+
 
 def commands(search: object) -> bool:
     """Whether a search commands the lens (class attribute ``commands = True``): it needs a running camera."""
     return bool(getattr(search, "commands", False))
+
+
+def wants_measures(search: object) -> tuple[str, ...]:
+    """Focus measures that a search looks through beside the method's own, by name (its ``measures``)."""
+    return tuple(getattr(search, "measures", ()))
 
 
 @dataclass(frozen=True)

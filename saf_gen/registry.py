@@ -1,17 +1,21 @@
 """Finds parts by name: light schedules, lens motions, focus measures, searches.
 
-A part is a frozen dataclass in a file of its own, ``saf_gen/<room>/<name>.py``, or anybody's, offered
-under the entry point ``saf_gen.<room>``. Its fields are the keys that a recipe or a method may set (a
-trailing underscore is dropped: the field ``from_`` is the key ``from``). Listing imports nothing, so a
-part with a missing dependency cannot break the others.
+A part is a frozen dataclass in a file of its own, ``saf_gen/<room>/<name>.py``, or anybody's: offered
+under the entry point ``saf_gen.<room>``, or named as ``package.module:Class`` or ``file.py:Class``. Its
+fields are the keys that a recipe or a method may set (a trailing underscore is dropped: ``from_`` is
+the key ``from``). Listing imports nothing, so a part with a missing dependency cannot break the others.
 """
 
+import hashlib
 import pkgutil
+import sys
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from saf_gen.errors import BadInput, unknown
@@ -70,7 +74,44 @@ def part_class(room: str, name: str) -> type:
         if not (isinstance(part, type) and is_dataclass(part)):
             raise BadInput(f"the entry point {offered.value!r} is no part", allowed="a frozen dataclass")
         return part
+    if ":" in name:
+        return _named(room, name)
     raise unknown(ROOMS[room], name, names(room))
+
+
+def _named(room: str, name: str) -> type:
+    """The class that ``package.module:Class`` or ``file.py:Class`` names; its module is run."""
+    place, _, cls = name.rpartition(":")
+    where = f"{ROOMS[room]} {name!r}"
+    try:
+        module = _from_file(Path(place)) if place.endswith(".py") else import_module(place)
+        part = getattr(module, cls)
+    except Exception as error:  # anybody's module may raise anything, and it is told in one line
+        raise BadInput(
+            f"{where} cannot be loaded: {type(error).__name__}: {error}",
+            allowed="package.module:Class that Python finds, or file.py:Class",
+        ) from error
+    if not (isinstance(part, type) and is_dataclass(part)):
+        raise BadInput(f"{where} is no part", allowed="a frozen dataclass; see docs/add-a-method.md")
+    return part
+
+
+def _from_file(path: Path) -> ModuleType:
+    """The module of a file, by a name that no installed module has. Raises what the file raises."""
+    name = f"saf_gen_of_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is no Python file")
+    module = module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up while it is run
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
 
 
 def keys(room: str, name: str) -> dict[str, str]:

@@ -4,6 +4,7 @@ This module reads and checks the card and knows where scenes live; only :mod:`sa
 """
 
 import hashlib
+import json
 import math
 import os
 from collections.abc import Mapping
@@ -23,7 +24,11 @@ from saf_gen.ranges import draw, ends
 
 __all__ = ["Card", "Scene", "find_scene", "scene_at", "scene_names", "scene_roots"]
 
-SCRIPT = "scene.py"
+CARD, SCRIPT = "scene.yaml", "scene.py"
+NO_PICTURE = frozenset(
+    "title licence source illuminance_lux params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
+)
+"""Keys of a card that change no focal stack, or that a stack's own name tells."""
 Vector = tuple[float, float, float]
 
 
@@ -52,6 +57,8 @@ class Card(Frozen):
 
     ``motion``: how shapes move, on top of the pose that the scene gives them. ``slices_per_s``: time slices
     to render of a scene that moves, so many that the straight line between two hardly differs from a render.
+    ``interpolation_error``: how far that line is from a render half way at most, for every member: rms over
+    the box round the target in focus, over the mean brightness there; :mod:`saf_gen.checks` measures it.
     ``still_s``: the moment that is seen where the scene is to stand still.
     ``unit_m``: metres in one unit of the scene's geometry; the card itself is in metres all the same.
     ``illuminance_lux``: mean illuminance of the target at gain 1 by each light group alone, for all of them
@@ -71,6 +78,7 @@ class Card(Frozen):
     params: dict[str, Any] = Field(default_factory=dict)
     motion: dict[str, RigidMotion] = Field(default_factory=dict)
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
+    interpolation_error: float | None = Field(default=None, gt=0, lt=1)
     still_s: float = 0.5
 
     @model_validator(mode="after")
@@ -136,7 +144,7 @@ def scene_roots() -> list[Path]:
 
 def scene_names() -> list[str]:
     """Names of every scene that can be found."""
-    return sorted({p.parent.name for root in scene_roots() for p in root.glob("*/scene.yaml")})
+    return sorted({p.parent.name for root in scene_roots() for p in root.glob(f"*/{CARD}")})
 
 
 def find_scene(name: str) -> Scene:
@@ -146,7 +154,7 @@ def find_scene(name: str) -> Scene:
     is none of that name, its card does not fit, or its geometry is missing.
     """
     for root in scene_roots():
-        if Path(name).name == name and (root / name / "scene.yaml").is_file():
+        if Path(name).name == name and (root / name / CARD).is_file():
             return _read(root / name)
     raise unknown("scene", name, scene_names(), hint="see: saf-gen scenes list")
 
@@ -168,7 +176,7 @@ def scene_at(folder: Path) -> Scene:
 
 
 def _read(folder: Path) -> Scene:
-    path = folder / "scene.yaml"
+    path = folder / CARD
     card, document = read_as(Card, path)
     if card.id != folder.name:
         raise BadInput(
@@ -188,7 +196,7 @@ def _read(folder: Path) -> Scene:
             raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.where("lights"))
     for key, value in card.params.items():
         ends(value, where=document.where("params", key))
-    scene = Scene(folder, card, _digest(folder), {}).drawn("scene", card.id)
+    scene = Scene(folder, card, _digest(folder, card), {}).drawn("scene", card.id)
     try:
         scene.drive()
     except BadInput as error:
@@ -196,13 +204,21 @@ def _read(folder: Path) -> Scene:
     return scene
 
 
-def _digest(folder: Path) -> str:
-    """SHA-256 over names and bytes of the folder's files, prose and pictures of the result aside."""
+def _digest(folder: Path, card: Card) -> str:
+    """SHA-256 over names and bytes of the folder's files, prose and pictures of the result aside.
+
+    Of the card only what it says counts, and of that nothing that changes no picture: a title mended or a lux
+    measured anew renders nothing again. Parameters and moments are named by each stack itself.
+    """
     sha = hashlib.sha256()
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
         name = path.relative_to(folder).as_posix()
         if "__pycache__" in name or path.suffix == ".md" or name.startswith("preview"):
             continue
-        content = path.read_bytes()
+        if name == CARD:
+            said = card.model_dump(mode="json", exclude_unset=True, exclude=NO_PICTURE)
+            content = json.dumps(said, sort_keys=True).encode()
+        else:
+            content = path.read_bytes()
         sha.update(f"{name}\0{len(content)}\0".encode() + content)
     return sha.hexdigest()

@@ -6,8 +6,7 @@ has no error either: it is counted beside the errors, not as a large one.
 """
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,16 +15,17 @@ from saf_gen.passes import passes
 __all__ = [
     "WITHIN",
     "Judgement",
-    "Record",
     "depth_of_focus",
     "judge",
     "lens_travel",
+    "light_ratio",
     "position_at",
-    "record_to_json",
 ]
 
 WITHIN = (0.5, 1.0, 2.0)
 """Success is judged within these many depths of focus of the truth."""
+DARK = 1e-3
+"""Of a light's brightest gain: what is darker than that is as dark."""
 
 
 @dataclass(frozen=True)
@@ -50,41 +50,6 @@ class Judgement:
     """For each of WITHIN: whether the answer lies so near."""
     lens_travel: float | None = None
     """Way of the lens, fraction of the travel (see lens_travel)."""
-
-
-@dataclass(frozen=True)
-class Record:
-    """One method on one sequence. None is unknown or not there; positions are fractions of the travel."""
-
-    method: str
-    sequence: str
-    split: str | None
-    scene: str
-    light: str | None
-    status: Literal["answered", "abstained", "failed"]
-    position: float | None
-    frame: float | None
-    truth: float | None
-    truth_frame: float | None
-    error: float | None
-    error_frames: float | None
-    error_dof: float | None
-    blur_px: float | None
-    success_half_dof: bool | None
-    success_1dof: bool | None
-    success_2dof: bool | None
-    trace: tuple[float, ...]
-    frames: int
-    frames_seen: int
-    lens_travel: float | None
-    windows: int
-    seconds: float
-    note: str
-    region: str
-    data: str
-    """content_sha256 of the stream."""
-    code: str
-    """Method.code."""
 
 
 def position_at(frame: float, focus_position: np.ndarray) -> float:
@@ -129,6 +94,22 @@ def lens_travel(frames_seen: int, answer: float | None, focus_position: np.ndarr
         return 0.0
     way = float(np.abs(np.diff(seen)).sum())
     return way if answer is None else way + abs(float(seen[-1]) - position_at(answer, focus_position))
+
+
+def light_ratio(gain: np.ndarray | None) -> float | None:
+    """How many times brighter the light was at its brightest than at its darkest: 1 ... 1/DARK.
+
+    ``gain`` is (T, G), for each readout and light; of several lights it is the largest of their ratios. A
+    light that goes out has 1/DARK. None where the gains are unknown or no light is ever on.
+    """
+    if gain is None or gain.size == 0:
+        return None
+    brightest = np.max(gain, axis=0).astype(np.float64)
+    on = brightest > 0
+    if not on.any():
+        return None
+    darkest = np.maximum(np.min(gain, axis=0), DARK * brightest)
+    return float((brightest[on] / darkest[on]).max())
 
 
 def judge(
@@ -191,16 +172,3 @@ def judge(
 
 def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def record_to_json(record: Record) -> dict[str, Any]:
-    """The record as JSON knows it: a number that is not finite is null, a tuple a list."""
-    return {f.name: _plain(getattr(record, f.name)) for f in fields(record)}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value

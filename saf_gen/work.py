@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from saf_gen.camera import Sensor, get_sensor, is_sensor_file
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, unknown
 from saf_gen.focal_stack import StackSpec
 from saf_gen.motions import readout_positions
 from saf_gen.plan import Family, Sequence, make_plan, shard
@@ -91,10 +91,10 @@ class Work:
         return {spec for reel in self.to_render(folder) for spec in reel.missing(folder / "stacks")}
 
 
-def prepare(recipe_path: str | Path, *, part: tuple[int, int] = (1, 1)) -> Work:
+def prepare(recipe_path: str | Path, *, part: tuple[int, int] = (1, 1), split: str | None = None) -> Work:
     """Read a recipe, find its scenes and sensor, draw its sequences, and check that they fit together.
 
-    ``part`` is (I, N): only every N-th sequence from the I-th on.
+    ``split``: its sequences alone. ``part`` is (I, N): of these every N-th from the I-th on.
 
     Raises BadInput for whatever does not fit; nothing has been written then.
     """
@@ -127,7 +127,10 @@ def prepare(recipe_path: str | Path, *, part: tuple[int, int] = (1, 1)) -> Work:
             readout_positions(sequence.motion, recipe.camera.frames, sensor.readout_hz)
         except BadInput as error:
             raise BadInput(f"the lens motion of {sequence.id}: {error}", where=str(recipe_path)) from error
-    return Work(recipe, shard(sequences, *part), scenes, sensor)
+    if split is not None and split not in recipe.splits:
+        raise unknown("split", split, recipe.splits, where=str(recipe_path))
+    wanted = [sequence for sequence in sequences if split in (None, sequence.split)]
+    return Work(recipe, shard(wanted, *part), scenes, sensor)
 
 
 def _plan(recipe: Recipe, scenes: dict[str, Scene]) -> list[Sequence]:

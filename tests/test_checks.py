@@ -258,6 +258,14 @@ def test_light_that_no_lamp_gives_is_told(skeleton, sensor):
     assert "hardly physical" in text
 
 
+def test_every_scene_here_states_its_light_and_how_well_slices_go_over():
+    cards = [
+        find_scene(p.parent.name).card for p in sorted((SCENES.parent.parent / "scenes").glob("*/scene.yaml"))
+    ]
+    assert [card.id for card in cards if not card.illuminance_lux] == []
+    assert [card.id for card in cards if card.slices_per_s and not card.interpolation_error] == []
+
+
 # --- detail -------------------------------------------------------------------------------------------
 
 

@@ -147,6 +147,14 @@ def test_a_dry_run_says_what_would_be_made_and_writes_nothing(call, small_recipe
     assert not (tmp_path / "ds").exists()
 
 
+def test_a_dry_run_of_a_split_lists_its_sequences_only(call, tmp_path):
+    code, out, _ = call(
+        "generate", "recipes/saf_bench.yaml", "--out", tmp_path / "ds", "--dry-run", "--split", "validation"
+    )
+    assert code == 0
+    assert "24 sequences" in out
+
+
 def test_a_dry_run_of_a_shard_lists_its_sequences_only(call, small_recipe, test_scenes, tmp_path):
     _, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--shard", "2/3")
     assert "plane-continuous-00" in out
@@ -160,9 +168,11 @@ def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy):
         assert method in out
     written = copy / "evaluation"
     names = ["leaderboard.json", "leaderboard.csv", "leaderboard.md", "index.html", "records.jsonl"]
-    for name in [*names, "curves/test-plane.png", "errors/test-plane.png"]:
+    for name in [*names, "figures"]:
         assert (written / name).stat().st_size > 0
         assert str(written / name) in out.splitlines()
+    for name in ("curves-plane-constant-00", "steps-plane-continuous-00", "errors-plane_test"):
+        assert (written / f"figures/{name}.svg").stat().st_size > 0
     assert len(records(written)) == 3 * len(DEFAULT_METHODS)
     keys = {"method", "sequence", "position", "frame", "truth", "error"}
     keys |= {"trace", "frames_seen", "lens_travel", "seconds"}
@@ -341,6 +351,10 @@ WRONG = {
     "missing argument": (("generate",), ["recipe", "--help"]),
     "missing option": (("score", "STREAM", "--window", "9"), ["--measure", "--help"]),
     "shard above its count": (("generate", "RECIPE", "--shard", "3/2"), ["'3/2'", "I/N", "2/8"]),
+    "no such split": (
+        ("generate", "RECIPE", "--split", "tset"),
+        ["unknown split 'tset'", "did you mean 'test'"],
+    ),
     "shard of words": (("generate", "RECIPE", "--shard", "one"), ["'one'", "I/N"]),
     "no workers": (("generate", "RECIPE", "--workers", "0"), ["--workers", "1"]),
     "variant": (("generate", "RECIPE", "--variant", "lvm", *OUT), ["'lvm'", "auto, cuda", "'llvm'"]),

@@ -14,7 +14,7 @@ from saf_gen.methods import DEFAULT_METHODS, parse_method
 from saf_gen.motions import readout_positions
 from saf_gen.parts import Answer
 from saf_gen.passes import passes
-from saf_gen.scores import record_to_json
+from saf_gen.records import record_to_json
 from saf_gen.seeds import generator
 from saf_gen.stream import open_stream, write_stream
 

@@ -6,8 +6,9 @@ import pytest
 
 from saf_gen.errors import BadInput
 from saf_gen.evaluate import Failure
-from saf_gen.leaderboard import columns, markdown, table, write_files
-from saf_gen.scores import Record
+from saf_gen.leaderboard import columns, latex, markdown, notes, numbers, table, write_files
+from saf_gen.leaderboard.texts import latex_text
+from saf_gen.records import Record
 
 BLANK = Record(
     method="sd+argmax",
@@ -177,24 +178,6 @@ def test_methods_without_truth_come_after_those_that_rank():
     assert [r.method for r in rows] == ["b+s", "a+s"]
 
 
-@pytest.mark.parametrize(
-    ("records", "message"),
-    [
-        ([record("a+s", "x", 0), record("a+s", "x", 0)], r"two records of a\+s on x"),
-        ([record("a+s", "x", 0), record("a+s", "y", 0), record("b+s", "x", 0)], r"b\+s has no record of y"),
-        ([record("a+s", "x", 0), record("b+s", "x", 0, data="other")], "different data"),
-        ([record("a+s", "x", 0), record("b+s", "x", 0, region="frame")], "different data or regions"),
-        (
-            [record("a+s", "x", 0), record("a+s", "y", 0, code="other")],
-            r"records of a\+s come from different code",
-        ),
-    ],
-)
-def test_records_that_cannot_be_compared_are_refused(records, message):
-    with pytest.raises(BadInput, match=message):
-        table(records)
-
-
 def test_no_record_gives_an_empty_table(tmp_path):
     assert table([]) == ()
     write_files(tmp_path, rows=(), records=(), failures=[Failure("x", "cut short")])
@@ -266,9 +249,120 @@ def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
     for column in shown:
         assert column.meaning.endswith(".")
         assert all(column.text(row) for row in rows)
-    assert {"rank", "method", "success_1dof", "failed"} <= {c.name for c in shown if not c.minor}
+    assert {"rank", "method", "success_1dof", "failed"} <= {c.name for c in shown if not c.room}
+    every = numbers(rows)
+    assert len({c.name for c in every}) == len(every)
+    assert {c.name for c in shown} <= {c.name for c in every}
+    assert all(c.meaning.endswith(".") for c in every)
 
 
 def test_a_pipe_in_a_name_does_not_break_the_markdown():
     rows = table([record("a|b+s", "x", 0.0)])
     assert r"a\|b+s" in markdown(rows)
+
+
+# -- what the scenes can tell ---------------------------------------------------------------------------
+
+
+def over(method, errors, **more):
+    """One sequence of each scene."""
+    return [record(method, f"s{i}", e, scene=f"scene{i:02d}", **more) for i, e in enumerate(errors)]
+
+
+@pytest.fixture
+def twelve():
+    """Twelve scenes: always right; as right but in one scene; never right."""
+    good = [0.1 + i / 100 for i in range(12)]
+    return [*over("good+s", good), *over("near+s", [*good[:11], 3.0]), *over("bad+s", [4.0] * 12)]
+
+
+def test_rows_say_which_ranks_the_scenes_can_tell_apart(twelve):
+    good, near, bad = table(twelve)
+    assert (good.rank, near.rank, bad.rank) == (1, 2, 3)
+    assert (good.level_with_best, near.level_with_best, bad.level_with_best) == (True, True, False)
+    assert (near.rank_best, near.rank_worst) == (1, 2)
+    assert (bad.rank_best, bad.rank_worst) == (3, 3)
+    assert (good.success_1dof_low, good.success_1dof_high) == (1, 1)
+    assert near.success_1dof_low < 11 / 12 < near.success_1dof_high
+    assert (bad.behind_best_low, bad.behind_best_high) == (1, 1)
+    assert good.median_error_dof_low < good.median_error_dof == pytest.approx(0.155)
+    by_name = {c.name: c for c in columns([good, near, bad])}
+    assert [by_name["rank"].text(r) for r in (good, near, bad)] == ["1", "2~", "3"]
+    assert by_name["rank_best"].text(near) == "1–2"
+    assert by_name["success_1dof_low"].text(good) == "100%–100%"
+
+
+def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
+    some = [*over("a+s", [0, 0]), *over("b+s", [9, 9])]
+    rows = table(some)
+    assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
+    assert rows[0].why == "2 of at least 3 scenes"
+    assert "rank_best" not in {c.name for c in columns(rows)}
+    assert any(
+        note.startswith("There are no intervals: 2 of at least 3 scenes") for note in notes(rows, some)
+    )
+    write_files(tmp_path, rows=rows, records=some)
+    document = json.loads((tmp_path / "leaderboard.json").read_text())
+    assert document["intervals"]["unknown"] == "2 of at least 3 scenes"
+    assert document["rows"][0]["success_1dof_low"] is None
+    assert "There are no intervals" in (tmp_path / "leaderboard.md").read_text()
+
+
+def test_few_scenes_and_two_machines_are_said(twelve):
+    assert any("over 12 scenes." in note for note in notes(table(twelve), twelve))
+    few = over("a+s", [0, 0, 0])
+    assert any("over 3 scenes; so few make them too narrow." in note for note in notes(table(few), few))
+    mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
+    assert "Seconds do not compare, they come from 2 machines: x, 2 cores; y, 9 cores." in notes(
+        table(mixed), mixed
+    )
+
+
+def test_what_only_a_running_camera_knows_has_a_column_only_there():
+    known = {"track": "closed_loop", "time_to_focus_s": 0.2, "error_frames": None}
+    live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]
+    (row,) = rows = table(live)
+    assert (row.reversals, row.time_to_focus_s) == (2.5, 0.2)
+    shown = {c.name: c.text(row) for c in columns(rows)}
+    assert (shown["reversals"], shown["time_to_focus_s"]) == ("2.5", "0.200")
+    assert "median_error_frames" not in shown
+    (recorded,) = table([record("a+s", "x", 0.1)])
+    assert {"reversals", "time_to_focus_s"} & {c.name for c in columns([recorded])} == set()
+    assert {"reversals", "time_to_focus_s"} <= {c.name for c in numbers([recorded])}
+
+
+# -- LaTeX ----------------------------------------------------------------------------------------------
+
+
+def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
+    text = latex(table(twelve))
+    lines = text.splitlines()
+    spec = next(line for line in lines if line.startswith(r"\begin{tabular}"))
+    wide = len(spec.split("{")[2].rstrip("}"))
+    body = lines[lines.index(r"\midrule") + 1 : lines.index(r"\bottomrule")]
+    heads = lines[lines.index(r"\midrule") - 1]
+    assert len(body) == 3
+    assert all(line.endswith(r" \\") and line.count(" & ") == wide - 1 for line in [heads, *body])
+    spans = [int(part.split("}")[0]) for part in text.split(r"\multicolumn{")[1:]]
+    assert sum(spans) == wide
+    assert [lines.count(rf"\{rule}rule") for rule in ("top", "mid", "bottom")] == [1, 1, 1]
+    assert text.isascii()
+
+
+@pytest.mark.parametrize(
+    ("plain", "set_"),
+    [
+        ("sd_code+egs", r"sd\_code+egs"),
+        ("50%", r"50\%"),
+        (r"a\b", r"a\textbackslash{}b"),
+        ("{$x^2$} & #1 ~", r"\{\$x\textasciicircum{}2\$\} \& \#1 \textasciitilde{}"),
+        ("≤½ DoF", r"$\leq$$\frac{1}{2}$ DoF"),
+        ("1–4\n|−2|", "1--4 $|$$-$2$|$"),
+    ],
+)
+def test_latex_escapes_what_means_something_to_it(plain, set_):
+    assert latex_text(plain) == set_
+
+
+def test_a_table_of_nothing_is_still_latex():
+    assert r"\bottomrule" in latex(())

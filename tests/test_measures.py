@@ -15,8 +15,8 @@ from scipy.signal import convolve2d
 
 from saf_gen import get_measure, open_stream, registry, write_stream
 from saf_gen.errors import BadInput
-from saf_gen.measures import ByBrightness, measure_names
-from saf_gen.parts import wants_halves
+from saf_gen.measures import ByBrightness, FromIntervals, measure_names
+from saf_gen.parts import wants_halves, wants_intervals
 from saf_gen.rig import Counts, Recording
 from saf_gen.seeds import generator
 
@@ -233,6 +233,44 @@ def test_an_unknown_measure_is_told_with_the_nearest_name():
 def test_a_measure_free_of_brightness_has_no_twin():
     with pytest.raises(BadInput, match=r"'sd' has no twin 'sd_n': .* brightness; allowed: .*mean 'sd'\?"):
         get_measure("sd_n")
+
+
+def test_any_measure_of_a_whole_window_takes_textures_by_its_name():
+    c = counts_of((40, 60)) / 7
+    for name in ("sd", "tenengrad", "tenengrad_n", "entropy"):
+        inner, measure = get_measure(name), get_measure(f"{name}_tfi")
+        assert isinstance(measure, FromIntervals)
+        assert (measure(c), measure.degree, measure.score_range) == (
+            inner(c),
+            inner.degree,
+            inner.score_range,
+        )
+        assert wants_intervals(measure)
+        assert not wants_intervals(inner)
+        assert measure.source.startswith(inner.source)
+    assert get_measure("cen_tfi", highest=0.2) == FromIntervals(get_measure("cen", highest=0.2))
+    assert not [name for name in measure_names() if name.endswith("_tfi")]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (
+            "sd_debiased_tfi",
+            r"'sd_debiased' has no 'sd_debiased_tfi': it compares halves of a window; allowed",
+        ),
+        (
+            "sd_tfi_tfi",
+            r"'sd_tfi' has no 'sd_tfi_tfi': it takes intervals already; allowed: measures that take",
+        ),
+        ("tenengrat_tfi", r"unknown focus measure 'tenengrat'; allowed: .*mean 'tenengrad'\?"),
+        ("sd_n_tfi", r"'sd' has no twin 'sd_n'"),
+        ("tenengrad_tfi_n", r"unknown focus measure 'tenengrad_tfi_n'"),
+    ],
+)
+def test_a_measure_without_a_texture_says_why(name, message):
+    with pytest.raises(BadInput, match=message):
+        get_measure(name)
 
 
 @pytest.mark.parametrize("name", ["sd", "er_count_n"])

@@ -63,6 +63,24 @@ def test_a_disc_above_gives_pi_l_sin_squared(surface):
     agrees(received({"plane": plane(), "lamp": lamp}), expected)
 
 
+def under_a_corner(across: float, along: float) -> float:
+    """Configuration factor of a patch under a corner of a rectangle parallel to it, sides over the height.
+
+    J. R. Howell, "A Catalog of Radiation Heat Transfer Configuration Factors", B-3.
+    """
+    return sum(
+        a / math.hypot(1, a) * math.atan(b / math.hypot(1, a)) for a, b in ((across, along), (along, across))
+    ) / (2 * math.pi)
+
+
+def test_a_rectangle_aside_is_the_sum_of_its_corners():
+    """From 0.1 m to 0.7 m aside and 0.2 m along to either side, 0.8 m above: E = π·L·F."""
+    down = mi.ScalarTransform4f().translate([0.4, 0, 0.8]).rotate([1, 0, 0], 180).scale([0.3, 0.2, 1])
+    lamp = {"type": "rectangle", "to_world": down, "emitter": {"type": "area", "radiance": 5.0}}
+    factor = 2 * (under_a_corner(0.7 / 0.8, 0.2 / 0.8) - under_a_corner(0.1 / 0.8, 0.2 / 0.8))
+    agrees(received({"plane": plane(), "lamp": lamp}), math.pi * 5.0 * factor)
+
+
 def test_light_by_way_of_a_wall_counts():
     """Within a closed white furnace, all of it at radiance L, it receives π·L however long its path."""
     shell = {
@@ -83,6 +101,27 @@ def test_a_surface_that_lets_light_through_receives_on_both_sides():
     thin = {"type": "principledthin", "diff_trans": 1.0}
     sky = {"type": "constant", "radiance": 0.7}
     agrees(received({"plane": {**plane(), "bsdf": thin}, "sky": sky}), 2 * math.pi * 0.7)
+
+
+@pytest.mark.parametrize(
+    ("surface", "share"),
+    [
+        ({"type": "diffuse"}, 0.0),
+        ({"type": "twosided", "bsdf": {"type": "diffuse"}}, 0.0),
+        ({"type": "principledthin", "diff_trans": 1.0}, 1.0),
+        ({"type": "thindielectric"}, 1.0),
+        ({"type": "mask", "opacity": 0.5, "bsdf": {"type": "diffuse"}}, 1.0),
+    ],
+    ids=["diffuse", "twosided", "translucent", "glass", "half there"],
+)
+def test_light_on_the_back_counts_where_the_surface_lets_it_through(surface, share):
+    """A disc 0.8 m behind: π·L·R²/(R² + h²) of its light falls on the back."""
+    up = mi.ScalarTransform4f().translate([0, 0, -0.8]).scale(0.4)
+    lamp = {"type": "disk", "to_world": up, "emitter": {"type": "area", "radiance": 5.0}}
+    value, error = received({"plane": {**plane(), "bsdf": surface}, "lamp": lamp})
+    expected = share * math.pi * 5.0 * 0.4**2 / (0.4**2 + 0.8**2)
+    assert value == pytest.approx(expected, abs=4 * error + 0.01 * expected)
+    assert error <= 0.03 * expected
 
 
 def test_only_the_target_counts():

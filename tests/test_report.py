@@ -1,263 +1,284 @@
-import base64
+import json
 import re
-import struct
 from html.parser import HTMLParser
+from pathlib import Path
 
-import matplotlib
-import numpy as np
 import pytest
-from test_leaderboard import failed, record
+from pages import evaluation, path, pictures, recorded, sweep
+from test_leaderboard import record
 
+from saf_gen.contest.results import Evaluation, Failure
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import Curve, Evaluation, Failure, Sweep
-from saf_gen.figures import WIDTH_PX, curves_figure, errors_figure, normalised, to_png
 from saf_gen.leaderboard import columns, table
-from saf_gen.report import page, scenes, write_report
+from saf_gen.report import draw, page, write_report
+from saf_gen.report._html import embedded
+from saf_gen.report.pictures import SEQUENCES
+from saf_gen.report.recount import RULES, brief
 
-LENS = np.linspace(0, 1, 800, dtype=np.float32)
-CENTRES = np.arange(0, 800, 50) + 24.5
-
-
-def sweep(
-    light="constant",
-    *,
-    scene="camel",
-    split="test",
-    lens=LENS,
-    measures=("sd", "sd_code", "er_count"),
-    **more,
-):
-    bump = np.exp(-(((CENTRES - 300) / 90) ** 2))
-    scores = {"sd": bump, "sd_code": 1e5 * bump, "er_count": np.linspace(1, 2, CENTRES.size)}
-    known = {"truth": 0.375, "depth_of_focus": (0.33, 0.42), "truth_frame": 300.0}
-    return Sweep(
-        sequence=f"{scene}-{light}",
-        split=split,
-        scene=scene,
-        light=light,
-        focus_position=lens,
-        frames=CENTRES,
-        rate=np.full(CENTRES.size, 0.2),
-        curves=tuple(Curve(m, CENTRES, scores[m], float(CENTRES[scores[m].argmax()])) for m in measures),
-        **{**known, **more},
-    )
-
-
-def size(png):
-    assert png.startswith(b"\x89PNG\r\n\x1a\n")
-    return struct.unpack(">II", png[16:24])
-
-
-def curves_of(axes):
-    return [line for line in axes.get_lines() if len(line.get_xdata()) == CENTRES.size]
-
-
-def test_normalised_scores_run_from_0_to_1_and_a_flat_curve_is_0():
-    assert normalised(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
-    assert normalised(np.array([2.0, 2.0])).tolist() == [0, 0]
-    assert np.isnan(normalised(np.array([np.nan, 1.0, 2.0]))[0])
-
-
-def test_a_picture_is_1600_pixels_wide_and_holds_ink():
-    png = to_png(curves_figure([sweep("constant"), sweep("ramp")], title="camel"))
-    width, height = size(png)
-    assert width == WIDTH_PX == 1600
-    assert 500 < height < 1200
-    assert len(png) > 20_000
-
-
-def test_the_same_figure_gives_the_same_bytes():
-    one, other = (to_png(curves_figure([sweep()], title="camel")) for _ in range(2))
-    assert one == other
-
-
-def test_each_light_has_a_panel_named_after_it():
-    figure = curves_figure([sweep(light) for light in ("a", "b", "c", "d")], title="camel")
-    shown = [axes.get_title() for axes in figure.axes if axes.get_visible() and axes.get_title()]
-    assert shown == ["a", "b", "c", "d"]
-
-
-def test_curves_run_over_the_focus_position_with_the_truth_among_them():
-    figure = curves_figure([sweep()], title="camel")
-    axes = next(a for a in figure.axes if a.get_title())
-    sd, count = curves_of(axes)  # sd_code is sd times a number: they share a line
-    np.testing.assert_allclose(sd.get_xdata(), CENTRES / 799, atol=1e-6)
-    assert (count.get_ydata().min(), count.get_ydata().max()) == (0, 1)
-    assert 0.375 in [line.get_xdata()[0] for line in axes.get_lines()]
-    names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names[:2] == ["sd = sd_code", "er_count"]
-
-
-def test_measures_that_differ_under_one_light_have_a_line_each():
-    other = sweep("ramp")
-    moved = tuple(
-        Curve(c.measure, c.frames, c.scores[::-1] if c.measure == "sd" else c.scores, 1.0)
-        for c in other.curves
-    )
-    figure = curves_figure([sweep(), Sweep(**{**vars(other), "curves": moved})], title="camel")
-    assert [t.get_text() for t in figure.legends[0].get_texts()][:3] == ["sd", "sd_code", "er_count"]
-
-
-def test_a_sweep_with_less_than_everything_is_drawn_too():
-    nan = float("nan")
-    unknown = {"truth": nan, "truth_frame": nan, "depth_of_focus": (nan, nan)}
-    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
-    figure = curves_figure(
-        [
-            sweep("blind", **unknown),
-            sweep("no lens", lens=None),
-            sweep("there and back", lens=there_and_back),
-            sweep("backwards", lens=LENS[::-1]),
-            sweep("at rest", lens=np.full(800, 0.5, dtype=np.float32)),
-            sweep(None, truth=1.4, depth_of_focus=(1.3, 1.5), truth_frame=nan),
-        ],
-        title="camel",
-    )
-    assert size(to_png(figure))[0] == WIDTH_PX
-    over = {axes.get_title(): axes.get_xlabel() for axes in figure.axes if axes.get_title()}
-    assert {name for name, label in over.items() if label == "frame"} == {
-        "no lens",
-        "there and back",
-        "at rest",
-    }
-
-
-def test_over_frames_every_pass_of_the_truth_and_the_lens_are_drawn():
-    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
-    figure = curves_figure([sweep(lens=there_and_back)], title="camel")
-    axes = next(a for a in figure.axes if a.get_title())
-    (passed,) = (c for c in axes.collections if len(c.get_paths()) == 2 and "Line" in type(c).__name__)
-    when = sorted(path.vertices[0, 0] for path in passed.get_paths())
-    assert when == pytest.approx([0.375 * 399.5, 799 - 0.375 * 399.5], abs=1)
-    (drawn,) = (line for line in axes.get_lines() if len(line.get_xdata()) == 800)
-    np.testing.assert_allclose(drawn.get_ydata(), there_and_back, atol=1e-6)
-    assert "focus position, 0 to 1" in [text.get_text() for text in figure.legends[0].get_texts()]
-
-
-def test_a_lens_that_rests_on_its_way_is_drawn_over_frames():
-    stop_and_go = np.repeat(np.linspace(0, 1, 8, dtype=np.float32), 100)
-    slow_and_fast = LENS**2
-    figure = curves_figure(
-        [sweep("stop", lens=stop_and_go), sweep("hand", lens=slow_and_fast)], title="camel"
-    )
-    over = {axes.get_title(): axes.get_xlabel() for axes in figure.axes if axes.get_title()}
-    assert over == {"stop": "frame", "hand": "focus position, fraction of travel"}
-
-
-def test_a_truth_outside_the_travel_does_not_stretch_the_axis():
-    figure = curves_figure([sweep(truth=1.4, depth_of_focus=(1.3, 1.5))], title="camel")
-    axes = next(a for a in figure.axes if a.get_title())
-    assert axes.get_xlim() == (0, 1)
-    assert "focus at 1.40 →" in [text.get_text() for text in axes.texts]
-
-
-def test_errors_show_every_method_and_light_and_mark_what_gave_no_answer():
-    records = [record("a+s", "x", 0.2), record("b+s", "x", -12.0), failed("c+s", "x", "abstained")]
-    figure = errors_figure(records, title="camel")
-    (axes,) = figure.axes
-    assert [t.get_text() for t in axes.get_yticklabels()] == ["a+s", "b+s", "c+s"]
-    marks = {
-        line.get_marker(): line.get_xdata()[0] for line in axes.get_lines() if len(line.get_xdata()) == 1
-    }
-    assert marks["x"] > 12
-    assert size(to_png(figure))[0] == WIDTH_PX
-
-
-def test_pictures_leave_matplotlib_as_it_was():
-    before = dict(matplotlib.rcParams)
-    to_png(curves_figure([sweep()], title="camel"))
-    assert dict(matplotlib.rcParams) == before
-
-
-def test_a_scene_is_drawn_once_a_light_and_only_with_curves():
-    drawn = scenes([sweep("a"), sweep("b"), sweep("a"), sweep("c", measures=()), sweep("a", scene="fan")])
-    assert {key: [s.light for s in some] for key, some in drawn.items()} == {
-        ("test", "camel"): ["a", "b"],
-        ("test", "fan"): ["a"],
-    }
+ASSETS = Path(__file__).parent.parent / "saf_gen/report/assets"
+VOID = {"meta", "img", "br", "input"}
+NASTY = "<script>alert('$x')</script>&\"{}/../ü"
 
 
 class Reader(HTMLParser):
-    """Every tag is closed, and nothing outside the page is asked for."""
+    """Reads strictly: every element is closed where it must be, every attribute is there once."""
 
     def __init__(self):
         super().__init__()
-        self.open, self.tags, self.links = [], [], []
+        self.open, self.elements, self.headings, self.held = [], [], [], {}
 
     def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.links += [value for name, value in attrs if name in ("src", "href")]
-        if tag not in ("meta", "img", "br"):
+        names = [name for name, _ in attrs]
+        assert len(names) == len(set(names)), (tag, names)
+        self.elements.append((tag, dict(attrs), tuple(self.open)))
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+        if tag not in VOID:
             self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs), tuple(self.open)))
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open:
+            self.held[self.open[-1]] = self.held.get(self.open[-1], "") + data
+
+    def of(self, *tags):
+        return [attrs for tag, attrs, _ in self.elements if tag in tags]
 
 
 def read(text):
     reader = Reader()
     reader.feed(text)
+    reader.close()
     assert reader.open == []
     return reader
 
 
-@pytest.fixture
-def evaluation():
-    records = (record("sd+argmax", "a", 0.2), record("er+argmax", "a", 6.0))
-    return Evaluation(records, (sweep(),), (Failure("bad", "truncated"),))
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    made = evaluation()
+    paths = write_report(folder, evaluation=made, rows=table(made.records), title="small")
+    return folder, paths, (folder / "index.html").read_text(encoding="utf-8")
 
 
-def test_the_page_is_one_file_without_script_that_asks_for_nothing(tmp_path, evaluation):
-    paths = write_report(tmp_path, evaluation=evaluation, rows=table(evaluation.records), title="small")
-    assert [str(p.relative_to(tmp_path)) for p in paths] == [
-        "index.html",
-        "curves/test-camel.png",
-        "errors/test-camel.png",
-    ]
-    reader = read((tmp_path / "index.html").read_text(encoding="utf-8"))
-    assert "script" not in reader.tags
-    assert all(link.startswith("data:image/png;base64,") for link in reader.links)
-    embedded = [base64.b64decode(link.split(",")[1]) for link in reader.links]
-    assert embedded == [
-        (tmp_path / p).read_bytes() for p in ("curves/test-camel.png", "errors/test-camel.png")
-    ]
+def test_a_report_is_a_page_and_its_figures(whole):
+    folder, paths, _ = whole
+    assert paths == [folder / "index.html", folder / "figures"]
+    names = {p.name for p in (folder / "figures").iterdir()}
+    assert {"curves-camel-constant.svg", "steps-camel-ramp.svg", "errors-fan_train.svg"} <= names
+    assert {"light-ratio-argmax.svg", "photon-budget-egs_code.svg"} <= names
+    assert all(name.endswith(".svg") for name in names)
 
 
-def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(evaluation):
-    rows = table(evaluation.records)
-    text = page(rows, title="small", records=evaluation.records, failures=evaluation.failures)
-    read(text)
+def test_the_page_asks_the_network_for_nothing(whole):
+    reader = read(whole[2])
+    for attrs in reader.of("img", "script", "iframe", "link", "use", "image", "source"):
+        for name in ("src", "href", "srcset"):
+            assert attrs.get(name, "data:").startswith(("data:", "#")), attrs
+    links = {a["href"] for a in reader.of("a")}
+    assert {link for link in links if not link.startswith("#")} == {
+        "records.jsonl",
+        "leaderboard.json",
+        "leaderboard.csv",
+        "leaderboard.md",
+        "leaderboard.tex",
+    }
+    styles = reader.held["style"]
+    assert "@import" not in styles
+    assert "url(" not in styles
+    (policy,) = (m["content"] for m in reader.of("meta") if "http-equiv" in m)
+    assert policy.startswith(
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-"
+    )
+
+
+def test_links_within_the_page_lead_somewhere_and_names_are_there_once(whole):
+    reader = read(whole[2])
+    ids = [attrs["id"] for _, attrs, _ in reader.elements if "id" in attrs]
+    assert len(ids) == len(set(ids))
+    for attrs in reader.of("a", "use"):
+        if attrs["href"].startswith("#"):
+            assert attrs["href"][1:] in ids
+
+
+def test_who_does_not_see_the_page_is_told(whole):
+    reader = read(whole[2])
+    assert all(attrs.get("alt") for attrs in reader.of("img"))
+    for tag, attrs, around in reader.elements:
+        if tag == "svg":
+            assert attrs["role"] == "img"
+            assert attrs["aria-label"]
+        if tag in ("input", "select"):
+            named = {label.get("for") for label in reader.of("label")}
+            assert "label" in around or attrs["id"] in named
+        if tag == "th" and "group" not in attrs.get("class", ""):
+            assert attrs["scope"] == "col"
+    assert reader.headings[0] == 1
+    assert reader.headings.count(1) == 1
+    steps = zip(reader.headings, reader.headings[1:], strict=False)
+    assert all(after <= before + 1 for before, after in steps)
+    tables, captions = (len(reader.of(tag)) for tag in ("table", "caption"))
+    assert tables == captions
+    assert reader.of("html") == [{"lang": "en"}]
+
+
+def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole):
+    rows = table(recorded())
+    text = whole[2]
     for row in rows:
-        assert row.method in text
+        assert f'<td class="left method">{row.method}</td>' in text
     for column in columns(rows):
-        assert f"<dt>{column.header}</dt>" in text
-    assert "sha-a" in text
-    assert "truncated" in text
-    assert "<code>sd+argmax</code> leads" in text
-    assert "prefers-color-scheme: dark" in text
+        assert column.header in text
+        assert column.meaning.replace("'", "&#x27;") in text
+    assert "sha-camel-ramp" in text
+    assert "<code>bad</code>: truncated" in text
+    assert "<code>sd+" in text.split('class="lead"')[1][:60]
+    assert "Intervals are 95 % of a paired bootstrap over 3 scenes" in text
 
 
-def test_text_from_files_cannot_break_the_page():
-    nasty = "<script>alert('$x')</script>&\""
-    records = [record(f"{nasty}+s", nasty, 0.1, light=nasty, scene=nasty)]
-    text = page(table(records), title=nasty, records=records, failures=[Failure(nasty, nasty)])
-    assert "script" not in read(text).tags
+def test_success_has_its_interval_drawn(whole):
+    row = next(r for r in table(recorded()) if 0 < r.success_1dof < 1)
+    ends = f"--lo:{row.success_1dof_low:.4g};--hi:{row.success_1dof_high:.4g}"
+    assert ends in whole[2]
+
+
+def test_every_condition_that_differs_has_a_table(whole):
+    text = whole[2].split('id="conditions"')[1].split('id="measures"')[0]
+    titles = re.findall("<h3>(.*?)</h3>", text)
+    assert titles[:4] == ["Light schedule", "Light ratio", "Scene motion", "Photon budget"]
+    assert {"Scene", "Against the light&#x27;s ratio", "Against the photon budget"} <= set(titles)
+    assert "Lens motion" not in titles  # the same for all, so it tells nothing
+
+
+def test_a_sweep_with_pictures_can_be_looked_through(whole):
+    reader = read(whole[2])
+    (reel,) = (attrs for attrs in reader.of("div") if attrs.get("class") == "reel")
+    held = json.loads(reel["data-reel"])
+    assert (held["across"], held["down"], len(held["words"]), len(held["x"])) == (8, 2, 16, 16)
+    assert held["x"] == sorted(held["x"])
+    assert held["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF from the focus, 0.200 spikes")
+    (slider,) = (attrs for attrs in reader.of("input") if attrs.get("type") == "range")
+    assert (slider["min"], slider["max"], slider["value"]) == ("0", "15", "6")  # 6 is nearest to the truth
+    (box,) = (attrs for attrs in reader.of("span") if attrs.get("class") == "box")
+    assert box["style"] == "top:25%;left:12.5%;bottom:calc(100% - 75%);right:calc(100% - 87.5%)"
+
+
+def test_text_from_files_cannot_break_the_page(tmp_path):
+    records = [
+        record(f"{NASTY}+{number}", f"{NASTY}{light}", 0.1, light=f"{NASTY}{light}", scene=NASTY, note=NASTY)
+        for number in (1, 2)
+        for light in (1, 2)
+    ]
+    one = sweep(NASTY, scene=NASTY, split=NASTY, thumbnails=pictures())
+    ways = (path(f"{NASTY}+s", NASTY, scene=NASTY),)
+    made = Evaluation(tuple(records), (one,), (Failure(NASTY, NASTY),), ways)
+    write_report(tmp_path / "out", evaluation=made, rows=table(records), title=NASTY)
+    reader = read((tmp_path / "out/index.html").read_text(encoding="utf-8"))
+    assert len(reader.of("script")) == 2
+    assert json.loads(reader.held["script"].split('"use strict"')[0])["note"] == dict.fromkeys("0123", NASTY)
+    assert {p.name for p in tmp_path.iterdir()} == {"out"}
+    assert all(re.fullmatch(r"[\w.-]+", p.name) for p in (tmp_path / "out/figures").iterdir())
+
+
+def test_figures_whose_names_would_meet_are_files_of_their_own():
+    records = [record("sd+argmax", "camel-a b", 0.1), record("sd+argmax", "camel-a_b", 0.1)]
+    drawn = draw(Evaluation(tuple(records), (sweep("a b"), sweep("a_b")), ()), table(records))
+    names = [p.name for p in drawn if p.kind == "curves"]
+    assert names == ["curves-camel-a_b", "curves-camel-a_b-2"]
+
+
+def test_of_many_sequences_some_of_every_scene_are_drawn(monkeypatch):
+    monkeypatch.setattr("saf_gen.report.pictures.SEQUENCES", 4)
+    sweeps = tuple(sweep(light, scene=scene) for scene in ("camel", "fan") for light in ("a", "b", "c"))
+    records = [record("sd+argmax", s.sequence, 0.1, scene=s.scene) for s in sweeps]
+    drawn = draw(Evaluation(tuple(records), sweeps, ()), table(records))
+    shown = [p.scene for p in drawn if p.kind == "curves"]
+    assert shown == ["camel (test)"] * 2 + ["fan (test)"] * 2
+    assert SEQUENCES >= 12
+
+
+def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
+    records = [
+        record("sd+hill_climb", "camel-constant", 0.1, track="closed_loop", terms="voice_coil, 200 ms"),
+        record(
+            "er_count+hill_climb", "camel-constant", None, track="closed_loop", terms="voice_coil, 200 ms"
+        ),
+    ]
+    made = Evaluation(tuple(records), (), (), tuple(path(r.method) for r in records))
+    write_report(tmp_path, evaluation=made, rows=table(records), title="loop")
+    assert (tmp_path / "figures/lens-camel-constant.svg").is_file()
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "Way of the lens" in text
+    assert "closed loop (voice_coil, 200 ms)" in text
+    assert "Focus curves</h3>" not in text
 
 
 def test_a_page_without_truth_says_that_nothing_ranks():
     records = [record("a+s", "x", None)]
     text = page(table(records), title="blind", records=records)
     assert "nothing is ranked" in text
-    assert not re.search(r"\bnan\b", text, re.IGNORECASE)
+    assert not re.search(r"\bnan\b", text.split("<script>")[0], re.IGNORECASE)
 
 
 def test_an_empty_evaluation_still_makes_a_page(tmp_path):
     failures = (Failure("bad", "truncated"),)
-    write_report(tmp_path, evaluation=Evaluation((), (), failures), rows=(), title="none")
-    assert "truncated" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    paths = write_report(tmp_path, evaluation=Evaluation((), (), failures), rows=(), title="none")
+    assert paths == [tmp_path / "index.html"]
+    text = paths[0].read_text(encoding="utf-8")
+    read(text)
+    assert "truncated" in text
 
 
-def test_a_report_that_cannot_be_written_is_bad_input(tmp_path, evaluation):
-    (tmp_path / "curves").write_text("in the way")
+def test_a_report_that_cannot_be_written_is_bad_input(tmp_path):
+    made = evaluation()
+    (tmp_path / "figures").write_text("in the way")
     with pytest.raises(BadInput, match="cannot be written"):
-        write_report(tmp_path, evaluation=evaluation, rows=table(evaluation.records), title="small")
+        write_report(tmp_path, evaluation=made, rows=table(made.records), title="small")
+
+
+def test_the_script_has_a_rule_for_every_column_but_those_of_intervals():
+    records = recorded()
+    rows = table(records)
+    held = brief(rows, records)
+    without = {c.name for c, rule in zip(columns(rows), held["columns"], strict=True) if rule is None}
+    assert without == {"rank", "rank_best", "method", "success_1dof_low", "median_error_dof_low"}
+    assert set(RULES) - {c.name for c in columns(rows)} == {"reversals", "time_to_focus_s"}  # not known here
+    lights = [rule["light"] for rule in held["columns"] if rule and "light" in rule]
+    assert lights == ["constant", "ramp", "steps"]
+
+
+def test_what_the_script_gets_is_json_that_cannot_end_its_element():
+    text = embedded({"a": "</script><!--\u2028", "b": 1.5, "c": None})
+    assert "<" not in text
+    assert "\u2028" not in text
+    assert json.loads(text) == {"a": "</script><!--\u2028", "b": 1.5, "c": None}
+
+
+def luminance(colour):
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one, other):
+    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_and_lines_stand_out_in_both_schemes(scheme):
+    """Text 4.5 : 1, lines and marks 3 : 1, as WCAG 2.2 asks (1.4.3, 1.4.11)."""
+    first, dark = (ASSETS / "page.css").read_text().split("@media screen and (prefers-color-scheme: dark)")
+    colours = dict(re.findall(r"(--[\w]+): (#[0-9a-f]{6})", dark if scheme == "dark" else first))
+    for text in ("--ink", "--soft", "--best"):
+        for under in ("--paper", "--raised"):
+            assert contrast(colours[text], colours[under]) >= 4.5, (text, under)
+    assert contrast(colours["--ink"], colours["--bar"]) >= 4.5
+    assert contrast(colours["--ink"], colours["--warn"]) >= 4.5
+    for number in range(1, 9):
+        assert contrast(colours[f"--c{number}"], colours["--paper"]) >= 3, number

@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from saf_gen import get_measure, get_search, open_stream, rig, write_stream
+from saf_gen import bits, get_measure, get_search, open_stream, rig, write_stream
 from saf_gen.errors import BadInput
 from saf_gen.seeds import generator
 from saf_gen.stream import StreamWriter
@@ -21,11 +21,15 @@ class InMemory:
         self.shape = (frames, height, width)
         chance = generator("test_rig", frames, height, width).random(self.shape, dtype=np.float32)
         self.spikes = (chance < rate).astype(np.uint8)
-        self.asked = []
+        self.asked, self.read = [], []
 
     def counts(self, first, stop, region):
         self.asked.append((first, stop))
         return self.spikes[first:stop, *region].sum(axis=0, dtype=np.uint32)
+
+    def packed(self, first_byte, stop_byte, region):
+        self.read.append((first_byte, stop_byte))
+        return bits.pack(self.spikes[:, *region])[:, :, first_byte:stop_byte]
 
 
 def windows_of(frames):
@@ -189,7 +193,121 @@ def test_a_recording_says_what_time_it_is_and_where_the_lens_was(tmp_path):
         assert view.position(399) == 1.0
         with pytest.raises(BadInput, match=r"the lens of a recording cannot be moved to 0\.5.*closed_loop"):
             view.move(0.5)
+        with pytest.raises(BadInput, match=r"the lens of a recording cannot go on for 8 frames.*closed_loop"):
+            view.wait(8)
 
 
 def test_a_recording_without_a_lens_does_not_know_where_it_was():
     assert np.isnan(rig.Recording(rig.Counts(InMemory(8, 4, 4)), np.mean).position(3))
+
+
+def test_a_search_may_look_through_another_measure_by_name():
+    stream = InMemory(300, 20, 30)
+    recording = rig.Recording(rig.Counts(stream), get_measure("sd"))
+    counts = stream.spikes[17:217].sum(axis=0)
+    assert recording.score(17, 217, "tenengrad_n") == get_measure("tenengrad_n")(counts)
+    assert recording.score(17, 217) == get_measure("sd")(counts)
+    assert recording.windows == 2
+    with pytest.raises(BadInput, match="unknown focus measure 'tenengrat'.*mean 'tenengrad'"):
+        recording.score(17, 217, "tenengrat")
+
+
+# Texture from intervals.
+
+
+def plain_texture(spikes, first, stop):
+    """Pixel by pixel, as the definition reads."""
+    middle, out = (first + stop - 1) // 2, np.zeros(spikes.shape[1:])
+    for y, x in np.ndindex(out.shape):
+        times = first + np.flatnonzero(spikes[first:stop, y, x])
+        before, after = times[times <= middle], times[times > middle]
+        if before.size and after.size:
+            out[y, x] = (stop - first) / (after[0] - before[-1])
+    return out
+
+
+@pytest.mark.parametrize("frames", [1, 7, 9, 65, 1000])
+@pytest.mark.parametrize("rate", [0.0, 0.02, 0.3, 1.0])
+def test_texture_from_intervals_is_what_its_definition_says(frames, rate):
+    stream = InMemory(frames, 5, 8, rate=rate)
+    for region in (None, (slice(1, 4), slice(2, 7))):
+        counts = rig.Counts(stream, region)
+        part = stream.spikes[:, *(region or (slice(None), slice(None)))]
+        for first, stop in windows_of(frames):
+            found = counts.intervals(first, stop)
+            assert found.dtype == np.float64
+            np.testing.assert_array_equal(found, plain_texture(part, first, stop))
+
+
+def test_a_regular_train_gives_its_rate_exactly_wherever_the_window_lies():
+    """Spikes every p readouts, from any phase: n/p counts in n frames. Counting is off by up to one."""
+    stream = InMemory(400, 4, 30)
+    t, period = np.arange(400)[:, None, None], 1 + np.arange(30)
+    stream.spikes = ((t + 3 * np.arange(4)[:, None]) % period == 0).astype(np.uint8)
+    counts = rig.Counts(stream)
+    for first, stop in [(0, 100), (13, 90), (100, 163), (37, 399), (335, 400)]:
+        rate = np.broadcast_to((stop - first) / period, (4, 30))
+        np.testing.assert_array_equal(counts.intervals(first, stop), rate)
+        assert np.abs(counts.window(first, stop) - rate).max() < 1
+
+
+def test_light_that_changed_within_the_window_is_that_of_its_middle():
+    """Every 4th readout, then every 10th: counting mixes them, the interval round the middle does not."""
+    stream = InMemory(200, 1, 1)
+    stream.spikes = np.zeros((200, 1, 1), np.uint8)
+    stream.spikes[0:60:4] = stream.spikes[60::10] = 1
+    counts = rig.Counts(stream)
+    assert counts.intervals(0, 100) == 25
+    assert counts.intervals(50, 150) == 10
+    assert 10 < counts.window(0, 100) < 25
+
+
+def test_the_interval_between_two_lone_spikes_is_found_over_any_distance():
+    stream = InMemory(20_000, 1, 3)
+    stream.spikes = np.zeros((20_000, 1, 3), np.uint8)
+    stream.spikes[[3, 19_990], 0, 0] = 1
+    stream.spikes[[3, 9000], 0, 1] = 1  # none after the middle
+    image = rig.Counts(stream).intervals(0, 20_000)
+    np.testing.assert_array_equal(image, [[20_000 / 19_987, 0, 0]])
+
+
+def test_no_more_is_read_than_the_intervals_need():
+    stream = InMemory(4000, 6, 6, rate=0.3)
+    stream.spikes[:, 0] = 0  # pixels that never fire do not keep it reading
+    rig.Counts(stream).intervals(0, 4000)
+    assert sum(stop - first for first, stop in stream.read) <= 2 * 24
+    stream.read.clear()
+    rig.Counts(stream).intervals(1003, 1017)
+    assert all(1003 // 8 <= first < stop <= 1017 // 8 + 1 for first, stop in stream.read)
+
+
+def test_textures_are_kept_beside_counts_and_cannot_be_changed():
+    counts = rig.Counts(InMemory(500, 3, 4))
+    image = counts.intervals(10, 300)
+    assert counts.intervals(10, 300) is image
+    assert counts.window(10, 300) is not image
+    with pytest.raises(ValueError, match="read-only"):
+        image += 1
+    with pytest.raises(BadInput, match="frames 400 to 501 were asked for"):
+        counts.intervals(400, 501)
+
+
+def test_a_measure_of_textures_scores_what_the_intervals_say():
+    stream = InMemory(300, 20, 30)
+    counts = rig.Counts(stream)
+    recording = rig.Recording(counts, get_measure("tenengrad_n_tfi"))
+    image = plain_texture(stream.spikes, 17, 217)
+    assert recording.score(17, 217) == get_measure("tenengrad_n")(image)
+    assert recording.score(17, 217, "sd") == get_measure("sd")(counts.window(17, 217))
+    answer = get_search("egs")(recording)
+    assert 0 <= answer.frame <= 299
+
+
+def test_a_stream_file_gives_the_same_textures(tmp_path):
+    made = InMemory(4100, 12, 17, rate=0.05)
+    write_stream(tmp_path / "made.h5", made.spikes)
+    with open_stream(tmp_path / "made.h5") as stream:
+        region = (slice(2, 9), slice(5, 17))
+        for first, stop in [(0, 4100), (1990, 2010), (7, 8), (1000, 3500)]:
+            found = rig.Counts(stream, region).intervals(first, stop)
+            np.testing.assert_array_equal(found, plain_texture(made.spikes[:, *region], first, stop))

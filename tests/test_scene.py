@@ -133,6 +133,17 @@ def test_the_digest_sees_geometry_and_not_prose(edited, test_scenes):
     assert find_scene("plane").digest == changed
 
 
+def test_words_of_the_card_render_nothing_again_and_its_lens_does(edited, test_scenes):
+    before = find_scene("plane").digest
+    card = (test_scenes / "plane" / "scene.yaml").read_text()
+    title = next(line for line in card.splitlines() if line.startswith("title:"))
+    folder = edited(title, "title: Another name  # and a remark")
+    assert find_scene("plane").card.title == "Another name"
+    assert find_scene("plane").digest == before
+    (folder / "scene.yaml").write_text((folder / "scene.yaml").read_text() + "\nunit_m: 0.5\n")
+    assert find_scene("plane").digest != before
+
+
 # --- a scene is a family ----------------------------------------------------------------------------
 
 

@@ -357,6 +357,16 @@ def test_what_mitsuba_does_not_understand_is_told_with_its_line(written, tmp_pat
         world.from_xml.described(written(elements), tmp_path / "scene.xml")
 
 
+@pytest.mark.parametrize("name", ["meshes/Crate.001.ply", "textures/print.png"])
+@pytest.mark.parametrize("kept", [0, 100], ids=["empty", "cut short"])
+def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
+    scene = exported()
+    file = scene.folder / name
+    file.write_bytes(file.read_bytes()[:kept])
+    variant.use("scalar")
+    assert file.name in refused(lambda: world.load(world.build(scene), ("World",), 3))
+
+
 def test_every_plug_in_that_is_allowed_is_one_of_mitsubas():
     there = {path.name.removesuffix(".so") for path in Path(mi.__path__[0], "plugins").iterdir()}
     assert set().union(*PLUGINS.values()) <= there

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from saf_gen.scores import WITHIN, depth_of_focus, judge, lens_travel, position_at
+from saf_gen.scores import WITHIN, depth_of_focus, judge, lens_travel, light_ratio, position_at
 
 SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
 
@@ -182,3 +182,23 @@ def test_the_way_counts_every_reversal_of_the_lens():
 def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
     assert lens_travel(801, None, SWEEP) == pytest.approx(1.0)
     assert lens_travel(0, None, SWEEP) == 0
+
+
+@pytest.mark.parametrize(
+    ("gain", "ratio"),
+    [
+        ([[1.0], [1.0]], 1.0),
+        ([[0.5], [2.0], [1.0]], 4.0),
+        ([[1.0, 3.0], [0.5, 1.0]], 3.0),  # of two lights the one that changes more
+        ([[0.0], [1.0]], 1000.0),  # one that goes out
+        ([[0.0, 2.0], [0.0, 1.0]], 2.0),  # one that is never on
+        ([[0.0], [0.0]], None),
+    ],
+)
+def test_the_light_ratio_is_brightest_over_darkest(gain, ratio):
+    assert light_ratio(np.array(gain, dtype=np.float32)) == (None if ratio is None else pytest.approx(ratio))
+
+
+def test_an_unknown_light_has_no_ratio():
+    assert light_ratio(None) is None
+    assert light_ratio(np.zeros((0, 1))) is None

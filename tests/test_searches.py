@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -66,17 +67,54 @@ def literal_egs(view, left, right, threshold=10, ratio=0.618):
     return trace
 
 
+def literal_feedback(view, end):
+    h = (end + 1) // 2
+    return listed_score(view, h - 1, end) - listed_score(view, 1, h - 1)
+
+
 def literal_sgfs(view, dt):
     n = view.frames // dt
-    s = {}
-    for k in range(1, n + 1):
-        end = k * dt
-        h = (end + 1) // 2
-        s[k] = listed_score(view, h - 1, end) - listed_score(view, 1, h - 1) if k >= n / 4 else 0.0
+    s = {k: literal_feedback(view, k * dt) if k >= n / 4 else 0.0 for k in range(1, n + 1)}
     later = {k: s[k] for k in range(max(n // 4, 1), n + 1)}
     stop = next(k for k in later if later[k] == max(later.values()))
     right = stop * dt
     return literal_egs(view, math.floor(right - 0.618 * (right - 1)), right)
+
+
+# Ours, said again frame by frame: 0-based.
+
+
+def mean_of(view, listed):
+    assert listed == list(range(listed[0], listed[-1] + 1))
+    return view.score(listed[0], listed[-1] + 1)
+
+
+def plain_egs(view, listed, threshold=10, ratio=0.618):
+    trace = [sum(listed) / len(listed)]
+    while len(listed) > threshold:
+        n = round(ratio * len(listed))
+        n = min(max(n, 1), len(listed) - 1)
+        earlier, later = listed[:n], listed[-n:]
+        a, b = mean_of(view, earlier), mean_of(view, later)
+        if a == b:
+            cut = (len(listed) - n) // 2
+            if not cut:
+                break
+            listed = listed[cut:-cut]
+        else:
+            listed = earlier if a > b else later
+        trace.append(sum(listed) / len(listed))
+    return trace
+
+
+def stop_by_falls(view, dt, falls):
+    n = view.frames // dt
+    s = [literal_feedback(view, k * dt) for k in range(1, n + 1) if k >= n / 4]
+    first = n - len(s) + 1
+    for i in range(falls, len(s)):
+        if all(s[i - j] < s[i - j - 1] for j in range(falls)):
+            return (first + i) * dt
+    return n * dt
 
 
 LENGTHS = [12, 64, 333, 1000, 1001, 2047, 5000, 20_000]
@@ -139,12 +177,16 @@ def test_a_window_with_fractional_ends_takes_the_frames_nearest_to_its_steps():
     assert view.asked[2] == (round(left) - 1, round(left) + math.floor(0.618 * width))
 
 
-@pytest.mark.parametrize("search", ["argmax", "egs_code", "sgfs_code"])
+PROMISES = {"argmax": 50, "naive": 5, "egs": 5, "egs_code": 10, "sgfs_code": 10, "sgfs_causal": 5}
+"""Half a block, half a step, half the threshold; the code's own conventions cost it the other half."""
+
+
+@pytest.mark.parametrize("search", PROMISES)
 @pytest.mark.parametrize("peak", [0.3, 0.45, 0.5, 0.7])
 @pytest.mark.parametrize("frames", [3000, 20_000])
 def test_a_planted_peak_is_found_within_the_promise_of_the_search(search, peak, frames):
     answer = get_search(search)(Peak(frames, peak * frames))
-    promise = {"argmax": 50, "egs_code": 10, "sgfs_code": 10}[search]  # half a block; the threshold
+    promise = PROMISES[search]
     assert abs(answer.frame - peak * frames) <= promise
 
 
@@ -217,6 +259,133 @@ def test_refinement_of_a_plateau_stays_within_half_a_block():
     assert get_search("argmax", window=10, refine=True)(Curve(np.repeat([0, 1, 1, 0.0], 10))).frame == 19.5
 
 
+# Ours.
+
+
+@pytest.mark.parametrize("frames", LENGTHS)
+@pytest.mark.parametrize("peak", PEAKS)
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_egs_takes_the_same_steps_as_its_literal_twin(frames, peak, noise):
+    view = Curve(focus_curve(frames, peak, noise=noise))
+    answer = get_search("egs")(view)
+    assert list(answer.trace) == plain_egs(view, list(range(frames)))
+    assert answer.frame == answer.trace[-1]
+
+
+@pytest.mark.parametrize(("threshold", "ratio"), [(1, 0.618), (2.5, 0.7), (50, 0.5), (10, 0.9)])
+def test_egs_leaves_no_more_frames_than_its_threshold(threshold, ratio):
+    view = Curve(focus_curve(1999, 0.37, noise=0.5))
+    search = get_search("egs", threshold=threshold, ratio=ratio)
+    assert list(search(view).trace) == plain_egs(view, list(range(1999)), threshold, ratio)
+    assert abs(search(Peak(1999, 700)).frame - 700) <= threshold / 2
+
+
+@pytest.mark.parametrize("frames", [64, 333, 1000, 5001])
+def test_a_recording_played_backwards_gives_egs_the_same_place(frames):
+    for peak in PEAKS:
+        forth = np.round(10 * focus_curve(frames, peak, noise=0.3))  # sums are exact, equal scores occur
+        one, other = get_search("egs")(Curve(forth)), get_search("egs")(Curve(forth[::-1]))
+        assert one.frame + other.frame == pytest.approx(frames - 1, abs=1e-9)
+
+
+def test_egs_keeps_the_middle_of_what_scores_alike():
+    answer = get_search("egs")(Curve(np.ones(1000)))
+    assert set(answer.trace) == {499.5}
+    assert len(answer.trace) > 5
+
+
+def test_the_code_s_conventions_put_egs_code_off_the_centre():
+    """The same curve, its peak at each of 200 frames: ours has no bias, the code's answers early."""
+    frames, at = 2000, np.arange(900, 1100)
+    ours = [get_search("egs")(Peak(frames, peak)).frame for peak in at]
+    code = [get_search("egs_code")(Peak(frames, peak)).frame for peak in at]
+    assert abs(np.mean(ours - at)) < 0.5
+    assert abs(np.mean(code - at)) > abs(np.mean(ours - at))
+
+
+def test_naive_takes_the_best_of_all_moments():
+    values = np.zeros(1000)
+    values[310] = 1
+    assert get_search("naive", dt=11, step=1)(Curve(values)).frame == 305  # the first window that holds it
+    view = Peak(2000, 873.2)
+    answer = get_search("naive", dt=101, step=1)(view)
+    assert answer.frame == 873
+    assert len(view.asked) == 2000 - 101 + 1
+    assert {stop - first for first, stop in view.asked} == {101}
+
+
+def test_naive_with_steps_as_long_as_its_window_is_argmax():
+    for peak in PEAKS:
+        view = Curve(focus_curve(3050, peak, noise=1.0))
+        assert get_search("naive", dt=100, step=100)(view).frame == get_search("argmax")(view).frame
+
+
+@pytest.mark.parametrize(("frames", "dt"), [(1000, 7), (1001, 50), (4090, 100)])
+@pytest.mark.parametrize("falls", [1, 3, 5])
+def test_sgfs_causal_stops_where_s_fell_for_the_first_time_as_often_as_asked(frames, dt, falls):
+    for peak in PEAKS:
+        for noise in (0.0, 1.0):
+            view = Curve(focus_curve(frames, peak, noise=noise))
+            answer = get_search("sgfs_causal", dt=dt, falls=falls)(view)
+            stop = stop_by_falls(view, dt, falls)
+            assert answer.note == f"stopped after {stop} of {frames} frames"
+            listed = list(range(math.floor((1 - 0.618) * stop), stop))
+            assert list(answer.trace) == plain_egs(view, listed)
+
+
+@pytest.mark.parametrize("peak", [0.2, 0.3, 0.4, 0.5, 0.6])
+def test_sgfs_causal_sees_frames_in_their_order_and_stops_a_little_after_the_code(peak):
+    causal, code = Peak(20_000, peak * 20_000), Peak(20_000, peak * 20_000)
+    answer, other = get_search("sgfs_causal")(causal), get_search("sgfs_code")(code)
+    stops = [stop for _, stop in causal.asked]
+    assert all(b <= a + 100 for a, b in pairwise(np.maximum.accumulate([5000, *stops]).tolist()))
+    assert abs(answer.frame - peak * 20_000) <= 5
+    later = max(stops) - int(other.note.split()[2])
+    assert later == 300
+    assert max(stops) < 20_000 == max(stop for _, stop in code.asked)
+
+
+@pytest.mark.parametrize("peak", [0.35, 0.55])
+def test_what_comes_after_its_stop_is_nothing_to_sgfs_causal(peak):
+    values = focus_curve(10_000, peak)
+    answer = get_search("sgfs_causal")(Curve(values))
+    stop = int(answer.note.split()[2])
+    assert stop < 10_000
+    values[stop:] = 1e6
+    assert get_search("sgfs_causal")(Curve(values)) == answer
+
+
+@pytest.mark.parametrize("peak", [0.3, 0.5, 0.7, 0.9])
+def test_the_printed_algorithm_stops_in_its_first_control_period(peak):
+    view = Peak(20_000, peak * 20_000)
+    answer = get_search("sgfs_printed")(view)
+    assert answer.note == "stopped after 100 of 20000 frames"
+    assert answer.frame < 100
+    assert abs(answer.frame - peak * 20_000) > 0.29 * 20_000
+
+
+@pytest.mark.parametrize("peak", [0.1, 0.25, 0.4, 0.49])
+def test_with_the_sign_turned_it_stops_at_twice_the_focus_and_looks_behind_it(peak):
+    frames = 20_000
+    view = Peak(frames, peak * frames)
+    answer = get_search("sgfs_printed", turned=True)(view)
+    stop = int(answer.note.split()[2])
+    assert stop == pytest.approx(2 * peak * frames, abs=101)
+    searched = [(a, b) for a, b in view.asked if a > stop / 2]
+    assert min(a for a, _ in searched) == pytest.approx(1.38 * peak * frames, rel=0.01, abs=101)
+    assert answer.frame == pytest.approx(
+        1.38 * peak * frames, rel=0.03, abs=101
+    )  # the end nearest to the focus
+    assert answer.frame - peak * frames > 0.3 * peak * frames
+
+
+def test_the_printed_algorithm_abstains_where_it_does_not_stop():
+    falling, rising = Curve(np.linspace(1, 0, 2300)), Curve(np.linspace(0, 1, 2300))
+    for answer in (get_search("sgfs_printed")(falling), get_search("sgfs_printed", turned=True)(rising)):
+        assert answer.frame is None
+        assert answer.note == "the sweep ended before the algorithm stopped"
+
+
 @pytest.mark.parametrize(
     ("search", "frames", "message"),
     [
@@ -227,6 +396,10 @@ def test_refinement_of_a_plateau_stays_within_half_a_block():
             r"11 frames is too short for threshold 10; allowed: more than 11 frames; choose a sm",
         ),
         ("sgfs_code", 99, r"99 frames is too short for blocks of 100 frames; allowed: at least one block"),
+        ("sgfs_causal", 99, r"99 frames is too short for blocks of 100 frames; allowed: at least one block"),
+        ("sgfs_printed", 99, r"99 frames is shorter than a control period of 100 frames; allowed: control_p"),
+        ("naive", 99, r"99 frames is shorter than one window of 100 frames; allowed: dt of 1 \.\.\. 99"),
+        ("egs", 10, r"10 frames is too short for threshold 10; allowed: more than 10 frames; choose a sm"),
     ],
 )
 def test_a_recording_too_short_for_the_option_is_refused(search, frames, message):
@@ -254,7 +427,11 @@ def test_the_shortest_recordings_that_fit_are_searched():
         ("egs_code", {"threshold": "ten"}, r"search 'egs_code': .*allowed: threshold, ratio"),
         ("egs_code", {"ratio": 1.0}, r"ratio is 1\.0; allowed: 0\.5 up to but not 1"),
         ("egs_code", {"dt": 5}, r"unknown key of search 'egs_code': 'dt'; allowed: ratio, threshold"),
-        ("egs", {}, r"unknown search 'egs'; allowed: .*did you mean 'egs_code'\?"),
+        ("egs", {"threshold": 0}, r"threshold is 0; allowed: frames, a number of at least 1"),
+        ("naive", {"step": 0}, r"step is 0; allowed: a whole number of frames"),
+        ("sgfs_causal", {"falls": 0}, r"falls is 0; allowed: a whole number"),
+        ("sgfs_printed", {"turned": 1}, r"turned is 1; allowed: true, false"),
+        ("egs_cod", {}, r"unknown search 'egs_cod'; allowed: .*did you mean 'egs_code'\?"),
     ],
 )
 def test_wrong_options_of_a_search_are_refused(search, options, message):

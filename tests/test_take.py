@@ -11,6 +11,7 @@ import take_dataset
 import saf_gen
 from saf_gen.errors import BadInput
 from saf_gen.motions import readout_positions
+from saf_gen.rig import Counts
 from saf_gen.rig.film import Film, rows_of
 from saf_gen.take import Take
 
@@ -32,7 +33,7 @@ def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
         for stop in (8, 96, 800):  # whatever the pieces
             film.develop(stop, position)
         for first, last in ((0, 800), (3, 5), (90, 210)):
-            assert np.array_equal(film.counts(first, last), stream.counts(first, last, region))
+            assert np.array_equal(film.window(first, last), stream.counts(first, last, region))
 
 
 def test_another_lens_sees_other_spikes(dataset):
@@ -40,7 +41,7 @@ def test_another_lens_sees_other_spikes(dataset):
         take = Take.of(stream, dataset / "stacks")
         film = Film(take, take.exposed(), (slice(0, 40), slice(0, 64)))
         film.develop(800, np.full(800, 0.9))
-        assert not np.array_equal(film.counts(0, 100), stream.counts(0, 100))
+        assert not np.array_equal(film.window(0, 100), stream.counts(0, 100))
 
 
 def test_a_stream_that_somebody_wrote_cannot_be_filmed_again(tmp_path):
@@ -98,3 +99,17 @@ def test_slices_of_the_passed_positions_alone_are_refused(tmp_path, monkeypatch)
         ),
     ):
         Take.of(stream, folder / "stacks")
+
+
+def test_halves_and_intervals_are_those_of_a_recording(dataset):
+    with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
+        take = Take.of(stream, dataset / "stacks")
+        motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
+        film = Film(take, take.exposed(), (slice(0, 40), slice(0, 64)))
+        film.develop(800, readout_positions(motion, take.frames, stream.readout_hz))
+        counts = Counts(stream)
+        for first, last in ((0, 800), (3, 61)):
+            assert np.array_equal(film.halves(first, last), counts.halves(first, last))
+            assert np.array_equal(film.intervals(first, last), counts.intervals(first, last))
+        with pytest.raises(BadInput, match="has no halves"):
+            film.halves(5, 6)

@@ -11,7 +11,7 @@ from saf_gen.camera import get_sensor
 from saf_gen.cluster import Tell
 from saf_gen.errors import SafGenError
 from saf_gen.evaluate import evaluate
-from saf_gen.scores import Record
+from saf_gen.records import Record
 
 __all__ = ["METHODS", "measure"]
 

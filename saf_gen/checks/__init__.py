@@ -13,6 +13,7 @@ from saf_gen.checks.exposure import check_exposure
 from saf_gen.checks.motion import check_motion
 from saf_gen.checks.paper import check_paper
 from saf_gen.checks.reach import check_family, check_reach, unseen
+from saf_gen.checks.slices import check_slices
 from saf_gen.checks.trial import Trial
 from saf_gen.checks.units import check_units
 from saf_gen.errors import BadInput
@@ -28,6 +29,7 @@ __all__ = [
     "check_motion",
     "check_reach",
     "check_scene",
+    "check_slices",
     "check_units",
 ]
 
@@ -38,6 +40,7 @@ SEEN: tuple[Callable[[Trial], Iterator[Finding]], ...] = (
     check_detail,
     check_curve,
     check_motion,
+    check_slices,
     check_family,
 )
 

@@ -29,6 +29,7 @@ BLANK = 0.01  # contrast
 FLAT, WEAK = 0.005, 0.03  # losses: nothing to find; little to find
 USUAL = 256  # samples a pixel, as the full-size recipes have
 NOISY = 0.1  # of the target's contrast
+SIGNIFICANT = 4.0  # standard errors; the largest of a few neighbouring positions is taken
 SMALLEST, LARGEST = 0.2, 1.0  # pixels a texel: finer ones alias
 
 
@@ -105,12 +106,14 @@ def detail_of(first: FocalStack, second: FocalStack, truth: float, aside: float)
     a, b = (stack.radiance.sum(axis=0)[:, mask].astype(np.float64) for stack in (first, second))
     mean = (a.mean(axis=1) + b.mean(axis=1)) / 2
     a_, b_ = (stack - stack.mean(axis=1, keepdims=True) for stack in (a, b))
-    shared = (a_ * b_).mean(axis=1) / mean**2
+    products = a_ * b_
+    shared = products.mean(axis=1) / mean**2
     best = int(np.abs(focus - truth).argmin())
     beside = [p for p in (truth - aside, truth + aside) if focus[0] - 1e-9 <= p <= focus[-1] + 1e-9]
     lowest = min(float(np.interp(p, focus, shared)) for p in beside)
     peak = float(shared[max(best - NEAR // 4, 0) : best + NEAR // 4 + 1].max())
-    if not peak > 0:
+    uncertain = float(products[best].std()) / np.sqrt(products.shape[1]) / mean[best] ** 2
+    if not peak > SIGNIFICANT * uncertain:  # what noise alone may show
         return Detail(0.0, 0.0, float("inf"))
     own = ((a[best] - b[best]) ** 2).mean() / 2 / mean[best] ** 2
     return Detail(np.sqrt(peak), 1 - lowest / peak, float(np.sqrt(own / peak)))

@@ -8,7 +8,7 @@ import numpy as np
 from saf_gen.checks._finding import Finding, error, ok, warning
 from saf_gen.checks.trial import Trial
 
-__all__ = ["check_motion", "fastest"]
+__all__ = ["check_motion", "fastest", "last_s"]
 
 MOMENTS = 9
 LATEST_S = 1.0  # a recording of 20,000 frames
@@ -63,11 +63,20 @@ def _slices(trial: Trial, speed: tuple[str, float]) -> Finding:
 
 def _times(trial: Trial) -> list[float]:
     """Moments (s) within a recording: keyframes, and others evenly between."""
-    keys = {k.time_s for motion in trial.studio.motions.values() for k in motion.keyframes}
-    last = min(max(keys), LATEST_S) if max(keys) > 0 else LATEST_S
+    keys, last = _keys(trial), last_s(trial)
     return sorted(
         {*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]}
     )
+
+
+def last_s(trial: Trial) -> float:
+    """The last moment (s) of a recording at which something still moves."""
+    last = max(_keys(trial))
+    return min(last, LATEST_S) if last > 0 else LATEST_S
+
+
+def _keys(trial: Trial) -> set[float]:
+    return {k.time_s for motion in trial.studio.motions.values() for k in motion.keyframes}
 
 
 def fastest(trial: Trial, times: list[float]) -> tuple[str, float]:

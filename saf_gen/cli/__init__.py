@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import typer
 
-from saf_gen.cli import contest, machine, make, recipes, scenes, streams
+from saf_gen.cli import contest, leaderboard, machine, make, methods, recipes, scenes, streams, tune
 from saf_gen.cli._terminal import fail
 from saf_gen.errors import SafGenError
 
@@ -22,12 +22,13 @@ STOPPED = 130
 COMMANDS: dict[str, Callable[..., None]] = {
     "generate": make.generate,
     "evaluate": contest.evaluate,
+    "leaderboard": leaderboard.leaderboard,
+    "tune": tune.tune,
     "score": contest.score,
     "import": streams.import_,
     "export": streams.export,
     "inspect": streams.inspect,
     "verify": make.verify,
-    "methods": contest.methods,
     "bench": machine.bench,
     "doctor": machine.doctor,
 }
@@ -43,7 +44,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "recipes": ("Recipes of datasets.", {"check": recipes.check}),
+    "methods": ("Focus measures and searches: list them, or check a method.", {"check": methods.check}),
 }
+ALONE: dict[str, Callable[..., None]] = {"methods": methods.list_}
+"""What a group does without a command; the others show their help."""
 
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
@@ -54,7 +58,9 @@ app = typer.Typer(
 for name, command in COMMANDS.items():
     app.command(name)(command)
 for group, (words, commands) in GROUPS.items():
-    under = typer.Typer(help=words, no_args_is_help=True)
+    under = typer.Typer(help=words, no_args_is_help=group not in ALONE, invoke_without_command=group in ALONE)
+    if group in ALONE:
+        under.callback()(ALONE[group])
     for name, command in commands.items():
         under.command(name)(command)
     app.add_typer(under, name=group)

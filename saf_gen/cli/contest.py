@@ -1,15 +1,20 @@
-"""Commands that judge focus methods: ``evaluate``, ``score``, ``methods``."""
+"""Commands that judge focus methods: ``evaluate``, ``score``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
+from saf_gen.cli._board import show_board
 from saf_gen.cli._terminal import OutFolder, fail, out, progress_bars
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, unknown
 
-__all__ = ["evaluate", "methods", "score"]
+if TYPE_CHECKING:
+    from saf_gen.contest.terms import Terms
+
+__all__ = ["evaluate", "score", "terms_of"]
+
+TRACKS = ("recorded", "closed_loop")
 
 
 def evaluate(
@@ -18,19 +23,33 @@ def evaluate(
     method: Annotated[
         list[str] | None, typer.Option(help="MEASURE+SEARCH, options after a colon; may be given again.")
     ] = None,
+    predictions: Annotated[
+        Path | None, typer.Option(help="Answers made elsewhere, a line of JSON each, judged beside.")
+    ] = None,
     folder: OutFolder = None,
-    track: Annotated[str, typer.Option(help="recorded: all methods see the same sweep.")] = "recorded",
+    track: Annotated[
+        str,
+        typer.Option(help="recorded: all methods see the same sweep; closed_loop: each moves the lens."),
+    ] = "recorded",
+    actuator: Annotated[
+        str | None, typer.Option(help="Of the closed loop: a preset or a .yaml file (voice_coil).")
+    ] = None,
+    budget: Annotated[
+        float | None, typer.Option(help="Of the closed loop: milliseconds (the recording's length).")
+    ] = None,
+    sweep: Annotated[
+        float | None, typer.Option(help="Of the closed loop: milliseconds from end to end (half the budget).")
+    ] = None,
     region: Annotated[str, typer.Option(help="target (box round the target) or frame.")] = "target",
 ) -> None:
     """Run focus methods over recordings, rank them, draw their curves."""
     from saf_gen.evaluate import evaluate as run
     from saf_gen.files import check_writable
-    from saf_gen.leaderboard import columns, table, write_files
+    from saf_gen.leaderboard import table, write_curves, write_files
     from saf_gen.report import write_report
 
-    if track != "recorded":
-        raise BadInput(f"unknown track {track!r}", allowed="recorded")
-    target = folder or _beside(source)
+    terms = terms_of(track, actuator, budget, sweep)
+    target = folder or _beside(source, track)
     check_writable(target)
     with progress_bars() as bars:
         task = bars.add_task("evaluate", total=1)
@@ -38,19 +57,24 @@ def evaluate(
         def step(done: int, total: int, what: str) -> None:
             bars.update(task, completed=done, total=total, description=f"evaluate {what}")
 
-        result = run(source, methods=method, split=split, region=region, progress=step)
+        result = run(
+            source,
+            methods=method,
+            split=split,
+            region=region,
+            terms=terms,
+            predictions=predictions,
+            progress=step,
+        )
     rows = table(result.records)
-    # A narrow terminal gets the columns that rank; the files have them all.
-    shown = [column for column in columns(rows) if out.width >= 150 or not column.minor]
-    if out.width < 75:
-        shown = [c for c in shown if c.name in ("rank", "method", "success_1dof", "median_error_dof")]
-    board = Table(title=f"{source}: {len(result.sweeps)} sequences, region {region}")
-    for column in shown:
-        board.add_column(column.header, justify=column.justify, no_wrap=column.name == "method")
-    for row in rows:
-        board.add_row(*(column.text(row) for column in shown))
-    out.print(board)
+    sequences = len({record.sequence for record in result.records})
+    show_board(
+        rows,
+        records=result.records,
+        title=f"{source}: {sequences} sequences, region {region}{', closed loop' if terms else ''}",
+    )
     tables = write_files(target, rows=rows, records=result.records, failures=result.failures)
+    tables += write_curves(target, result.sweeps)
     pictures = write_report(target, rows=rows, evaluation=result, title=source.resolve().name)
     for path in (*tables, *pictures):
         out.print(str(path), soft_wrap=True)
@@ -60,9 +84,31 @@ def evaluate(
         raise typer.Exit(1)
 
 
-def _beside(source: Path) -> Path:
-    """Where results go unless told: in the dataset's folder, or beside a stream."""
-    return source / "evaluation" if source.is_dir() else source.with_name(f"{source.stem}-evaluation")
+def terms_of(track: str, actuator: str | None, budget: float | None, sweep: float | None) -> "Terms | None":
+    """The terms of the closed loop; None for the recorded track, which has none."""
+    if track not in TRACKS:
+        raise unknown("track", track, TRACKS)
+    if track == "recorded":
+        for option, given in (("actuator", actuator), ("budget", budget), ("sweep", sweep)):
+            if given is not None:
+                raise BadInput(
+                    f"--{option} {given} on a recording", allowed="with --track closed_loop", hint="add it"
+                )
+        return None
+    from saf_gen.actuators import get_actuator
+    from saf_gen.contest.terms import Terms
+
+    return Terms(
+        get_actuator(actuator or "voice_coil"),
+        budget_s=None if budget is None else budget / 1e3,
+        sweep_s=None if sweep is None else sweep / 1e3,
+    )
+
+
+def _beside(source: Path, track: str) -> Path:
+    """Where results go unless told: in the dataset's folder, or beside a stream; each track has its own."""
+    name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
+    return source / name if source.is_dir() else source.with_name(f"{source.stem}-{name}")
 
 
 def score(
@@ -87,20 +133,3 @@ def score(
         return
     write_text(csv, text)
     out.print(f"{len(frames)} blocks in {csv}")
-
-
-def methods() -> None:
-    """List focus measures and searches, each with what it does."""
-    from saf_gen import registry
-
-    for room in ("measures", "searches"):
-        table = Table(title=room)
-        table.add_column("name", no_wrap=True)
-        table.add_column("what it is")
-        for name in registry.names(room):
-            doc = registry.part_class(room, name).__doc__ or ""
-            table.add_row(name, " ".join(doc.split("\n\n")[0].split()))
-        out.print(table)
-    out.print(
-        "A method is MEASURE+SEARCH, such as sd_code+sgfs_code:dt=50. NAME_n divides a measure by brightness."
-    )

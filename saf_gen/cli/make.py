@@ -22,6 +22,7 @@ def generate(
     folder: OutFolder = None,
     workers: Annotated[int, typer.Option(min=1, max=256, help="Sequences recorded at a time.")] = 1,
     cluster: Annotated[str | None, typer.Option(help="Address of a Dask scheduler to run on.")] = None,
+    split: Annotated[str | None, typer.Option(help="Only this split.")] = None,
     shard: Annotated[str, typer.Option(help="I/N: make every N-th sequence from the I-th on.")] = "1/1",
     variant: Annotated[str, typer.Option(help="auto, llvm, cuda or scalar.")] = "auto",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.")] = False,
@@ -31,7 +32,7 @@ def generate(
         from saf_gen.generate import generate as make
         from saf_gen.work import prepare
 
-    work = prepare(recipe, part=_shard(shard))
+    work = prepare(recipe, part=_shard(shard), split=split)
     target = folder or Path("datasets") / work.recipe.name
     if dry_run:
         _print_plan(work, target)

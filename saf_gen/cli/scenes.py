@@ -67,7 +67,7 @@ def check(
     variant: Variant = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Findings as JSON.")] = False,
 ) -> None:
-    """Check scenes: geometry, units, reach, exposure, detail, focus curve, motion, licence."""
+    """Check scenes: geometry, units, reach, exposure, detail, focus curve, motion, time slices, licence."""
     with uninterrupted():
         from saf_gen.camera import get_sensor
         from saf_gen.checks import check_scene

@@ -4,8 +4,9 @@ A measure with ``halves`` takes the counts of the two halves of a window, (2, ro
 
 Each measure is one file of this folder, or a package's, offered under the entry point ``saf_gen.measures``.
 A score that grows with brightness follows the light, not the focus, wherever the light changes. So every
-measure of degree d > 0 has a twin, its name with ``_n``, which divides by mean count**d. The twins are made
-here, for all measures alike: none has a file.
+measure of degree d > 0 has a twin, its name with ``_n``, which divides by mean count**d. And every measure of
+a whole window, twins too, can look at the texture from intervals in place of counts: its name with ``_tfi``.
+Both are made here, for all measures alike: none has a file.
 """
 
 from dataclasses import dataclass
@@ -15,13 +16,13 @@ import numpy as np
 
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures._counts import as_numbers
-from saf_gen.parts import Measure, wants_halves
+from saf_gen.parts import Measure, wants_halves, wants_intervals
 from saf_gen.registry import ROOMS, build, names, part_class
 
-__all__ = ["ByBrightness", "get_measure", "measure_names"]
+__all__ = ["ByBrightness", "FromIntervals", "get_measure", "measure_names"]
 
 ROOM = "measures"
-SUFFIX = "_n"
+SUFFIX, INTERVALS = "_n", "_tfi"
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,45 @@ class ByBrightness:
         return self.measure(counts) * numbers.size**degree / total**degree if total else 0.0
 
 
+@dataclass(frozen=True)
+class FromIntervals:
+    """Any measure, of the texture from intervals (TFI) in place of counts (TFP).
+
+    Each pixel is given what it would count in the window at the rate of the one interval between spikes round
+    the window's middle: real numbers in the unit of counts, 0.0 for a pixel without such an interval. So the
+    measure, its degree and its range stay; blur by motion goes, however long the window, and what the rest of
+    the window saw is not used. An interval is a whole number of readouts, so bright pixels have few levels.
+    """
+
+    measure: Measure
+
+    intervals: ClassVar[bool] = True
+
+    @property
+    def degree(self) -> int:
+        """That of the measure: light times a divides intervals by a."""
+        return self.measure.degree
+
+    @property
+    def source(self) -> str:
+        """Where the measure comes from, and the texture."""
+        return (
+            f"{getattr(self.measure, 'source', '')}; texture from intervals: Zhu et al., A Retina-inspired "
+            "Sampling Method for Visual Texture Reconstruction, ICME 2019, doi:10.1109/ICME.2019.00248"
+        )
+
+    @property
+    def score_range(self) -> str:
+        """Range of the measure."""
+        return str(getattr(self.measure, "score_range", ""))
+
+    def __call__(self, counts: np.ndarray) -> float:
+        """Score of a texture (row, col), in counts. Raises BadInput as the measure does."""
+        return self.measure(counts)
+
+
 def measure_names() -> list[str]:
-    """Every name that get_measure takes, twins too, sorted.
+    """Every measure and its twin, sorted; get_measure takes each of a whole window with ``_tfi`` behind, too.
 
     A measure of another package that cannot be loaded is listed without a twin; asking for it says why.
     """
@@ -74,15 +112,18 @@ def measure_names() -> list[str]:
 
 
 def get_measure(name: str, **options: Any) -> Measure:
-    """The focus measure ``name``; options are the keys of the measure, for a twin those of its measure.
+    """The focus measure ``name``, or the one of ``file.py:Class``.
 
-    Raises BadInput for an unknown name or key, for a value that the measure refuses, and for the twin of a
-    measure that does not depend on brightness.
+    Options are the keys of the measure, for a twin or on textures those of the measure within.
+    Raises BadInput for an unknown name or key, for a value that the measure refuses, for the twin of a
+    measure that does not depend on brightness, and for the texture of intervals for one that compares halves.
     """
-    if name in names(ROOM):
+    if name in names(ROOM) or (":" in name and not name.endswith((SUFFIX, INTERVALS))):
         return build(ROOM, name, **options)
+    if name.endswith(INTERVALS):
+        return _from_intervals(name.removesuffix(INTERVALS), options)
     base = name.removesuffix(SUFFIX)
-    if base == name or base not in names(ROOM):
+    if base == name or (base not in names(ROOM) and ":" not in base):
         raise unknown(ROOMS[ROOM], name, measure_names())
     measure = build(ROOM, base, **options)
     if getattr(measure, "degree", 0) <= 0:
@@ -92,3 +133,15 @@ def get_measure(name: str, **options: Any) -> Measure:
             nearest=base,
         )
     return ByBrightness(measure)
+
+
+def _from_intervals(base: str, options: dict[str, Any]) -> Measure:
+    measure = get_measure(base, **options)
+    if wants_halves(measure) or wants_intervals(measure):
+        what = "it compares halves of a window" if wants_halves(measure) else "it takes intervals already"
+        raise BadInput(
+            f"{ROOMS[ROOM]} {base!r} has no {base + INTERVALS!r}: {what}",
+            allowed="measures that take the counts of a whole window",
+            nearest=base,
+        )
+    return FromIntervals(measure)

@@ -27,14 +27,17 @@ def encoded(image: np.ndarray, white: float) -> np.ndarray:
 
 
 def save_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, most_bytes: int) -> None:
-    """Write grey pictures (0...1, all of one size) in rows as JPEG, below ``most_bytes`` if it can be."""
-    height, width = rows[0][0].shape
-    columns = max(len(row) for row in rows)
-    sheet = np.ones((len(rows) * (height + GAP) - GAP, columns * (width + GAP) - GAP))
-    for i, row in enumerate(rows):
-        for j, picture in enumerate(row):
-            y, x = i * (height + GAP), j * (width + GAP)
-            sheet[y : y + height, x : x + width] = picture
+    """Write grey pictures (0...1, of one height in a row) as JPEG, below ``most_bytes`` if it can be."""
+    height = sum(row[0].shape[0] + GAP for row in rows) - GAP
+    width = max(sum(picture.shape[1] + GAP for picture in row) - GAP for row in rows)
+    sheet = np.ones((height, width))
+    y = 0
+    for row in rows:
+        x = 0
+        for picture in row:
+            sheet[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
+            x += picture.shape[1] + GAP
+        y += row[0].shape[0] + GAP
     with replaced(path) as part:
         for quality in (90, 85, 80, 70, 60, 45, 30):
             options = {"quality": quality, "optimize": True}

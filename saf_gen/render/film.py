@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.optics import Drive
+from saf_gen.region import Region
 
 __all__ = ["Film", "Setup", "film_dict", "rendered", "seen_from"]
 
@@ -47,12 +48,20 @@ def rendered(positions: int, window: tuple[int, int] | None) -> np.ndarray:
     return np.linspace(0, 1, positions)[first : last + 1]
 
 
-def film_dict(film: Film) -> dict[str, Any]:
-    """A film with a box filter: each pixel on its own, where the default Gaussian mixes neighbours."""
+def film_dict(film: Film, region: Region | None = None) -> dict[str, Any]:
+    """A film with a box filter: each pixel on its own, where the default Gaussian mixes neighbours.
+
+    ``region``: only these rows and columns of it.
+    """
+    rows, columns = region or (slice(0, film.rows), slice(0, film.columns))
     return {
         "type": "hdrfilm",
         "width": film.columns,
         "height": film.rows,
+        "crop_offset_x": columns.start,
+        "crop_offset_y": rows.start,
+        "crop_width": columns.stop - columns.start,
+        "crop_height": rows.stop - rows.start,
         "rfilter": {"type": "box"},
         "pixel_format": "luminance",
         "component_format": "float32",

@@ -11,6 +11,7 @@ import numpy as np
 from saf_gen import seeds
 from saf_gen.focal_stack import FocalStack, StackSpec
 from saf_gen.keyframes import RigidMotion
+from saf_gen.region import Region
 from saf_gen.render import geometry, one_pass, thinlens, variant, world
 from saf_gen.render.film import Film, Setup
 from saf_gen.render.geometry import Geometry
@@ -134,6 +135,15 @@ class Studio:
         """Everything sharp, as through a pinhole, at the scale of this position: float32 (row, col)."""
         setup = self.setup(time_s=time_s, f_number=SHARP_F_NUMBER, film=film)
         return thinlens.render_at(setup, position=position, samples=samples, seed=1)
+
+    def picture(
+        self, position: float, *, samples: int, region: Region, time_s: float | None = None, run: int = 0
+    ) -> np.ndarray:
+        """A region of the picture at one focus position, all lights on: float32 (row, col). ``run`` names
+        its noise."""
+        seed = seeds.integer("picture", self.scene.digest, run)
+        setup = self.setup(time_s=time_s)
+        return thinlens.render_at(setup, position=position, samples=samples, seed=seed, region=region)
 
     def irradiance(self, group: str, position: float, target: np.ndarray) -> tuple[float, float]:
         """Irradiance (W m⁻²) of the target by a light group, and its standard error."""

@@ -10,7 +10,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.film import Setup, rendered, seen_from
+from saf_gen.region import Region
+from saf_gen.render.film import Setup, film_dict, rendered, seen_from
 
 __all__ = ["render_at", "render_stack"]
 
@@ -21,13 +22,16 @@ def render_at(
     position: float,
     samples: int,
     seed: int,
+    region: Region | None = None,
 ) -> np.ndarray:
-    """Mean radiance at one focus position, float32 (row, col)."""
-    drive, film = setup.drive, setup.film
+    """Mean radiance at one focus position, of the whole film or a region of it, float32 (row, col)."""
+    drive = setup.drive
+    film = film_dict(setup.film, region)
     sensor = mi.load_dict(
         {
             "type": "thinlens",
             **seen_from(setup, position),
+            "film": film,
             "aperture_radius": drive.aperture_radius_m / setup.unit_m,
             "focus_distance": float(drive.object_distance(position)) / setup.unit_m,
             "sampler": {"type": "independent", "sample_count": samples},
@@ -35,7 +39,7 @@ def render_at(
     )
     seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba takes an int, its stubs ask for an array
     image = mi.render(setup.world, sensor=sensor, integrator=setup.integrator, spp=samples, seed=seed_word)
-    return np.array(image, dtype=np.float32).reshape(film.rows, film.columns)
+    return np.array(image, dtype=np.float32).reshape(film["crop_height"], film["crop_width"])
 
 
 def render_stack(

@@ -5,18 +5,39 @@ ones: long windows are summed from knots, and those already counted are kept.
 """
 
 from collections import OrderedDict
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.parts import wants_halves, wants_intervals
 from saf_gen.region import Region, checked_region, checked_window, extent
+from saf_gen.rig.intervals import texture
 from saf_gen.stream import SpikeStream
 
-__all__ = ["Counts"]
+__all__ = ["Counts", "Windows", "given"]
 
 KNOTS = 256
 KNOT_BYTES = 128 << 20
 WINDOW_BYTES = 256 << 20
+
+
+class Windows(Protocol):
+    """What can be seen of a window of frames, on a recording or on a camera that is running."""
+
+    def window(self, first: int, stop: int) -> np.ndarray: ...
+
+    def halves(self, first: int, stop: int) -> np.ndarray: ...
+
+    def intervals(self, first: int, stop: int) -> np.ndarray: ...
+
+
+def given(windows: Windows, measure: object, first: int, stop: int) -> np.ndarray:
+    """What a measure is given of frames ``first <= t < stop``: counts, those of both halves, or intervals."""
+    if wants_halves(measure):
+        return windows.halves(first, stop)
+    return windows.intervals(first, stop) if wants_intervals(measure) else windows.window(first, stop)
 
 
 class Counts:
@@ -44,8 +65,8 @@ class Counts:
         between = max(min(KNOTS, KNOT_BYTES // image_bytes) - 1, 1)
         self._step = 8 * -(-self.frames // (8 * between))
         self._sums: np.ndarray | None = None
-        self._windows: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
-        self._windows_kept = max(WINDOW_BYTES // image_bytes, 1)
+        self._kept: OrderedDict[tuple[str, int, int], np.ndarray] = OrderedDict()
+        self._held = 0  # bytes of those
 
     def window(self, first: int, stop: int) -> np.ndarray:
         """Counts in frames ``first <= t < stop`` (0-based): uint32 (h, w), read-only.
@@ -53,16 +74,15 @@ class Counts:
         Raises BadInput unless the window holds at least one frame and lies in the recording.
         """
         window = checked_window(first, stop, self.frames)
-        key = window.start, window.stop
-        if key in self._windows:
-            self._windows.move_to_end(key)
-            return self._windows[key]
-        counts = self._count(*key)
-        counts.flags.writeable = False  # the next method gets the same array
-        self._windows[key] = counts
-        if len(self._windows) > self._windows_kept:
-            self._windows.popitem(last=False)
-        return counts
+        return self._keep("counts", self._count, window)
+
+    def intervals(self, first: int, stop: int) -> np.ndarray:
+        """Texture from intervals of a window of n frames: float64 (h, w), n over the interval, read-only.
+
+        See :func:`saf_gen.rig.intervals.texture`. Raises BadInput as ``window`` does.
+        """
+        window = checked_window(first, stop, self.frames)
+        return self._keep("intervals", self._texture, window)
 
     def halves(self, first: int, stop: int) -> np.ndarray:
         """Counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
@@ -78,6 +98,20 @@ class Counts:
         middle = window.start + len(window) // 2
         return np.stack([self.window(window.start, middle), self.window(middle, window.stop)])
 
+    def _keep(self, kind: str, made: Callable[[int, int], np.ndarray], window: range) -> np.ndarray:
+        """What was made of a window before, or is made now; the oldest go where they take too much memory."""
+        key = kind, window.start, window.stop
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        image = made(window.start, window.stop)
+        image.flags.writeable = False  # the next method gets the same array
+        self._kept[key] = image
+        self._held += image.nbytes
+        while self._held > WINDOW_BYTES and len(self._kept) > 1:
+            self._held -= self._kept.popitem(last=False)[1].nbytes
+        return image
+
     def _count(self, first: int, stop: int) -> np.ndarray:
         after, before = -(-first // self._step), stop // self._step  # the knots just inside the window
         if before - after < 2:
@@ -89,6 +123,12 @@ class Counts:
             if a < b:
                 counts += self._stream.counts(a, b, self._region)
         return counts
+
+    def _texture(self, first: int, stop: int) -> np.ndarray:
+        def read(first_byte: int, stop_byte: int) -> np.ndarray:
+            return self._stream.packed(first_byte, stop_byte, self._region)
+
+        return texture(read, self._count, first, stop=stop)
 
     def _running_sums(self) -> np.ndarray:
         """Spikes before each whole multiple of the step: uint32 (knots, h, w)."""

@@ -6,8 +6,10 @@ Only the rows that a region needs are encoded, and only when somebody looks.
 import numpy as np
 
 from saf_gen import bits
+from saf_gen.errors import BadInput
 from saf_gen.exposed import Exposed
 from saf_gen.region import Region
+from saf_gen.rig.intervals import texture
 from saf_gen.take import Take
 
 __all__ = ["Film", "rows_of"]
@@ -45,11 +47,29 @@ class Film:
             self._planes[first // 8 : -(-last // 8)] = spikes.transpose(2, 0, 1)
         self.frames = stop
 
-    def counts(self, first: int, stop: int) -> np.ndarray:
+    def window(self, first: int, stop: int) -> np.ndarray:
         """Counts in frames ``first <= t < stop``, developed already: uint32 (h, w)."""
         counts = np.zeros(self.shape, np.uint32)
         bits.add_counts(self._planes, first, stop, counts)
         return counts
+
+    def halves(self, first: int, stop: int) -> np.ndarray:
+        """Counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
+
+        Raises BadInput for a single frame.
+        """
+        if stop - first < 2:
+            raise BadInput(f"the window of frame {first} alone has no halves", allowed="2 frames or more")
+        middle = first + (stop - first) // 2
+        return np.stack([self.window(first, middle), self.window(middle, stop)])
+
+    def intervals(self, first: int, stop: int) -> np.ndarray:
+        """Texture from intervals of a window: float64 (h, w); see :func:`saf_gen.rig.intervals.texture`."""
+
+        def read(first_byte: int, stop_byte: int) -> np.ndarray:
+            return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
+
+        return texture(read, self.window, first, stop=stop)
 
 
 def rows_of(take: Take, region: Region) -> slice:

@@ -1,13 +1,10 @@
 """What a method sees of a recording: its length, and the score of any window. The rest is the referee's."""
 
 from collections.abc import Callable
-from time import perf_counter
-
-import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.parts import wants_halves
 from saf_gen.rig.counts import Counts
+from saf_gen.rig.scoring import Scorer
 
 __all__ = ["Recording"]
 
@@ -15,14 +12,22 @@ __all__ = ["Recording"]
 class Recording:
     """The handle on a recording that one method's search gets: see saf_gen.parts.View.
 
-    ``frames_seen`` is the end of the latest window asked for, ``windows`` the number of scores asked for,
-    ``seconds`` the time the measure took. Counting is not in it: how a stream is stored is no merit of a
-    method, and windows already counted are shared.
+    ``frames_seen`` is the end of the latest window asked for. The bill is that of :class:`Scorer`.
     """
 
-    def __init__(self, counts: Counts, measure: Callable[[np.ndarray], float]) -> None:
-        self._counts, self._measure = counts, measure
-        self.frames_seen, self.windows, self.seconds = 0, 0, 0.0
+    def __init__(self, counts: Counts, measure: Callable[..., float]) -> None:
+        self._counts, self._scorer = counts, Scorer(measure)
+        self.frames_seen = 0
+
+    @property
+    def windows(self) -> int:
+        """Scores asked for."""
+        return self._scorer.windows
+
+    @property
+    def seconds(self) -> float:
+        """Time that the measure took."""
+        return self._scorer.seconds
 
     @property
     def frames(self) -> int:
@@ -46,28 +51,26 @@ class Recording:
 
     def move(self, to: float) -> None:
         """Raises BadInput: what is recorded is recorded."""
-        raise BadInput(
-            f"the lens of a recording cannot be moved to {to:g}",
-            allowed="searches that estimate on a recording",
-            hint="evaluate it with --track closed_loop",
-        )
+        raise _recorded(f"be moved to {to:g}")
 
-    def score(self, first: int, stop: int) -> float:
-        """The measure's score of frames ``first <= t < stop`` (0-based, at least one).
+    def wait(self, frames: int) -> None:
+        """Raises BadInput: every frame is there, and time does not pass."""
+        raise _recorded(f"go on for {frames} frames")
 
-        Raises BadInput for a window outside the recording, and for a score that is no finite number.
+    def score(self, first: int, stop: int, measure: str | None = None) -> float:
+        """The score of frames ``first <= t < stop`` (0-based, at least one), by the measure or a named one.
+
+        Raises BadInput for a window outside the recording, for a score that is no finite number, and for an
+        unknown measure.
         """
-        count = self._counts.halves if wants_halves(self._measure) else self._counts.window
-        counts = count(first, stop)
-        self.windows += 1
+        score = self._scorer.score(self._counts, first, stop, measure)
         self.frames_seen = max(self.frames_seen, int(stop))
-        start = perf_counter()
-        score = float(self._measure(counts))
-        self.seconds += perf_counter() - start
-        if not np.isfinite(score):
-            raise BadInput(
-                f"{type(self._measure).__name__} scores frames {first} to {stop} with {score}",
-                allowed="a finite number for any counts",
-                hint="a measure gives 0.0 where there is no spike",
-            )
         return score
+
+
+def _recorded(what: str) -> BadInput:
+    return BadInput(
+        f"the lens of a recording cannot {what}",
+        allowed="searches that estimate on a recording",
+        hint="evaluate it with --track closed_loop",
+    )

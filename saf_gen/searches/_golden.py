@@ -1,6 +1,7 @@
-"""The interval search that the paper's released code ends in, and its way of naming windows.
+"""Golden search on a recording: as the paper's released code runs it, and without its conventions.
 
-Frames are 1-based and inclusive here, as in that code; the ends of an interval may be fractional.
+``narrow`` is the code's: frames are 1-based and inclusive, the ends of an interval may be fractional.
+``close_in`` is ours: whole frames from 0, windows first <= t < stop, centres.
 """
 
 import math
@@ -9,7 +10,7 @@ from numbers import Integral
 from saf_gen.errors import BadInput
 from saf_gen.parts import View
 
-__all__ = ["RATIO", "THRESHOLD", "midpoint", "narrow", "whole"]
+__all__ = ["RATIO", "THRESHOLD", "check_narrowing", "close_in", "feedback", "midpoint", "narrow", "whole"]
 
 RATIO = 0.618
 THRESHOLD = 10.0
@@ -20,6 +21,17 @@ def whole(value: object, name: str) -> int:
     if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
         raise BadInput(f"{name} is {value!r}", allowed="a whole number of frames, at least 1")
     return int(value)
+
+
+def check_narrowing(threshold: float, ratio: float) -> None:
+    """Raises BadInput for a threshold below one frame, and for a ratio with which windows leave a gap."""
+    if not (math.isfinite(threshold) and threshold >= 1):
+        raise BadInput(f"threshold is {threshold!r}", allowed="frames, a number of at least 1")
+    if not 0.5 <= ratio < 1:
+        raise BadInput(
+            f"ratio is {ratio!r}",
+            allowed="0.5 up to but not 1, so that the two windows cover the interval",
+        )
 
 
 def midpoint(left: float, right: float) -> int:
@@ -44,6 +56,42 @@ def narrow(
         else:
             left = inner_left
         trace.append(midpoint(left, right))
+    return tuple(trace)
+
+
+def feedback(view: View, end: int) -> float:
+    """What a golden fast search follows: the score of the later half of ``end`` frames less the earlier's.
+
+    The released code's two windows, 1-based and inclusive: h−1 ... end and 1 ... h−1, h = ⌊(end + 1)/2⌋.
+    """
+    half = (end + 1) // 2
+    return view.score(half - 2, end) - view.score(0, half - 1)
+
+
+def close_in(
+    view: View, first: int, *, stop: int, threshold: float = THRESHOLD, ratio: float = RATIO
+) -> tuple[float, ...]:
+    """Narrow the frames ``first <= t < stop`` until no more than ``threshold`` are left.
+
+    Each step scores two windows of ``ratio`` of the interval, at its two ends, and keeps the better. Equal
+    scores do not say which: as much is cut off at either end, so that a recording played backwards gives the
+    same place. Returns the centre before the first step and after each, frames from 0.
+    """
+    trace = [(first + stop - 1) / 2]
+    while stop - first > threshold:
+        width = stop - first
+        kept = min(max(round(ratio * width), 1), width - 1)
+        earlier, later = view.score(first, first + kept), view.score(stop - kept, stop)
+        if earlier == later:
+            cut = (width - kept) // 2
+            if cut == 0:
+                break
+            first, stop = first + cut, stop - cut
+        elif earlier > later:
+            stop = first + kept
+        else:
+            first = stop - kept
+        trace.append((first + stop - 1) / 2)
     return tuple(trace)
 
 

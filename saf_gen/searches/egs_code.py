@@ -1,12 +1,11 @@
 """Golden search on a recording, as the paper's released code runs it."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import RATIO, THRESHOLD, narrow
+from saf_gen.searches._golden import RATIO, THRESHOLD, check_narrowing, narrow
 
 
 @dataclass(frozen=True)
@@ -29,13 +28,7 @@ class GoldenSearchCode:
     )
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.threshold) and self.threshold >= 1):
-            raise BadInput(f"threshold is {self.threshold!r}", allowed="frames, a number of at least 1")
-        if not 0.5 <= self.ratio < 1:
-            raise BadInput(
-                f"ratio is {self.ratio!r}",
-                allowed="0.5 up to but not 1, so that the two windows cover the interval",
-            )
+        check_narrowing(self.threshold, self.ratio)
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording.

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import RATIO, narrow, whole
+from saf_gen.searches._golden import RATIO, feedback, narrow, whole
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,11 @@ class GoldenFastSearchCode:
                 allowed="at least one block, and three frames in the first quarter",
                 hint="choose another dt",
             )
-        feedback = [self._feedback(view, k) if k >= first else 0.0 for k in range(1, blocks + 1)]
+        followed = [feedback(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)]
         earliest = max(blocks // 4, 1)
         # Where blocks do not divide by four, the earliest stop has no feedback but the 0 it starts with.
-        stop = max(range(earliest, blocks + 1), key=lambda k: feedback[k - 1])
+        stop = max(range(earliest, blocks + 1), key=lambda k: followed[k - 1])
         right = stop * self.dt
         left = math.floor(right - RATIO * (right - 1))
         trace = narrow(view, left, right=right)
         return Answer(float(trace[-1] - 1), trace, f"stopped after {right} of {view.frames} frames")
-
-    def _feedback(self, view: View, block: int) -> float:
-        end = block * self.dt
-        half = (end + 1) // 2
-        return view.score(half - 2, end) - view.score(0, half - 1)

@@ -37,9 +37,12 @@ def grow(
     flat: float = 1.0,
     flowers: int = 0,
     thick_m: float = 0.0045,
-    stalks: bool = True,
+    spur_m: float = 0.042,
 ) -> Branch:
-    """A branch from its foot; ``flat`` below 1 keeps shoots and leaves near the plane of the picture (z)."""
+    """A branch from its foot; ``flat`` below 1 keeps shoots and leaves near the plane of the picture (z).
+
+    ``spur_m``: from one shoot to the next.
+    """
     made = Branch(np.asarray(foot, dtype=np.float64))
     axis = _winding(made.foot, heading, length, random, sag=0.35)
     axis[:, 2] = made.foot[2] + flat * (axis[:, 2] - made.foot[2])
@@ -47,7 +50,7 @@ def grow(
     made.wood.append(tube(axis, radius, around=10, tone=0.13))
     squeeze = np.array([1.0, 1.0, flat])
     turn = random.uniform(0, 2 * np.pi)
-    spur_every = int(0.042 / STEP_M)
+    spur_every = int(spur_m / STEP_M)
     for k in range(2 * spur_every, len(axis) - 2, spur_every):
         turn += GOLDEN
         along = _unit(axis[min(k + 1, len(axis) - 1)] - axis[k - 1])
@@ -58,8 +61,8 @@ def grow(
         )
         shoot[:, 2] = axis[k, 2] + flat * (shoot[:, 2] - axis[k, 2])
         made.wood.append(tube(shoot, np.linspace(0.0022, 0.0011, len(shoot)), around=6, tone=0.16))
-        _leafy(made, shoot, random, leaf_m=leaf_m, squeeze=squeeze, stalks=stalks)
-    _leafy(made, axis[-int(0.09 / STEP_M) :], random, leaf_m=leaf_m, squeeze=squeeze, stalks=stalks)
+        _leafy(made, shoot, random, leaf_m=leaf_m, squeeze=squeeze)
+    _leafy(made, axis[-int(0.09 / STEP_M) :], random, leaf_m=leaf_m, squeeze=squeeze)
     for _ in range(flowers):
         at = axis[int(random.uniform(0.35, 0.95) * (len(axis) - 1))]
         out = _unit(random.normal(0, 1, 3) * [1, 1, 0.5] + [0, 0.25, 0.9])
@@ -79,7 +82,7 @@ def _winding(
     points = [np.asarray(foot, dtype=np.float64)]
     for _ in range(count):
         wander = 0.85 * wander + 0.5 * random.normal(0, 1, 3)
-        way = _unit(way + 0.032 * wander + sag * STEP_M * DOWN)
+        way = _unit(way + 0.022 * wander + sag * STEP_M * DOWN)
         points.append(points[-1] + STEP_M * way)
     return np.array(points)
 
@@ -91,7 +94,6 @@ def _leafy(
     *,
     leaf_m: float,
     squeeze: np.ndarray,
-    stalks: bool,
 ) -> None:
     """Leaves in turn about a shoot, smaller to its tip, hanging a little, faces to the light."""
     turn = random.uniform(0, 2 * np.pi)
@@ -102,8 +104,7 @@ def _leafy(
         out = _about(along, turn)
         way = _unit((out + (0.35 + 0.9 * share) * along) * squeeze + 0.45 * DOWN)
         base = shoot[k] + random.uniform(0.010, 0.020) * _unit((out + 0.8 * along) * squeeze)
-        if stalks:
-            made.wood.append(tube(np.linspace(shoot[k], base, 3), np.full(3, 0.0007), around=5, tone=0.20))
+        made.wood.append(tube(np.linspace(shoot[k], base, 3), np.full(3, 0.0007), around=5, tone=0.20))
         light = random.normal(0, 0.45, 3) + np.array([0.0, 0.75, 0.55])
         face = _unit(light - way * float(light @ way))
         size = leaf_m * random.uniform(0.7, 1.2) * (1.05 - 0.45 * share)

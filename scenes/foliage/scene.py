@@ -5,6 +5,7 @@ World frame: metres, x right, y up, z towards the camera; the grass is y = 0.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import branches
@@ -14,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 import sky
 from branches import Branch
-from meshes import Body, joined, matte, mesh, tube
+from meshes import Body, joined, matte, mesh, quads, tube
 
 EYE = np.array([0.0, 1.6, 0.0])
 AXIS = np.array([0.0, 0.161, -1.0]) / np.hypot(0.161, 1.0)
@@ -27,6 +28,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     """Scene dictionary (metres, W m^-2 sr^-1) without sensor and integrator."""
     random = np.random.default_rng([int(params["seed"]), 3])
     contrast = float(params["contrast"])
+    skyline = _skyline(random)
     bark = matte()
     leaf = leaves.tissue(leaves.skin(random, contrast), through=0.9)
     white = leaves.tissue(flowers.skin(random, contrast), through=0.7, roughness=0.6)
@@ -34,7 +36,8 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
         "sun": sky.sun(float(params["sun_azimuth_deg"])),
         "sky": sky.dome(int(params["seed"])),
         "grass": _grass(),
-        "far_leaves": mesh("far_leaves", _far_leaves(random), leaf),
+        "far_leaves": mesh("far_leaves", _far_leaves(skyline, random), leaf),
+        "hedge": mesh("hedge", _hedge(skyline, random), bark),
         "far_wood": mesh("far_wood", _far_wood(random), bark),
     }
     for name, branch in _branches(params).items():
@@ -85,19 +88,13 @@ def _branches(params: dict[str, Any]) -> dict[str, Branch]:
     """The target, others of its tree behind it, twigs near the camera in the corners of the picture."""
     random = np.random.default_rng([int(params["seed"]), 5])
     depth, side = float(params["distance_m"]), float(random.choice([-1.0, 1.0]))
-    rise = float(random.uniform(0.1, 0.4))
-    made = {
-        "target": branches.grow(
-            _at(-0.27 * side, random.uniform(-0.03, 0.03) - 0.2 * rise, depth),
-            np.array([side, rise, 0.0]), 0.44, random, flat=0.35, flowers=int(params["flowers"]),
-        )
-    }  # fmt: skip
+    made = {"target": _target(params, depth, side, random)}
     for k, (x, y) in enumerate([(1, 1), (-1, 1), (1, -1)]):
         near = random.uniform(2.95, 3.6)
         foot = _at(side * x * (0.046 * near + 0.05), y * (0.018 * near + random.uniform(0.0, 0.05)), near)
         heading = np.array([-side * x, -0.2 * y + random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3)])
         made[f"near_{k}"] = branches.grow(foot, heading, random.uniform(0.12, 0.20), random, leaf_m=0.046)
-    for k, behind in enumerate((0.45, 1.1, 1.7, 2.3, 3.2, 4.3)):
+    for k, behind in enumerate((1.3, 1.8, 2.4, 3.2, 4.3)):
         far = depth + behind + random.uniform(-0.15, 0.15)
         way = (-1) ** k * side
         foot = _at(-way * (0.050 * far + 0.03), random.uniform(-0.028, 0.020) * far, far)
@@ -109,14 +106,43 @@ def _branches(params: dict[str, Any]) -> dict[str, Branch]:
     return made
 
 
-def _far_leaves(random: np.random.Generator) -> Body:
+def _target(params: dict[str, Any], depth: float, side: float, random: np.random.Generator) -> Branch:
+    """The branch in focus, grown in from one side; its leaves lie half way up the picture."""
+    rise, high = float(random.uniform(0.1, 0.4)), 0.0
+    before = random.bit_generator.state
+    for _ in range(2):  # a branch winds: grown once to see how high it gets, then the same at another foot
+        random.bit_generator.state = before
+        branch = branches.grow(
+            _at(-0.27 * side, high, depth), np.array([side, rise, 0.0]), 0.44, random,
+            flat=0.35, flowers=int(params["flowers"]), spur_m=0.027,
+        )  # fmt: skip
+        places = branch.leaf_arrays()[0]
+        high -= float(((places - EYE) @ UP).mean())
+    return branch
+
+
+def _skyline(random: np.random.Generator) -> Callable[[np.ndarray], np.ndarray]:
+    """How high the other trees reach above the axis (m) at x (m)."""
+    one, other = random.uniform(0, 6, 2)
+    return lambda x: 0.10 + 0.22 * np.sin(2.1 * x + one) + 0.12 * np.sin(5.3 * x + other)
+
+
+def _hedge(skyline: Callable[[np.ndarray], np.ndarray], random: np.random.Generator) -> Body:
+    """The dark inside of the crowns, 25 m away: little sky is seen through them."""
+    x = np.linspace(-2.6, 2.6, 105)
+    top = skyline(x) - 0.15 + 0.06 * random.standard_normal(x.size)
+    rows = np.stack([[_at(*where, 25.0) for where in zip(x, y, strict=True)] for y in (top - 6.0, top)])
+    uv = np.stack(
+        [np.broadcast_to(random.uniform(0.03, 0.09, x.size), rows.shape[:2]), 0.5 + 0 * rows[..., 0]], 2
+    )
+    return Body(rows.reshape(-1, 3), quads(*rows.shape[:2]), uv.reshape(-1, 2))
+
+
+def _far_leaves(skyline: Callable[[np.ndarray], np.ndarray], random: np.random.Generator) -> Body:
     """Crowns of other trees, 16 m to 24 m away: tufts of leaves below a ragged skyline."""
     tufts, each = 230, 26
     x = random.uniform(-1.7, 1.7, tufts)
-    line = (
-        0.10 + 0.22 * np.sin(2.1 * x + random.uniform(0, 6)) + 0.12 * np.sin(5.3 * x + random.uniform(0, 6))
-    )
-    y = line - np.abs(random.normal(0, 0.55, tufts))
+    y = skyline(x) - np.abs(random.normal(0, 0.55, tufts))
     depth = random.uniform(16, 24, tufts)
     middle = np.array([_at(*where) for where in zip(x, y, depth, strict=True)])
     places = np.repeat(middle, each, axis=0) + random.normal(0, 0.09, (tufts * each, 3))

@@ -1,0 +1,120 @@
+"""Time slices: how far is the straight line between two of them from a render half way?
+
+The error is the root mean square, over the box round the target, of the difference between the two slices
+mixed half and half and a render at the moment between them, over the mean of that render; the lens focused on
+the target, all lights at gain 1. Two pairs of pictures are rendered, their noise independent: the mean
+product of their differences holds no noise. Half way a straight line is farthest from what moves steadily.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from saf_gen.checks._finding import Finding, ok, warning
+from saf_gen.checks.motion import last_s
+from saf_gen.checks.trial import Trial
+from saf_gen.reel import moments
+from saf_gen.region import Region, target_box
+
+__all__ = ["Mixed", "check_slices", "mixed_at"]
+
+PATHS, SLOW_PATHS = 1 << 19, 1 << 15  # of a picture
+FEWEST, MOST = 8, 256  # a pixel
+SIGMAS = 3.0  # by which a figure lies above what the card says, to be told
+EDGE = 1.5  # the error of an edge grows as the way between two slices to this power
+LEAST = 0.001  # a smaller error is hardly worth a render
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """square: the mean squared error over the squared mean, without noise (it may fall below 0).
+    scatter: its standard error."""
+
+    square: float
+    scatter: float
+
+    def root(self, sigmas: float = 0.0) -> float:
+        """The error, or that of so many standard errors more."""
+        return float(np.sqrt(max(self.square + sigmas * self.scatter, 0.0)))
+
+    @classmethod
+    def of(cls, *pairs: tuple[np.ndarray, np.ndarray]) -> Self:
+        """From two pairs of pictures (row, col), mixed and between, noise independent from pair to pair."""
+        first, second = (mixed.astype(np.float64) - between for mixed, between in pairs)
+        mean = float(np.mean([between for _, between in pairs]))
+        square = float((first * second).mean()) / mean**2
+        # With noise of variance s² over a difference e a pixel's product has the variance 2e²s² + s⁴.
+        noise = ((first + second) / 2 * (first - second)) ** 2
+        return cls(square, float(np.sqrt(noise.mean() / noise.size)) / mean**2)
+
+
+def check_slices(trial: Trial) -> Iterator[Finding]:
+    """The error of going from slice to slice, against the card's ``interpolation_error``."""
+    card = trial.scene.card
+    if not trial.studio.motions or card.slices_per_s is None:
+        return
+    found = {time_s: error for time_s in _times(trial) if (error := mixed_at(trial, time_s))}
+    if not found:
+        return  # check_motion has told that the target is never there
+    worst = max(found, key=lambda time_s: found[time_s].square)
+    error = found[worst]
+    text = f"between two time slices the picture is {error.root():.2%} off (rms, at {worst:.3g} s)"
+    said = card.interpolation_error
+    upper = _rounded_up(error.root(SIGMAS))
+    if said is None:
+        yield warning("slices", f"{text}: write interpolation_error: {upper:g} on the card")
+    elif error.root(-SIGMAS) > said:
+        enough = card.slices_per_s * (error.root() / said) ** (1 / EDGE)
+        yield warning(
+            "slices",
+            f"{text}, the card says {said:.2%}: write slices_per_s: {np.ceil(enough):.0f}, or "
+            f"interpolation_error: {upper:g}",
+        )
+    else:
+        yield ok("slices", f"{text}, the card says {said:.2%}")
+
+
+def mixed_at(trial: Trial, time_s: float) -> Mixed | None:
+    """The error between the two slices round a moment; None where the target is out of sight or reach."""
+    hz, studio = trial.sensor.readout_hz, trial.studio
+    step = moments(1, hz, trial.scene.card.slices_per_s or hz)[1]  # frames, as recipes have it
+    last = max(int(last_s(trial) * hz) // step, 1)
+    before = min(int(time_s * hz) // step, last - 1) * step / hz
+    between, after = before + step / 2 / hz, before + step / hz
+    seen = studio.look(time_s=between, passing=True)
+    if not seen.target.any():
+        return None
+    truth = trial.drive.truth(seen.depth[seen.target])
+    if not 0 <= truth <= 1:
+        return None
+    box = target_box(seen.target)
+    samples = _samples(box, trial.studio.is_slow)
+
+    def picture(at_s: float, run: int) -> np.ndarray:
+        return studio.picture(truth, samples=samples, region=box, time_s=at_s, run=run)
+
+    first, second = (
+        ((picture(before, run) + picture(after, run)) / 2, picture(between, run)) for run in (1, 2)
+    )
+    return Mixed.of(first, second)
+
+
+def _samples(box: Region, slow: bool) -> int:
+    """A pixel: many in a small box, few in a large one."""
+    pixels = (box[0].stop - box[0].start) * (box[1].stop - box[1].start)
+    return min(max((SLOW_PATHS if slow else PATHS) // pixels, FEWEST), MOST)
+
+
+def _times(trial: Trial) -> list[float]:
+    """The first moment, the one at which the scene stands where it stands still, the last."""
+    last = last_s(trial)
+    return sorted({0.0, min(max(trial.scene.card.still_s, 0.0), last), last})
+
+
+def _rounded_up(error: float) -> float:
+    """To two digits."""
+    error = max(error, LEAST)
+    unit = 10.0 ** (np.floor(np.log10(error)) - 1)
+    return float(f"{np.ceil(error / unit - 1e-9) * unit:.6g}")

@@ -1,0 +1,155 @@
+"""Methods on a running camera before the small scene. Imports what reads focal stacks: import it late."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from saf_gen.actuators import Actuator, get_actuator
+from saf_gen.conformance._answer import check_answer
+from saf_gen.conformance._finding import Fault
+from saf_gen.conformance._runner import Limits, TooLongError, crash
+from saf_gen.conformance._stage import FLOOD, stage
+from saf_gen.contest.loop import Run, run_method
+from saf_gen.contest.terms import Terms
+from saf_gen.exposed import Exposed
+from saf_gen.focal_stack import FocalStack, StackSpec
+from saf_gen.methods import Method
+from saf_gen.parts import Search, View, commands
+from saf_gen.reel import Footage
+from saf_gen.rig.live import BudgetSpentError
+from saf_gen.stream import Truth
+from saf_gen.take import Take
+
+__all__ = ["FRAMES", "LIGHTS", "filmed", "told"]
+
+FRAMES = 40_000  # two seconds
+LIGHTS = {"a usual light": 1.0, "no light": 0.0, "50 times too much": FLOOD}
+"""Factors on the light that the exposure is made for."""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A measure in a unit of its own, asked no more than a number of times; like it in all else."""
+
+    measure: Any
+    unit: float
+    limits: Limits
+    asked: list[int]
+
+    def __call__(self, counts: np.ndarray, **more: int) -> float:
+        self.asked[0] += 1
+        if self.asked[0] > self.limits.scores:
+            raise TooLongError(f"did not end within {self.limits.scores:,} scores")
+        return self.unit * self.measure(counts, **more)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.measure, name)
+
+
+@dataclass(frozen=True)
+class Told:
+    """A search that says where it failed: the contest keeps only why."""
+
+    search: Search
+    camera: str
+
+    def __call__(self, view: View) -> Any:
+        try:
+            return self.search(view)
+        except BudgetSpentError as error:
+            raise Fault(
+                f"it runs over the budget, with {self.camera}",
+                "compare view.now with view.frames before each wait and score; answer with the best so far",
+            ) from error
+        except Exception as error:
+            raise Fault(
+                f"{crash(error)}, with {self.camera}",
+                "no camera may make it raise: move to 0 ... 1 alone, abstain where there is nothing to see",
+            ) from error
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.search, name)
+
+
+def filmed(
+    method: Method,
+    actuator: Actuator | str,
+    limits: Limits,
+    *,
+    best: float,
+    light: float = 1.0,
+    frames: int = FRAMES,
+    unit: float = 1.0,
+    seed: int = 1,
+) -> Run:
+    """The method on a running camera whose best focus is at ``best``, judged for what any answer must keep.
+
+    ``light`` multiplies the light, ``unit`` the scores; ``frames`` is the budget, and ``seed`` names the
+    noise and where the lens stands at first. Raises Fault where the contest would count the run as failed.
+    """
+    take, exposed = _take(best, light, seed)
+    moved = get_actuator(actuator) if isinstance(actuator, str) else actuator
+    camera = f"{moved.name} and {frames:,} frames"
+    watched = replace(
+        method, measure=Watched(method.measure, unit, limits, [0]), search=Told(method.search, camera)
+    )
+    terms = Terms(moved, budget_s=frames / take.sensor.readout_hz)
+    region = slice(0, take.sensor.rows), slice(0, take.sensor.columns)
+    run = run_method(take, exposed, region, watched, terms, threads=1)
+    if run.problem:
+        raise Fault(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or none")
+    answer = check_answer(run.answer)
+    if commands(method.search):
+        _check_place(run)
+    elif answer.position is not None:
+        raise Fault(
+            "it answers with a place, and does not command the lens",
+            "answer with a frame, or state commands: ClassVar[bool] = True",
+        )
+    return run
+
+
+def told(run: Run) -> str:
+    """Where the lens was at the end, and when the method had its answer."""
+    return f"{run.path[-1]:.3f} after {run.answered:,} of {run.budget:,} frames"
+
+
+def _check_place(run: Run) -> None:
+    if run.answer.frame is not None:
+        raise Fault(
+            "it answers with a frame, and moved the lens meanwhile", "answer with Answer(position=...)"
+        )
+    place = run.answer.position
+    if place is None:
+        return
+    if not 0 <= place <= 1:
+        raise Fault(f"it answers place {place:g}", "the travel is 0 to 1: cut what a noisy sensor reads")
+    if not run.windows:
+        raise Fault("it answers without a look", 'abstain without one: Answer(note="no time to look")')
+
+
+@lru_cache(maxsize=8)
+def _take(best: float, light: float, seed: int) -> tuple[Take, Exposed]:
+    scene = stage(best)
+    _, positions, rows, columns = scene.radiance.shape
+    spec = StackSpec(
+        scene="conformance",
+        scene_digest="",
+        groups=("lamp",),
+        drive=scene.drive,
+        rows=rows,
+        columns=columns,
+        pitch_m=scene.sensor.pitch_m,
+        positions=positions,
+        samples=1,
+        max_depth=1,
+    )
+    depth = np.asarray(scene.drive.focus_depth(best), np.float32)
+    stack = FocalStack(
+        spec, scene.radiance, np.broadcast_to(depth, (rows, columns)), np.ones((rows, columns), bool), "none"
+    )
+    gain = np.full((FRAMES, 1), light, np.float32)
+    take = Take(Footage.of(stack), scene.sensor, gain, scene.exposure, seed, 1, Truth(position=best))
+    return take, take.exposed()

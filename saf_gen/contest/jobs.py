@@ -1,0 +1,110 @@
+"""What is evaluated: the sequences of a dataset, or one stream; where methods look; what all records say."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saf_gen.dataset import read_manifest
+from saf_gen.errors import BadInput, unknown
+from saf_gen.host import describe
+from saf_gen.region import Region, target_box
+from saf_gen.rig import Counts, Recording
+from saf_gen.scores import light_ratio
+from saf_gen.stream import SpikeStream
+
+__all__ = ["Job", "box_of", "check_digest", "given", "jobs_of", "light_of"]
+
+CURVE_BLOCKS = 200
+
+
+@dataclass(frozen=True)
+class Job:
+    """One sequence. None where the stream stands alone, and nobody says."""
+
+    id: str
+    split: str | None
+    scene: str
+    light: str | None
+    path: Path
+    content_sha256: str | None
+    variant: int | None = None
+    scene_motion: str | None = None
+    lens_motion: str | None = None
+
+
+def jobs_of(path: Path, split: str | None) -> list[Job]:
+    if not path.is_dir():
+        if not path.exists():
+            raise BadInput(
+                f"no dataset or stream at {str(path)!r}",
+                allowed="a dataset folder or a stream file (.h5)",
+                hint="make one with `saf-gen generate recipes/quickstart.yaml --out datasets/quickstart`",
+            )
+        if split is not None:
+            raise BadInput(f"split {split!r} of the single stream {str(path)!r}", allowed="no split")
+        return [Job(path.stem, None, path.stem, None, path, None)]
+    entries = read_manifest(path).sequences
+    if not entries:
+        raise BadInput(
+            f"{path} holds no finished sequence", hint="run saf-gen generate with its recipe again"
+        )
+    if split is not None and split not in {entry.split for entry in entries}:
+        raise unknown("split", split, {entry.split for entry in entries}, where=str(path))
+    return [
+        Job(
+            entry.id,
+            entry.split,
+            entry.scene,
+            entry.light,
+            path / entry.file,
+            entry.content_sha256,
+            entry.variant,
+            entry.scene_motion,
+            entry.lens_motion,
+        )
+        for entry in entries
+        if split is None or entry.split == split
+    ]
+
+
+def box_of(stream: SpikeStream, region: str) -> tuple[Region | None, str]:
+    target = stream.truth.target
+    if region == "target" and target is not None and np.any(target):
+        return target_box(target), "target"
+    return None, "frame"
+
+
+def check_digest(job: Job, stream: SpikeStream) -> None:
+    if job.content_sha256 is not None and stream.content_sha256 != job.content_sha256:
+        raise BadInput(
+            f"{job.path} is not the stream that the manifest names",
+            hint="make the dataset again with `saf-gen generate`",
+        )
+
+
+def _mean(counts: np.ndarray) -> float:
+    return float(np.mean(counts))
+
+
+def light_of(counts: Counts) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of blocks, frames, and the mean counts in each, spikes a pixel and readout."""
+    view = Recording(counts, _mean)
+    window = max(1, view.frames // CURVE_BLOCKS)
+    first = np.arange(0, view.frames - window + 1, window)
+    rate = np.array([view.score(int(a), int(a) + window) / window for a in first])
+    return first + (window - 1) / 2, rate
+
+
+def given(job: Job, stream: SpikeStream, rate: np.ndarray) -> dict[str, Any]:
+    """What a record says of the sequence and the machine, whatever the method."""
+    return {
+        "variant": job.variant,
+        "scene_motion": job.scene_motion,
+        "lens_motion": job.lens_motion,
+        "truth_first": stream.truth.position if stream.truth.known else None,
+        "mean_rate": float(rate.mean()),
+        "light_ratio": light_ratio(stream.metadata.gain),
+        "machine": describe(),
+    }

@@ -1,0 +1,138 @@
+"""A method in the closed loop: it moves the lens of a running camera, and has a budget of time.
+
+All methods of a sequence begin with the lens at the same place, drawn by the sequence's seed. A search that
+commands the lens is on its own. One that estimates on a recording is given a sweep: the lens goes to the
+nearer end of its travel, then to the other one, and back to where the search says; the sweep ends with the
+last window that the search looks at. Judged is where the lens is at the end, against the truth of then.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from saf_gen import seeds
+from saf_gen.contest.terms import Terms
+from saf_gen.errors import BadInput
+from saf_gen.exposed import Exposed
+from saf_gen.methods import Method
+from saf_gen.parts import Answer, commands
+from saf_gen.region import Region
+from saf_gen.rig.film import Film
+from saf_gen.rig.live import BudgetSpentError, Live
+from saf_gen.rig.sweep import Sweep
+from saf_gen.take import Take
+
+__all__ = ["BROKEN", "Run", "ended", "run_method", "running", "spent"]
+
+SETTLED = 1e-4  # of the travel: then the lens is said to rest
+BROKEN = (BadInput, ArithmeticError, LookupError, TypeError, ValueError)
+"""What a method that breaks is expected to raise: it fails on that sequence, and the others go on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What came of a method on a running camera.
+
+    ``path`` (n,) is where the lens truly was, to the end; ``answered`` the frame at which the method was
+    done; ``budget`` in frames; ``problem`` why it failed, '' where it did not; ``sent`` the places to which
+    the lens was sent, in turn, the first of them where it stood.
+    """
+
+    answer: Answer
+    problem: str
+    answered: int
+    path: np.ndarray
+    budget: int
+    windows: int
+    seconds: float
+    sent: tuple[float, ...] = ()
+
+
+def running(
+    take: Take,
+    exposed: Exposed,
+    region: Region,
+    measure: Callable[..., float],
+    terms: Terms,
+    *,
+    threads: int | None = None,
+) -> Live:
+    """A camera that begins to run, its lens where all methods of the sequence begin.
+
+    ``exposed`` is of the rows that ``region`` needs, for all methods. Raises BadInput for terms that the
+    recording cannot keep.
+    """
+    return Live(
+        Film(take, exposed, region, threads=threads),
+        measure,
+        terms.actuator,
+        start=float(seeds.generator(take.seed, "closed loop", "start").uniform(0, 1)),
+        seed=seeds.integer(take.seed, "closed loop", "lens"),
+        budget=terms.frames(take)[0],
+        readout_hz=take.sensor.readout_hz,
+    )
+
+
+def ended(live: Live, answer: Answer, to: float | None, *, budget: int, problem: str = "") -> Run:
+    """The run of a method that is done: the lens goes to its last place, where it says one, and settles."""
+    answered = live.now
+    if to is not None:
+        live.move(to)
+        with suppress(BudgetSpentError):  # the lens is judged where it is then
+            live.settle(SETTLED)
+    return Run(
+        answer,
+        problem,
+        answered,
+        live.path[: live.now].copy(),
+        budget,
+        live.windows,
+        live.seconds,
+        tuple(live.sent),
+    )
+
+
+def spent(budget: int) -> str:
+    """What is said of a method that had no answer when its time was over."""
+    return f"the budget of {budget} frames was spent"
+
+
+def run_method(
+    take: Take, exposed: Exposed, region: Region, method: Method, terms: Terms, *, threads: int | None = None
+) -> Run:
+    """Let a method find the focus. ``exposed`` is of the rows that ``region`` needs, for all methods."""
+    budget, sweep = terms.frames(take)
+    live = running(take, exposed, region, method.measure, terms, threads=threads)
+    try:
+        answer, to = _commanded(live, method) if commands(method.search) else _swept(live, method, sweep)
+    except BudgetSpentError:
+        return ended(live, Answer(), None, budget=budget, problem=spent(budget))
+    except BROKEN as error:
+        return ended(live, Answer(), None, budget=budget, problem=f"{type(error).__name__}: {error}")
+    return ended(live, answer, to, budget=budget)
+
+
+def _commanded(live: Live, method: Method) -> tuple[Answer, float | None]:
+    answer = method.search(live)
+    return answer, _inside(answer.position)
+
+
+def _swept(live: Live, method: Method, frames: int) -> tuple[Answer, float | None]:
+    begin, end = (0.0, 1.0) if live.sent[0] < 0.5 else (1.0, 0.0)
+    live.move(begin)
+    live.settle()
+    view = Sweep(live, begin, end, frames=frames)
+    answer = method.search(view)
+    live.course = None
+    if answer.frame is None:
+        return answer, None
+    if not -0.5 <= answer.frame <= view.frames - 0.5:
+        raise ValueError(f"answered frame {answer.frame}, which is not of the sweep")
+    return answer, _inside(view.position_at(answer.frame))
+
+
+def _inside(place: float | None) -> float | None:
+    """A place that the lens can be sent to: a noisy position sensor may read a little outside the travel."""
+    return None if place is None else min(max(float(place), 0.0), 1.0)

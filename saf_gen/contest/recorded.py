@@ -1,0 +1,249 @@
+"""The recorded track: every method sees the same recording through a narrow view."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from saf_gen import rig
+from saf_gen.contest.jobs import Job, box_of, check_digest, given, light_of
+from saf_gen.contest.predictions import Prediction, Predictions
+from saf_gen.contest.results import Curve, Sweep
+from saf_gen.errors import BadInput
+from saf_gen.methods import Method
+from saf_gen.parts import Answer, Search, commands
+from saf_gen.records import Record
+from saf_gen.rig.thumbnails import thumbnails
+from saf_gen.scores import judge
+from saf_gen.stream import SpikeStream, open_stream
+
+__all__ = ["check_estimate", "recorded_sequence"]
+
+
+def check_estimate(chosen: Sequence[Method]) -> None:
+    for method in chosen:
+        if commands(method.search):
+            raise BadInput(
+                f"method {method.name!r} commands the lens, and a recording is over",
+                allowed="searches that estimate on a recording",
+                hint="run it with --track closed_loop, or search with argmax, egs or sgfs_causal",
+            )
+
+
+class _Watched:
+    """A view that remembers what it was asked: the focus curves come from it at no cost."""
+
+    def __init__(self, view: rig.Recording) -> None:
+        self._view = view
+        self.asked: dict[tuple[int, int], float] = {}
+
+    @property
+    def frames(self) -> int:
+        return self._view.frames
+
+    @property
+    def now(self) -> int:
+        return self._view.now
+
+    @property
+    def readout_hz(self) -> float:
+        return self._view.readout_hz
+
+    def score(self, first: int, stop: int, measure: str | None = None) -> float:
+        score = self._view.score(first, stop, measure)
+        if measure is None:
+            self.asked[first, stop] = score
+        return score
+
+    def position(self, frame: int) -> float:
+        return self._view.position(frame)
+
+    def move(self, to: float) -> None:
+        self._view.move(to)
+
+    def wait(self, frames: int) -> None:
+        self._view.wait(frames)
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """What somebody made of a recording, and at what cost."""
+
+    method: str
+    code: str
+    parameters: str
+    answer: Answer
+    problem: str
+    frames_seen: int
+    windows: int = 0
+    seconds: float = 0.0
+    tuning: str = ""
+
+
+def recorded_sequence(
+    job: Job,
+    methods: Sequence[Method],
+    region: str,
+    step: Callable[[int, str], None],
+    predictions: Predictions | None = None,
+    *,
+    film: bool = False,
+) -> tuple[list[Record], Sweep]:
+    """The records of a sequence, of all methods and then of all predictions, and what its figures need.
+
+    ``film``: with small pictures of the sweep.
+
+    Raises BadInput for a stream that cannot be read or is not the one that is listed.
+    """
+    attempts, curves = [], {}
+    with open_stream(job.path) as stream:
+        check_digest(job, stream)
+        box, seen_region = box_of(stream, region)
+        counts = rig.Counts(stream, region=box)
+        light = light_of(counts)
+        said = {"region": seen_region, **given(job, stream, light[1])}
+        for done, method in enumerate(methods):
+            recording = rig.Recording(counts, method.measure)
+            watched = _Watched(recording)
+            attempt = _attempt(method, recording, watched)
+            attempts.append(attempt)
+            if method.search_name == "argmax" and method.measure_name not in curves and not attempt.problem:
+                curves[method.measure_name] = _curve(method.measure_name, watched.asked, attempt.answer.frame)
+            step(done + 1, method.name)
+        for prediction in predictions.of(job.id) if predictions else ():
+            attempts.append(_predicted(prediction, predictions.code if predictions else "", stream))
+        records = [_record(job, attempt, stream, said) for attempt in attempts]
+        sweep = _sweep(job, stream, light, curves)
+        if film:
+            sweep = replace(sweep, thumbnails=thumbnails(stream, box))
+        return records, sweep
+
+
+def _attempt(method: Method, recording: rig.Recording, watched: _Watched) -> _Attempt:
+    answer, problem = _answer(method.search, watched)
+    return _Attempt(
+        method=method.name,
+        code=method.code,
+        parameters=f"{method.measure!r} + {method.search!r}",
+        answer=answer,
+        problem=problem,
+        frames_seen=recording.frames_seen,
+        windows=recording.windows,
+        seconds=recording.seconds,
+        tuning=method.tuning,
+    )
+
+
+def _predicted(prediction: Prediction, code: str, stream: SpikeStream) -> _Attempt:
+    if prediction.data is not None and prediction.data != stream.content_sha256:
+        raise BadInput(
+            f"{prediction.method} was made from other data: {prediction.data:.12}",
+            where=prediction.sequence,
+            allowed=f"{stream.content_sha256:.12}",
+            hint="predict again on this dataset",
+        )
+    answer = Answer(prediction.frame, prediction.trace, prediction.note)
+    frames = stream.shape[0]
+    return _Attempt(
+        method=prediction.method,
+        code=code,
+        parameters="predicted elsewhere",
+        answer=answer if not (problem := _out_of(answer, frames)) else Answer(None, answer.trace),
+        problem=problem,
+        frames_seen=min(prediction.frames_seen or frames, frames),
+        seconds=prediction.seconds,
+    )
+
+
+def _answer(search: Search, view: _Watched) -> tuple[Answer, str]:
+    """The search's answer, or an empty one and why it failed: a broken method must not stop the others."""
+    try:
+        answer = search(view)
+    except (BadInput, ArithmeticError, LookupError, TypeError, ValueError) as error:
+        return Answer(None), f"{type(error).__name__}: {error}"
+    problem = _out_of(answer, view.frames)
+    return (Answer(None, answer.trace), problem) if problem else (answer, "")
+
+
+def _out_of(answer: Answer, frames: int) -> str:
+    if answer.frame is None or -0.5 <= answer.frame <= frames - 0.5:
+        return ""
+    return f"answered frame {answer.frame}, which was not recorded"
+
+
+def _record(job: Job, attempt: _Attempt, stream: SpikeStream, said: Mapping[str, Any]) -> Record:
+    truth, answer = stream.truth, attempt.answer
+    verdict = judge(
+        answer.frame,
+        frames_seen=attempt.frames_seen,
+        focus_position=stream.focus_position,
+        truth=truth.position,
+        track=truth.track,
+        truth_frame=truth.frame,
+        ends=truth.depth_of_focus,
+    )
+    # A failure must not pass for the abstention that is right where the focus lies outside the travel.
+    half, one, two = (s and not attempt.problem for s in verdict.success)
+    return Record(
+        method=attempt.method,
+        sequence=job.id,
+        split=job.split,
+        scene=job.scene,
+        light=job.light,
+        status="failed" if attempt.problem else "abstained" if answer.frame is None else "answered",
+        position=verdict.position,
+        frame=None if answer.frame is None else float(answer.frame),
+        truth=verdict.truth,
+        truth_frame=verdict.truth_frame,
+        error=verdict.error,
+        error_frames=verdict.error_frames,
+        error_dof=verdict.error_dof,
+        blur_px=verdict.blur_px,
+        success_half_dof=half,
+        success_1dof=one,
+        success_2dof=two,
+        trace=tuple(float(x) for x in answer.trace),
+        frames=stream.shape[0],
+        frames_seen=attempt.frames_seen,
+        lens_travel=verdict.lens_travel,
+        windows=attempt.windows,
+        seconds=attempt.seconds,
+        note=attempt.problem or answer.note,
+        data=stream.content_sha256,
+        code=attempt.code,
+        time_to_focus_s=None if answer.frame is None else attempt.frames_seen / stream.readout_hz,
+        parameters=attempt.parameters,
+        tuning=attempt.tuning,
+        **said,
+    )
+
+
+def _curve(measure: str, asked: Mapping[tuple[int, int], float], answer: float | None) -> Curve:
+    blocks = sorted(asked)
+    return Curve(
+        measure,
+        np.array([(first + stop - 1) / 2 for first, stop in blocks]),
+        np.array([asked[block] for block in blocks]),
+        answer,
+    )
+
+
+def _sweep(
+    job: Job, stream: SpikeStream, light: tuple[np.ndarray, np.ndarray], curves: Mapping[str, Curve]
+) -> Sweep:
+    return Sweep(
+        sequence=job.id,
+        split=job.split,
+        scene=job.scene,
+        light=job.light,
+        focus_position=stream.focus_position,
+        frames=light[0],
+        rate=light[1],
+        truth=stream.truth.position,
+        depth_of_focus=stream.truth.depth_of_focus,
+        truth_frame=stream.truth.frame,
+        curves=tuple(curves.values()),
+        track=stream.truth.track,
+        scene_motion=job.scene_motion,
+    )

@@ -1,0 +1,162 @@
+"""Where searches went: their steps on a recording, and the way of the lens in the closed loop."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from saf_gen.contest.results import LensPath, Sweep
+from saf_gen.figures._lens import lens_axis, places, runs, truth_passes, within_depth
+from saf_gen.figures._style import BAND, GREY, INK, MOST, PAPER, Look, bare, drawing, new_figure, split_method
+from saf_gen.records import Record
+
+__all__ = ["paths_figure", "traces_figure"]
+
+T = TypeVar("T")
+ACROSS, SEARCHES = 3, 9
+STEPS = 3
+"""Fewest places of a trace: with fewer nothing was narrowed down."""
+
+
+def traces_figure(
+    sweep: Sweep, records: Sequence[Record], looks: Mapping[str, Look], *, title: str
+) -> Figure | None:
+    """The steps of every search on the recording ``sweep``: the place it looked round, step by step.
+
+    A panel for each search, a line for each measure, the truth across them. None where no search has steps.
+    """
+    found = _by_search([(r.method, r) for r in records if len(r.trace) >= STEPS], looks)
+    if not found:
+        return None
+    place = places(sweep)
+    over_frames = lens_axis(sweep) is None
+    measures = list(dict.fromkeys(m for mine in found.values() for m in mine))
+    with drawing():
+        figure, panels = _panels(list(found), measures, looks, title=title)
+        for axes, mine in zip(panels, found.values(), strict=False):
+            _truth_across(axes, sweep)
+            for measure, record in mine.items():
+                look = looks[measure]
+                line = place(_frames(record))
+                steps = np.arange(len(line))
+                axes.plot(steps, line, color=look.colour, ls=look.dashes, lw=1.1)
+                axes.plot(steps[-1], line[-1], look.marker, c=look.colour, ms=4.5, mec=PAPER, mew=0.5)
+        frames = len(sweep.focus_position) if sweep.focus_position is not None else sweep.frames[-1]
+        for axes in panels:
+            axes.set_ylim(*((0, frames) if over_frames else (0, 1)))
+        _label(panels, "step", "frame" if over_frames else "focus position")
+    return figure
+
+
+def paths_figure(paths: Sequence[LensPath], looks: Mapping[str, Look], *, title: str) -> Figure | None:
+    """Where methods took the lens in one sequence: a panel for each search, a line for each measure.
+
+    The end of a line is where the lens was judged. None where there is no path.
+    """
+    found = _by_search([(p.method, p) for p in paths if len(p.seconds)], looks)
+    if not found:
+        return None
+    measures = list(dict.fromkeys(m for mine in found.values() for m in mine))
+    with drawing():
+        figure, panels = _panels(list(found), measures, looks, title=title)
+        for axes, mine in zip(panels, found.values(), strict=False):
+            longest = max(mine.values(), key=lambda p: p.seconds[-1])
+            if longest.depth_of_focus is not None:
+                half = longest.depth_of_focus / 2
+                near, far = longest.truth - half, longest.truth + half
+                axes.fill_between(longest.seconds, near, far, color=BAND, alpha=0.45, lw=0)
+            axes.plot(longest.seconds, longest.truth, color=INK, lw=1.0)
+            for measure, path in mine.items():
+                look = looks[measure]
+                axes.plot(path.seconds, path.position, color=look.colour, ls=look.dashes, lw=1.1)
+                mark = "x" if path.problem else look.marker
+                edge = look.colour if path.problem else PAPER
+                axes.plot(
+                    path.seconds[-1], path.position[-1], mark, c=look.colour, ms=4.5, mec=edge, clip_on=False
+                )
+            axes.set_ylim(0, 1)
+        _label(panels, "seconds", "focus position")
+    return figure
+
+
+def _by_search(items: Sequence[tuple[str, T]], looks: Mapping[str, Look]) -> dict[str, dict[str, T]]:
+    """By search, then by measure: at most SEARCHES, and MOST measures in the order of their looks."""
+    present = {split_method(method)[0] for method, _ in items}
+    shown = [m for m in looks if m in present][:MOST]
+    found: dict[str, dict[str, T]] = {}
+    for method, item in items:
+        measure, search = split_method(method)
+        if measure in shown and (search in found or len(found) < SEARCHES):
+            found.setdefault(search, {})[measure] = item
+    return found
+
+
+def _panels(
+    searches: Sequence[str], measures: Sequence[str], looks: Mapping[str, Look], *, title: str
+) -> tuple[Figure, list[Axes]]:
+    across = min(len(searches), ACROSS)
+    down = math.ceil(len(searches) / across)
+    figure = new_figure(0.95 + 1.35 * down + 0.16 * math.ceil((len(measures) + 1) / 2), title=title)
+    grid = figure.subplots(down, across, squeeze=False, sharex=down > 1, sharey=True)
+    panels = list(grid.flat)
+    for axes, search in zip(panels, searches, strict=False):
+        axes.set_title(search, fontsize=8, loc="left")
+        axes.grid(axis="y", color=GREY, lw=0.6)
+        axes.set_axisbelow(True)
+        bare(axes, "top", "right")
+    for axes in panels[len(searches) :]:
+        axes.set_visible(False)
+    handles: list[Any] = [looks[m].line() for m in measures]
+    handles.append((Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1)))
+    figure.legend(
+        handles,
+        [*measures, "true focus"],
+        loc="outside lower center",
+        ncols=2,
+        handlelength=2.8,
+        labelspacing=0.35,
+    )
+    return figure, panels[: len(searches)]
+
+
+def _label(panels: Sequence[Axes], across: str, up: str) -> None:
+    """Names of the axes: below every panel that has none under it, beside the first of a row."""
+    for number, axes in enumerate(panels):
+        if number + ACROSS >= len(panels):
+            axes.set_xlabel(across)
+            if across == "step":
+                axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+            axes.tick_params(axis="x", labelbottom=True)
+        if number % ACROSS == 0:
+            axes.set_ylabel(up)
+
+
+def _frames(record: Record) -> np.ndarray:
+    """The trace in frames from 0: traces of the released code count from 1, answers never do."""
+    trace = np.array(record.trace, dtype=np.float64)
+    one = record.frame is not None and abs(trace[-1] - record.frame - 1) < 1e-6
+    return trace - 1 if one else trace
+
+
+def _truth_across(axes: Axes, sweep: Sweep) -> None:
+    """The truth and its depth of focus, along the steps; over frames every pass of it."""
+    lens = sweep.focus_position
+    if lens_axis(sweep) is not None:
+        if all(map(math.isfinite, sweep.depth_of_focus)):
+            axes.axhspan(*sorted(sweep.depth_of_focus), color=BAND, alpha=0.45, lw=0)
+        if math.isfinite(sweep.truth):
+            axes.axhline(sweep.truth, color=INK, lw=1.0)
+    elif lens is None:
+        if math.isfinite(sweep.truth_frame):
+            axes.axhline(sweep.truth_frame, color=INK, lw=1.0)
+    else:
+        for first, stop in runs(within_depth(sweep, lens)):
+            axes.axhspan(first, stop, color=BAND, alpha=0.45, lw=0)
+        for frame in truth_passes(sweep, lens):
+            axes.axhline(frame, color=INK, lw=1.0)

@@ -1,0 +1,139 @@
+"""Tables by condition: how methods do under each light, motion, photon budget, place of the focus.
+
+What sorts a sequence is a property of the sequence alone, so that all methods meet the same ones in a bin.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from saf_gen.leaderboard.means import median_size, over_scenes
+from saf_gen.records import Record
+
+__all__ = ["AXES", "Axis", "AxisTable", "Cell", "by_axis"]
+
+BLOCK = 100
+"""Readouts of the block that the photon budget is told for: the default of argmax."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What sequences are sorted by. ``bin`` names the bin of a record, None where it is unknown."""
+
+    name: str
+    title: str
+    meaning: str
+    bin: Callable[[Record], str | None]
+    order: tuple[str, ...] = ()
+    """Of the bins; without, that of their names."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One method in one bin. None is unknown."""
+
+    success_1dof: float | None
+    median_error_dof: float | None
+    abstained: int
+    failed: int
+
+
+@dataclass(frozen=True)
+class AxisTable:
+    """All methods on one axis: cells by method, one for each bin."""
+
+    axis: Axis
+    bins: tuple[str, ...]
+    scenes: tuple[int, ...]
+    sequences: tuple[int, ...]
+    cells: Mapping[str, tuple[Cell, ...]]
+
+
+def by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
+    """A table for each of AXES that is known of some sequence, methods in the order given."""
+    tables = (_table(axis, records, methods) for axis in AXES)
+    return tuple(table for table in tables if table.bins)
+
+
+def _table(axis: Axis, records: Sequence[Record], methods: Sequence[str]) -> AxisTable:
+    sorted_by: dict[str, list[Record]] = {}
+    for record in records:
+        if (name := axis.bin(record)) is not None:
+            sorted_by.setdefault(name, []).append(record)
+    bins = tuple(n for n in axis.order if n in sorted_by) or tuple(sorted(sorted_by))
+    return AxisTable(
+        axis,
+        bins,
+        scenes=tuple(len({r.scene for r in sorted_by[name]}) for name in bins),
+        sequences=tuple(len({r.sequence for r in sorted_by[name]}) for name in bins),
+        cells={
+            method: tuple(_cell([r for r in sorted_by[name] if r.method == method]) for name in bins)
+            for method in methods
+        },
+    )
+
+
+def _cell(records: Sequence[Record]) -> Cell:
+    return Cell(
+        over_scenes(records, lambda r: r.success_1dof),
+        median_size(r.error_dof for r in records),
+        abstained=sum(r.status == "abstained" for r in records),
+        failed=sum(r.status == "failed" for r in records),
+    )
+
+
+def _binned(
+    value: Callable[[Record], float | None], edges: Sequence[float], names: Sequence[str]
+) -> Callable[[Record], str | None]:
+    """The bin between two edges that the value lies in; a value at an edge is in the bin above it."""
+
+    def name(record: Record) -> str | None:
+        held = value(record)
+        return None if held is None else names[bisect_right(edges, held)]
+
+    return name
+
+
+def _budget(record: Record) -> float | None:
+    return None if record.mean_rate is None else BLOCK * record.mean_rate
+
+
+def _place(record: Record) -> str | None:
+    place = record.truth_first
+    if place is None:
+        return None
+    if not 0 <= place <= 1:
+        return _PLACES[3]
+    return _PLACES[0] if place < 0.1 else _PLACES[2] if place > 0.9 else _PLACES[1]
+
+
+_BUDGETS = ("below 1", "1 to 3", "3 to 10", "10 to 30", "30 and more")
+_RATIOS = ("up to 1.1", "1.1 to 2", "2 to 5", "5 and more")
+_PLACES = ("first 10 %", "middle", "last 10 %", "outside")
+AXES = (
+    Axis("light", "Light schedule", "As the recipe names it.", lambda r: r.light),
+    Axis(
+        "light_ratio",
+        "Light ratio",
+        "Brightest over darkest light of the recording.",
+        _binned(lambda r: r.light_ratio, (1.1, 2, 5), _RATIOS),
+        _RATIOS,
+    ),
+    Axis("scene_motion", "Scene motion", "Whether anything in the scene moves.", lambda r: r.scene_motion),
+    Axis("lens_motion", "Lens motion", "How the lens moved in the recording.", lambda r: r.lens_motion),
+    Axis(
+        "photon_budget",
+        "Photon budget",
+        f"Mean counts a pixel in a block of {BLOCK} readouts, where measures look.",
+        _binned(_budget, (1, 3, 10, 30), _BUDGETS),
+        _BUDGETS,
+    ),
+    Axis(
+        "focus_position",
+        "Focus position",
+        "Where in the travel the true focus lies when the lens first meets it.",
+        _place,
+        _PLACES,
+    ),
+    Axis("scene", "Scene", "Each scene alone.", lambda r: r.scene),
+)

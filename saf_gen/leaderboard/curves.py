@@ -1,0 +1,129 @@
+"""Focus curves as tables: the quality of each, and how the measures compare.
+
+Curves are those that argmax looked at. A lens that comes back or rests gives none, and a flat curve has none:
+such lines are empty, and counted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.curve_quality import CurveQuality, curve_quality
+from saf_gen.dataset import write_text
+from saf_gen.evaluate import Curve, Sweep
+from saf_gen.leaderboard.csv_text import csv_text
+from saf_gen.scores import depth_of_focus, position_at
+
+__all__ = ["MEANINGS", "CurveRow", "MeasureRow", "curve_rows", "measure_rows", "write_curves"]
+
+_NAMES = tuple(f.name for f in fields(CurveQuality))
+MEANINGS = {
+    "accuracy_dof": "Distance of the curve's peak from the truth, depths of focus.",
+    "accuracy": "The same, fraction of the travel.",
+    "range": "Way of the lens between the minima beside the peak, fraction of the travel.",
+    "false_maxima": "Local maxima beside the peak, however small.",
+    "false_peaks": "Those that stand out by more than a tenth of the curve's height.",
+    "width_50": "Width of the peak at half its height, fraction of the travel.",
+    "width_80": "Width at 80 % of its height.",
+    "noise": "Standard deviation of the noise on the curve, of its height.",
+}
+"""What medians a measure has, in order."""
+
+
+@dataclass(frozen=True)
+class CurveRow:
+    """One measure on one sequence."""
+
+    measure: str
+    sweep: Sweep
+    quality: CurveQuality | None
+
+
+@dataclass(frozen=True)
+class MeasureRow:
+    """One measure over all its curves; ``medians`` by the names of MEANINGS, None where none is known."""
+
+    measure: str
+    curves: int
+    without: int
+    """Sequences whose curve has no quality."""
+    medians: dict[str, float | None]
+
+
+def curve_rows(sweeps: Sequence[Sweep]) -> list[CurveRow]:
+    """Every curve of these sweeps, in their order."""
+    return [CurveRow(c.measure, sweep, _quality(sweep, c)) for sweep in sweeps for c in sweep.curves]
+
+
+def measure_rows(curves: Sequence[CurveRow]) -> list[MeasureRow]:
+    """A row for each measure, the most accurate first; those of unknown accuracy last, by name."""
+    by_measure: dict[str, list[CurveRow]] = {}
+    for row in curves:
+        by_measure.setdefault(row.measure, []).append(row)
+    rows = []
+    for measure, some in by_measure.items():
+        known = [row.quality for row in some if row.quality is not None]
+        medians = {name: _median([getattr(q, name) for q in known]) for name in MEANINGS}
+        rows.append(MeasureRow(measure, len(some), len(some) - len(known), medians))
+    return sorted(rows, key=_order)
+
+
+def write_curves(folder: str | Path, sweeps: Sequence[Sweep]) -> list[Path]:
+    """Write curves.csv and measures.csv into ``folder``; nothing where there is no curve. Returns the paths.
+
+    BadInput where that fails; an unknown number is an empty field.
+    """
+    curves = curve_rows(sweeps)
+    if not curves:
+        return []
+    heads = ["measure", "sequence", "split", "scene", "light", "truth", "depth_of_focus", *_NAMES]
+    lines = [
+        [
+            row.measure,
+            row.sweep.sequence,
+            row.sweep.split,
+            row.sweep.scene,
+            row.sweep.light,
+            row.sweep.truth if isfinite(row.sweep.truth) else None,
+            depth_of_focus(row.sweep.depth_of_focus),
+            *(None if row.quality is None else getattr(row.quality, name) for name in _NAMES),
+        ]
+        for row in curves
+    ]
+    measures = [[row.measure, row.curves, row.without, *row.medians.values()] for row in measure_rows(curves)]
+    out = Path(folder)
+    texts = {
+        "curves.csv": csv_text(heads, lines),
+        "measures.csv": csv_text(["measure", "curves", "without", *MEANINGS], measures),
+    }
+    for name, text in texts.items():
+        write_text(out / name, text)
+    return [out / name for name in texts]
+
+
+def _quality(sweep: Sweep, curve: Curve) -> CurveQuality | None:
+    lens = sweep.focus_position
+    if lens is None:
+        return None
+    truth = sweep.truth
+    if sweep.track is not None and curve.scores.size:
+        truth = position_at(float(curve.frames[curve.scores.argmax()]), sweep.track)
+    return curve_quality(
+        np.interp(curve.frames, np.arange(len(lens)), lens),
+        curve.scores,
+        truth=truth if isfinite(truth) else None,
+        depth=depth_of_focus(sweep.depth_of_focus),
+    )
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
+
+
+def _order(row: MeasureRow) -> tuple[float, str]:
+    accuracy = row.medians["accuracy_dof"]
+    return (float("inf") if accuracy is None else accuracy, row.measure)

@@ -1,0 +1,87 @@
+"""Which records may stand in one table: those of the same data, the same code, the same track."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from saf_gen.errors import BadInput
+from saf_gen.records import Record
+
+__all__ = ["merged"]
+
+_RULES = {
+    "track": "one track in a table",
+    "data": "one content_sha256 a sequence",
+    "region": "one region a sequence",
+    "terms": "one budget and one lens drive for all methods of a sequence",
+    "code": "one version of a method in a table",
+}
+
+
+def merged(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
+    """The records of all runs, by name, as one list: sequences and methods in the order of the first to come.
+
+    What two runs hold of one method and sequence is kept once, the first, where the answers are the same.
+
+    Raises BadInput, naming both sides, for two tracks; a sequence with two data digests, regions or terms; a
+    method with two versions of its code; a pair of method and sequence that is there twice with different
+    answers, or twice in one run, or not at all.
+    """
+    held: dict[tuple[str, str], tuple[str, Record]] = {}
+    said: dict[tuple[str, str], tuple[str, str]] = {}
+    for run, records in runs.items():
+        for record in records:
+            for what, subject, value, side in _claims(record, run, alone=len(runs) == 1):
+                first = said.setdefault((what, subject), (value, side))
+                if first[0] != value:
+                    raise _mixed(what, subject, first, (value, side))
+            key = (record.sequence, record.method)
+            if key in held:
+                _same_answer(held[key], (run, record))
+            held.setdefault(key, (run, record))
+    methods = list(dict.fromkeys(method for _, method in held))
+    sequences = list(dict.fromkeys(sequence for sequence, _ in held))
+    for method in methods:
+        if missing := [s for s in sequences if (s, method) not in held]:
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            runs_of = dict.fromkeys(run for (_, other), (run, _) in held.items() if other == method and run)
+            where = f" of {' and '.join(runs_of)}" if runs_of else ""
+            raise BadInput(
+                f"{method}{where} has no record of {missing[0]}{more}",
+                allowed="the same sequences for every method",
+                hint="run saf-gen evaluate for all methods on one dataset and split",
+            )
+    return [held[s, m][1] for s in sequences for m in methods]
+
+
+def _claims(record: Record, run: str, *, alone: bool) -> Iterator[tuple[str, str, str, str]]:
+    """(what, of what, value, who says so): in a single run records speak for themselves."""
+    yield "track", "", record.track, record.method if alone else run
+    yield "terms", record.sequence, record.terms, record.method if alone else run
+    yield "data", record.sequence, record.data, record.method if alone else run
+    yield "region", record.sequence, record.region, record.method if alone else run
+    yield "code", record.method, record.code, record.sequence if alone else run
+
+
+def _mixed(what: str, subject: str, first: tuple[str, str], second: tuple[str, str]) -> BadInput:
+    none = f"no {what}"
+    of = f" of {subject}" if subject else ""
+    return BadInput(
+        f"the {what}{of} {'differ' if what == 'terms' else 'differs'}: "
+        f"{first[0] or none:.60} in {first[1]}, {second[0] or none:.60} in {second[1]}",
+        allowed=_RULES[what],
+        hint="run saf-gen evaluate again",
+    )
+
+
+def _same_answer(one: tuple[str, Record], other: tuple[str, Record]) -> None:
+    (run, record), (second_run, second) = one, other
+    if run == second_run:
+        raise BadInput(
+            f"two records of {record.method} on {record.sequence}", where=run, allowed="one a sequence"
+        )
+    if (record.status, record.frame, record.position) != (second.status, second.frame, second.position):
+        raise BadInput(
+            f"{record.method} answers {record.sequence} otherwise in {run} than in {second_run}, "
+            "with the same data and code",
+            allowed="the same answer, or one of the two runs",
+            hint="run saf-gen evaluate again",
+        )

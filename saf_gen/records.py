@@ -1,0 +1,198 @@
+"""What one method did on one sequence, as a line of ``records.jsonl``: written, and read back strictly.
+
+A line tells its format by number, so that a table is never made of lines whose meaning has changed.
+"""
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from saf_gen.errors import BadInput, closest
+
+__all__ = [
+    "FILE",
+    "FORMAT",
+    "Record",
+    "read_records",
+    "record_from_json",
+    "record_to_json",
+    "records_to_text",
+]
+
+FILE = "records.jsonl"
+FORMAT = "saf-gen record 2"
+
+
+@dataclass(frozen=True)
+class Record:
+    """One method on one sequence. None is unknown or not there; positions are fractions of the travel."""
+
+    method: str
+    sequence: str
+    split: str | None
+    scene: str
+    light: str | None
+    status: Literal["answered", "abstained", "failed"]
+    position: float | None
+    frame: float | None
+    truth: float | None
+    truth_frame: float | None
+    error: float | None
+    error_frames: float | None
+    error_dof: float | None
+    blur_px: float | None
+    success_half_dof: bool | None
+    success_1dof: bool | None
+    success_2dof: bool | None
+    trace: tuple[float, ...]
+    frames: int
+    frames_seen: int
+    lens_travel: float | None
+    windows: int
+    seconds: float
+    note: str
+    region: str
+    data: str
+    """content_sha256 of the stream."""
+    code: str
+    """Method.code."""
+    track: Literal["recorded", "closed_loop"] = "recorded"
+    terms: str = ""
+    """Of the closed loop: what moves the lens, the budget, the sweep."""
+    variant: int | None = None
+    """Which member of the scene's family."""
+    scene_motion: str | None = None
+    """``static`` or ``dynamic``."""
+    lens_motion: str | None = None
+    """Kind of the lens's motion in the recording."""
+    truth_first: float | None = None
+    """Best focus when the lens of the recording first meets it: the same for all methods."""
+    mean_rate: float | None = None
+    """Counts a pixel and readout, where the method looked, over the whole recording."""
+    light_ratio: float | None = None
+    """scores.light_ratio of the recording."""
+    time_to_focus_s: float | None = None
+    """Recorded: until all was seen that the answer needs, without the way to it. Live: until in place."""
+    reversals: int | None = None
+    """How often the lens turned round, where the method moved it."""
+    parameters: str = ""
+    """Measure and search with every option, those by default too."""
+    tuning: str = ""
+    """12 digits of the file of tuned constants that the method was named by."""
+    machine: str = ""
+    """host.describe(): ``seconds`` of two machines do not compare."""
+
+
+def record_to_json(record: Record) -> dict[str, Any]:
+    """The record as JSON knows it: a number that is not finite is null, a tuple a list."""
+    return {"format": FORMAT, **{f.name: _plain(getattr(record, f.name)) for f in fields(record)}}
+
+
+def records_to_text(records: Iterable[Record]) -> str:
+    """The lines of a ``records.jsonl``."""
+    return "".join(json.dumps(record_to_json(r), ensure_ascii=False, allow_nan=False) + "\n" for r in records)
+
+
+def record_from_json(line: Any, *, where: str = "") -> Record:
+    """What record_to_json wrote; a null in a trace is NaN.
+
+    Raises BadInput for anything but a record of this format with every key of the right type.
+    """
+    if not isinstance(line, dict) or line.get("format") != FORMAT:
+        held = line.get("format", "no format") if isinstance(line, dict) else line
+        raise BadInput(
+            f"is no record of this version: {held!r:.40}",
+            where=where,
+            allowed=f'"format": "{FORMAT}"',
+            hint="run saf-gen evaluate again",
+        )
+    known = _kinds()
+    for key in line:
+        if key not in known and key != "format":
+            raise BadInput(f"unknown key {key!r:.40}", where=where, nearest=closest(key, known))
+    held = {}
+    for key, kind in known.items():
+        if key not in line:
+            raise BadInput(f"{key} is missing", where=where, hint="run saf-gen evaluate again")
+        value = line[key]
+        if get_origin(kind) is tuple and isinstance(value, list):
+            value = tuple(math.nan if v is None else float(v) if _is(v, float) else v for v in value)
+        if not _is(value, kind):
+            raise BadInput(f"{key} is {value!r:.40}", where=where, allowed=_in_words(kind))
+        held[key] = value
+    return Record(**held)
+
+
+def read_records(source: str | Path) -> list[Record]:
+    """The records of an evaluation: its folder, or the file itself.
+
+    Raises BadInput, with the line, where there is none, one is damaged, or none is in it.
+    """
+    path = Path(source)
+    if path.is_dir():
+        path /= FILE
+    if not path.is_file():
+        raise BadInput(
+            f"there is no {FILE} at {str(source)!r}",
+            allowed="the folder of an evaluation, or its records",
+            hint="make it with saf-gen evaluate",
+        )
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"cannot be read: {error}", where=str(path)) from error
+    records = []
+    for number, text in enumerate(lines, start=1):
+        where = f"{path}:{number}"
+        try:
+            line = json.loads(text)
+        except ValueError as error:
+            raise BadInput(
+                f"is no JSON: {text!r:.40}", where=where, hint="run saf-gen evaluate again"
+            ) from error
+        records.append(record_from_json(line, where=where))
+    if not records:
+        raise BadInput("holds no record", where=str(path), hint="run saf-gen evaluate again")
+    return records
+
+
+@cache
+def _kinds() -> dict[str, Any]:
+    return {f.name: get_type_hints(Record)[f.name] for f in fields(Record)}
+
+
+def _is(value: Any, kind: Any) -> bool:
+    """Whether a value from JSON is of a field's type; a whole number will do for a float, never a bool."""
+    if isinstance(kind, UnionType):
+        return any(_is(value, one) for one in get_args(kind))
+    if get_origin(kind) is Literal:
+        return value in get_args(kind)
+    if get_origin(kind) is tuple:
+        return isinstance(value, tuple) and all(isinstance(v, float) for v in value)
+    if kind is float:
+        return type(value) in (int, float) and math.isfinite(value)
+    return type(value) is kind
+
+
+def _in_words(kind: Any) -> str:
+    if isinstance(kind, UnionType):
+        return " or ".join(_in_words(one) for one in get_args(kind))
+    if get_origin(kind) is Literal:
+        return " or ".join(map(str, get_args(kind)))
+    names = {str: "text", int: "a whole number", float: "a finite number", bool: "true or false"}
+    return names.get(kind, "null" if kind is type(None) else "a list of numbers")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value

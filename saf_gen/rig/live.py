@@ -1,0 +1,129 @@
+"""A camera that is running while a method moves its lens: the closed loop.
+
+Every readout is encoded with the lens where its actuator has it then, with the light and the scene of that
+moment, and the state of every pixel goes on from readout to readout. Time passes when a method looks, waits,
+or lets the lens settle; nothing that was seen can be seen again otherwise. The camera hands over whole bytes:
+time goes by 8 readouts at least.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from saf_gen.actuators import Actuator, Lens
+from saf_gen.errors import BadInput
+from saf_gen.region import checked_window
+from saf_gen.rig.film import Film
+from saf_gen.rig.scoring import Scorer
+
+__all__ = ["PACKET", "BudgetSpentError", "Live"]
+
+PACKET = 8  # readouts
+
+
+class BudgetSpentError(Exception):
+    """A method asked for more time than it has."""
+
+
+class Live:
+    """The handle on a running camera: see saf_gen.parts.View. Truth is out of reach.
+
+    Parameters
+    ----------
+    film : what the camera has seen, nothing yet.
+    actuator, start, seed : what moves the lens, where it stands (0...1), the name of its noise.
+    measure : scores the counts of a window.
+    budget : frames that may pass, at most those of the take.
+    readout_hz : frames a second.
+
+    The bill is that of :class:`Scorer`, as on a recording.
+    """
+
+    def __init__(
+        self,
+        film: Film,
+        measure: Callable[..., float],
+        actuator: Actuator,
+        *,
+        start: float,
+        seed: int,
+        budget: int,
+        readout_hz: float,
+    ) -> None:
+        self._film, self._scorer = film, Scorer(measure)
+        self.frames, self.readout_hz = budget // PACKET * PACKET, readout_hz
+        self._lens = Lens(actuator, start=start, readout_hz=readout_hz, seed=seed)
+        self._now = 0
+        self.path = np.full(self.frames, start, np.float64)
+        """(frames,) where the lens truly was, up to ``now``. For the referee, not for methods."""
+        self._sensed = np.full(self.frames, start, np.float64)
+        self.sent = [start]
+        """The places that the lens was sent to, in turn, from where it stood."""
+        self.course: Callable[[int], float] | None = None
+        """Where the lens is sent at each frame while it sweeps; None: it goes where the last command said."""
+
+    @property
+    def now(self) -> int:
+        """Frames that have passed."""
+        return self._now
+
+    def score(self, first: int, stop: int, measure: str | None = None) -> float:
+        """The score of a window; the camera runs until it is over.
+
+        Raises BadInput for no window and for a score that is no finite number, BudgetSpentError where the
+        window ends after the budget.
+        """
+        self.run_until(first, stop)
+        return self._scorer.score(self._film, first, stop, measure)
+
+    @property
+    def windows(self) -> int:
+        """Scores asked for."""
+        return self._scorer.windows
+
+    @property
+    def seconds(self) -> float:
+        """Time that the measure took; encoding is not in it."""
+        return self._scorer.seconds
+
+    def run_until(self, first: int, stop: int) -> Film:
+        """Let the camera run until a window is over; gives what it has seen. Raises as ``score`` does."""
+        if stop > self.frames:
+            raise BudgetSpentError(f"frame {stop} of a budget of {self.frames}")
+        window = checked_window(first, stop, self.frames)
+        self.wait(max(0, window.stop - self._now))
+        if self._film.frames < window.stop:
+            self._film.develop(self._now, self.path)
+        return self._film
+
+    def position(self, frame: int) -> float:
+        """What the position sensor of the lens read at a frame that has passed, fraction of the travel."""
+        if not 0 <= frame < max(self._now, 1):
+            raise BadInput(f"frame {frame} has not passed", allowed=f"0 to {max(self._now - 1, 0)}")
+        return float(self._sensed[frame])
+
+    def move(self, to: float) -> None:
+        """Command the lens to ``to``; it is on its way when time passes. Raises BadInput outside 0...1."""
+        if not 0 <= to <= 1:
+            raise BadInput(f"the lens was sent to {to:g}", allowed="0 to 1 of the travel")
+        self._lens.command(float(to))
+        self.sent.append(float(to))
+
+    def settle(self, within: float = 1e-3) -> None:
+        """Let time pass until the lens rests, to ``within`` of the travel. Raises as ``wait`` does."""
+        while not self._lens.settled(within):
+            self.wait(5 * PACKET)
+
+    def wait(self, frames: int) -> None:
+        """Let at least so many frames pass. Raises BudgetSpentError, at the end, where fewer are left."""
+        stop = self._now + -(-int(frames) // PACKET) * PACKET
+        step = PACKET if self.course is not None else max(stop - self._now, PACKET)
+        for first in range(self._now, min(stop, self.frames), step):
+            if self.course is not None:
+                self.move(self.course(first))
+            last = min(first + step, self.frames)
+            self.path[first:last] = self._lens.run(last - first)
+            self._sensed[first:last] = self._lens.sensed(first, last)
+            self._now = last
+        if stop > self.frames:
+            raise BudgetSpentError(f"frame {stop} of a budget of {self.frames}")

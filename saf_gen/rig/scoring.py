@@ -1,0 +1,52 @@
+"""Scores of windows by a method's measure, or by a named one, and the bill of it."""
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.measures import get_measure
+from saf_gen.parts import wants_frames
+from saf_gen.rig.counts import Windows, given
+
+__all__ = ["Scorer"]
+
+
+class Scorer:
+    """What one method pays: ``windows`` is the number of scores asked for, ``seconds`` the time they took.
+
+    Counting is not in it: how spikes are stored is no merit of a method, and counted windows are shared.
+    """
+
+    def __init__(self, measure: Callable[..., float]) -> None:
+        self._measure = measure
+        self._others: dict[str, Callable[..., float]] = {}
+        self.windows, self.seconds = 0, 0.0
+
+    def score(self, seen: Windows, first: int, stop: int, measure: str | None = None) -> float:
+        """The score of frames ``first <= t < stop`` of what is seen, by the measure or a named one.
+
+        Raises BadInput for a window that is not there, for a score that is no finite number, and for an
+        unknown measure.
+        """
+        part = self._measure if measure is None else self._named(measure)
+        counts = given(seen, part, first, stop)
+        more: dict[str, Any] = {"frames": int(stop) - int(first)} if wants_frames(part) else {}
+        self.windows += 1
+        start = perf_counter()
+        score = float(part(counts, **more))
+        self.seconds += perf_counter() - start
+        if not np.isfinite(score):
+            raise BadInput(
+                f"{type(part).__name__} scores frames {first} to {stop} with {score}",
+                allowed="a finite number for any counts",
+                hint="a measure gives 0.0 where there is no spike",
+            )
+        return score
+
+    def _named(self, measure: str) -> Callable[..., float]:
+        if measure not in self._others:
+            self._others[measure] = get_measure(measure)
+        return self._others[measure]

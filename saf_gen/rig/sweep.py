@@ -1,0 +1,66 @@
+"""A sweep of the running lens for a search that estimates on a recording: the recording, while it is made."""
+
+import math
+
+from saf_gen.errors import BadInput
+from saf_gen.rig.live import Live
+
+__all__ = ["Sweep"]
+
+
+class Sweep:
+    """The handle on a lens that goes from one end of its travel to the other: see saf_gen.parts.View.
+
+    Frames count from the beginning of the sweep. A search that looks only at what has passed stops the sweep
+    where it answers; one that asks for the last window first has made all of it.
+
+    Parameters
+    ----------
+    live : the running camera, the lens at rest at ``begin``.
+    begin, end : places, fractions of the travel.
+    frames : readouts that the way from one to the other is given. The actuator may lag behind.
+    """
+
+    def __init__(self, live: Live, begin: float, end: float, *, frames: int) -> None:
+        self._live, self._offset = live, live.now
+        self.frames = frames
+        live.course = lambda frame: begin + (end - begin) * min((frame + 1 - self._offset) / frames, 1.0)
+
+    @property
+    def now(self) -> int:
+        """Frames of the sweep that have passed."""
+        return self._live.now - self._offset
+
+    @property
+    def readout_hz(self) -> float:
+        """Frames a second."""
+        return self._live.readout_hz
+
+    def score(self, first: int, stop: int, measure: str | None = None) -> float:
+        """The score of a window of the sweep; the lens goes on until it is over."""
+        if stop > self.frames:
+            raise BadInput(f"frames {first} to {stop} were asked for", allowed=f"0 to {self.frames}")
+        return self._live.score(self._offset + first, self._offset + stop, measure)
+
+    def position(self, frame: int) -> float:
+        """What the position sensor read at a frame of the sweep that has passed."""
+        return self._live.position(self._offset + frame)
+
+    def position_at(self, frame: float) -> float:
+        """The same at a fractional frame, linear between frames; within the frames that have passed."""
+        last = self.now - 1
+        before = min(max(math.floor(frame), 0), last)
+        after = min(before + 1, last)
+        share = min(max(frame - before, 0.0), 1.0)
+        return (1 - share) * self.position(before) + share * self.position(after)
+
+    def wait(self, frames: int) -> None:
+        """Let so many frames pass."""
+        self._live.wait(frames)
+
+    def move(self, to: float) -> None:
+        """Raises BadInput: the lens is sweeping."""
+        raise BadInput(
+            f"the lens cannot be moved to {to:g} while it sweeps",
+            allowed="searches with the class attribute commands = True",
+        )

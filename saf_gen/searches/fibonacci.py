@@ -1,0 +1,44 @@
+"""Fibonacci search with the lens."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from saf_gen.searches._live import Commanding, Looks, check_share
+
+
+@dataclass(frozen=True)
+class Fibonacci(Commanding):
+    """Fibonacci search: as golden section, on F equal parts of the travel, F a Fibonacci number.
+
+    The places are k/F, k = 1 ... F − 1; the answer is one of them, and a single peak lies between its two
+    neighbours: 2/F is no more than ``tolerance``. No other search finds the best of so many places with so
+    few looks in the worst case: with n looks F = F(n + 2) (1, 1, 2, 3, 5 ...), 11 for a tolerance of 0.01.
+    Noise misleads it as it does golden section. Of equal looks the later place is dropped.
+    """
+
+    tolerance: float = 0.01
+
+    source: ClassVar[str] = (
+        "Kiefer, Sequential minimax search for a maximum, Proc. American Mathematical Society 4(3), 1953, "
+        "doi:10.1090/S0002-9939-1953-0055639-3; for focusing: Krotkov, Focusing, International J. Computer "
+        "Vision 1(3), 1988, doi:10.1007/BF00127822"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_share("tolerance", self.tolerance)
+
+    def seek(self, look: Looks) -> str:
+        numbers = [1, 2, 3]
+        while numbers[-1] * self.tolerance < 2:
+            numbers.append(numbers[-1] + numbers[-2])
+        parts, left = numbers[-1], 0
+        # The bracket is left ... left + numbers[k] parts; the two places are numbers[k − 2] from its ends.
+        lower, upper = (look(numbers[k] / parts) for k in (-3, -2))
+        for k in range(len(numbers) - 2, 1, -1):
+            if lower >= upper:
+                lower, upper = look((left + numbers[k - 2]) / parts), lower
+            else:
+                left += numbers[k - 1]
+                lower, upper = upper, look((left + numbers[k - 1]) / parts)
+        return ""

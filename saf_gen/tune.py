@@ -1,0 +1,109 @@
+"""Finds the constants of a method: every combination of the values to try, judged like methods of a contest.
+
+Constants are tuned on train; a split called test is for methods that are finished.
+"""
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from math import inf, prod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from saf_gen import __version__
+from saf_gen.dataset import read_manifest
+from saf_gen.errors import BadInput, SafGenError, unknown
+from saf_gen.evaluate import evaluate
+from saf_gen.leaderboard import Row, table
+from saf_gen.methods import parse_method
+from saf_gen.tuned import Trial, Tuned
+
+if TYPE_CHECKING:
+    from saf_gen.contest.terms import Terms
+
+__all__ = ["MOST", "tune", "variants"]
+
+MOST = 1000
+"""Combinations that are tried at most."""
+Values = Mapping[str, Sequence[str]]
+
+
+def variants(method: str, values: Values) -> list[str]:
+    """The method with every combination of these values, in order. Keys: ``measure.KEY`` and ``search.KEY``.
+
+    Raises BadInput for another key, for no value, for more than MOST combinations, and for a value or key
+    that a part refuses.
+    """
+    parse_method(method)  # says what is wrong with it before anything else
+    halves = dict(zip(("measure", "search"), "".join(method.split()).split("+"), strict=True))
+    for key, given in values.items():
+        half, dot, option = key.partition(".")
+        if half not in halves or not dot or not option:
+            raise BadInput(f"--try {key!r}", allowed="measure.KEY=VALUE,... or search.KEY=VALUE,...")
+        if not given or not all(given):
+            raise BadInput(f"--try {key!r} has an empty value", allowed="values with commas between them")
+    if not values:
+        raise BadInput("nothing to try", allowed="--try search.window=50,100,200, and more of them")
+    if (count := prod(len(given) for given in values.values())) > MOST:
+        raise BadInput(f"{count} combinations", allowed=f"at most {MOST}", hint="try fewer values at a time")
+    out = []
+    for chosen in product(*values.values()):
+        spec = dict(halves)
+        for key, value in zip(values, chosen, strict=True):
+            half, _, option = key.partition(".")
+            place = spec[half].removeprefix(halves[half].split(":")[0])
+            spec[half] += ("," if ":" in place else ":") + f"{option}={value}"
+        out.append("+".join(spec.values()))
+        parse_method(out[-1])
+    return out
+
+
+def tune(
+    dataset: str | Path,
+    method: str,
+    values: Values,
+    *,
+    split: str = "train",
+    region: str = "target",
+    terms: "Terms | None" = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> tuple[Tuned, tuple[Row, ...]]:
+    """The best of ``variants(method, values)`` on a split: by success within one depth of focus, then error.
+
+    Returns what was tried, best first, and the rows of the leaderboard. Raises BadInput as variants and
+    evaluate do, for the split ``test``, and SafGenError where a sequence cannot be read.
+    """
+    if split == "test":
+        raise BadInput(
+            "constants would be tuned on the split 'test'",
+            allowed="train, or validation",
+            hint="a test split is for methods that are finished",
+        )
+    specs = variants(method, values)
+    splits = {entry.split for entry in read_manifest(dataset).sequences}
+    if split not in splits:
+        raise unknown("split", split, splits, where=str(dataset))
+    result = evaluate(dataset, methods=specs, split=split, region=region, terms=terms, progress=progress)
+    if result.failures:
+        raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
+    rows = sorted(table(result.records), key=_order)
+    data = list(dict.fromkeys(record.data for record in result.records))
+    first = result.records[0]
+    tuned = Tuned(
+        method=rows[0].method,
+        dataset=Path(dataset).resolve().name,
+        split=split,
+        track=first.track,
+        terms=first.terms,
+        region=region,
+        sequences=len(data),
+        data=hashlib.sha256(" ".join(data).encode()).hexdigest()[:12],
+        version=__version__,
+        trials=tuple(Trial(row.method, row.success_1dof, row.median_error_dof) for row in rows),
+    )
+    return tuned, tuple(rows)
+
+
+def _order(row: Row) -> tuple[float, float]:
+    success = -1.0 if row.success_1dof is None else row.success_1dof
+    return -success, inf if row.median_error_dof is None else row.median_error_dof

@@ -1,0 +1,239 @@
+"""The closed loop: a camera that runs while a method moves the lens; terms, failures, the verdict."""
+
+import math
+
+import numpy as np
+import pytest
+import take_dataset
+
+import saf_gen
+from saf_gen.actuators import get_actuator
+from saf_gen.contest.loop import Run, run_method
+from saf_gen.contest.terms import Terms
+from saf_gen.contest.verdict import judge_run, reversals
+from saf_gen.errors import BadInput
+from saf_gen.measures import get_measure
+from saf_gen.methods import Method
+from saf_gen.parts import Answer
+from saf_gen.rig.film import Film, rows_of
+from saf_gen.rig.live import BudgetSpentError, Live
+from saf_gen.stream import Truth
+from saf_gen.take import Take
+
+IDEAL = get_actuator(
+    "voice_coil", speed=1e4, acceleration=1e9, resonance_hz=1e5, damping=1.0, backlash=0, step=0, place_rms=0,
+    position_noise_rms=0, latency_s=0, reads="lens",
+)  # fmt: skip
+WHOLE = (slice(0, 40), slice(0, 64))
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        yield take_dataset.make(tmp_path_factory.mktemp("loop"), patch)
+
+
+@pytest.fixture
+def take(dataset):
+    with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
+        yield Take.of(stream, dataset / "stacks")
+
+
+def live_of(take, *, start=0.0, budget=800, actuator=IDEAL):
+    exposed = take.exposed(rows_of(take, WHOLE))
+    return Live(
+        Film(take, exposed, WHOLE), get_measure("sd"), actuator,
+        start=start, seed=1, budget=budget, readout_hz=take.sensor.readout_hz,
+    )  # fmt: skip
+
+
+class GoTo:
+    """A search that sends the lens to a place and says so."""
+
+    commands = True
+
+    def __init__(self, place, *, looks=3):
+        self.place, self.looks = place, looks
+
+    def __call__(self, view):
+        for _ in range(self.looks):
+            view.score(view.now, view.now + 40)
+        return Answer(position=self.place)
+
+
+class At:
+    """A search that estimates: looks at the sweep up to a frame, and answers with that frame."""
+
+    def __init__(self, frame):
+        self.frame = frame
+
+    def __call__(self, view):
+        view.score(0, math.ceil(self.frame) + 1)
+        return Answer(self.frame)
+
+
+def method(search):
+    return Method("sd+x", get_measure("sd"), search, "0" * 12)
+
+
+def run(take, search, **terms):
+    terms = {"actuator": IDEAL, **terms}
+    return run_method(take, take.exposed(), WHOLE, method(search), Terms(**terms))
+
+
+def test_what_is_seen_is_the_stack_at_the_place_of_the_lens(take):
+    """At rest at the truth and off it: SD of 320 frames, against a recording made at that place."""
+    sharp = live_of(take, start=take.truth.position).score(0, 320)
+    blurred = live_of(take, start=0.0).score(0, 320)
+    film = Film(take, take.exposed(), WHOLE)
+    film.develop(320, np.full(800, take.truth.position))
+    assert sharp == get_measure("sd")(film.window(0, 320))
+    assert blurred < 0.9 * sharp
+
+
+def test_the_lens_is_on_its_way_while_the_camera_runs(take):
+    live = live_of(take, actuator=get_actuator("voice_coil"))
+    assert live.now == 0
+    live.move(1.0)
+    assert live.now == 0
+    live.score(0, 100)
+    assert live.now == 104  # whole bytes
+    assert 0 < live.path[103] < 1
+    with pytest.raises(BadInput, match=r"frame 104 has not passed; allowed: 0 to 103"):
+        live.position(104)
+
+
+def test_what_was_seen_stays_as_it_was(take):
+    live = live_of(take)
+    before = live.run_until(10, 50).window(10, 50)
+    live.move(0.7)
+    live.wait(200)
+    live.score(100, 200)
+    film = live.run_until(10, 50)
+    assert np.array_equal(film.window(10, 50), before)
+    assert np.array_equal(film.halves(10, 50).sum(axis=0), before)
+
+
+def test_the_camera_does_not_run_longer_than_the_budget(take):
+    live = live_of(take, budget=400)
+    with pytest.raises(BudgetSpentError):
+        live.score(390, 410)
+    with pytest.raises(BudgetSpentError):
+        live.wait(1000)
+    assert live.now == 400
+
+
+@pytest.mark.parametrize("to", [-0.1, 1.1, math.nan])
+def test_the_lens_is_not_sent_out_of_its_travel(take, to):
+    with pytest.raises(BadInput, match="0 to 1 of the travel"):
+        live_of(take).move(to)
+
+
+def test_a_search_that_commands_ends_where_it_says(take):
+    done = run(take, GoTo(0.625))
+    assert done.problem == ""
+    assert done.answered == 120
+    assert done.path[-1] == pytest.approx(0.625, abs=1e-4)
+
+
+@pytest.mark.parametrize("frame", [100.0, 250.5])
+def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(take, frame):
+    done = run(take, At(frame), sweep_s=0.016)
+    assert done.problem == ""
+    way = np.diff(done.path[: done.answered])
+    begin = int(np.argmax(np.abs(done.path - done.path[done.answered - 1]) > 0.02))
+    assert done.answered < 450
+    assert (np.sign(way[begin + 60 :]) != -np.sign(way[begin + 60 :].sum())).all()
+    swept = (frame + 0.5) / 320
+    assert done.path[-1] == pytest.approx(swept, abs=0.03) or done.path[-1] == pytest.approx(
+        1 - swept, abs=0.03
+    )
+
+
+@pytest.mark.parametrize(
+    ("search", "problem"),
+    [
+        (GoTo(0.5, looks=30), "the budget of 800 frames was spent"),
+        (lambda view: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda view: Answer(1e6), "answered frame 1000000.0, which is not of the sweep"),
+    ],
+)
+def test_a_broken_method_fails_and_says_why(take, search, problem):
+    done = run(take, search)
+    assert problem in done.problem
+    verdict = judge_run(done, take.truth, 20_000)
+    assert verdict["status"] == "failed"
+    assert verdict["success_2dof"] is False
+    assert "error" not in verdict
+
+
+def test_the_same_method_twice_gives_the_same_run(take):
+    first, second = (run(take, At(200.0), actuator=get_actuator("voice_coil")) for _ in range(2))
+    assert np.array_equal(first.path, second.path)
+    assert first.answered == second.answered
+
+
+def ran(path, *, answered=0, answer=None):
+    return Run(answer or Answer(position=0.5), "", answered, np.asarray(path, float), 800, 1, 0.0)
+
+
+TRUTH = Truth(position=0.5, depth_of_focus=(0.48, 0.52))
+
+
+def test_the_verdict_is_of_the_last_place_against_the_truth_of_then():
+    moving = Truth(0.5, (0.48, 0.52), track=np.linspace(0.4, 0.6, 800))
+    path = np.concatenate([np.linspace(0, 0.53, 100), np.full(300, 0.53)])
+    still, then = judge_run(ran(path), TRUTH, 20_000), judge_run(ran(path), moving, 20_000)
+    assert still["error_dof"] == pytest.approx(0.75)
+    assert still["blur_px"] == pytest.approx(1.5)
+    assert (still["success_half_dof"], still["success_1dof"], still["success_2dof"]) == (False, True, True)
+    assert still["lens_travel"] == pytest.approx(0.53)
+    assert then["truth"] == pytest.approx(0.4 + 0.2 * 399 / 799)
+
+
+def test_time_to_focus_is_when_the_lens_is_in_its_last_place_for_good():
+    """Within a quarter of the depth of focus, 0.01: from 0.2 to 0.5 in 100 frames it is there at 97."""
+    path = np.concatenate([np.full(100, 0.2), np.linspace(0.2, 0.5, 101), np.full(99, 0.5)])
+    verdict = judge_run(ran(path, answered=100), TRUTH, 20_000)
+    assert verdict["time_to_focus_s"] == pytest.approx((100 + 97) / 20_000, abs=1.5 / 20_000)
+
+
+@pytest.mark.parametrize(("best", "right"), [(0.5, False), (1.01, False), (1.2, True), (-0.5, True)])
+def test_an_abstention_is_right_where_the_focus_is_out_of_reach(best, right):
+    truth = Truth(best, (best - 0.02, best + 0.02))
+    verdict = judge_run(ran(np.full(10, 0.3), answer=Answer()), truth, 20_000)
+    assert verdict["status"] == "abstained"
+    assert verdict["success_1dof"] is right
+
+
+def test_without_a_truth_nothing_is_said_of_it():
+    verdict = judge_run(ran(np.full(10, 0.3)), Truth(), 20_000)
+    assert verdict["truth"] is None
+    assert verdict["success_1dof"] is None
+    assert verdict["position"] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("places", "turns"), [([], 0), ([0.5], 0), ([0.5, 0.0, 0.2, 1.0, 1.0, 0.6], 2), ([0.1, 0.1, 0.3, 0.2], 1)]
+)
+def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(places, turns):
+    assert reversals(places) == turns
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ({"budget_s": 1.0}, r"a budget of 1000 ms; allowed: 0\.8 to 40 ms, as long"),
+        ({"budget_s": 1e-5}, "a budget of"),
+        ({"budget_s": 0.02, "sweep_s": 0.03}, r"a sweep of 30 ms; allowed: 0\.8 ms to the budget of 20 ms"),
+        ({"budget_s": -1.0}, r"the budget is -1 s; allowed: seconds, above 0"),
+        ({"sweep_s": math.inf}, "the sweep is inf s"),
+    ],
+)
+def test_terms_that_cannot_be_kept_are_refused(take, terms, message):
+    with pytest.raises(BadInput, match=message):
+        run(take, GoTo(0.5), **terms)
+
+
+def test_the_terms_are_told_in_one_line(take):
+    assert Terms(get_actuator("voice_coil")).describe(take) == "voice_coil, 40 ms, sweep 20 ms"

@@ -1,0 +1,624 @@
+"""The checks of the conformance room bite: parts broken on purpose, each caught for its own fault."""
+
+import math
+import random
+import re
+import threading
+import warnings
+from dataclasses import dataclass
+from functools import partialmethod
+from time import sleep
+
+import numpy as np
+import pytest
+
+from saf_gen import get_measure, get_search
+from saf_gen.conformance import Limits, check, check_measure, check_method, check_search
+from saf_gen.conformance._drawn import Drawn, peak
+from saf_gen.conformance._pictures import texture
+from saf_gen.conformance._stage import BEST, RATE, write_recordings
+from saf_gen.conformance.named import named
+from saf_gen.errors import BadInput
+from saf_gen.methods import Method, parse_method
+from saf_gen.parts import Answer
+from saf_gen.stream import open_stream
+from saf_gen.tuned import Trial, Tuned, tuned_text
+
+SOON = Limits(scores=50_000)  # ten times what a sound search of these asks for
+BRIEF = Limits(seconds=0.5)  # for parts that idle for ever
+
+
+def sum_of_squares(self, counts):
+    return float((counts.astype(float) ** 2).sum())
+
+
+def contrast(self, counts, *, empty):
+    return float(counts.var() / counts.mean() ** 2) if counts.any() else empty
+
+
+def scribble(self, counts):
+    score = sum_of_squares(self, counts)
+    if counts.flags.writeable:
+        counts[:] = 0
+    return score
+
+
+def told(self, counts, frames=None):
+    return sum_of_squares(self, counts) / (frames - 400 if frames else 1)
+
+
+def warned(self, counts):
+    warnings.warn("it is late", RuntimeWarning, stacklevel=1)
+    return sum_of_squares(self, counts)
+
+
+def hang(self, counts):
+    while True:
+        sleep(0.01)
+
+
+KEPT = []
+
+
+def with_a_memory(self, counts):
+    KEPT.append(float(counts.sum()))
+    return sum_of_squares(self, counts) + (KEPT[-1] != KEPT[max(len(KEPT) - 2, 0)])
+
+
+def part_of(members, *, frozen=True):
+    return dataclass(frozen=frozen)(
+        type("Broken", (), {"__doc__": "Broken.", "source": "this test"} | members)
+    )()
+
+
+def measure_of(call=sum_of_squares, *, frozen=True, **members):
+    return part_of({"degree": 2, "score_range": "from 0", "__call__": call} | members, frozen=frozen)
+
+
+def of_plain_class(**members):
+    return type("Plain", (), {"__doc__": "Plain.", "source": "this test", **members})()
+
+
+MEASURES = [
+    ("described", "its dataclass is not frozen", measure_of(frozen=False)),
+    ("described", "its class has no docstring", measure_of(__doc__=None)),
+    ("described", "it cites no source", measure_of(source=" ")),
+    (
+        "described",
+        "is no dataclass",
+        of_plain_class(degree=2, score_range="from 0", __call__=sum_of_squares),
+    ),
+    ("stated", "its degree is 0.5", measure_of(degree=0.5)),
+    ("stated", "its degree is -1, below 0", measure_of(degree=-1)),
+    ("stated", "it states no range", measure_of(score_range="")),
+    ("finite", "random counts is no float: int", measure_of(lambda s, c: int((c.astype(int) ** 2).sum()))),
+    ("finite", "the score of random counts is inf", measure_of(lambda s, c: math.inf)),
+    (
+        "finite",
+        "the score of empty counts is nan",
+        measure_of(partialmethod(contrast, empty=math.nan), degree=0),
+    ),
+    (
+        "finite",
+        r"ZeroDivisionError: .* \(test_conformance_checks.py, line \d+\), for empty counts \(20, 30\)",
+        measure_of(lambda s, c: sum_of_squares(s, c) / int(c.max()), degree=1),
+    ),
+    (
+        "finite",
+        r"IndexError: .*for one-pixel counts \(1, 1\)",
+        measure_of(lambda s, c: float(c[0, 1]) + float(c.sum()), degree=1),
+    ),
+    ("finite", "ZeroDivisionError", measure_of(told, timed=True)),
+    (
+        "zero when empty",
+        "empty counts score 1.0",
+        measure_of(partialmethod(contrast, empty=1.0), degree=0),
+    ),
+    ("repeatable", "get another score", measure_of(lambda s, c: sum_of_squares(s, c) * random.random())),
+    ("repeatable", "get another score after others", measure_of(with_a_memory)),
+    ("leaves input", "it changes the counts", measure_of(scribble)),
+    ("number types", "uint8 changes the score", measure_of(lambda s, c: float((c * c).sum(dtype=float)))),
+    (
+        "memory layout",
+        "memory order changes the score: .* by columns",
+        measure_of(lambda s, c: float(c.ravel("K")[::2].sum(dtype=float)), degree=1),
+    ),
+    ("degree", "degree 2, and it states 1", measure_of(degree=1)),
+    (
+        "degree",
+        "no power of brightness",
+        measure_of(lambda s, c: 60_000.0 - float(c.sum(dtype=float)), degree=1),
+    ),
+    ("finite", "SystemExit: 3", measure_of(lambda s, c: exit(3))),
+]
+
+
+@pytest.mark.parametrize(("name", "words", "part"), MEASURES, ids=[f"{n}: {w}" for n, w, _ in MEASURES])
+def test_a_broken_measure_is_caught(name, words, part):
+    assert_caught(check_measure(part, SOON), name, "fail", words)
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "part"),
+    [
+        ("sharp over blurred", "above the sharp one's", measure_of(lambda s, c: -sum_of_squares(s, c))),
+        ("speed", "RuntimeWarning: it is late", measure_of(warned)),
+    ],
+)
+def test_a_doubtful_measure_is_warned_of(name, words, part):
+    found = assert_caught(check_measure(part, SOON), name, "warn", words)
+    assert "fail" not in {finding.level for finding in found}
+
+
+def assert_caught(findings, name, level, words):
+    """One finding of this check and level says so, and what to do; those of all levels are given back."""
+    found = list(findings)
+    caught = [f for f in found if (f.check, f.level) == (name, level) and re.search(words, f.seen)]
+    assert len(caught) == 1, found
+    assert caught[0].to_do
+    assert all("\n" not in f.seen + f.to_do for f in found)
+    return found
+
+
+# Searches that estimate
+
+
+def best_block(self, view, *, size=50, answer=Answer):
+    if view.frames < size:
+        raise BadInput("too short")
+    scores = [view.score(first, first + size) for first in range(0, view.frames - size + 1, size)]
+    return answer(scores.index(max(scores)) * size + (size - 1) / 2)
+
+
+def crashing_when_short(self, view):
+    scores = [view.score(first, first + 50) for first in range(0, view.frames - 49, 50)]
+    return Answer(scores.index(max(scores)) * 50 + 24.5)
+
+
+def centroid(self, view):
+    """Of the curve: there is none without a spike."""
+    scores = [view.score(first, first + 20) ** 2 for first in range(0, max(view.frames - 20, 1), 20)]
+    at = 20 * sum(i * score for i, score in enumerate(scores)) / sum(scores)
+    return Answer(min(at, view.frames - 1.0))
+
+
+def first_fall(self, view):
+    """Causal: answers where the score falls for the first time."""
+    if view.frames < 100:
+        raise BadInput("too short")
+    step = view.frames // 50
+    before = view.score(0, step)
+    for first in range(step, view.frames - step, step):
+        now = view.score(first, first + step)
+        if now < before:
+            return Answer(first - step / 2)
+        before = now
+    return Answer(view.frames - 1)
+
+
+def looks_ahead(self, view):
+    answer = first_fall(self, view)
+    view.score(view.frames - 1, view.frames)
+    return answer
+
+
+def asks_ahead(self, view):
+    view.position(view.frames - 1)
+    return first_fall(self, view)
+
+
+def extrapolated(self, view):
+    answer = first_fall(self, view)
+    return Answer(min(answer.frame * 1.5, view.frames - 1))
+
+
+def endless(self, view):
+    while True:
+        try:
+            view.score(0, view.frames)
+        except Exception:  # noqa: BLE001
+            continue
+
+
+def idle(self, view):
+    while True:
+        sleep(0.001)
+
+
+def endless_on_ties(self, view):
+    """Halves an interval until the two halves differ no more: where they never do, for good."""
+    first, stop = 0, view.frames
+    while stop - first > 4:
+        middle = (first + stop) // 2
+        left, right = view.score(first, middle), view.score(middle, stop)
+        if left > right:
+            stop = middle
+        elif right > left:
+            first = middle
+    return Answer((first + stop - 1) / 2)
+
+
+def search_of(call=best_block, *, frozen=True, **members):
+    return part_of({"causal": False, "__call__": call} | members, frozen=frozen)
+
+
+def answering(wrap):
+    """``best_block``, its answer made into another."""
+    return search_of(lambda self, view: wrap(best_block(self, view), view))
+
+
+SEARCHES = [
+    ("described", "its dataclass is not frozen", search_of(frozen=False)),
+    ("described", "it cites no source", search_of(source="")),
+    ("stated", "whether it is causal: 'yes'", search_of(causal="yes")),
+    ("stated", "it looks through 'sdd': .*did you mean 'sd'", search_of(measures=("sdd",))),
+    ("ends", "did not end within 50,000 scores; the rest", search_of(endless)),
+    ("answers", "did not end within 50,000 scores", search_of(endless_on_ties)),
+    ("ends", "it refuses .*frames 5 to 5 were", search_of(lambda s, v: Answer(v.score(5, 5)))),
+    ("ends", "it refuses .*0 to 100001 were", search_of(lambda s, v: Answer(v.score(0, v.frames + 1)))),
+    ("ends", "it refuses .*0 to 50000.0 were", search_of(lambda s, v: Answer(v.score(0, v.frames / 2)))),
+    ("ends", "AttributeError: .*'truth'", search_of(lambda s, v: Answer(v.truth.frame))),
+    ("answers", "it answers with float", answering(lambda a, view: a.frame)),
+    ("answers", "it answers frame 2000 of 2,000", answering(lambda a, view: Answer(view.frames))),
+    ("answers", "it answers frame nan", answering(lambda a, view: Answer(math.nan))),
+    ("answers", "its trace is", answering(lambda a, view: Answer(0.0, (math.nan,)))),
+    ("answers", "its trace is", answering(lambda a, view: Answer(0.0, [1.0]))),
+    ("answers", "its note is", answering(lambda a, view: Answer(None, (), "one\ntwo"))),
+    ("answers", "it answers with a place, and does not", answering(lambda a, view: Answer(position=0.5))),
+    ("flat", "ZeroDivisionError", search_of(centroid)),
+    ("repeatable", "gets another answer", answering(lambda a, view: Answer(random.random()))),
+    (
+        "any unit",
+        "scores times 1024 change the answer",
+        answering(lambda a, view: Answer(0.0 if view.score(0, 500) > 0.05 else 1.0)),
+    ),
+    ("stops early", "it says it is causal, and .*up to 1.000", search_of(best_block, causal=True)),
+    ("stops early", "it says it is causal, and .*up to 1.000", search_of(looks_ahead, causal=True)),
+    ("stops early", "it says it is causal, and .*up to 1.000", search_of(asks_ahead, causal=True)),
+    ("short", "ValueError: .*empty", search_of(crashing_when_short)),
+]
+
+
+@pytest.mark.parametrize(("name", "words", "part"), SEARCHES, ids=[f"{n}: {w}" for n, w, _ in SEARCHES])
+def test_a_broken_search_is_caught(name, words, part):
+    assert_caught(check_search(part, SOON), name, "fail", words)
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "part"),
+    [
+        (
+            "finds a bell",
+            "0.3 as 0.500",
+            search_of(lambda s, v: Answer(v.score(0, v.frames) * 0 + v.frames // 2)),
+        ),
+        ("finds a bell", "0.3 as nothing", search_of(lambda s, v: Answer(None))),
+        ("stops early", "answers a later one", search_of(extrapolated, causal=True)),
+    ],
+)
+def test_a_doubtful_search_is_warned_of(name, words, part):
+    found = assert_caught(check_search(part, SOON), name, "warn", words)
+    assert "fail" not in {finding.level for finding in found}
+
+
+# Searches that command the lens
+
+
+def sent(self, view, *, places=(0.0, 0.2, 0.4, 0.6, 0.8, 1.0)):
+    """Looks at some places of the travel, and answers with the best."""
+    seen = []
+    for place in places:
+        view.move(place)
+        if view.frames - view.now < 4100:
+            break
+        view.wait(4000)
+        seen.append((view.score(view.now, view.now + 100), place))
+    return Answer(position=max(seen)[1]) if seen else Answer(None, (), "out of frames")
+
+
+def commanding(call, **members):
+    return search_of(call, commands=True, **members)
+
+
+def place_of(wrap):
+    """``sent``, its answer made into another."""
+    return commanding(lambda self, view: wrap(sent(self, view)))
+
+
+def hopeless(self, view):
+    """Waits on, whatever comes."""
+    view.move(0.5)
+    while True:
+        try:
+            view.wait(8)
+        except Exception:  # noqa: BLE001
+            sleep(0.001)
+
+
+def in_the_past(self, view):
+    """Looks at one window for ever."""
+    view.move(0.5)
+    view.wait(8)
+    while True:
+        view.score(0, 8)
+
+
+def in_daylight(self, view):
+    view.move(0.5)
+    view.wait(8)
+    if view.score(0, 8, "er_count") < 500:
+        raise ValueError("dark")
+    return sent(self, view)
+
+
+WITH_LENS = [
+    ("not on a recording", "it answers Answer", commanding(lambda s, v: Answer(position=0.5))),
+    (
+        "stays in travel and budget",
+        "the lens was sent to 1.2; allowed: 0 to 1 of the travel .*with hand and 40,000",
+        commanding(lambda s, v: sent(s, v, places=(0.5, 1.2))),
+    ),
+    (
+        "stays in travel and budget",
+        "it runs over the budget, with",
+        commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)][-1]),
+    ),
+    (
+        "stays in travel and budget",
+        "it answers with a frame",
+        place_of(lambda answer: Answer(1.0, position=0.5)),
+    ),
+    ("stays in travel and budget", "it answers place 1.5", place_of(lambda answer: Answer(position=1.5))),
+    (
+        "stays in travel and budget",
+        "its trace is",
+        place_of(lambda answer: Answer(None, (math.inf,), position=0.5)),
+    ),
+    ("little time", "it answers without a look", place_of(lambda a: Answer(position=a.position or 0.5))),
+    (
+        "little time",
+        "it runs over the budget, with voice_coil_hall and 32 frames",
+        commanding(lambda s, v: [v.move(0.5), v.score(v.now, v.now + 400), Answer(position=0.5)][-1]),
+    ),
+    (
+        "little time",
+        r"ValueError: .*\(test_conformance_checks.py, line \d+\)",
+        commanding(lambda s, v: sent(s, v) if v.frames > 5000 else [v.move(0), Answer(position=max([]))]),
+    ),
+    (
+        "lights",
+        r"ValueError: dark \(test_conformance_checks.py, line \d+\), with voice_coil_hall",
+        commanding(in_daylight),
+    ),
+    ("repeatable", "another answer", place_of(lambda a: Answer(position=a.position and random.random()))),
+    (
+        "any unit",
+        "scores times 1024 change the answer",
+        commanding(
+            lambda s, v: Answer(position=0.2) if sent(s, v).position and v.score(0, 800) > 1 else sent(s, v)
+        ),
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "words", "part"), WITH_LENS, ids=[f"{n}: {w}" for n, w, _ in WITH_LENS])
+def test_a_broken_search_with_the_lens_is_caught(name, words, part):
+    assert_caught(check_search(part, SOON), name, "fail", words)
+
+
+def test_a_search_with_the_lens_that_finds_nothing_is_warned_of():
+    part = place_of(lambda answer: Answer(position=None if answer.position is None else 0.5))
+    assert_caught(check_search(part), "finds the focus", "warn", "0 as 0.5.*, 1 as 0.5")
+
+
+def test_the_parts_that_the_broken_ones_are_made_of_conform():
+    parts = [
+        *map(check_measure, [measure_of(), measure_of(partialmethod(contrast, empty=0.0), degree=0)]),
+        check_measure(measure_of(lambda s, c: float((c[0].astype(float) * c[1]).sum()), halves=True)),
+        check_search(search_of()),
+        check_search(search_of(first_fall, causal=True)),
+        check_search(commanding(sent)),
+    ]
+    for findings in parts:
+        assert {finding.level for finding in findings} == {"pass"}
+
+
+# Whole methods
+
+
+def method_of(search, measure="sd"):
+    return Method("broken", get_measure(measure), search, code="")
+
+
+def wants_positions(self, view):
+    return Answer(int(best_block(self, view).frame + 0 * view.position(0)))
+
+
+def wants_later_positions(self, view):
+    view.position(view.frames - 1)
+    return best_block(self, view)
+
+
+CALLS = []
+
+
+def first_then_other(self, view):
+    """Like best_block on drawn curves; on anything else, every call one frame on."""
+    CALLS.append(1)
+    return best_block(self, view) if isinstance(view, Drawn) else Answer(len(CALLS))
+
+
+METHODS = [
+    ("recordings", "ValueError: cannot convert float NaN", search_of(wants_positions)),
+    ("running camera", r"BadInput: frame \d+ has not passed", search_of(wants_later_positions)),
+    ("recordings", "the empty stream gets another answer", search_of(first_then_other)),
+]
+
+
+@pytest.mark.parametrize(("name", "words", "part"), METHODS, ids=[f"{n}: {w}" for n, w, _ in METHODS])
+def test_a_broken_method_is_caught(name, words, part):
+    found = assert_caught(check_method(method_of(part)), name, "fail", words)
+    assert {f.level for f in found if f.part != "method"} == {"pass"}
+
+
+def tenth(view):
+    return lambda frame: Answer(view.frames // 10)
+
+
+def test_a_method_that_misses_the_focus_of_a_sweep_is_warned_of():
+    part = search_of(lambda s, v: best_block(s, v, answer=Answer if isinstance(v, Drawn) else tenth(v)))
+    found = assert_caught(check_method(method_of(part)), "recordings", "warn", "swept 0.100; focus at 0.4")
+    assert_caught(found, "running camera", "warn", "ends at a usual light: 0.(09|10)")
+
+
+def test_a_method_is_not_tried_where_a_half_of_it_fails():
+    found = list(check_method(Method("broken", measure_of(degree=1), search_of(), code="")))
+    assert [(f.check, f.level) for f in found if f.part == "method"] == [("whole", "warn")]
+
+
+@pytest.mark.parametrize(
+    "name", ["sd+argmax", "gradient_code_n_tfi+sgfs_causal", "sd_debiased+coarse_to_fine"]
+)
+def test_methods_of_ours_conform(name):
+    found = list(check(name))
+    assert {f.part for f in found} == {"measure", "search", "method"}
+    assert {f.level for f in found} == {"pass"}, found
+
+
+# What the checks look at
+
+
+def test_recordings_of_the_stage_show_what_they_say(tmp_path):
+    rates = {}
+    for name, path in write_recordings(tmp_path, 2001).items():
+        with open_stream(path) as stream:
+            assert stream.shape[0] == 2001
+            rates[name] = stream.counts(0, 2001).mean() / 2001
+            said = stream.focus_position
+            assert (said is None) == (name in ("empty", "full"))
+            if name == "swept":
+                windows = [stream.counts(a, a + 200) for a in range(0, 2000, 200)]
+                sharpness = [w.var() / w.mean() ** 2 for w in windows]
+                assert abs(np.argmax(sharpness) * 0.1 + 0.05 - BEST) <= 0.1
+    assert rates["empty"] == 0
+    assert rates["full"] == 1
+    assert rates["saturated"] > 0.95
+    assert rates["swept"] == pytest.approx(RATE, rel=0.05)
+
+
+def test_amplitudes_of_the_texture_fall_as_one_over_frequency():
+    picture = texture(256, 256)
+    assert picture.mean() == pytest.approx(1, abs=0.01)
+    assert picture.min() >= 0.05
+    frequency = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256))
+    amplitude = np.abs(np.fft.fft2(picture))
+    seen = (frequency > 4 / 256) & (frequency < 0.3)
+    slope = np.polyfit(np.log(frequency[seen]), np.log(amplitude[seen]), 1)[0]
+    assert slope == pytest.approx(-1, abs=0.05)
+
+
+def test_a_drawn_recording_scores_the_mean_of_its_curve_and_named_measures_by_a_picture():
+    view = Drawn(peak(1000, 0.4), unit=2.0)
+    assert view.score(100, 500) == pytest.approx(2 * peak(1000, 0.4)[100:500].mean(), rel=1e-12)
+    assert (view.now, view.scores) == (500, 1)
+    assert view.score(350, 450, "sd") > 5 * view.score(600, 700, "sd")
+    assert view.score(0, 200, "er_count") == pytest.approx(2 * view.score(0, 100, "er_count"), rel=0.01)
+    with pytest.raises(BadInput, match="frames 990 to 1001"):
+        view.score(990, 1001)
+    with pytest.raises(BadInput, match="cannot be moved"):
+        view.move(0.5)
+
+
+@pytest.mark.parametrize(
+    ("findings", "name"),
+    [
+        (check_measure(measure_of(hang), BRIEF), "finite"),
+        (check_search(search_of(idle), BRIEF), "ends"),
+        (check_search(commanding(hopeless), BRIEF), "stays in travel and budget"),
+    ],
+)
+def test_a_part_that_hangs_is_stopped_by_the_clock(findings, name):
+    found = assert_caught(findings, name, "fail", "did not end within 0.5 s; the rest")
+    assert found[-1].check == name
+
+
+def test_a_search_that_looks_at_the_past_for_ever_is_stopped():
+    findings = check_search(commanding(in_the_past), Limits(scores=1000))
+    assert_caught(findings, "stays in travel and budget", "fail", "did not end within 1,000 scores")
+
+
+def test_a_loop_without_end_is_stopped_by_the_number_of_scores_in_a_thread_too():
+    """Outside the main thread there is no clock."""
+    found = []
+    thread = threading.Thread(target=lambda: found.extend(check_search(search_of(endless), SOON)))
+    thread.start()
+    thread.join()
+    assert "50,000 scores" in found[-1].seen
+
+
+# Names
+
+
+def test_a_name_is_a_method_or_a_half_of_one(tmp_path):
+    own = tmp_path / "own.py"
+    own.write_text(OWN)
+    assert named("sd+argmax") == parse_method("sd+argmax")
+    assert named("argmax:window=50") == ("searches", get_search("argmax", window=50))
+    assert named("sd") == ("measures", get_measure("sd"))
+    assert named("variance_n_tfi") == ("measures", get_measure("variance_n_tfi"))
+    for suffix in ("", "_n", "_tfi"):
+        assert named(f"{own}:Total{suffix}")[0] == "measures"
+    assert named(f"{own}:Middle")[0] == "searches"
+    tuned = tmp_path / "best.json"
+    trial = Trial("sd+argmax:window=50", 1.0, 0.1)
+    tuned.write_text(
+        tuned_text(Tuned(trial.method, "d", "train", "recorded", "", "target", 1, "0", "0", (trial,)))
+    )
+    assert named(f"@{tuned}").search.window == 50
+
+
+OWN = """\
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Total:
+    degree = 1
+
+    def __call__(self, counts):
+        return float(counts.sum())
+
+
+@dataclass(frozen=True)
+class Middle:
+    causal = True
+
+
+@dataclass(frozen=True)
+class Nothing:
+    pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("sdd", "unknown measure or search 'sdd'.*did you mean 'sd'"),
+        ("argmx", "did you mean 'argmax'"),
+        ("sd_tfl", "unknown measure or search 'sd_tfl'"),
+        ("sd_n", "'sd' has no twin 'sd_n'"),
+        ("argmax:windw=5", "unknown key.*'windw'.*did you mean 'window'"),
+        ("argmax:5", "option '5' of method"),
+        ("sd+", "not a focus measure and a search"),
+        ("sd+argmx", "method 'sd\\+argmx'.*did you mean 'argmax'"),
+        ("@nowhere.json", "nowhere.json cannot be read"),
+        ("{own}:Nothing", "is neither a measure nor a search.*degree.*causal.*Nothing\\+argmax"),
+        ("{own}:Totl", "cannot be loaded: AttributeError"),
+        ("{own}:Totl_n", "cannot be loaded: AttributeError"),
+        ("", "unknown measure or search ''"),
+    ],
+)
+def test_a_name_that_is_neither_is_told_in_one_line(tmp_path, name, message):
+    (tmp_path / "own.py").write_text(OWN)
+    with pytest.raises(BadInput, match=message):
+        check(name.format(own=tmp_path / "own.py"))

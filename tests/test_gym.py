@@ -1,0 +1,483 @@
+"""The closed loop as a Gymnasium environment: checker, seeds, what a policy sees and earns, the contest."""
+
+import gc
+import json
+import subprocess
+import sys
+import weakref
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+import take_dataset
+from gymnasium.utils.env_checker import check_env
+from typer.testing import CliRunner
+
+from saf_gen.actuators import get_actuator
+from saf_gen.cli import app
+from saf_gen.contest.loop import run_method
+from saf_gen.contest.terms import Terms
+from saf_gen.errors import BadInput
+from saf_gen.evaluate import evaluate
+from saf_gen.gym import ID, AutofocusEnv, rollout
+from saf_gen.gym.pictures import area_means, to_grey
+from saf_gen.leaderboard import merged
+from saf_gen.measures import get_measure
+from saf_gen.methods import Method
+from saf_gen.parts import Answer
+from saf_gen.records import read_records, records_to_text
+
+TERMS = Terms(get_actuator("voice_coil_hall"), budget_s=0.04, sweep_s=0.02)
+PLANE = "plane-constant-00"
+STILL = 104  # frames of a control period
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        yield take_dataset.make(tmp_path_factory.mktemp("gym"), patch)
+
+
+def env_of(dataset, **more):
+    return AutofocusEnv(dataset, **{"terms": TERMS, "pixels": 16, **more})
+
+
+def goes_to(*places):
+    """Makes a policy that sends the lens to these places, a step each, and answers with the last."""
+
+    def made():
+        ways = iter([*((place, 0.0) for place in places), (places[-1], 1.0)])
+        return lambda seen: np.array(next(ways), np.float32)
+
+    return made
+
+
+def walked(env, *places, **reset):
+    """All that an episode gives: observations, rewards, infos."""
+    seen, info = env.reset(**reset)
+    policy, rows = goes_to(*places)(), [(seen, 0.0, info)]
+    over = False
+    while not over:
+        seen, reward, terminated, truncated, info = env.step(policy(seen))
+        rows.append((seen, reward, info))
+        over = terminated or truncated
+    return rows
+
+
+def same(rows, others):
+    return len(rows) == len(others) and all(
+        all(a[key].tobytes() == b[key].tobytes() for key in a) and reward == other and info == told
+        for (a, reward, info), (b, other, told) in zip(rows, others, strict=True)
+    )
+
+
+def with_truth(env, **changes):
+    """The environment, with another truth of the still plane."""
+    job = next(job for job in env.jobs if job.id == PLANE)
+    setting = env.setting(job)
+    truth = replace(setting.take.truth, **changes)
+    env._settings[job.id] = replace(setting, take=replace(setting.take, truth=truth))
+    return env
+
+
+# --- Gymnasium --------------------------------------------------------------------------------------
+
+
+def test_gymnasiums_own_checker_has_nothing_to_say(dataset):
+    """Warnings are errors here, so its recommendations count too."""
+    check_env(gymnasium.make(ID, dataset=dataset, terms=TERMS, render_mode="rgb_array").unwrapped)
+
+
+def test_a_seed_names_an_episode_bit_for_bit(dataset):
+    first, second = (walked(env_of(dataset), 0.2, 0.7, seed=5) for _ in range(2))
+    env = env_of(dataset)
+    walked(env, 0.1, seed=9)
+    again = walked(env, 0.2, 0.7, seed=5)
+    assert same(first, second)
+    assert same(first, again)
+    assert not same(first, walked(env, 0.2, 0.7, seed=6))
+
+
+def test_episodes_after_a_seed_are_named_by_it_too(dataset):
+    env = env_of(dataset)
+    runs = []
+    for _ in range(2):
+        env.reset(seed=5)
+        runs.append([walked(env, 0.3) for _ in range(3)])
+    assert all(same(a, b) for a, b in zip(*runs, strict=True))
+    assert not same(runs[0][0], runs[0][1])
+
+
+def test_seeds_draw_every_sequence_and_places_of_the_whole_travel(dataset):
+    env = env_of(dataset)
+    drawn = [env.reset(seed=seed) for seed in range(40)]
+    assert {info["sequence"] for _, info in drawn} == {job.id for job in env.jobs}
+    lens = [float(seen["lens"][0]) for seen, _ in drawn]
+    assert min(lens) < 0.2
+    assert max(lens) > 0.8
+
+
+def test_sequences_can_be_chosen(dataset):
+    env = env_of(dataset, sequences=[PLANE, PLANE], split="test")
+    assert {env.reset(seed=seed)[1]["sequence"] for seed in range(5)} == {PLANE}
+    assert [job.id for job in env.jobs] == [PLANE]
+
+
+def test_memory_stays_flat_over_resets(dataset):
+    """Of all the sequences that were filmed, those to keep are alive."""
+    env = env_of(dataset, keep=1)
+    settings = [weakref.ref(env.setting(job)) for job in env.jobs]
+    for seed in range(4):
+        env.reset(seed=seed)
+        env.step(np.array([0.5, 0.0], np.float32))
+    gc.collect()
+    settings += [weakref.ref(env.setting(job)) for job in env.jobs]
+    gc.collect()
+    assert sum(setting() is not None for setting in settings) == 1
+    env.close()
+    gc.collect()
+    assert not any(setting() for setting in settings)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.array([0.5, 0.0], np.float32))
+
+
+# --- what a policy sees -----------------------------------------------------------------------------
+
+
+class Peek:
+    """A search of the contest that does what ``goes_to`` does, and keeps the counts that it saw."""
+
+    commands = True
+
+    def __init__(self, *places):
+        self.places, self.counts = places, []
+
+    def __call__(self, view):
+        self._look(view)
+        for place in self.places:
+            view.move(place)
+            self._look(view)
+        return Answer(position=self.places[-1])
+
+    def _look(self, view):
+        first = view.now
+        self.counts.append(view.run_until(first, first + STILL).window(first, first + STILL))
+
+
+def test_a_named_sequence_is_that_of_the_contest_bit_for_bit(dataset):
+    """The same places at the same times: the same way of the lens, the same spikes, the same verdict."""
+    env = env_of(dataset)
+    rows = walked(env, 0.25, 0.75, 0.5, options={"sequence": PLANE})
+    setting = env.setting(next(job for job in env.jobs if job.id == PLANE))
+    search = Peek(0.25, 0.75, 0.5)
+    method = Method("sd+x", get_measure("sd"), search, "0" * 12)
+    run = run_method(setting.take, setting.exposed, setting.box, method, TERMS)
+    assert np.array_equal(env.episode.run.path, run.path)
+    assert env.episode.run.answered == run.answered
+    for (seen, _, _), counts in zip(rows, search.counts, strict=False):
+        expected = (area_means(counts, 16, 16) / STILL).astype(np.float32)
+        assert np.array_equal(seen["image"], expected)
+    said = rows[-1][2]
+    verdict = setting.record(run, TERMS, method="m", code="", parameters="", said={})
+    assert said["error"] == verdict.error
+    assert said["success_1dof"] == verdict.success_1dof
+
+
+def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
+    seen, info = env_of(dataset).reset(options={"sequence": PLANE})
+    assert seen["left"][0] == np.float32(1 - STILL / 800)
+    assert info == {"sequence": PLANE, "seconds": STILL / 20_000}
+    rows = walked(env_of(dataset), *[0.75] * 5, options={"sequence": PLANE})
+    assert rows[4][0]["lens"][0] == pytest.approx(0.75, abs=0.03)
+
+
+def test_the_truth_is_out_of_reach_before_the_end(dataset):
+    """With another truth all that a policy sees is the same to the bit, and only the reward differs."""
+    honest, moved = env_of(dataset), env_of(dataset)
+    truth = honest.setting(next(job for job in honest.jobs if job.id == PLANE)).take.truth
+    with_truth(moved, position=truth.position + 0.3, depth_of_focus=(0.1, 0.9))
+    places = (0.2, 0.9, 0.4)
+    ours, theirs = (walked(env, *places, options={"sequence": PLANE}) for env in (honest, moved))
+    unpaid = [[(seen, 0.0, {}) for seen, _, _ in rows] for rows in (ours, theirs)]
+    assert same(*unpaid)
+    assert [row[2] for row in ours[:-1]] == [row[2] for row in theirs[:-1]]
+    assert [row[1] for row in ours[1:]] != [row[1] for row in theirs[1:]]
+    assert ours[-1][2]["truth"] == truth.position
+    for seen, _, info in ours[:-1]:
+        assert set(seen) == {"image", "lens", "left"}
+        assert set(info) == {"sequence", "seconds"}
+
+
+def test_the_picture_shows_the_box_as_it_was_seen(dataset):
+    env = env_of(dataset, render_mode="rgb_array", region="frame")
+    seen, _ = env.reset(options={"sequence": PLANE})
+    shown = env.render()
+    assert shown.shape == (40, 64, 3)
+    assert shown.dtype == np.uint8
+    assert ((shown[..., 0] / 255.0) ** 2.2).mean() == pytest.approx(seen["image"].mean(), abs=0.005)
+    assert env_of(dataset).render_mode is None
+
+
+def test_grey_values_are_those_of_the_rate():
+    assert to_grey(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [0, round(255 * 0.2 ** (1 / 2.2)), 255]
+
+
+@pytest.mark.parametrize("shape", [(6, 9), (5, 7), (2, 3), (40, 31)])
+def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
+    """The twin: pixels repeated until the areas are whole blocks."""
+    rows, columns = 6, 9
+    image = np.random.default_rng(1).integers(0, 105, shape)
+    fine = np.repeat(np.repeat(image, rows, axis=0), columns, axis=1)
+    twin = fine.reshape(rows, shape[0], columns, shape[1]).mean(axis=(1, 3))
+    found = area_means(image, rows, columns)
+    assert found == pytest.approx(twin, abs=1e-9)
+    assert found.mean() == pytest.approx(image.mean(), abs=1e-9)
+    assert (area_means(np.full(shape, 7), rows, columns) == 7).all()
+
+
+# --- what it earns ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sequence", [PLANE, "plane-dynamic-constant-00"])
+def test_rewards_are_errors_over_time_and_a_bonus(dataset, sequence):
+    """The return of an episode from the way of the lens alone, for a still and for a moving scene."""
+    env = env_of(dataset)
+    rows = walked(env, 0.2, 0.6, options={"sequence": sequence})
+    run = env.episode.run
+    truth = env.setting(next(j for j in env.jobs if j.id == sequence)).take.truth
+    best = np.full(800, truth.position) if truth.track is None else truth.track
+    away = np.abs(run.path - best[: len(run.path)])
+    left = (800 - len(run.path)) / 800
+    bonus = 1.0 if rows[-1][2]["success_1dof"] else 0.0
+    expected = bonus - away[STILL:].sum() / 800 - left * away[-1]
+    assert sum(reward for _, reward, _ in rows) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(("away", "bonus"), [(0.0, 1.0), (0.03, 1.0), (0.06, 0.0)])
+def test_a_lens_within_one_depth_of_focus_earns_the_bonus(dataset, away, bonus):
+    env = with_truth(env_of(dataset), position=0.5, depth_of_focus=(0.48, 0.52))
+    _, reward, info = walked(env, *[0.5 + away] * 4, options={"sequence": PLANE})[-1]
+    assert info["success_1dof"] is bool(bonus)
+    assert reward == pytest.approx(bonus - away * (800 - 5 * STILL) / 800, abs=0.003)
+
+
+def test_without_a_truth_nothing_is_earned(dataset):
+    env = with_truth(env_of(dataset), position=np.nan, depth_of_focus=(np.nan, np.nan))
+    rows = walked(env, 0.2, 0.6, options={"sequence": PLANE})
+    assert [reward for _, reward, _ in rows] == [0.0] * 4
+    assert rows[-1][2]["truth"] is None
+
+
+def test_an_early_stop_is_not_cheaper_than_to_stay(dataset):
+    """At a wrong place, answered at once or after some periods: the same loss, but for the settling."""
+    env = env_of(dataset)
+    losses = [
+        sum(reward for _, reward, _ in walked(env, *places, options={"sequence": PLANE}))
+        for places in ([0.0], [0.0] * 5)
+    ]
+    assert losses[0] == pytest.approx(losses[1], abs=0.01)
+
+
+def test_the_budget_ends_an_episode(dataset):
+    env = env_of(dataset)
+    env.reset(seed=1)
+    hold, truncated, steps = np.array([0.5, 0.5], np.float32), False, 0
+    while not truncated:
+        seen, _, terminated, truncated, info = env.step(hold)
+        steps += 1
+    assert not terminated
+    assert steps == -(-(800 - STILL) // STILL)
+    assert seen["left"][0] == 0
+    assert info["seconds"] == 0.04
+    assert info["status"] == "failed"
+    assert env.episode.run.problem == "the budget of 800 frames was spent"
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(hold)
+
+
+# --- the contest ------------------------------------------------------------------------------------
+
+
+def climber():
+    """Climbs by the contrast of the image from where the lens stands, and turns round once."""
+    state = {"best": -1.0, "place": None, "way": 0.1, "turned": False}
+
+    def act(seen):
+        image, here = seen["image"], state["place"]
+        contrast = float(image.var() / image.mean() ** 2)
+        if here is None:
+            here = float(seen["lens"][0])
+        elif contrast < state["best"]:
+            state["way"] *= -1
+            if state["turned"] or seen["left"][0] < 0.3:
+                return np.array([min(max(here + state["way"], 0), 1), 1.0], np.float32)
+            state["turned"] = True
+        state["best"] = contrast
+        state["place"] = min(max(here + state["way"], 0.0), 1.0)
+        return np.array([state["place"], seen["left"][0] < 0.15], np.float32)
+
+    return act
+
+
+@pytest.fixture(scope="module")
+def runs(dataset, tmp_path_factory):
+    """Folders with the records of two searches, and of a policy."""
+    ours, theirs = (tmp_path_factory.mktemp(name) for name in ("searches", "policy"))
+    result = evaluate(dataset, methods=["sd+argmax", "sd+golden_section"], terms=TERMS)
+    (ours / "records.jsonl").write_text(records_to_text(result.records))
+    rollout(env_of(dataset), climber, "climber", out=theirs)
+    return ours, theirs
+
+
+def test_a_policy_stands_in_one_table_with_searches(runs, tmp_path):
+    both = tmp_path / "both"
+    done = CliRunner().invoke(app, ["leaderboard", *map(str, runs), "--out", str(both)])
+    assert done.exit_code == 0, done.output
+    rows = json.loads((both / "leaderboard.json").read_text())["rows"]
+    assert {row["method"] for row in rows} == {"sd+argmax", "sd+golden_section", "climber"}
+
+
+def test_the_record_of_a_policy_says_what_that_of_a_search_says(runs):
+    searches, policy = (read_records(run) for run in runs)
+    assert [r.sequence for r in policy] == [r.sequence for r in searches if r.method == "sd+argmax"]
+    for record in policy:
+        other = next(r for r in searches if r.sequence == record.sequence)
+        for key in ("track", "terms", "data", "region", "mean_rate", "truth_first", "light_ratio", "frames"):
+            assert getattr(record, key) == getattr(other, key), key
+        assert record.status == "answered"
+        assert record.windows == len(record.trace) + 1
+        assert record.seconds > 0
+        assert record.parameters == "images of 16×16, every 5 ms"
+        assert len(record.code) == 12
+
+
+def test_a_rollout_is_the_same_again_but_for_the_seconds(dataset, runs):
+    again = rollout(env_of(dataset), climber, "climber")
+    before = read_records(runs[1])
+    assert [replace(r, seconds=0.0) for r in again] == [replace(r, seconds=0.0) for r in before]
+
+
+def test_other_terms_do_not_merge(dataset, runs):
+    shorter = env_of(dataset, terms=replace(TERMS, budget_s=0.03))
+    records = rollout(shorter, climber, "climber")
+    with pytest.raises(BadInput, match="the terms of plane-constant-00 differ"):
+        merged({"searches": read_records(runs[0]), "policy": records})
+
+
+def test_what_a_policy_sees_is_part_of_its_code(dataset, runs):
+    (finer, *_) = rollout(env_of(dataset, pixels=24), climber, "climber")
+    (usual, *_) = read_records(runs[1])
+    assert finer.code != usual.code
+    (named, *_) = rollout(env_of(dataset, sequences=[PLANE]), climber, "climber", code="epoch 12")
+    assert named.code == "epoch 12"
+
+
+def test_a_policy_sees_and_acts_through_wrappers(dataset):
+    """Actions scaled to -1...1 and an image flattened: the same run as without."""
+    env = env_of(dataset, sequences=[PLANE])
+    wrapped = gymnasium.wrappers.FlattenObservation(
+        gymnasium.wrappers.RescaleAction(env, np.float32(-1), np.float32(1))
+    )
+
+    def made():
+        inner = goes_to(0.25, 0.75)()
+        return lambda seen: 2 * inner(None) - 1 if seen.shape == (16 * 16 + 2,) else None
+
+    (through,) = rollout(wrapped, made, "m", code="1")
+    (plain,) = rollout(env, goes_to(0.25, 0.75), "m", code="1")
+    assert replace(through, seconds=0.0) == replace(plain, seconds=0.0)
+
+
+@pytest.mark.parametrize(
+    ("policy", "status", "note"),
+    [
+        (lambda seen: np.zeros(2) / np.array([0, 1]), "failed", "BadInput: the action is"),
+        (lambda seen: np.array([1.2, 0.0]), "failed", "allowed: [place, stop], both 0 to 1"),
+        (lambda seen: np.array([0.5]), "failed", "allowed: [place, stop]"),
+        (lambda seen: seen["focus"], "failed", "KeyError: 'focus'"),
+        (lambda seen: np.array([0.5, 0.0]), "failed", "the budget of 800 frames was spent"),
+        (lambda seen: None, "abstained", ""),
+    ],
+)
+def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, policy, status, note):
+    with np.errstate(invalid="ignore"):
+        (record,) = rollout(env_of(dataset, sequences=[PLANE]), lambda: policy, "m", code="1")
+    assert record.status == status
+    assert note in record.note
+    assert record.position is None
+
+
+def test_an_episode_that_a_wrapper_ends_is_a_failure(dataset):
+    env = gymnasium.wrappers.TimeLimit(env_of(dataset, sequences=[PLANE]), 2)
+    (record,) = rollout(env, lambda: lambda seen: np.array([0.5, 0.0]), "m", code="1")
+    assert record.note == "a wrapper of the environment ended the episode"
+
+
+# --- bad input --------------------------------------------------------------------------------------
+
+
+def test_without_gymnasium_one_line_says_what_to_install():
+    code = (
+        "import sys\n"
+        "sys.modules['gymnasium'] = None\n"
+        "from saf_gen.errors import BadInput\n"
+        "try: import saf_gen.gym\n"
+        "except BadInput as error: print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "saf_gen.gym needs the package gymnasium; pip install 'saf-gen[gym]'\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"sequences": ["plane-constant-01"]}, "unknown sequence 'plane-constant-01'.*did you mean 'plane-c"),
+        ({"sequences": []}, r"sequences are \[\]; allowed: a list of at least one id"),
+        ({"sequences": PLANE}, "sequences are 'plane-constant-00'"),
+        ({"split": "train"}, "unknown split 'train'"),
+        ({"region": "whole"}, "unknown region 'whole'; allowed: frame, target"),
+        ({"control_s": 0.0}, "the control period is 0 s; allowed: seconds, above 0"),
+        ({"pixels": 0}, "pixels is 0; allowed: a whole number, 1 to 1024"),
+        ({"pixels": 2.5}, r"pixels is 2\.5"),
+        ({"keep": 0}, "keep is 0; allowed: a whole number, 1 or more"),
+        ({"render_mode": "human"}, "unknown render mode 'human'; allowed: rgb_array"),
+    ],
+)
+def test_an_environment_that_cannot_be_is_refused(dataset, more, message):
+    with pytest.raises(BadInput, match=message):
+        env_of(dataset, **more)
+
+
+@pytest.mark.parametrize(
+    ("more", "reset", "message"),
+    [
+        ({}, {"options": {"sequence": "x"}}, "unknown sequence 'x'"),
+        ({}, {"options": {"scene": "plane"}}, "unknown option 'scene'; allowed: sequence"),
+        ({"control_s": 0.03}, {}, "a control period of 30 ms, with a budget of 40 ms; allowed: half"),
+        ({"terms": Terms(TERMS.actuator, budget_s=1.0)}, {}, "a budget of 1000 ms; allowed"),
+    ],
+)
+def test_an_episode_that_cannot_be_is_refused(dataset, more, reset, message):
+    with pytest.raises(BadInput, match=message):
+        env_of(dataset, **more).reset(seed=1, **reset)
+
+
+def test_a_rollout_that_cannot_be_is_refused(dataset, monkeypatch):
+    env = env_of(dataset, sequences=[PLANE])
+    with pytest.raises(BadInput, match="the method is called 'my policy'"):
+        rollout(env, climber, "my policy")
+    with pytest.raises(BadInput, match="the environment is .*; allowed: an AutofocusEnv"):
+        rollout(gymnasium.make("CartPole-v1"), climber, "m")
+    monkeypatch.setattr(climber, "__module__", "typed_in")
+    with pytest.raises(BadInput, match=r"cannot be read; say which version it is: code='1'"):
+        rollout(env, climber, "m")
+
+
+def test_there_is_no_verdict_before_the_end(dataset):
+    env = env_of(dataset)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.array([0.5, 0.0], np.float32))
+    env.reset(seed=1)
+    with pytest.raises(BadInput, match="the episode is still going on"):
+        env.episode.verdict()

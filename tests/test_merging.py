@@ -1,0 +1,76 @@
+from dataclasses import replace
+
+import pytest
+from test_leaderboard import record
+
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard import merged, table
+
+ONE = [record("a+s", "x", 0.1), record("a+s", "y", 0.2), record("b+s", "x", 0.3), record("b+s", "y", 3.0)]
+LATER = [record("c+s", "x", 0.1), record("c+s", "y", 9.0)]
+
+
+def test_a_method_that_ran_later_joins_the_others():
+    both = merged({"monday": ONE, "tuesday": LATER})
+    assert [(r.sequence, r.method) for r in both] == [(s, m + "+s") for s in "xy" for m in "abc"]
+    assert [(r.rank, r.method) for r in table(both)] == [(1, "a+s"), (2, "b+s"), (2, "c+s")]
+
+
+def test_merging_is_as_good_as_running_together():
+    assert table(merged({"monday": ONE, "tuesday": LATER})) == table([*ONE, *LATER])
+
+
+def test_what_two_runs_share_is_kept_once_the_first():
+    slower = [replace(r, seconds=9.0, machine="another") for r in ONE]
+    both = merged({"monday": ONE, "tuesday": [*slower, *LATER]})
+    assert len(both) == 6
+    assert {r.seconds for r in both} == {0.25}
+
+
+@pytest.mark.parametrize(
+    ("records", "message"),
+    [
+        ([*ONE, ONE[0]], r"two records of a\+s on x; allowed: one a sequence"),
+        (ONE[:3], r"b\+s has no record of y; allowed: the same sequences for every method"),
+        ([ONE[0], record("b+s", "x", 0, data="other")], r"data of x differs: sha-x in a\+s, other in b\+s"),
+        ([ONE[0], record("b+s", "x", 0, region="frame")], r"region of x differs: target in a\+s, frame in b"),
+        (
+            [ONE[0], record("b+s", "x", 0, track="closed_loop")],
+            r"the track differs: recorded in a\+s, closed_",
+        ),
+        (
+            [ONE[0], record("b+s", "x", 0, terms="stepper")],
+            r"terms of x differ: no terms in a\+s, stepper in",
+        ),
+        ([ONE[0], record("a+s", "y", 0, code="other")], r"code of a\+s differs: code-a\+s in x, other in y"),
+    ],
+)
+def test_records_that_cannot_be_compared_are_refused(records, message):
+    with pytest.raises(BadInput, match=message):
+        table(records)
+
+
+@pytest.mark.parametrize(
+    ("later", "message"),
+    [
+        ([replace(r, data="other") for r in LATER], "data of x differs: sha-x in runs/a, other in runs/b"),
+        (
+            [replace(r, region="frame") for r in LATER],
+            "region of x differs: target in runs/a, frame in runs/b",
+        ),
+        (
+            [replace(r, track="closed_loop") for r in LATER],
+            "track differs: recorded in runs/a, closed_loop in",
+        ),
+        ([replace(ONE[0], code="new")], r"code of a\+s differs: code-a\+s in runs/a, new in runs/b"),
+        (LATER[:1], r"c\+s of runs/b has no record of y"),
+        (
+            [replace(r, frame=1.0) for r in ONE],
+            r"a\+s answers x otherwise in runs/a than in runs/b, with the same",
+        ),
+    ],
+)
+def test_runs_that_cannot_be_compared_are_refused_by_name(later, message):
+    with pytest.raises(BadInput, match=message) as caught:
+        merged({"runs/a": ONE, "runs/b": later})
+    assert "\n" not in str(caught.value)

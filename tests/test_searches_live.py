@@ -1,0 +1,276 @@
+"""Searches that command the lens, against an ideal camera with a planted peak."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from ideal_camera import IdealCamera, bell
+
+from saf_gen import get_search, methods
+from saf_gen.errors import BadInput
+from saf_gen.methods import parse_method
+
+RATIO = (math.sqrt(5) - 1) / 2
+PROMISES = {
+    "golden_section": RATIO * RATIO**10,  # of the last bracket, after 10 steps
+    "fibonacci": 1 / 233,
+    "ternary": (2 / 3) ** 13,
+    "hill_climb": 0.01,
+    "rule_based": 0.005,
+    "coarse_to_fine": 0.01,
+}
+"""How far from a single peak the answer may be, at default options: what each docstring says."""
+PEAKS = [0.0, 0.03, 0.31, 0.5, 0.77, 1.0]
+SENSOR = 1e-4  # rms of one reading; looks average a hundred
+
+
+def camera(peak, **more):
+    return IdealCamera(bell(peak), sensor=SENSOR, others={"sd": bell(peak, width=0.25)}, **more)
+
+
+@pytest.mark.parametrize("name", PROMISES)
+@pytest.mark.parametrize("peak", PEAKS)
+def test_a_single_peak_is_found_from_any_start(name, peak):
+    for start in (0.0, 0.4, 1.0):
+        answer = get_search(name)(camera(peak, start=start))
+        assert abs(answer.position - peak) <= PROMISES[name] + 4 * SENSOR
+        assert answer.frame is None
+        assert answer.position in answer.trace
+
+
+@pytest.mark.parametrize("name", PROMISES)
+def test_noise_of_the_score_moves_the_answer_little(name):
+    """Noise of 0.003, seeded: the quadratic top hides as much within 0.0055 of it; twice that is allowed."""
+    for peak in (0.31, 0.5, 0.77):
+        start = peak - 0.12 if name == "hill_climb" else 0.0  # it may get stuck on a flat, as it says
+        answer = get_search(name)(camera(peak, start=start, noise=0.003))
+        assert abs(answer.position - peak) <= PROMISES[name] + 0.011
+
+
+def looks(name, peak=0.4, **options):
+    view = camera(peak, start=0.2)
+    answer = get_search(name, **options)(view)
+    return view, answer
+
+
+@pytest.mark.parametrize("tolerance", [0.3, 0.1, 0.01, 0.003])
+def test_golden_section_takes_the_looks_that_theory_says(tolerance):
+    steps = math.ceil(math.log(tolerance) / math.log(RATIO))
+    for peak in PEAKS:
+        view, answer = looks("golden_section", peak, tolerance=tolerance)
+        assert len(view.looks) == steps + 1
+        assert RATIO**steps <= tolerance < RATIO ** (steps - 1)
+        assert abs(answer.position - peak) <= RATIO ** (steps + 1) + 4 * SENSOR
+
+
+@pytest.mark.parametrize(("tolerance", "parts", "count"), [(0.5, 5, 3), (0.1, 21, 6), (0.01, 233, 11)])
+def test_fibonacci_looks_at_parts_of_the_travel_and_never_twice(tolerance, parts, count):
+    for peak in PEAKS:
+        view, answer = looks("fibonacci", peak, tolerance=tolerance)
+        at = np.array(view.commands) * parts
+        assert at == pytest.approx(np.round(at), abs=1e-9)
+        assert len(set(np.round(at))) == count == len(view.looks)
+        assert abs(answer.position - peak) <= 1 / parts + 4 * SENSOR
+
+
+def test_fibonacci_finds_each_of_its_places():
+    for k in range(1, 21):
+        view = IdealCamera(lambda p, k=k: -abs(p - k / 21), sensor=0.0)
+        answer = get_search("fibonacci", tolerance=0.1)(view)
+        assert answer.position == pytest.approx(k / 21, abs=1e-9)
+
+
+@pytest.mark.parametrize("tolerance", [0.3, 0.01])
+def test_ternary_takes_two_looks_a_step(tolerance):
+    steps = math.ceil(math.log(tolerance) / math.log(2 / 3))
+    assert len(looks("ternary", tolerance=tolerance)[0].looks) == 2 * steps
+
+
+def test_hill_climb_near_the_focus_does_not_cross_the_travel():
+    view = camera(0.6, start=0.55)
+    answer = get_search("hill_climb")(view)
+    assert abs(answer.position - 0.6) <= 0.01
+    assert 0.3 < min(view.positions) < max(view.positions) < 0.9
+    assert len(view.looks) <= 16
+
+
+def test_hill_climb_stays_where_all_is_alike():
+    answer = get_search("hill_climb")(IdealCamera(lambda p: 0.0, start=0.3))
+    assert answer.position == pytest.approx(0.3, abs=1e-3)
+
+
+def test_hill_climb_crosses_a_dip_of_one_coarse_step():
+    def dented(p):
+        return bell(0.8)(p) - (0.2 if 0.35 < p < 0.45 else 0.0)
+
+    view = IdealCamera(dented, start=0.3)
+    assert abs(get_search("hill_climb")(view).position - 0.8) <= 0.01
+    assert abs(get_search("hill_climb", falls=1)(IdealCamera(dented, start=0.3)).position - 0.8) > 0.3
+
+
+def test_rule_based_goes_one_way_in_steps_that_its_rules_choose():
+    view = camera(0.6, start=0.1)
+    answer = get_search("rule_based")(view)
+    assert answer.note == ""
+    steps = np.diff(view.commands)
+    assert (steps > 0).all()  # fine steps over the top: nothing to fill
+    assert set(np.round(steps, 6)) <= {0.08, 0.03, 0.01}
+    assert steps[0] == pytest.approx(0.08)
+    near = [step for step, at in zip(steps, view.commands[1:], strict=True) if abs(at - 0.6) < 0.05]
+    assert near == pytest.approx([0.01] * len(near))
+    assert max(view.commands) < 0.75  # it stops once the score has fallen to half the climb
+
+
+def test_rule_based_goes_back_over_a_gap_that_holds_the_peak():
+    """A peak narrower than a coarse step: the rules see it when it has passed."""
+    view = IdealCamera(bell(0.52, width=0.02), start=0.0, sensor=0.0)
+    assert abs(get_search("rule_based", gentle=4.0)(view).position - 0.52) <= 0.005
+    assert (np.diff(view.commands) < 0).any()
+
+
+def test_rule_based_without_a_climb_says_so():
+    answer = get_search("rule_based")(IdealCamera(lambda p: 1.0))
+    assert answer.note == "no steep climb"
+
+
+def test_coarse_to_fine_looks_with_the_broad_measure_first():
+    narrow = lambda p: math.exp(-(((p - 0.53) / 0.03) ** 2))  # noqa: E731
+    view = IdealCamera(narrow, others={"variance": bell(0.5, width=0.3)}, start=0.9, sensor=0.0)
+    answer = get_search("coarse_to_fine", far="variance")(view)
+    assert abs(answer.position - 0.53) <= 0.01 + 1e-9
+    far = [stop - first for first, stop, name in view.looks if name == "variance"]
+    near = [stop - first for first, stop, name in view.looks if name is None]
+    assert (len(far), len(near)) == (11, 11)
+    assert (set(far), set(near)) == ({50}, {100})
+    assert all(b < a for a, b in pairwise(view.commands[:11]))
+    assert all(b > a for a, b in pairwise(view.commands[11:]))
+
+
+def test_coarse_to_fine_may_use_the_method_s_own_measure_alone():
+    search = get_search("coarse_to_fine", far="own")
+    assert search.measures == ()
+    assert get_search("coarse_to_fine").measures == ("sd",)
+    view = IdealCamera(bell(0.3))
+    assert abs(search(view).position - 0.3) <= 0.01
+    assert {name for _, _, name in view.looks} == {None}
+
+
+def test_coarse_to_fine_out_of_time_in_between_answers_with_the_coarse_place():
+    whole = camera(0.42)
+    get_search("coarse_to_fine")(whole)
+    eleventh = whole.looks[10][1]
+    answer = get_search("coarse_to_fine")(camera(0.42, frames=eleventh + 64))
+    assert answer.note == "out of frames"
+    assert len(answer.trace) == 11
+    assert answer.position == pytest.approx(0.4, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", PROMISES)
+def test_a_search_stops_at_its_budget_with_the_best_so_far(name):
+    whole = camera(0.7, start=0.1)
+    get_search(name)(whole)
+    for frames in np.linspace(0, whole.now, 9, dtype=int)[1:-1]:
+        view = camera(0.7, start=0.1, frames=int(frames))
+        answer = get_search(name)(view)
+        assert view.now <= view.frames
+        assert answer.note.startswith("out of frames")
+        assert view.looks == whole.looks[: len(view.looks)]
+        assert (answer.position is None) == (not view.looks)
+
+
+@pytest.mark.parametrize("name", PROMISES)
+def test_time_without_a_look_abstains(name):
+    answer = get_search(name)(camera(0.5, frames=120))
+    assert answer == type(answer)(None, (), "out of frames before the first look")
+
+
+@pytest.mark.parametrize("name", PROMISES)
+def test_a_look_is_taken_where_the_lens_stands(name):
+    """No window holds a lens that is on its way, whatever the speed of the drive."""
+    for speed in (0.5, 5.0, 1000.0):
+        view = camera(0.35, start=1.0, speed=speed, noise=0.001)
+        get_search(name)(view)
+        for first, stop, _ in view.looks:
+            assert np.ptp(view.positions[first:stop]) <= 0.002
+
+
+def test_the_place_of_a_look_is_what_the_sensor_read():
+    """Backlash of 0.04: the lens is 0.02 short of its command on either way, and the answer knows."""
+    view = camera(0.5, backlash=0.04)
+    answer = get_search("golden_section")(view)
+    assert abs(answer.position - 0.5) < 0.02
+    assert all(
+        abs(place - np.mean(view.positions[first:stop])) < 1e-4
+        for place, (first, stop, _) in zip(answer.trace, view.looks, strict=True)
+    )
+
+
+def test_without_a_position_sensor_time_alone_settles_the_lens():
+    view = camera(0.5, blind=True, start=0.2)
+    answer = get_search("golden_section", timeout_s=0.3)(view)
+    assert abs(answer.position - 0.5) <= PROMISES["golden_section"]
+    gaps = [later[0] - earlier[1] for earlier, later in pairwise(view.looks)]
+    assert min(gaps) >= 0.3 * view.readout_hz
+
+
+def test_noise_of_the_sensor_does_not_keep_a_search_waiting():
+    """Noise of 0.005 a reading; its mean over a millisecond is within what the noise explains."""
+    quiet, loud = (IdealCamera(bell(0.5), sensor=rms, start=0.2, frames=10**6) for rms in (0.0, 0.005))
+    for view in (quiet, loud):
+        assert abs(get_search("golden_section")(view).position - 0.5) < 0.01
+    assert loud.now < 1.2 * quiet.now
+
+
+def test_unseen_ringing_is_waited_for_by_the_length_of_the_move():
+    quick, slow = (IdealCamera(bell(0.5), speed=1e4, sensor=0.0) for _ in range(2))
+    get_search("golden_section", decay_s=0.0)(quick)
+    get_search("golden_section", decay_s=0.02)(slow)
+    moves = [1.0, *np.abs(np.diff(slow.commands))]  # the first might be of the whole travel, for all it knows
+    waited = sum(0.02 * math.log(move / 0.002) for move in moves)
+    assert (slow.now - quick.now) / 20_000 == pytest.approx(waited, abs=len(moves) * 8 / 20_000)
+
+
+@pytest.mark.parametrize("name", PROMISES)
+def test_two_runs_are_alike(name):
+    runs = [camera(0.6, start=0.3, noise=0.01) for _ in range(2)]
+    assert get_search(name)(runs[0]) == get_search(name)(runs[1])
+    assert runs[0].commands == runs[1].commands
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("golden_section", {"tolerance": 0}, r"tolerance is 0; allowed: a fraction of the travel"),
+        ("golden_section", {"tolerance": 1}, r"tolerance is 1; allowed: a fraction of the travel"),
+        ("fibonacci", {"tolerance": "a"}, r"tolerance is 'a'; allowed: a fraction"),
+        ("ternary", {"tolerance": math.nan}, r"tolerance is nan; allowed: a fraction"),
+        ("ternary", {"dt": 0}, r"dt is 0; allowed: a whole number of frames, at least 1"),
+        ("ternary", {"still": 2.0}, r"still is 2\.0; allowed: a fraction of the travel"),
+        ("ternary", {"decay_s": -1}, r"decay_s is -1; allowed: seconds, 0 to 1"),
+        ("ternary", {"timeout_s": 0}, r"timeout_s is 0; allowed: seconds, above 0, at most 60"),
+        ("hill_climb", {"fine": 0.2}, r"fine is 0\.2; allowed: no more than coarse, 0\.1"),
+        ("hill_climb", {"falls": 0}, r"falls is 0; allowed: a whole number"),
+        ("rule_based", {"middle": 0.2}, r"steps are 0\.08, 0\.2, 0\.01; allowed: coarse >= middle >= fine"),
+        ("rule_based", {"gentle": 9.0}, r"gentle is 9\.0, steep 4\.0; allowed: .*0 < gentle <= steep"),
+        ("rule_based", {"drop": 1.0}, r"drop is 1\.0; allowed: a fraction"),
+        ("coarse_to_fine", {"far": 3}, r"far is 3; allowed: the name of a focus measure, or own"),
+        ("coarse_to_fine", {"far_dt": 0.5}, r"far_dt is 0\.5; allowed: a whole number"),
+        ("coarse_to_fine", {"fine": 0.2}, r"fine is 0\.2; allowed: no more than coarse, 0\.1"),
+    ],
+)
+def test_wrong_options_are_refused(name, options, message):
+    with pytest.raises(BadInput, match=message):
+        get_search(name, **options)
+
+
+def test_a_measure_that_a_search_looks_through_is_checked_and_counted_beforehand(monkeypatch):
+    with pytest.raises(BadInput, match="method 'sd.coarse_to_fine:far=tenengrat'.*mean 'tenengrad'"):
+        parse_method("sd+coarse_to_fine:far=tenengrat")
+    read = []
+    monkeypatch.setattr(
+        methods.inspect, "getsource", lambda module: read.append(module.__name__) or module.__name__
+    )
+    parse_method("sd_code+coarse_to_fine:far=brenner_n_tfi")
+    assert {f"saf_gen.measures.{name}" for name in ("brenner", "sd_code", "_moments")} <= set(read)
+    assert {"saf_gen.searches.coarse_to_fine", "saf_gen.searches._live"} <= set(read)

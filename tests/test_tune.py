@@ -1,0 +1,130 @@
+"""Constants found on train: which combinations, which of them is best, what the file says, who cites it."""
+
+import json
+
+import pytest
+from sweeps import write_sweep
+
+from saf_gen.cli import main
+from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
+from saf_gen.errors import BadInput
+from saf_gen.evaluate import evaluate
+from saf_gen.methods import parse_method
+from saf_gen.tune import MOST, tune, variants
+from saf_gen.tuned import read_tuned, tuned_text
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    entries = []
+    for split, peak in (("train", 300.0), ("test", 500.0)):
+        (folder / split).mkdir()
+        entries.append(
+            SequenceEntry(
+                id=f"{split}-one", split=split, scene=split, variant=0, scene_motion="static",
+                lens_motion="sweep", light="constant", repeat=0, seed=1, file=f"{split}/one.h5", frames=800,
+                fingerprint="f", content_sha256=write_sweep(folder / split / "one.h5", peak),
+            )
+        )  # fmt: skip
+    write_manifest(folder, Manifest("small", "r", "scalar_rgb", tuple(entries)))
+    return folder
+
+
+def test_variants_are_every_combination_beside_the_options_that_stay():
+    assert variants("cen:highest=0.1+argmax:window=50", {"search.refine": ["true", "false"]}) == [
+        "cen:highest=0.1+argmax:window=50,refine=true",
+        "cen:highest=0.1+argmax:window=50,refine=false",
+    ]
+    values = {"measure.highest": ["0.1", "0.2"], "search.window": ["50", "100", "200"]}
+    found = variants("cen+argmax", values)
+    assert len(set(found)) == 6
+    assert found[1] == "cen:highest=0.1+argmax:window=100"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({}, "nothing to try; allowed: --try"),
+        ({"window": ["5"]}, r"--try 'window'; allowed: measure\.KEY"),
+        ({"searches.window": ["5"]}, r"--try 'searches\.window'"),
+        ({"search.window": ["5", ""]}, "an empty value"),
+        ({"search.window": ["5"] * (MOST + 1)}, f"{MOST + 1} combinations; allowed: at most {MOST}"),
+        ({"search.windw": ["5"]}, "did you mean 'window'"),
+        ({"search.window": ["0"]}, "window is 0"),
+    ],
+)
+def test_what_cannot_be_tried_is_told(values, message):
+    with pytest.raises(BadInput, match=message):
+        variants("sd+argmax", values)
+
+
+def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
+    """The planted focus is at 300: blocks of 200 frames have centres at 99.5, 299.5, ...; of 100 at 249.5."""
+    tuned, rows = tune(dataset, "sd+argmax", {"search.window": ["100", "200", "800"]})
+    assert tuned.method == "sd+argmax:window=200"
+    assert [trial.method for trial in tuned.trials] == [row.method for row in rows]
+    assert tuned.trials[0].success_1dof == 1.0
+    assert tuned.trials[-1].method == "sd+argmax:window=800"
+    assert (tuned.split, tuned.sequences, tuned.track) == ("train", 1, "recorded")
+
+
+def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
+    tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})
+    path = tmp_path / "tuned.json"
+    path.write_text(tuned_text(tuned))
+    assert read_tuned(path)[0] == tuned
+    method = parse_method(f"@{path}")
+    assert (method.name, method.tuning) == ("sd+argmax:window=200", read_tuned(path)[1])
+    (record,) = evaluate(dataset, methods=[f"@{path}"], split="test").records
+    assert record.tuning == method.tuning
+    assert record.method == tuned.method
+
+
+def test_nothing_is_tuned_on_test(dataset):
+    with pytest.raises(BadInput, match="constants would be tuned on the split 'test'; allowed: train"):
+        tune(dataset, "sd+argmax", {"search.window": ["100"]}, split="test")
+    with pytest.raises(BadInput, match="unknown split 'trian'.*did you mean 'train'"):
+        tune(dataset, "sd+argmax", {"search.window": ["100"]}, split="trian")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[1]", '{"format": "saf-gen tuning 1"}', '{"format": "other", "method": "a+b"}']
+)
+def test_a_file_of_another_kind_is_refused(tmp_path, text):
+    path = tmp_path / "tuned.json"
+    path.write_text(text)
+    with pytest.raises(BadInput, match="holds no tuned constants of this version.*saf-gen tune"):
+        parse_method(f"@{path}")
+
+
+def test_a_file_that_is_not_there_is_told_with_the_nearest(tmp_path):
+    (tmp_path / "mine.json").write_text("{}")
+    with pytest.raises(BadInput, match=r"mne\.json cannot be read.*did you mean 'mine\.json'"):
+        parse_method(f"@{tmp_path / 'mne.json'}")
+
+
+def test_the_command_line_tunes_and_says_what_is_next(dataset, tmp_path, capsys):
+    path = tmp_path / "found.json"
+    with pytest.raises(SystemExit) as ended:
+        main(
+            [
+                "tune",
+                str(dataset),
+                "--method",
+                "sd+argmax",
+                "--try",
+                "search.window=100,200",
+                "--out",
+                str(path),
+            ]
+        )
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    assert "best: sd+argmax:window=200" in out
+    assert f"--method @{path}" in out
+    assert json.loads(path.read_text())["method"] == "sd+argmax:window=200"
+    with pytest.raises(SystemExit) as ended:
+        main(["tune", str(dataset), "--method", "sd+argmax", "--try", "search.window", "--out", str(path)])
+    assert ended.value.code == 2
+    assert "allowed: KEY=VALUE,VALUE" in capsys.readouterr().err
