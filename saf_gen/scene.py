@@ -216,7 +216,7 @@ def _digest(folder: Path, card: Card) -> str:
         if "__pycache__" in name or path.suffix == ".md" or name.startswith("preview"):
             continue
         if name == CARD:
-            said = card.model_dump(mode="json", exclude_unset=True, exclude=NO_PICTURE)
+            said = card.model_dump(mode="json", exclude_unset=True, exclude=set(NO_PICTURE))
             content = json.dumps(said, sort_keys=True).encode()
         else:
             content = path.read_bytes()
