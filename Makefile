@@ -7,11 +7,12 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 BROWSER := $(VENV)/.browser
 
-.PHONY: help install demo test test-fast lint clean
+.PHONY: help install demo test test-fast test-long lint clean
 help:
 	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (about a minute)"
 	@echo "make test       linters, types and every test (under ten minutes on two cores)"
 	@echo "make test-fast  linters, types and the short tests (under three minutes)"
+	@echo "make test-long  a tenth of the paper's grid at full size (ten minutes more)"
 	@echo "make install    only set up .venv"
 	@echo "make clean      remove what demo and test made"
 
@@ -38,10 +39,13 @@ $(BROWSER): $(STAMP) tools/install-chromium.sh
 	@touch $@
 
 test: lint $(BROWSER)
-	$(BIN)/pytest -m 'not gpu' -rs --durations=10
+	$(BIN)/pytest -m 'not gpu and not long' -rs --durations=10
 
 test-fast: lint
 	$(BIN)/pytest
+
+test-long: install
+	$(BIN)/pytest -m long
 
 clean:
 	rm -rf datasets/quickstart $(BROWSER) .pytest_cache .mypy_cache .ruff_cache

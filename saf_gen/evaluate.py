@@ -39,6 +39,7 @@ def evaluate(
     *,
     methods: Sequence[str] | None = None,
     split: str | None = None,
+    scene_motion: str | None = None,
     region: str = "target",
     terms: "Terms | None" = None,
     predictions: str | Path | None = None,
@@ -51,6 +52,8 @@ def evaluate(
 
     ``predictions``: a file of answers made elsewhere (:mod:`saf_gen.contest.predictions`), judged beside the
     methods; of recordings only.
+
+    ``split`` and ``scene_motion`` (``static`` or ``dynamic``) leave out the other sequences.
 
     ``region`` is where measures look: ``target``, the box round the target where a stream has one, else
     the frame; or ``frame``. ``progress`` is called with (steps done, steps in all, what was done).
@@ -66,7 +69,7 @@ def evaluate(
     if region not in REGIONS:
         raise unknown("region", region, REGIONS)
     path = Path(source)
-    jobs = jobs_of(path, split)
+    jobs = jobs_of(path, split, scene_motion)
     filmed = set(covering([((j.split, j.scene), (j.light, j.scene_motion)) for j in jobs], FILMS))
     foreign = None if predictions is None else read_predictions(predictions)
     if foreign is not None:

@@ -152,7 +152,7 @@ def test_a_dry_run_of_a_split_lists_its_sequences_only(call, tmp_path):
         "generate", "recipes/saf_bench.yaml", "--out", tmp_path / "ds", "--dry-run", "--split", "validation"
     )
     assert code == 0
-    assert "24 sequences" in out
+    assert "36 sequences" in out
 
 
 def test_a_dry_run_of_a_shard_lists_its_sequences_only(call, small_recipe, test_scenes, tmp_path):

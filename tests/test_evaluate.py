@@ -378,6 +378,14 @@ def test_an_unknown_region_is_refused(stream_file):
         evaluate(stream_file, methods=["sd+argmax"], region="targt")
 
 
+def test_a_scene_motion_picks_its_sequences_and_another_is_named(dataset, stream_file):
+    assert len(evaluate(dataset, methods=["sd+argmax"], scene_motion="static").records) == 3
+    with pytest.raises(BadInput, match="unknown scene motion 'dynamic'; allowed: static"):
+        evaluate(dataset, methods=["sd+argmax"], scene_motion="dynamic")
+    with pytest.raises(BadInput, match="scene motion 'static' of the single stream"):
+        evaluate(stream_file, methods=["sd+argmax"], scene_motion="static")
+
+
 def test_a_split_of_a_single_stream_is_refused(stream_file):
     with pytest.raises(BadInput, match="split 'test' of the single stream"):
         evaluate(stream_file, split="test")

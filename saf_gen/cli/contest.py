@@ -20,6 +20,9 @@ TRACKS = ("recorded", "closed_loop")
 def evaluate(
     source: Annotated[Path, typer.Argument(help="A dataset folder or a stream file.")],
     split: Annotated[str | None, typer.Option(help="Only this split.")] = None,
+    scene_motion: Annotated[
+        str | None, typer.Option(help="Only static, or only dynamic, sequences of a dataset.")
+    ] = None,
     method: Annotated[
         list[str] | None, typer.Option(help="MEASURE+SEARCH, options after a colon; may be given again.")
     ] = None,
@@ -61,6 +64,7 @@ def evaluate(
             source,
             methods=method,
             split=split,
+            scene_motion=scene_motion,
             region=region,
             terms=terms,
             predictions=predictions,

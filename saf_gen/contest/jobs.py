@@ -34,7 +34,11 @@ class Job:
     lens_motion: str | None = None
 
 
-def jobs_of(path: Path, split: str | None) -> list[Job]:
+def jobs_of(path: Path, split: str | None = None, scene_motion: str | None = None) -> list[Job]:
+    """The sequences of a dataset folder, of this split and scene motion alone; or the one stream of a file.
+
+    Raises BadInput where there is nothing, or nothing of that kind.
+    """
     if not path.is_dir():
         if not path.exists():
             raise BadInput(
@@ -44,6 +48,11 @@ def jobs_of(path: Path, split: str | None) -> list[Job]:
             )
         if split is not None:
             raise BadInput(f"split {split!r} of the single stream {str(path)!r}", allowed="no split")
+        if scene_motion is not None:
+            raise BadInput(
+                f"scene motion {scene_motion!r} of the single stream {str(path)!r}",
+                allowed="a dataset for that",
+            )
         return [Job(path.stem, None, path.stem, None, path, None)]
     entries = read_manifest(path).sequences
     if not entries:
@@ -52,6 +61,9 @@ def jobs_of(path: Path, split: str | None) -> list[Job]:
         )
     if split is not None and split not in {entry.split for entry in entries}:
         raise unknown("split", split, {entry.split for entry in entries}, where=str(path))
+    there = {entry.scene_motion for entry in entries if split in (None, entry.split)}
+    if scene_motion is not None and scene_motion not in there:
+        raise unknown("scene motion", scene_motion, there, where=str(path))
     return [
         Job(
             entry.id,
@@ -65,7 +77,7 @@ def jobs_of(path: Path, split: str | None) -> list[Job]:
             entry.lens_motion,
         )
         for entry in entries
-        if split is None or entry.split == split
+        if split in (None, entry.split) and scene_motion in (None, entry.scene_motion)
     ]
 
 

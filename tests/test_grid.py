@@ -1,0 +1,35 @@
+"""A tenth of the paper's grid at full size: every tenth sequence of recipes/sad_synthetic.yaml. Minutes, not seconds.
+
+`make test-long` runs it, `make test` does not.
+"""
+
+import pytest
+
+from saf_gen.dataset import read_manifest, verify_entry
+from saf_gen.evaluate import evaluate
+from saf_gen.generate import generate
+from saf_gen.render import variant
+from saf_gen.work import prepare
+
+METHODS = ["sd+argmax", "sd_code+sgfs_code", "sd_calibrated+photon_aware", "er_count+argmax"]
+pytestmark = pytest.mark.long
+
+
+@pytest.mark.skipif(not variant.probe().llvm_usable, reason="half an hour without LLVM")
+def test_a_tenth_of_the_grid_is_made_whole_and_shows_what_the_paper_claims(tmp_path):
+    """SD is at most one depth of focus off in every sequence of it, and the count of spikes is fooled in some."""
+    work = prepare("recipes/sad_synthetic.yaml", part=(1, 10))
+    assert len(work.sequences) == 4
+    assert any(s.scene_motion == "dynamic" for s in work.sequences)
+    outcome = generate(work, tmp_path / "grid")
+    assert outcome.failed == {}
+    entries = read_manifest(tmp_path / "grid").sequences
+    assert [entry.id for entry in entries] == [s.id for s in work.sequences]
+    for entry in entries:
+        verify_entry(tmp_path / "grid", entry)
+        assert entry.frames == 20_000
+    records = evaluate(tmp_path / "grid", methods=METHODS).records
+    right = {m: [bool(r.success_1dof) for r in records if r.method == m] for m in METHODS}
+    assert all(right["sd+argmax"])
+    assert all(right["sd_calibrated+photon_aware"])
+    assert not all(right["er_count+argmax"])
