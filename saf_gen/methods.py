@@ -29,11 +29,15 @@ DEFAULT_METHODS = (
         for search in ("egs_code", "sgfs_code")
         for measure in ("sd_code", "er_sumsq", "gradient_code", "mfdct_code")
     ),
+    "cen+argmax",
+    "sd+sgfs_causal",
+    "sd_calibrated+photon_aware",
 )
-"""What `saf-gen evaluate` runs when no method is named: the paper's measures and searches."""
+"""What `saf-gen evaluate` runs when no method is named: the paper's measures and searches, and three more."""
 
 
 DEFAULT_LIVE_METHODS = (
+    "sd_calibrated+photon_aware",
     *(
         f"{measure}+{search}"
         for search in ("egs_code", "sgfs_code", "sgfs_causal")

@@ -113,9 +113,10 @@ def test_seeds_draw_every_sequence_and_places_of_the_whole_travel(dataset):
     env = env_of(dataset)
     drawn = [env.reset(seed=seed) for seed in range(40)]
     assert {info["sequence"] for _, info in drawn} == {job.id for job in env.jobs}
-    lens = [float(seen["lens"][0]) for seen, _ in drawn]
-    assert min(lens) < 0.2
-    assert max(lens) > 0.8
+    lens = [float(seen["lens"][0]) for seen, info in drawn if info["sequence"] == PLANE]
+    assert len(lens) >= 5
+    assert len(set(lens)) == len(lens)
+    assert max(lens) - min(lens) > 0.5
 
 
 def test_sequences_can_be_chosen(dataset):
@@ -209,6 +210,12 @@ def test_the_truth_is_out_of_reach_before_the_end(dataset):
         assert set(info) == {"sequence", "seconds"}
 
 
+def test_a_control_period_is_a_whole_number_of_packets(dataset):
+    for control_s, frames in ((1e-6, 8), (4e-4, 8), (4.5e-4, 16), (0.005, STILL)):
+        _, info = env_of(dataset, control_s=control_s).reset(seed=1)
+        assert info["seconds"] == frames / 20_000
+
+
 def test_the_picture_shows_the_box_as_it_was_seen(dataset):
     env = env_of(dataset, render_mode="rgb_array", region="frame")
     seen, _ = env.reset(options={"sequence": PLANE})
@@ -282,12 +289,10 @@ def test_an_early_stop_is_not_cheaper_than_to_stay(dataset):
 def test_the_budget_ends_an_episode(dataset):
     env = env_of(dataset)
     env.reset(seed=1)
-    hold, truncated, steps = np.array([0.5, 0.5], np.float32), False, 0
-    while not truncated:
-        seen, _, terminated, truncated, info = env.step(hold)
-        steps += 1
-    assert not terminated
-    assert steps == -(-(800 - STILL) // STILL)
+    hold = np.array([0.5, 0.5], np.float32)
+    steps = [env.step(hold) for _ in range(-(-(800 - STILL) // STILL))]
+    assert [step[2:4] for step in steps] == [(False, False)] * (len(steps) - 1) + [(False, True)]
+    seen, *_, info = steps[-1]
     assert seen["left"][0] == 0
     assert info["seconds"] == 0.04
     assert info["status"] == "failed"

@@ -43,7 +43,7 @@ class Episode:
         self._live = running(take, setting.exposed, setting.box, _no_score, terms)
         self._truth, self._hz, self._pixels = take.truth, take.sensor.readout_hz, pixels
         self._budget = terms.frames(take)[0]
-        self.period = -(-round(control_s * self._hz) // PACKET) * PACKET
+        self.period = max(-(-round(control_s * self._hz) // PACKET), 1) * PACKET
         if self._live.frames < 2 * self.period:
             raise BadInput(
                 f"a control period of {control_s * 1e3:g} ms, "

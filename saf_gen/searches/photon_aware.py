@@ -22,8 +22,9 @@ class PhotonAware:
     top of the parabola through those round the largest.
 
     The sweep stops once the curve has come down from its largest value by ``until`` of its range and by
-    ``least`` of that value, three steps in a row. Where it has not come down by ``fall`` of its range on
-    both sides of the largest value by then, the focus is not in the sweep, and it abstains.
+    ``least`` of that value, for longer than a window, having come up by half of that before. Where it has not
+    come down by ``fall`` of its range on both sides of the largest value by the end, the focus is not in the
+    sweep, and it abstains.
 
     Two or three scores a step, one of them by the method's own measure. The trace holds the largest so far,
     0-based frames, whenever it moves.
@@ -88,8 +89,8 @@ class PhotonAware:
             if not trace or trace[-1] != best:
                 trace.append(best)
             falling = falling + 1 if curve.has_fallen(self.until, self.least) else 0
-            if falling >= 3:
-                break
+            if falling > max(2, k - begin) and curve.is_a_peak(self.until / 2):
+                break  # so long that no window of then shares a spike with the first of them
         note = f"stopped after {stop} of {view.frames} frames"
         if not trace:
             return Answer(None, (), "too dark")
