@@ -8,6 +8,7 @@ import take_dataset
 
 import saf_gen
 from saf_gen.actuators import get_actuator
+from saf_gen.cli import main
 from saf_gen.contest.loop import Run, run_method
 from saf_gen.contest.terms import Terms
 from saf_gen.contest.verdict import judge_run, reversals
@@ -233,6 +234,26 @@ def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(pla
 def test_terms_that_cannot_be_kept_are_refused(take, terms, message):
     with pytest.raises(BadInput, match=message):
         run(take, GoTo(0.5), **terms)
+
+
+def test_terms_that_no_sequence_can_keep_write_nothing(dataset, tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(
+            [
+                "evaluate",
+                str(dataset),
+                "--track",
+                "closed_loop",
+                "--budget",
+                "500",
+                "--out",
+                str(tmp_path / "o"),
+            ]
+        )
+    assert ended.value.code == 2
+    assert "none of 4 sequences can be evaluated" in (told := capsys.readouterr().err)
+    assert "a budget of 500 ms; allowed: 0.8 to 40 ms" in told
+    assert not (tmp_path / "o").exists()
 
 
 def test_the_terms_are_told_in_one_line(take):

@@ -32,7 +32,9 @@ from saf_gen import work as work_room
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.cli import app
 from saf_gen.lights import readout_gains
+from saf_gen.methods import DEFAULT_LIVE_METHODS, parse_method
 from saf_gen.optics.card import LensCard
+from saf_gen.parts import commands as commands_lens
 from saf_gen.recipe import Recipe, read_recipe
 from saf_gen.render import variant
 from saf_gen.scene import Card
@@ -280,6 +282,14 @@ def test_the_table_of_sensors_is_that_of_the_sensor_files():
         assert pixels == f"{sensor.columns} × {sensor.rows}"
         assert hz == f"{sensor.readout_hz:,}"
     assert sorted(ticked(row[0])[0] for row in table("docs/generate.md", "sensor")) == sensor_names()
+
+
+def test_the_methods_that_run_in_the_closed_loop_are_those_of_the_code():
+    shown = {}
+    for searches, measures, how in table("docs/closed-loop.md", "search"):
+        shown |= {f"{m}+{s}": how for s in ticked(searches) for m in ticked(measures)}
+    real = {name: commands_lens(parse_method(name).search) for name in DEFAULT_LIVE_METHODS}
+    assert shown == {name: "by its own commands" if own else "by a sweep" for name, own in real.items()}
 
 
 def change(*keys: str, to: Any) -> Callable[[dict[str, Any]], None]:

@@ -1,6 +1,6 @@
-"""A tenth of the paper's grid at full size: every tenth sequence of recipes/sad_synthetic.yaml. Minutes, not seconds.
+"""A tenth of the paper's grid at full size: every tenth sequence of recipes/sad_synthetic.yaml.
 
-`make test-long` runs it, `make test` does not.
+It takes minutes: `make test-long` runs it, `make test` does not.
 """
 
 import pytest
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.long
 
 @pytest.mark.skipif(not variant.probe().llvm_usable, reason="half an hour without LLVM")
 def test_a_tenth_of_the_grid_is_made_whole_and_shows_what_the_paper_claims(tmp_path):
-    """SD is at most one depth of focus off in every sequence of it, and the count of spikes is fooled in some."""
+    """SD is at most one depth of focus off in every sequence, and the count of spikes is fooled in some."""
     work = prepare("recipes/sad_synthetic.yaml", part=(1, 10))
     assert len(work.sequences) == 4
     assert any(s.scene_motion == "dynamic" for s in work.sequences)

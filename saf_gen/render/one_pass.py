@@ -9,7 +9,8 @@ unbiased.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from typing import Any
 
 import drjit as dr
@@ -48,14 +49,20 @@ def render_stack(
     of rows, and the paths traced again for each. Needs a JIT variant (llvm or cuda).
     """
     focus = rendered(positions, window)
-    scale, most = _fixed_point(setup, focus, samples, seed)
+    traced = _trace(setup, focus, samples, seed)
+    first = next(traced)
+    whole = first[0] >= 1
+    most = _brightest([first]) if whole else _most_by_trial(setup, focus, seed)
+    # A pixel's sum stays below 2**VALUE_BITS with four times the samples asked for in it.
+    scale = 2.0**VALUE_BITS / (4 * samples * most)
     kind = _kind(on_device)
     shape = (focus.size, setup.film.rows, setup.film.columns)
     bands = kind.bands(shape)
 
     def part(n: int) -> tuple[np.ndarray, int]:
         sums, clipped = kind(shape, bands[n], scale, most), 0
-        for done, paths in _trace(setup, focus, samples, seed):
+        again = [first] if whole else _trace(setup, focus, samples, seed)
+        for done, paths in chain([first], traced) if n == 0 else again:
             clipped += sums.add(paths)
             progress((n + done) / len(bands))
         return sums.stack(), clipped
@@ -71,17 +78,17 @@ def _kind(on_device: bool | None) -> type[DeviceSums | HostSums]:
     return DeviceSums if on_device else HostSums
 
 
-def _fixed_point(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> tuple[float, float]:
-    """Fixed-point scale and clipping radiance, from one sample a pixel.
+def _most_by_trial(setup: Setup, focus: np.ndarray, seed: int) -> float:
+    """64 times the brightest path of one sample a pixel: what is brighter still is clipped, a firefly.
 
-    A pixel's sum must stay below 2**VALUE_BITS. Four times the samples asked for may fall in a pixel, and a
-    path may carry 64 times the brightest of the trial: what is brighter still is clipped, a firefly.
+    For stacks of more than one pass; where one pass has all paths, the brightest of them is known.
     """
-    brightest = 0.0
-    for _, paths in _trace(setup, focus, 1, seeds.integer(seed, "trial")):
-        brightest = max(brightest, float(dr.max(paths.radiance)[0]))
-    most = 64 * brightest if brightest > 0 else 1.0
-    return 2.0**VALUE_BITS / (4 * samples * most), most
+    return 64 * _brightest(_trace(setup, focus, 1, seeds.integer(seed, "trial")))
+
+
+def _brightest(traced: Iterable[tuple[float, Paths]]) -> float:
+    """The largest radiance of all paths; 1.0 where all are dark."""
+    return max(float(dr.max(paths.radiance)[0]) for _, paths in traced) or 1.0
 
 
 def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator[tuple[float, Paths]]:
