@@ -96,7 +96,7 @@ def test_a_lone_pixel_scores_as_worked_out(name):
 
 def test_the_power_of_a_lone_pixel_is_even_over_all_frequencies():
     radius = np.hypot(np.fft.fftfreq(ROWS)[:, None], np.fft.fftfreq(COLS)[None])
-    low = (radius > 0) & (radius <= 0.25)
+    low = (radius > 0) & (radius <= 0.15)
     assert score("cen", SPIKE) == pytest.approx(radius[low].mean(), rel=1e-12)
     ring = (radius >= 0.125) & (radius <= 0.25)
     assert score("mid_band_power", SPIKE) == pytest.approx(ring.sum() * (K / N) ** 2, rel=1e-12)
@@ -251,7 +251,7 @@ def spectrum(c):
 
 def slow_cen(c):
     radius, power = spectrum(c)
-    low = radius <= 0.25
+    low = radius <= 0.15
     return (radius * power)[low].sum() / power[low].sum() if power[low].sum() > 1e-20 else 0.0
 
 

@@ -17,15 +17,15 @@ class SpectralCentroid:
     """Mean spatial frequency of the counts' power, Σ r·P / Σ P over r up to ``highest``, cycles a pixel.
 
     P is |FFT(c − ū)|², r the distance from zero frequency. Noise of counting is white and draws the centroid
-    outwards; the bound keeps most of it out. The bound is to be chosen on training data; 0.25 is half of
-    what pixels can carry and tuned on nothing. The border is not tapered: its jump counts, as published.
+    outwards; the bound keeps most of it out. 0.15 is the best of five on the benchmark's train split
+    (``benchmarks/tuned/cen.json``, 644e04f8e620). The border is not tapered: its jump counts, as published.
     The published method goes on to the centroid of the curve near its maximum: that is a search's part.
 
     0.0 where no power lies in the band. Never rises when a periodic scene is blurred further by a Gaussian.
     Range 0 ... highest, degree 0, one Fourier transform: about 5 log2 N additions a pixel.
     """
 
-    highest: float = 0.25
+    highest: float = 0.15
 
     degree: ClassVar[int] = 0
     source: ClassVar[str] = (
