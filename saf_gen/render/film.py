@@ -71,13 +71,16 @@ def film_dict(film: Film, region: Region | None = None) -> dict[str, Any]:
 def seen_from(setup: Setup, position: float) -> dict[str, Any]:
     """What any Mitsuba sensor in place of the lens must know: pose, field of view, film, clips.
 
-    The near clip lies at a ten-thousandth of the distance in focus: Mitsuba's own, 0.01, hides a specimen.
+    The clips lie at a ten-thousandth of the distance in focus and at a hundred thousand times it: Mitsuba's
+    own, 0.01 and 10,000 units of the scene, hide a specimen, and all of it where a unit is a micrometre.
     """
     drive, film = setup.drive, setup.film
+    distance = float(drive.object_distance(position)) / setup.unit_m
     half = film.columns * film.pitch_m / 2
     return {
         "to_world": setup.camera(float(drive.shift(position))),
-        "near_clip": 1e-4 * float(drive.object_distance(position)) / setup.unit_m,
+        "near_clip": 1e-4 * distance,
+        "far_clip": 1e5 * distance,
         "fov_axis": "x",
         "fov": math.degrees(2 * math.atan(half / float(drive.image_distance(position)))),
         "film": film_dict(film),
