@@ -1,0 +1,109 @@
+"""What docs/claims.md says of the paper's claims, on sweeps whose focus is planted; no renderer."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from saf_gen import encode, get_measure, get_sensor
+from saf_gen.cli import main
+from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
+from saf_gen.evaluate import evaluate
+from saf_gen.stream import Truth, write_stream
+
+SHAPE = (160, 200)
+FRAMES, BLOCK = 8_000, 100
+FOCUS = 0.3
+BOARD = np.where(np.add.outer(np.arange(SHAPE[0]) // 4, np.arange(SHAPE[1]) // 4) % 2, 1.0, -1.0)
+RAMPS = {"brighter": (0.5, 2.0), "darker": (2.0, 0.5)}
+
+
+SHADE = np.linspace(0.5, 1.5, SHAPE[1])
+
+
+def halves_of(rate, ramp, *, contrast, width):
+    """Counts of the halves of 80 windows of a sweep, its light changing fourfold: (80, 2, h, w) uint32.
+
+    A chequered field, shaded from 0.5 to 1.5 across, whose contrast is a Gaussian of this width round 0.3 of
+    the sweep. Noise as the sensor has it but for the dark current; one seed; 32,000 pixels.
+    """
+    sensor = get_sensor("vidar_400x250").with_noise(dark=False)
+    knots = np.linspace(0, 1, 65)
+    sharp = contrast * np.exp(-(((knots - FOCUS) / width) ** 2) / 2)
+    light = rate * sensor.threshold_e * np.linspace(*ramp, len(knots))
+    charge = (light[:, None, None] * SHADE * (1 + sharp[:, None, None] * BOARD)).astype(np.float32)
+    spikes = np.unpackbits(encode(charge, sensor, FRAMES, 1), axis=2, bitorder="little")
+    counts = spikes.reshape(*SHAPE, -1, 2, BLOCK // 2).sum(axis=4, dtype=np.uint32)
+    return counts.transpose(2, 3, 0, 1)
+
+
+def place(curve):
+    return (int(np.argmax(curve)) + 0.5) / len(curve)
+
+
+@pytest.mark.parametrize("ramp", RAMPS.values(), ids=RAMPS)
+@pytest.mark.parametrize(
+    "name", ["gradient_code", "tenengrad", "brenner", "mfdct_lee", "variance", "squared_gradient"]
+)
+def test_divided_by_brightness_the_baselines_stand_a_fourfold_ramp_as_sd_does(name, ramp):
+    """25 counts a window: the twins stay within 0.03 of the sweep, as SD; the measures follow the light."""
+    windows = halves_of(0.25, ramp, contrast=0.3, width=0.25).sum(axis=1)
+    raw, twin, sd = ([get_measure(m)(c) for c in windows] for m in (name, f"{name}_n", "sd"))
+    assert place(sd) == pytest.approx(FOCUS, abs=0.03)
+    assert place(twin) == pytest.approx(FOCUS, abs=0.03)
+    lead = place(raw) - place(twin)
+    assert lead > 0.03 if ramp[0] < ramp[1] else lead < -0.03
+
+
+@pytest.mark.parametrize(("ramp", "dark_end"), [((0.5, 2.0), 0.0), ((2.0, 0.5), 1.0)])
+def test_at_three_counts_a_window_sd_goes_to_the_dark_end_and_the_debiased_does_not(ramp, dark_end):
+    """Contrast 0.1 and 3 counts a window at the dark end: counting adds about 1/(6·ū²) = 0.02 to SD there."""
+    pairs = halves_of(0.06, ramp, contrast=0.1, width=0.15)
+    sd, debiased = get_measure("sd"), get_measure("sd_debiased")
+    assert place([sd(pair.sum(axis=0)) for pair in pairs]) == pytest.approx(dark_end, abs=0.05)
+    curve = np.convolve([debiased(pair) for pair in pairs], np.ones(8) / 8, "same")[4:-4]
+    assert (int(np.argmax(curve)) + 4.5) / len(pairs) == pytest.approx(FOCUS, abs=0.1)
+
+
+PROGRAM = r"""
+#include <stdio.h>
+int main(int argc, char **argv) {
+  for (int i = 1; i < argc; i++)
+    printf("{\"method\": \"middle_in_c\", \"sequence\": \"%s\", \"frame\": %.1f}\n", argv[i], 99.5);
+  return 0;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
+def test_predictions_of_a_program_in_c_go_through(tmp_path):
+    entries = []
+    (tmp_path / "d" / "test").mkdir(parents=True)
+    for name in ("one", "two"):
+        digest = write_stream(
+            tmp_path / "d" / "test" / f"{name}.h5",
+            np.zeros((200, 8, 8), np.uint8),
+            focus_position=np.linspace(0, 1, 200, dtype=np.float32),
+            truth=Truth(position=0.5, depth_of_focus=(0.45, 0.55), frame=99.5),
+        )
+        entries.append(
+            SequenceEntry(
+                id=name, split="test", scene=name, variant=0, scene_motion="static", lens_motion="sweep",
+                light="constant", repeat=0, seed=1, file=f"test/{name}.h5", frames=200, fingerprint="f",
+                content_sha256=digest,
+            )
+        )  # fmt: skip
+    write_manifest(tmp_path / "d", Manifest("small", "r", "scalar_rgb", tuple(entries)))
+    (tmp_path / "middle.c").write_text(PROGRAM)
+    subprocess.run(["cc", "-o", tmp_path / "middle", tmp_path / "middle.c"], check=True)
+    said = subprocess.run([tmp_path / "middle", "one", "two"], check=True, capture_output=True).stdout
+    (tmp_path / "middle.jsonl").write_bytes(said)
+    records = evaluate(tmp_path / "d", methods=[], predictions=tmp_path / "middle.jsonl").records
+    assert [(r.method, r.success_half_dof) for r in records] == [("middle_in_c", True)] * 2
+    with pytest.raises(SystemExit) as ended:
+        main(
+            ["evaluate", str(tmp_path / "d"), "--predictions", str(tmp_path / "middle.jsonl"),
+             "--method", "sd+argmax:window=20", "--out", str(tmp_path / "out")]
+        )  # fmt: skip
+    assert ended.value.code == 0
