@@ -59,8 +59,8 @@ def evaluate(
     the frame; or ``frame``. ``progress`` is called with (steps done, steps in all, what was done).
 
     A sequence of a dataset that cannot be read, or is not the one its manifest names, becomes a failure,
-    and the others go on; where none is left it is BadInput, like a single stream that cannot be read, an
-    unknown split, region or method.
+    and the others go on; where none can keep the terms it is BadInput, like a single stream that cannot be
+    read, an unknown split, region or method.
     """
     usual = DEFAULT_METHODS if terms is None else DEFAULT_LIVE_METHODS
     chosen = [parse_method(spec) for spec in dict.fromkeys(usual if methods is None else methods)]
@@ -102,7 +102,7 @@ def evaluate(
             step(len(chosen), "failed")
         else:
             records += some
-    if failures and not records:
+    if failures and not records and terms is not None:  # terms that no sequence can keep
         raise BadInput(
             f"none of {len(jobs)} sequences can be evaluated, the first because: {failures[0].problem}",
             where=str(path),
