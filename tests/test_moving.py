@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 
+import drjit as dr
 import numpy as np
 import pytest
 from small import SCENES
@@ -16,7 +17,7 @@ from saf_gen.focal_stack import StackStore
 from saf_gen.generate import generate
 from saf_gen.optics import ImageDistance
 from saf_gen.reel import Footage
-from saf_gen.render import render_missing, variant
+from saf_gen.render import one_pass, render_missing, variant
 from saf_gen.work import prepare
 
 VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
@@ -179,3 +180,30 @@ def test_a_recipe_may_choose_parameters_by_name(recipe):
     recipe.write_text(text + "scene_params: {plain: {contrast: 0.5}}\n")
     with pytest.raises(BadInput, match=r"moving.yaml:\d+: unknown scene of scene_params 'plain'.*'plane'"):
         prepare(recipe)
+
+
+@pytest.mark.skipif(VARIANT == "scalar", reason="scalar writes no kernels")
+def test_all_moments_are_traced_by_one_kernel_a_light(recipe, tmp_path, monkeypatch):
+    # At each moment the lens passes other positions, and the scene is loaded anew for each light.
+    monkeypatch.delenv("SAF_GEN_SCENES")
+    scenes = "test: {scenes: [usaf_microscope], lights: [constant], scene_motion: [dynamic]}"
+    text = recipe.read_text().replace("frames: 400", "frames: 8000").split("  train:")[0]
+    recipe.write_text(f"{text}  {scenes}\n")
+    work = prepare(recipe)
+    moments = work.reel(work.sequences[0]).specs[::8]
+    assert len({moment.window for moment in moments}) == len(moments) == 5
+    render, used = one_pass.render_stack, []
+
+    def spied(*args, **kwargs):
+        dr.kernel_history_clear()
+        stack = render(*args, **kwargs)
+        kernels = [kernel for kernel in dr.kernel_history() if kernel["type"] is dr.KernelType.JIT]
+        used.append(frozenset(kernel["hash"] for kernel in kernels))
+        return stack
+
+    monkeypatch.setattr(one_pass, "render_stack", spied)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        render_missing(work.member(work.sequences[0]), moments, tmp_path, variant_name=VARIANT)
+    lights = len(moments[0].groups)
+    assert len(used) == len(moments) * lights
+    assert len(set(used[lights:])) <= lights  # the first moment also loads what stays

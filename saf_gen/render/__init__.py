@@ -40,14 +40,22 @@ def render_missing(
     motions = world.motions(scene, described)
     left = Counter(name for _, name in todo)
     whole = dict(left)
+    loaded, lit = None, None  # Mitsuba's scene with its integrator; the moment and the group that it is of
     for spec, name in todo:
 
         def told(share: float, name: str = name) -> None:
             progress(name, 1 - (left[name] - share) / whole[name])
 
         told(0.0)
-        moment = world.posed(described, motions, spec.time_s, unit_m=scene.card.unit_m)
-        _render(scene, moment, spec, name, root, variant_name, passing=len(specs) > 1, progress=told)
+        # Depth and target need no light of their own: they are looked at under the first group's.
+        group = spec.groups[0] if name == "geometry" else name
+        if (spec.time_s, group) != lit:
+            # The scene before is let go first. This one then takes its places in Dr.Jit's registry, which
+            # stand in the kernel's code, and the kernel is found in the cache: 0.2 to 0.6 s saved.
+            loaded = None
+            moment = world.posed(described, motions, spec.time_s, unit_m=scene.card.unit_m)
+            loaded, lit = world.load(moment, scene.card.lights[group], spec.max_depth), (spec.time_s, group)
+        _render(scene, loaded, spec, name, root, variant_name, passing=len(specs) > 1, progress=told)
         left[name] -= 1
         told(0.0)
     if len(specs) == 1:
@@ -57,7 +65,7 @@ def render_missing(
 
 def _render(
     scene: Scene,
-    moment: dict[str, Any],
+    loaded: Any,
     spec: StackSpec,
     name: str,
     root: Path,
@@ -66,13 +74,11 @@ def _render(
     passing: bool,
     progress: Callable[[float], None],
 ) -> None:
-    """Render one piece of one stack and store it."""
+    """Render one piece of one stack and store it; ``loaded`` is the scene, lit, and its integrator."""
     store = StackStore(root, spec)
-    lit = spec.groups if name == "geometry" else (name,)
-    burning = tuple(e for group in lit for e in scene.card.lights[group])
-    loaded, integrator = world.load(moment, burning, spec.max_depth)
     film = Film(spec.rows, spec.columns, spec.pitch_m)
-    setup = Setup(loaded, integrator, world.camera_to_world(scene), spec.drive, film, scene.card.unit_m)
+    lit, integrator = loaded
+    setup = Setup(lit, integrator, world.camera_to_world(scene), spec.drive, film, scene.card.unit_m)
     if name == "geometry":
         seen = geometry.look(setup, scene.card.target, passing=passing)
         store.put_geometry(seen.depth, seen.target, variant_name)

@@ -102,7 +102,8 @@ def _first_surfaces(setup: Setup, sensor: dict[str, Any], forward_m: float) -> t
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     loaded = mi.load_dict({**sensor, "sampler": sampler})
     integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
-    planes = np.array(mi.render(setup.world, sensor=loaded, integrator=integrator, spp=1), dtype=np.float64)
+    # Not mi.render: for gradients, which nobody asks for here, it keeps the scene in a cycle of references.
+    planes = np.array(integrator.render(setup.world, sensor=loaded, spp=1), dtype=np.float64)
     point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
     to_camera = np.linalg.inv(np.array(setup.camera(forward_m).matrix, dtype=np.float64))
     axial = (point @ to_camera[2, :3] + to_camera[2, 3]) * setup.unit_m

@@ -104,27 +104,33 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
     rows, columns = film.rows + 2 * covered.rows, film.columns + 2 * covered.columns
     rows_a_pass = max(1, PATHS_A_PASS // (columns * samples))
     sampler = mi.load_dict({"type": "independent"})
-    v, u = float(drive.image_distance(middle)), float(drive.object_distance(middle))
+    by_v, by_u = (
+        _given(np.float32(1) / np.float32(distance(middle)))
+        for distance in (drive.image_distance, drive.object_distance)
+    )
     # Rays start where the lens stands farthest from the scene; look() has found nothing between.
     farthest = float(drive.shift(focus).min())
     ahead = farthest - float(drive.shift(middle))
     moves = ahead != 0
+    ahead, farthest, radius = _given(ahead), _given(farthest), _given(covered.radius_m)
+    half_rows, half_columns = _given(rows / 2), _given(columns / 2)
+    each, across_all = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, columns)
     transform = mi.Transform4f(setup.to_world)
     for begin in range(0, rows, rows_a_pass):
         count = min(rows_a_pass, rows - begin)
         size = count * columns * samples
         sampler.seed(seeds.integer(seed, begin) & 0xFFFFFFFF, size)
         index = dr.arange(mi.UInt32, size)
-        pixel, sample = index // samples, index % samples
+        pixel, sample = index // each, index % each
         # Column by column of the band: what neighbours splat into then stays in the cache.
         height = dr.opaque(mi.UInt32, count)
         row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
-        across, down, lens = spread(row * columns + column, sample, seed)
-        x = (mi.Float(column) + across - columns / 2) * film.pitch_m
-        y = (mi.Float(row) + down - rows / 2) * film.pitch_m
-        a = mi.warp.square_to_uniform_disk_concentric(lens) * covered.radius_m
+        across, down, lens = spread(row * across_all + column, sample, seed)
+        x = (mi.Float(column) + across - half_columns) * film.pitch_m
+        y = (mi.Float(row) + down - half_rows) * film.pitch_m
+        a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
         # Slope in object space. Not (a - x)/v - a/f, its equal: that loses digits where u is much above f.
-        slope_x, slope_y = -(x / v + a.x / u), -(y / v + a.y / u)
+        slope_x, slope_y = -(x * by_v + a.x * by_u), -(y * by_v + a.y * by_u)
         origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
         ray = mi.RayDifferential3f(
             transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1))
@@ -147,6 +153,11 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
         yield (begin + count) / rows, Paths(*paths)
 
 
+def _given(value: Any) -> Any:
+    """A number that the kernel reads, where one written into it would have it compiled for each window."""
+    return dr.opaque(mi.Float, float(value))
+
+
 def _line(setup: Setup, focus: np.ndarray, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
     """Place on the sensor at the first position and step between positions, and the same on the lens (m).
 
@@ -155,8 +166,7 @@ def _line(setup: Setup, focus: np.ndarray, x: Any, a: Any) -> tuple[Any, Any, An
     """
     first, last = setup.drive.transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
     step = (last - first) / (focus.size - 1)
-    (xx, xa), (ax, aa) = first.tolist()
-    (dxx, dxa), (dax, daa) = step.tolist()
+    xx, xa, ax, aa, dxx, dxa, dax, daa = map(_given, (*first.ravel(), *step.ravel()))
     return x * xx + a * xa, x * dxx + a * dxa, x * ax + a * aa, x * dax + a * daa
 
 
@@ -173,8 +183,9 @@ def _window(first: Any, step: Any, drive: Drive, positions: int) -> list[Any]:
     far = root + dr.abs(b)  # 0 for a ray that does not move across the lens: always in, or never
     one = dr.select(far > 0, q / far, dr.copysign(NEVER, q))
     other = dr.select(c > 0, far / c, NEVER)
+    last = _given(positions - 1)
     leaves = dr.select(b > 0, one, other)
     enters = dr.select(b > 0, -other, -one)
-    begin = mi.Int32(dr.ceil(dr.clip(enters, 0, positions)))
-    end = mi.Int32(dr.floor(dr.clip(leaves, -1, positions - 1))) + 1
+    begin = mi.Int32(dr.ceil(dr.clip(enters, 0, last + 1)))
+    end = mi.Int32(dr.floor(dr.clip(leaves, -1, last))) + 1
     return [begin, end]

@@ -78,7 +78,9 @@ def load(described: Mapping[str, Any], burning: tuple[str, ...], max_depth: int)
     lit = {name: entry for name, entry in lit.items() if entry is not None}
     lit = dict(_keyed(name, entry, lit) for name, entry in lit.items())
     try:
-        loaded = mi.load_dict({"type": "scene", **lit}, optimize=False)
+        # One after the other: threads would number the shapes as they come, and a kernel's code holds the
+        # numbers, so that each load would have its kernel written anew.
+        loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise BadInput(f"Mitsuba cannot load the scene: {error}") from error
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})

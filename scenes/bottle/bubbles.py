@@ -16,6 +16,7 @@ GAP_M = 0.0003  # to glass, surface and each other
 LAYER_M = 0.003  # thickness of what gathers under the front while the bottle lies on its back
 KNOTS = 11  # keyframes of a bubble that the shoulder draws in
 RECORDING_S = 1.0
+LOOKS = 22  # moments at which bubbles are looked at for touching
 TRIES = 40
 
 
@@ -40,13 +41,17 @@ def bubbles(level: float, past: str, random: np.random.Generator) -> list[Bubble
     the surface.
     """
     made: list[Bubble] = []
+    ways = np.empty((COUNT[past], LOOKS, 3))  # of those that are made
     for _ in range(TRIES * COUNT[past]):
         if len(made) == COUNT[past]:
             break
         radius = float(random.triangular(DIAMETER_M[0], 0.6 * DIAMETER_M[1], DIAMETER_M[1])) / 2
         start = (_anywhere if past == "shaken" else _in_the_layer)(level, radius, random)
         bubble = Bubble(radius, *_way(start, level, radius, random))
-        if not any(_meet(bubble, other) for other in made):
+        way = np.array([bubble.at(time) for time in np.linspace(0, RECORDING_S, LOOKS)])
+        near = radius + np.array([other.radius for other in made]) + GAP_M
+        if not _meets(way, ways[: len(made)], near):
+            ways[len(made)] = way
             made.append(bubble)
     return made
 
@@ -95,11 +100,13 @@ def _room(height: np.ndarray | float, radius: float) -> np.ndarray:
     return room_inside(height) - radius - GAP_M
 
 
-def _meet(one: Bubble, other: Bubble) -> bool:
-    """Whether two bubbles touch within the recording, or one rises through the other."""
-    times = np.linspace(0, RECORDING_S, 2 * KNOTS)
-    apart = np.array([one.at(t) - other.at(t) for t in times])
-    near = one.radius + other.radius + GAP_M
-    aside = np.hypot(apart[:, 0], apart[:, 2]) < near
-    passing = np.diff(np.sign(apart[:, 1])) != 0
-    return bool((np.linalg.norm(apart, axis=1) < near).any() or (passing & aside[1:]).any())
+def _meets(way: np.ndarray, others: np.ndarray, near: np.ndarray) -> bool:
+    """Whether a bubble touches one of the others within the recording, or rises through it.
+
+    way : (LOOKS, 3), others : (bubble, LOOKS, 3), places in m; near : (bubble,), distance (m) at which they
+    touch.
+    """
+    apart, near = way - others, near[:, None]
+    aside = np.hypot(apart[..., 0], apart[..., 2]) < near
+    passing = np.diff(np.sign(apart[..., 1]), axis=1) != 0
+    return bool((np.linalg.norm(apart, axis=2) < near).any() or (passing & aside[:, 1:]).any())
