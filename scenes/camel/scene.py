@@ -1,6 +1,6 @@
 """Still life: a carved camel on a kilim runner; cup and fruit behind, books and wallpaper far, toys near.
 
-World frame: metres, x right, y up, z towards the lens; table top at y = 0, camel at the origin.
+World frame: metres, x right, y up, z towards the lens; table top at y = 0, camel near the origin.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import patterns
 import sculpture
 
 M_PER_MM = 1e-3
-CAMEL_YAW_DEG = 18.0
 CAMEL_TEXEL_MM = 0.12  # the lens resolves 0.5 mm here
 WALL_Z, TABLE_NEAR_Z, TABLE_WIDTH = -0.62, 0.30, 0.80
 BOOKS_LEFT, BOOKS_Z = -0.19, -0.36
@@ -43,8 +42,16 @@ BOOKS = [
 
 
 def build(params: dict[str, Any]) -> dict[str, Any]:
-    """Scene dictionary (metres, W m^-2 sr^-1) without sensor and integrator; `params` has no keys yet."""
-    return {"type": "scene", **_lights(), **_room(), **_figurine(), **_tableware(), **_books()}
+    """Scene dictionary (metres, W m^-2 sr^-1) without sensor and integrator."""
+    seed = 100 * params["materials"]
+    return {
+        "type": "scene",
+        **_lights(),
+        **_room(seed),
+        **_figurine(params["yaw_deg"], params["nearer_m"], seed),
+        **_tableware(1 if params["cup"] == "left" else -1, seed),
+        **_books(BOOKS_LEFT + params["books_m"], seed),
+    }
 
 
 def _lights() -> dict[str, Any]:
@@ -54,11 +61,11 @@ def _lights() -> dict[str, Any]:
     }
 
 
-def _room() -> dict[str, Any]:
+def _room(seed: int) -> dict[str, Any]:
     depth = TABLE_NEAR_Z - WALL_Z
-    table = patterns.planks((1536, 1024), boards=12, mean=0.24, seed=3)
-    runner = patterns.kilim((600, 1800), motifs=15, seed=5)
-    wall = patterns.wallpaper((512, 1024), stripes=24, seed=7)
+    table = patterns.planks((1536, 1024), boards=12, mean=0.24, seed=seed + 3)
+    runner = patterns.kilim((600, 1800), motifs=15, seed=seed + 5)
+    wall = patterns.wallpaper((512, 1024), stripes=24, seed=seed + 7)
     flat = mi.ScalarTransform4f().rotate([1, 0, 0], -90)
     middle = (TABLE_NEAR_Z + WALL_Z) / 2
     return {
@@ -68,19 +75,20 @@ def _room() -> dict[str, Any]:
     }
 
 
-def _figurine() -> dict[str, Any]:
+def _figurine(yaw_deg: float, nearer_m: float, seed: int) -> dict[str, Any]:
     vertices, triangles = sculpture.camel()
     corner = np.array([sculpture.LENGTH_MM[0], sculpture.HEIGHT_MM[0]])
     extent = np.array([np.ptp(sculpture.LENGTH_MM), np.ptp(sculpture.HEIGHT_MM)])
     columns, rows = (extent / CAMEL_TEXEL_MM).astype(int)
-    skin = _painted(patterns.wood((rows, columns), rings=9, mean=0.36, contrast=0.75, seed=11))
+    skin = _painted(patterns.wood((rows, columns), rings=9, mean=0.36, contrast=0.75, seed=seed + 11))
     uv = (vertices[:, :2] - corner) / extent
-    angle = np.radians(CAMEL_YAW_DEG)
+    angle = np.radians(yaw_deg)
     x, y, z = vertices.T * M_PER_MM
     turned = np.column_stack(
         [x * np.cos(angle) + z * np.sin(angle), y, z * np.cos(angle) - x * np.sin(angle)]
     )
-    return {"camel": _mesh("camel", turned - [0.008, -0.0006, 0], triangles, uv, _matte(skin))}
+    feet = np.array([-0.008, 0.0006, nearer_m])
+    return {"camel": _mesh("camel", turned + feet, triangles, uv, _matte(skin))}
 
 
 def _painted(grain: np.ndarray) -> np.ndarray:
@@ -103,31 +111,32 @@ def _painted(grain: np.ndarray) -> np.ndarray:
     return painted.astype(np.float32)
 
 
-def _tableware() -> dict[str, Any]:
-    cup = _satin(patterns.glaze((384, 768), ground=0.72, ink=0.12, waves=9, seed=17))
-    bowl = _satin(patterns.glaze((256, 1024), ground=0.18, ink=0.60, waves=16, seed=19))
-    pawn = _satin(patterns.wood((512, 512), rings=7, mean=0.16, contrast=0.6, seed=23))
-    ball = _matte(patterns.wood((512, 512), rings=9, mean=0.28, contrast=0.7, seed=29))
-    fruit = _satin(patterns.peel((384, 768), seed=31))
+def _tableware(side: int, seed: int) -> dict[str, Any]:
+    """`side`: 1 with the cup on the left, -1 all mirrored."""
+    cup = _satin(patterns.glaze((384, 768), ground=0.72, ink=0.12, waves=9, seed=seed + 17))
+    bowl = _satin(patterns.glaze((256, 1024), ground=0.18, ink=0.60, waves=16, seed=seed + 19))
+    pawn = _satin(patterns.wood((512, 512), rings=7, mean=0.16, contrast=0.6, seed=seed + 23))
+    ball = _matte(patterns.wood((512, 512), rings=9, mean=0.28, contrast=0.7, seed=seed + 29))
+    fruit = _satin(patterns.peel((384, 768), seed=seed + 31))
     scene = {
-        "cup": _turned("cup", CUP, (-0.105, 0, -0.09), cup),
-        "bowl": _turned("bowl", BOWL, (0.100, 0, -0.21), bowl),
-        "pawn": _turned("pawn", PAWN, (0.064, 0, 0.165), pawn),
-        "ball": _ball((-0.060, 0.017, 0.130), 0.017, ball),
+        "cup": _turned("cup", CUP, (-0.105 * side, 0, -0.09), cup),
+        "bowl": _turned("bowl", BOWL, (0.100 * side, 0, -0.21), bowl),
+        "pawn": _turned("pawn", PAWN, (0.064 * side, 0, 0.165), pawn),
+        "ball": _ball((-0.060 * side, 0.017, 0.130), 0.017, ball),
     }
     heap = [(0.076, 0.050, -0.195, 0.029), (0.128, 0.048, -0.200, 0.028), (0.100, 0.050, -0.240, 0.030)]
     for number, (x, y, z, radius) in enumerate(heap):
-        scene[f"orange_{number}"] = _ball((x, y, z), radius, fruit)
+        scene[f"orange_{number}"] = _ball((x * side, y, z), radius, fruit)
     return scene
 
 
-def _books() -> dict[str, Any]:
-    scene, left = {}, BOOKS_LEFT
+def _books(left: float, seed: int) -> dict[str, Any]:
+    scene = {}
     for number, (*size_mm, ground, ink) in enumerate(BOOKS):
         thick, high, deep = (side * M_PER_MM for side in size_mm)
         front = BOOKS_Z + 0.004 * (number % 3)
         pose = mi.ScalarTransform4f().translate([left + thick / 2, high / 2, front - deep / 2])
-        cover = patterns.spine((640, 128), ground=ground, ink=ink, seed=37 + number)
+        cover = patterns.spine((640, 128), ground=ground, ink=ink, seed=seed + 37 + number)
         scene[f"book_{number}"] = {
             "type": "cube",
             "to_world": pose @ mi.ScalarTransform4f().scale([thick / 2, high / 2, deep / 2]),

@@ -1,7 +1,8 @@
 """A printed USAF-1951 resolution chart on a flat board: true vector geometry, no bitmap anywhere.
 
-World frame: metres, x right, y up, z towards the lens, the chart's face at z = 0. Drawings are lists of
-convex polygons in millimetres, each an (n, 2) array, counter-clockwise as the lens sees them.
+World frame: metres, x right, y up, z towards the lens, which stands at z = 0.5; the middle of the chart's
+face lies on the axis. Drawings are lists of convex polygons in millimetres, each an (n, 2) array,
+counter-clockwise as the lens sees them.
 """
 
 from __future__ import annotations
@@ -26,10 +27,11 @@ STAR_CENTRE_MM, STAR_RADIUS_MM, STAR_SECTORS = (35.0, 14.0), 15.5, 36
 
 COARSEST_GROUP, NESTED_PAIRS = -2, 3  # pairs (-2, -1), (0, 1), (2, 3): lines from 2 mm down to 0.035 mm
 
-PAPER, CARD, INK = 0.55, 0.82, 0.04  # diffuse reflectances
+PAPER, CARD = 0.55, 0.82  # diffuse reflectances
 
 LAMP_RADIANCE, ROOM_RADIANCE = 110.0, 0.55  # W m^-2 sr^-1
 LAMP_SIZE_M, LAMP_ORIGIN_M = 0.15, (-0.28, 0.20, 0.30)
+LENS_Z_M = 0.5
 
 # Strokes of the numerals in a box 1 wide and 2 high.
 _GLYPHS: dict[str, list[list[tuple[float, float]]]] = {
@@ -47,16 +49,18 @@ _STROKE = 0.28
 
 
 def build(params: dict[str, Any]) -> dict[str, Any]:
-    """Scene dictionary (metres, W m^-2 sr^-1) without sensor and integrator; `params` has no keys yet."""
+    """Scene dictionary (metres, W m^-2 sr^-1) without sensor and integrator."""
+    turn = mi.ScalarTransform4f().rotate([0, 0, 1], params["lamp_deg"])
     lamp_pose = mi.ScalarTransform4f().look_at(origin=list(LAMP_ORIGIN_M), target=[0, 0, 0], up=[0, 1, 0])
-    lamp_pose = lamp_pose @ mi.ScalarTransform4f().scale(LAMP_SIZE_M / 2)
+    lamp_pose = turn @ lamp_pose @ mi.ScalarTransform4f().scale(LAMP_SIZE_M / 2)
+    pose, ink = _pose(params["distance_m"], params["turn_deg"], params["swing_deg"]), params["ink"]
     board_z = -CARD_THICKNESS_MM
     return {
         "type": "scene",
-        "chart": _plate("chart", [_rectangle(*CARD_CENTRE_MM, *CARD_MM)], 0.0, CARD),
-        "chart_ink": _plate("chart_ink", _moved(usaf_1951(), *CHART_CENTRE_MM), INK_HEIGHT_MM, INK),
-        "board": _plate("board", [_rectangle(0, 0, *BOARD_MM)], board_z, PAPER),
-        "board_ink": _plate("board_ink", board_marks(), board_z + INK_HEIGHT_MM, INK),
+        "chart": _plate("chart", [_rectangle(*CARD_CENTRE_MM, *CARD_MM)], 0.0, CARD, pose),
+        "chart_ink": _plate("chart_ink", _moved(usaf_1951(), *CHART_CENTRE_MM), INK_HEIGHT_MM, ink, pose),
+        "board": _plate("board", [_rectangle(0, 0, *BOARD_MM)], board_z, PAPER, pose),
+        "board_ink": _plate("board_ink", board_marks(), board_z + INK_HEIGHT_MM, ink, pose),
         "lamp": {
             "type": "rectangle",
             "to_world": lamp_pose,
@@ -65,6 +69,13 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
         },
         "room": {"type": "constant", "radiance": ROOM_RADIANCE},
     }
+
+
+def _pose(distance_m: float, turn_deg: float, swing_deg: float) -> np.ndarray:
+    """Where the board stands, float64 (4, 4): turned in its plane, then swung about the vertical."""
+    pose = mi.ScalarTransform4f().translate([0, 0, LENS_Z_M - distance_m])
+    pose = pose.rotate([0, 1, 0], swing_deg).rotate([0, 0, 1], turn_deg)
+    return np.array(pose.matrix, dtype=np.float64)
 
 
 def usaf_1951() -> Polygons:
@@ -181,8 +192,8 @@ def _moved(polygons: Sequence[np.ndarray], x: float, y: float) -> Polygons:
     return [polygon + np.array([x, y]) for polygon in polygons]
 
 
-def _plate(name: str, polygons: Polygons, z_mm: float, reflectance: float) -> mi.Mesh:
-    """One flat diffuse mesh of all polygons, facing the lens at height z."""
+def _plate(name: str, polygons: Polygons, z_mm: float, reflectance: float, pose: np.ndarray) -> mi.Mesh:
+    """One flat diffuse mesh of all polygons, at height z over the middle of the board at ``pose``."""
     vertices, faces, first = [], [], 0
     for polygon in polygons:
         vertices.append(np.column_stack([polygon, np.full(len(polygon), z_mm)]))
@@ -193,7 +204,7 @@ def _plate(name: str, polygons: Polygons, z_mm: float, reflectance: float) -> mi
     mesh = mi.Mesh(name, first, len(faces), props=props)
     mesh.set_id(name)
     arrays = mi.traverse(mesh)
-    positions = np.concatenate(vertices) * M_PER_MM
+    positions = np.concatenate(vertices) * M_PER_MM @ pose[:3, :3].T + pose[:3, 3]
     for key, values in (("vertex_positions", positions), ("faces", np.array(faces))):
         arrays[key] = type(arrays[key])(values.ravel())
     arrays.update()
