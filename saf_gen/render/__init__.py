@@ -38,7 +38,6 @@ def render_missing(
     variant.use(variant_name, threads=threads)
     described = world.build(scene)
     motions = world.motions(scene, described)
-    described = world.surfaced(described)
     left = Counter(name for _, name in todo)
     whole = dict(left)
     loaded, lit = None, None  # Mitsuba's scene with its integrator; the moment and the group that it is of

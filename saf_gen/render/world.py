@@ -13,7 +13,7 @@ from saf_gen.render.script import called
 from saf_gen.scene import Scene
 from saf_gen.scene_xml import PLUGINS, read_scene_xml
 
-__all__ = ["build", "camera_to_world", "emitters", "load", "motions", "posed", "surfaced"]
+__all__ = ["build", "camera_to_world", "emitters", "load", "motions", "posed"]
 
 
 def build(scene: Scene) -> dict[str, Any]:
@@ -87,27 +87,6 @@ def load(described: Mapping[str, Any], burning: tuple[str, ...], max_depth: int)
     return loaded, integrator
 
 
-def surfaced(described: Mapping[str, Any]) -> dict[str, Any]:
-    """The same with the surfaces of its shapes made, and their pictures; ``load`` takes them as they are, as
-    often as it is asked. Those that refer to others by name are left to it.
-
-    Raises BadInput where Mitsuba does not make one.
-    """
-
-    def made(part: Any) -> Any:
-        if _kind(part) not in PLUGINS["bsdf"] or _refers(part):
-            return part
-        try:
-            return mi.load_dict(part)
-        except (RuntimeError, ValueError, TypeError, KeyError) as error:
-            raise BadInput(f"Mitsuba cannot load the scene: {error}") from error
-
-    return {
-        name: {key: made(part) for key, part in entry.items()} if isinstance(entry, dict) else entry
-        for name, entry in described.items()
-    }
-
-
 def camera_to_world(scene: Scene) -> Any:
     """Transform of camera space (looking along +z, x to the left) to the world, in the scene's units."""
     pose, unit = scene.card.camera, scene.card.unit_m
@@ -168,10 +147,6 @@ def _without_light(entry: Any, burning: bool) -> Any:
         # Mitsuba makes a lamp without a surface of its own black, any other such shape grey.
         dark["bsdf"] = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
     return dark
-
-
-def _refers(part: Any) -> bool:
-    return isinstance(part, dict) and (_kind(part) == "ref" or any(map(_refers, part.values())))
 
 
 def _is_shape(entry: Any) -> bool:
