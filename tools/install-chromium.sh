@@ -8,12 +8,13 @@ there() {
 }
 there
 if command -v apt-get >/dev/null 2>&1; then
-  if [ "$(id -u)" = 0 ]; then as_root=""; else as_root="sudo -n"; fi
+  # A mirror that does not answer must not hold up the tests: five minutes for each try.
+  if [ "$(id -u)" = 0 ]; then as_root="timeout 300"; else as_root="timeout 300 sudo -n"; fi
   echo "installing chromium (for the tests of the leaderboard's page)"
-  DEBIAN_FRONTEND=noninteractive $as_root apt-get install -y -q --no-install-recommends chromium >/dev/null 2>&1
+  $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends chromium >/dev/null 2>&1
   there  # Ubuntu's package of that name is an empty one where there is no snap
-  $as_root apt-get update -q >/dev/null 2>&1
-  DEBIAN_FRONTEND=noninteractive $as_root apt-get install -y -q --no-install-recommends chromium >/dev/null 2>&1
+  $as_root env DEBIAN_FRONTEND=noninteractive apt-get update -q >/dev/null 2>&1
+  $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends chromium >/dev/null 2>&1
   there
 fi
 echo "Chromium could not be installed here: the tests of the page in a browser are skipped."

@@ -8,7 +8,8 @@ for library in /usr/lib/*/libLLVM.so.1[7-9]* /usr/lib/*/libLLVM.so.2[0-9]* \
   [ -e "$library" ] && exit 0
 done
 if command -v apt-get >/dev/null 2>&1; then
-  if [ "$(id -u)" = 0 ]; then as_root=""; else as_root="sudo -n"; fi
+  # A mirror that does not answer must not hold up the set-up: five minutes for each try.
+  if [ "$(id -u)" = 0 ]; then as_root="timeout 300"; else as_root="timeout 300 sudo -n"; fi
   echo "installing libllvm19 (for Mitsuba's fast renderer)"
   $as_root apt-get install -y -q libllvm19 >/dev/null 2>&1 && exit 0
   $as_root apt-get update -q >/dev/null 2>&1
