@@ -108,6 +108,14 @@ class View(Protocol):
         """Frames a second."""
         ...
 
+    @property
+    def lag_s(self) -> float:
+        """Seconds in which a motion of the lens that its position sensor does not see falls to 1/e.
+
+        What the maker of a camera knows of its drive: 0 where the sensor reads the lens, and on a recording.
+        """
+        ...
+
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
         """The score of the counts in frames ``first <= t < stop`` (at least one).
 

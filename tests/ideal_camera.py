@@ -13,7 +13,8 @@ class IdealCamera:
 
     The lens goes ``speed`` of the travel a second towards its command; a score is the mean of ``curve`` over
     where the lens was, plus noise of the window's own. Its sensor reads with the rms ``sensor``, NaN where it
-    is ``blind``. Time passes in packets of 8 frames. ``others`` are the curves of named measures.
+    is ``blind``, and says that it does not see a motion that falls to 1/e in ``lag_s``. Time passes in
+    packets of 8 frames. ``others`` are the curves of named measures.
     ``positions`` is where the lens was at each frame so far, ``looks`` what was scored.
     """
 
@@ -28,10 +29,12 @@ class IdealCamera:
         backlash=0.0,
         sensor=1e-4,
         blind=False,
+        lag_s=0.016,
         others=None,
     ):
         self._curve, self._others = curve, others or {}
         self.frames, self.readout_hz = frames // 8 * 8, 20_000.0
+        self.lag_s = lag_s
         self._step, self._backlash, self._blind = speed / self.readout_hz, backlash, blind
         self._command = start
         self._drawn = generator("ideal_camera")

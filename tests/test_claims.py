@@ -101,7 +101,7 @@ def planted_take(frames):
 
 
 def time_to_focus(take, search, sweep):
-    """Frames from the start of a sweep until the lens, as fast as the sweep, is back at the answer; and that."""
+    """Frames from the start of a sweep to the lens, as fast as the sweep, back at the answer; the answer."""
     exposed = take.exposed()
     whole = (slice(0, take.sensor.rows), slice(0, take.sensor.columns))
     drive = get_actuator("ideal", speed=take.sensor.readout_hz / sweep)

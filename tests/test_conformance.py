@@ -27,10 +27,7 @@ from saf_gen.parts import commands, wants_halves
 from saf_gen.searches import search_names
 
 PAGE = Path(__file__).parents[1] / "docs" / "add-a-method.md"
-DOUBTS = {
-    "sgfs_printed": ["finds a bell"],  # the paper's algorithm to the letter stops at once
-    "rule_based": ["finds the focus"],  # its small steps take longer than the budget
-}
+DOUBTS = {"sgfs_printed": ["finds a bell"]}  # the paper's algorithm to the letter stops at once
 """Registered searches that a check warns of, and that are kept as they are."""
 
 

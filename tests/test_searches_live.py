@@ -224,8 +224,8 @@ def test_noise_of_the_sensor_does_not_keep_a_search_waiting():
 
 def test_unseen_ringing_is_waited_for_by_the_length_of_the_move():
     quick, slow = (IdealCamera(bell(0.5), speed=1e4, sensor=0.0) for _ in range(2))
-    get_search("golden_section", decay_s=0.0)(quick)
-    get_search("golden_section", decay_s=0.02)(slow)
+    get_search("golden_section", lag_s=0.0)(quick)
+    get_search("golden_section", lag_s=0.02)(slow)
     moves = [1.0, *np.abs(np.diff(slow.commands))]  # the first might be of the whole travel, for all it knows
     waited = sum(0.02 * math.log(move / 0.002) for move in moves)
     assert (slow.now - quick.now) / 20_000 == pytest.approx(waited, abs=len(moves) * 8 / 20_000)
@@ -247,7 +247,7 @@ def test_two_runs_are_alike(name):
         ("ternary", {"tolerance": math.nan}, r"tolerance is nan; allowed: a fraction"),
         ("ternary", {"dt": 0}, r"dt is 0; allowed: a whole number of frames, at least 1"),
         ("ternary", {"still": 2.0}, r"still is 2\.0; allowed: a fraction of the travel"),
-        ("ternary", {"decay_s": -1}, r"decay_s is -1; allowed: seconds, 0 to 1"),
+        ("ternary", {"lag_s": -1}, r"lag_s is -1; allowed: seconds, 0 to 1"),
         ("ternary", {"timeout_s": 0}, r"timeout_s is 0; allowed: seconds, above 0, at most 60"),
         ("hill_climb", {"fine": 0.2}, r"fine is 0\.2; allowed: no more than coarse, 0\.1"),
         ("hill_climb", {"falls": 0}, r"falls is 0; allowed: a whole number"),

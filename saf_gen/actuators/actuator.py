@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
-from math import isfinite, sqrt
+from math import isfinite, pi, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +79,17 @@ class Actuator:
         if distance * self.acceleration < self.speed**2:
             return 2 * sqrt(distance / self.acceleration)
         return distance / self.speed + self.speed / self.acceleration
+
+    @property
+    def lag_s(self) -> float:
+        """Seconds in which the way between lens and motor, unseen by the sensor, falls to 1/e.
+
+        0 where it reads the lens. By the slower root of the oscillator's equation; play is not in it.
+        """
+        if self.reads == "lens":
+            return 0.0
+        slowed = self.damping - sqrt(max(self.damping**2 - 1, 0.0))
+        return 1 / (2 * pi * self.resonance_hz * slowed)
 
 
 _KEYS = tuple(f.name for f in fields(Actuator))

@@ -30,6 +30,7 @@ class Drawn:
     """
 
     readout_hz = 20_000.0
+    lag_s = 0.0
 
     def __init__(
         self, curve: np.ndarray, *, unit: float = 1.0, light: float = LIGHT, limits: Limits | None = None

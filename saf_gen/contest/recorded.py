@@ -50,6 +50,10 @@ class _Watched:
     def readout_hz(self) -> float:
         return self._view.readout_hz
 
+    @property
+    def lag_s(self) -> float:
+        return self._view.lag_s
+
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
         score = self._view.score(first, stop, measure)
         if measure is None:

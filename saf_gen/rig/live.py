@@ -52,6 +52,7 @@ class Live:
     ) -> None:
         self._film, self._scorer = film, Scorer(measure)
         self.frames, self.readout_hz = budget // PACKET * PACKET, readout_hz
+        self.lag_s = actuator.lag_s
         self._lens = Lens(actuator, start=start, readout_hz=readout_hz, seed=seed)
         self._now = 0
         self.path = np.full(self.frames, start, np.float64)

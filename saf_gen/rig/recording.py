@@ -44,6 +44,11 @@ class Recording:
         """Frames a second."""
         return self._counts.readout_hz
 
+    @property
+    def lag_s(self) -> float:
+        """0: the positions of a recording are those of the lens."""
+        return 0.0
+
     def position(self, frame: int) -> float:
         """Where the lens was, fraction of the travel; NaN where the stream does not say."""
         lens = self._counts.lens

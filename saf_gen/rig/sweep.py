@@ -36,6 +36,11 @@ class Sweep:
         """Frames a second."""
         return self._live.readout_hz
 
+    @property
+    def lag_s(self) -> float:
+        """See saf_gen.parts.View."""
+        return self._live.lag_s
+
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
         """The score of a window of the sweep; the lens goes on until it is over."""
         if stop > self.frames:

@@ -40,14 +40,15 @@ class Looks:
     view : a running camera.
     dt : frames that a look scores.
     still : how much a lens that stands may move, fraction of the travel.
-    decay_s : time in which ringing that the position sensor does not see falls to 1/e.
+    lag_s : time in which motion that the position sensor does not see falls to 1/e; None: what the view says.
     timeout_s : seconds after which it is looked at wherever it is; without a position sensor, always.
 
     ``trace`` holds every place looked at, ``seen`` the looks since the last change of the measure.
     """
 
-    def __init__(self, view: View, dt: int, *, still: float, decay_s: float, timeout_s: float) -> None:
-        self._view, self._dt, self._still, self._decay_s = view, dt, still, decay_s
+    def __init__(self, view: View, dt: int, *, still: float, lag_s: float | None, timeout_s: float) -> None:
+        self._view, self._dt, self._still = view, dt, still
+        self._lag_s = view.lag_s if lag_s is None else lag_s
         self._reading = max(round(READING_S * view.readout_hz), 2)
         self._timeout = max(round(timeout_s * view.readout_hz), 1)
         self._measure: str | None = None
@@ -71,7 +72,7 @@ class Looks:
         self._rest(to, origin)
         away = 1.0 if math.isnan(origin) else abs(to - origin)
         if away > self._still:
-            self._pass(round(self._decay_s * math.log(away / self._still) * view.readout_hz))
+            self._pass(round(self._lag_s * math.log(away / self._still) * view.readout_hz))
         first = view.now
         if view.frames - first < self._dt:
             raise OutOfTimeError
@@ -138,8 +139,7 @@ class Commanding:
 
     ``dt`` frames are scored a look, once the lens stands: within ``still`` of the travel for some
     milliseconds as its sensor reads it, and after ringing that a sensor at the motor does not see, which
-    falls to 1/e in ``decay_s`` (that of a bare voice coil; 0 where the sensor sees the lens). ``timeout_s``
-    bounds the wait.
+    falls to 1/e in ``lag_s`` (None: as the drive's maker says). ``timeout_s`` bounds the wait.
 
     A search that runs out of frames answers with the best place so far, one without a single look abstains.
     The place is what the sensor read during the look, so that what it sees of backlash and misses is in it.
@@ -148,7 +148,7 @@ class Commanding:
 
     dt: int = 100
     still: float = 0.002
-    decay_s: float = 0.016
+    lag_s: float | None = None
     timeout_s: float = 1.5
 
     commands: ClassVar[bool] = True
@@ -157,14 +157,14 @@ class Commanding:
     def __post_init__(self) -> None:
         whole(self.dt, "dt")
         check_share("still", self.still)
-        if not (_number(self.decay_s) and 0 <= self.decay_s <= 1):
-            raise BadInput(f"decay_s is {self.decay_s!r}", allowed="seconds, 0 to 1")
+        if self.lag_s is not None and not (_number(self.lag_s) and 0 <= self.lag_s <= 1):
+            raise BadInput(f"lag_s is {self.lag_s!r}", allowed="seconds, 0 to 1")
         if not (_number(self.timeout_s) and 0 < self.timeout_s <= 60):
             raise BadInput(f"timeout_s is {self.timeout_s!r}", allowed="seconds, above 0, at most 60")
 
     def __call__(self, view: View) -> Answer:
         """Search with the lens of ``view``. Raises BadInput on a recording, whose lens cannot be moved."""
-        look = Looks(view, self.dt, still=self.still, decay_s=self.decay_s, timeout_s=self.timeout_s)
+        look = Looks(view, self.dt, still=self.still, lag_s=self.lag_s, timeout_s=self.timeout_s)
         try:
             note = self.seek(look)
         except OutOfTimeError:
