@@ -2,6 +2,9 @@
 
 import errno
 import os
+import re
+import secrets
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,12 +19,13 @@ def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary beside ``path`` to write to; on a clean exit it is synced to disk and takes the name.
 
     The folder is made where it is missing. On an exception the temporary goes and an older ``path`` stays.
-    Two processes may write the same path: the last one wins, whole.
+    Two processes may write the same path, on one machine or many: the last one wins, whole.
 
     Raises BadInput when the disk is full or the folder cannot be written.
     """
     final = Path(path)
-    part = final.with_name(f".{final.name}.{os.getpid()}.part")
+    # Containers on one volume share numbers of processes, and shards may render the same stack.
+    part = final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_here()}.{os.getpid()}.part")
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         yield part
@@ -55,12 +59,17 @@ def unwritable(path: Path, error: OSError) -> BadInput:
 def clear_abandoned(folder: Path) -> None:
     """Remove the temporaries below ``folder`` whose process, on this machine, is no more.
 
-    Not for a folder to which other machines write at the same time: their processes are unknown here.
+    Those of other machines stay: their processes are unknown here.
     """
-    for part in folder.rglob(".*.part"):
+    for part in folder.rglob(f".*.{_here()}.*.part"):
         pid = part.name.split(".")[-2]
         if pid.isdecimal() and not _runs(int(pid)):
             part.unlink(missing_ok=True)
+
+
+def _here() -> str:
+    """This machine, or container, in a file's name."""
+    return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40]
 
 
 def _runs(pid: int) -> bool:

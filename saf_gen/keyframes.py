@@ -53,13 +53,6 @@ class RigidMotion(Frozen):
         matrix[:3, 3] = centre - turn @ centre + shift
         return matrix
 
-    def moves(self, first_s: float, last_s: float) -> bool:
-        """Whether the pose changes between two times."""
-        return not np.array_equal(self.pose(first_s), self.pose(last_s)) or any(
-            first_s < k.time_s < last_s and not np.array_equal(self.pose(k.time_s), self.pose(first_s))
-            for k in self.keyframes
-        )
-
 
 def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
     """Rotation by an angle (radians) about an axis: Rodrigues' formula."""

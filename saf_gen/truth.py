@@ -5,7 +5,7 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.exposed import Exposed
 from saf_gen.passes import passes
-from saf_gen.reel import Footage
+from saf_gen.reel import Footage, Reel
 from saf_gen.region import target_box
 from saf_gen.stream import Truth
 
@@ -16,8 +16,8 @@ def find_truth(footage: Footage, position: np.ndarray) -> Truth:
     """What is in focus where, and when a lens with these positions (T,) is first there.
 
     In a scene that moves the best focus may move too: ``track`` follows it, on straight lines between the
-    moments that were rendered and see the target. Everything else is of the moment at which the lens first
-    meets it, or comes nearest.
+    moments that were rendered and see the target, and stays where it was while the target is out of sight.
+    Everything else is of the moment at which the lens first meets a target in sight, or comes nearest.
 
     Raises BadInput where no moment sees the target.
     """
@@ -26,10 +26,11 @@ def find_truth(footage: Footage, position: np.ndarray) -> Truth:
         depth, target = footage.geometry(0)
         place = reel.specs[0].drive.truth(depth[target])
         return _truth(footage, 0, place, _first(passes(position, place)))
-    at, best = [], []
+    at, best, seen = [], [], []
     for j, (begin, spec) in enumerate(zip(reel.frames, reel.specs, strict=True)):
         depth, target = footage.geometry(j)
-        if target.any():
+        seen.append(bool(target.any()))
+        if seen[-1]:
             at.append(begin)
             best.append(spec.drive.truth(depth[target]))
     if not at:
@@ -38,12 +39,22 @@ def find_truth(footage: Footage, position: np.ndarray) -> Truth:
             hint="check its motion, the camera and the target in scene.yaml",
         )
     track = np.interp(np.arange(position.size) + 0.5, at, best)
-    frame = _first(passes(position - track, 0.0))
-    met = frame if np.isfinite(frame) else float(np.argmin(np.abs(position - track)))
+    in_sight = _in_sight(reel, np.array(seen), position.size)
+    off = position - track
+    passed = passes(off, 0.0)
+    frame = _first(passed[in_sight[np.clip(np.rint(passed).astype(int), 0, position.size - 1)]])
+    met = frame if np.isfinite(frame) else float(np.argmin(np.where(in_sight, np.abs(off), np.inf)))
     nearest = at[int(np.argmin(np.abs(np.asarray(at) - met - 0.5)))]
     place = float(np.interp(met, np.arange(position.size), track))
     truth = _truth(footage, reel.frames.index(nearest), place, frame)
     return Truth(**{**vars(truth), "track": track.astype(np.float32)})
+
+
+def _in_sight(reel: Reel, seen: np.ndarray, frames: int) -> np.ndarray:
+    """Readouts between two moments that both see the target, bool (T,); where there are none, beside one."""
+    after = np.minimum(np.searchsorted(reel.frames, np.arange(frames), side="right"), len(seen) - 1)
+    both = seen[after - 1] & seen[after]
+    return both if both.any() else seen[after - 1] | seen[after]
 
 
 def _first(passed: np.ndarray) -> float:

@@ -46,14 +46,6 @@ def test_a_turn_comes_before_the_shift():
     assert np.allclose(fan.pose(1) @ [2, 0, 0, 1], [0, 0, 1, 1])
 
 
-def test_it_moves_where_its_pose_changes():
-    bus = motion({"time_s": 0.0}, {"time_s": 0.5}, {"time_s": 0.6, "rotate_deg": 5}, {"time_s": 0.7})
-    assert not bus.moves(0.0, 0.5)
-    assert bus.moves(0.4, 0.65)
-    assert bus.moves(0.3, 0.9)  # there and back
-    assert not bus.moves(0.7, 2.0)
-
-
 @pytest.mark.parametrize(
     ("document", "message"),
     [

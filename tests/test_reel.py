@@ -168,6 +168,18 @@ def test_moments_that_do_not_see_the_target_do_not_count():
     assert truth.target.any()
 
 
+def test_a_lens_that_comes_when_the_target_is_out_of_sight_does_not_meet_it():
+    """It is where the target was between the second moment and the third."""
+    met = find_truth(footage(stacks(depths=(0.5, 0.5, 0.5, 0.5))), SWEEP)
+    assert 160 < met.frame < 320
+    gone = find_truth(footage(stacks(depths=(0.5, 0.5, None, None))), SWEEP)
+    assert np.isnan(gone.frame)
+    assert gone.target.any()
+    assert gone.position == pytest.approx(met.position, abs=1e-6)
+    back = find_truth(footage(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
+    assert back.frame == pytest.approx(met.frame)
+
+
 def test_a_lens_that_never_meets_the_target_has_no_frame():
     position = np.full(FRAMES, 0.9)
     truth = find_truth(footage(stacks(position, depths=(0.55, 0.53, 0.51, 0.50))), position)

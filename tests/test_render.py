@@ -1,5 +1,7 @@
 """The renderer against closed forms, and against Mitsuba's own thin lens."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rendered import dispersion, edge_of, edge_scene, loaded, needs_llvm, one_pass_stack, peak
@@ -63,6 +65,18 @@ def test_every_position_gets_the_samples_asked_for(plane, drive):
             landed[k] += counts.sum()
     scale = drive.image_distance(np.linspace(0, 1, 5)) / drive.image_distance(0.5)
     assert landed / (setup.film.rows * setup.film.columns) == pytest.approx(50 / scale**2, rel=0.01)
+
+
+@needs_llvm
+@pytest.mark.parametrize("samples", [32, 512])
+def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, samples):
+    """From 0.5 m to 36 mm the samples of a pixel go from 4.2 to 0.4 times those asked for."""
+    setup = loaded(plane, drive=ImageDistance(0.025, 2.0, (0.5, 0.036)))
+    sky, integrator = world.load({"sky": {"type": "constant", "radiance": 3.0}}, ("sky",), 2)
+    stack = one_pass_stack(
+        replace(setup, world=sky, integrator=integrator), positions=9, samples=samples, seed=1
+    )
+    assert stack == pytest.approx(3.0, rel=1e-5)
 
 
 @needs_llvm

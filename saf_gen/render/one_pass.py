@@ -53,8 +53,9 @@ def render_stack(
     first = next(traced)
     whole = first[0] >= 1
     most = _brightest([first]) if whole else _most_by_trial(setup, focus, seed)
-    # A pixel's sum stays below 2**VALUE_BITS with four times the samples asked for in it.
-    scale = 2.0**VALUE_BITS / (4 * samples * most)
+    # A pixel's sum stays below 2**VALUE_BITS with four times the samples asked for in it, or twice those that
+    # come together where a very long travel makes the picture smallest.
+    scale = 2.0**VALUE_BITS / (max(4.0, 2 * _densest(setup, focus)) * samples * most)
     kind = _kind(on_device)
     shape = (focus.size, setup.film.rows, setup.film.columns)
     bands = kind.bands(shape)
@@ -70,6 +71,12 @@ def render_stack(
     stacks, clipped = zip(*map(part, range(len(bands))), strict=True)
     # Every band saw the same paths, so the same were clipped.
     return stacks[0] if len(stacks) == 1 else np.concatenate(stacks, axis=1), clipped[0]
+
+
+def _densest(setup: Setup, focus: np.ndarray) -> float:
+    """Samples a pixel where they lie densest among these positions, over those asked for."""
+    transfer = setup.drive.transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
+    return float((np.linalg.det(transfer) ** -2).max())
 
 
 def _kind(on_device: bool | None) -> type[DeviceSums | HostSums]:

@@ -80,7 +80,7 @@ def _figurine(yaw_deg: float, nearer_m: float, seed: int) -> dict[str, Any]:
     corner = np.array([sculpture.LENGTH_MM[0], sculpture.HEIGHT_MM[0]])
     extent = np.array([np.ptp(sculpture.LENGTH_MM), np.ptp(sculpture.HEIGHT_MM)])
     columns, rows = (extent / CAMEL_TEXEL_MM).astype(int)
-    skin = _painted(patterns.wood((rows, columns), rings=9, mean=0.36, contrast=0.75, seed=seed + 11))
+    skin = _painted(patterns.wood((rows, columns), rings=9, mean=0.36, contrast=0.75, seed=seed + 11), seed)
     uv = (vertices[:, :2] - corner) / extent
     angle = np.radians(yaw_deg)
     x, y, z = vertices.T * M_PER_MM
@@ -91,7 +91,7 @@ def _figurine(yaw_deg: float, nearer_m: float, seed: int) -> dict[str, Any]:
     return {"camel": _mesh("camel", turned + feet, triangles, uv, _matte(skin))}
 
 
-def _painted(grain: np.ndarray) -> np.ndarray:
+def _painted(grain: np.ndarray, seed: int) -> np.ndarray:
     """Saddle cloth between the humps, bridle and eye, painted on the side view of the wood."""
     row, column = np.indices(grain.shape, dtype=np.float32)
     x = sculpture.LENGTH_MM[0] + (column + 0.5) * CAMEL_TEXEL_MM
@@ -103,7 +103,7 @@ def _painted(grain: np.ndarray) -> np.ndarray:
     stitches = border & (np.floor((x + y) / 1.2) % 2 == 0)
     saddle = np.where(border, 0.75, 0.10 + 0.45 * diamonds)
     saddle[stitches] = 0.08
-    weave = 1 + 0.25 * patterns.noise(grain.shape, (grain.shape[0] // 4, grain.shape[1] // 4), seed=13)
+    weave = 1 + 0.25 * patterns.noise(grain.shape, (grain.shape[0] // 4, grain.shape[1] // 4), seed=seed + 13)
     painted = np.where(cloth, saddle * weave, grain)
     strap = (np.abs(x - 66) < 0.8) | (np.abs(y - 82.5 - 0.25 * (x - 60)) < 0.7)
     painted[strap & (x > 56) & (y > 72)] = 0.08
