@@ -20,6 +20,11 @@ Key = str | int
 Model = TypeVar("Model", bound=BaseModel)
 
 
+TOO_DEEP = "this is nested too deep, or in a circle"
+_YAML_SLIPS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
+"""What PyYAML lets through from Python where a value, a directive or an escape has the form but no sense."""
+
+
 class Frozen(BaseModel):
     """A document's value: immutable, and an unknown key is an error."""
 
@@ -60,15 +65,17 @@ def read(path: str | Path) -> Document:
 def parse(text: str, path: str | Path) -> Document:
     """Read YAML text that stands in the file ``path``.
 
-    Raises BadInput for broken YAML, or a key given twice.
+    Raises BadInput for broken YAML, a value that is not what it looks like (the 13th month), or a key given
+    twice.
     """
     path = Path(path)
     lines: dict[tuple[Key, ...], int] = {}
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = _composed(text, path)
         data = None if node is None else _plain(node, (), lines, path)
     except RecursionError:
-        raise BadInput("this is nested too deep, or in a circle", where=str(path)) from None
+        deepest = lines[max(lines, key=len)]
+        raise BadInput(TOO_DEEP, where=f"{path}:{deepest}") from None
     except yaml.MarkedYAMLError as error:
         line = f"{path}:{error.problem_mark.line + 1}" if error.problem_mark else str(path)
         raise BadInput(f"this is not YAML: {error.problem}", where=line) from error
@@ -88,6 +95,19 @@ def read_as(model: type[Model], path: str | Path) -> tuple[Model, Document]:
         raise _told(error, model, document) from error
 
 
+def _composed(text: str, path: Path) -> yaml.Node | None:
+    loader = yaml.SafeLoader(text)
+    try:
+        return loader.get_single_node()
+    except RecursionError:
+        raise BadInput(TOO_DEEP, where=f"{path}:{loader.get_mark().line + 1}") from None
+    except _YAML_SLIPS as error:
+        where = f"{path}:{loader.get_mark().line + 1}"
+        raise BadInput(f"this is not YAML: {error}", where=where) from error
+    finally:
+        loader.dispose()
+
+
 def _plain(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], int], path: Path) -> Any:
     """Node to plain data, noting lines; YAML itself would let a second key silently win."""
     lines[at] = node.start_mark.line + 1
@@ -105,7 +125,17 @@ def _plain(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], in
         return out
     if isinstance(node, yaml.SequenceNode):
         return [_plain(item, (*at, i), lines, path) for i, item in enumerate(node.value)]
-    return yaml.SafeLoader("").construct_object(node)
+    try:
+        return yaml.SafeLoader("").construct_object(node)
+    except _YAML_SLIPS as error:
+        kind = node.tag.removeprefix("tag:yaml.org,2002:")
+        # The others speak of PyYAML's inside, not of the value.
+        why = f": {error}" if isinstance(error, ValueError | OverflowError) else ""
+        raise BadInput(
+            f"{node.value!r:.60} is no {kind}{why}",
+            where=f"{path}:{lines[at]}",
+            hint="put it in quotes if it is text",
+        ) from error
 
 
 def _told(error: ValidationError, model: type[BaseModel], document: Document) -> BadInput:

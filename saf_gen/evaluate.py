@@ -5,6 +5,7 @@ cost and score stay with the referee, the room ``contest``. A stream without tru
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,11 +18,11 @@ from saf_gen.contest.recorded import check_estimate, recorded_sequence
 from saf_gen.contest.results import Curve, Evaluation, Failure, LensPath, Sweep
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures import get_measure
-from saf_gen.methods import DEFAULT_LIVE_METHODS, DEFAULT_METHODS, parse_method
+from saf_gen.methods import DEFAULT_LIVE_METHODS, DEFAULT_METHODS, Method, parse_method
 from saf_gen.parts import Measure
 from saf_gen.records import Record
 from saf_gen.rig.thumbnails import covering
-from saf_gen.stream import SpikeStream
+from saf_gen.stream import SpikeStream, open_stream
 
 if TYPE_CHECKING:
     from saf_gen.contest.terms import Terms
@@ -51,7 +52,7 @@ def evaluate(
     stacks beside the streams, and no renderer. Without, on the recordings as they are.
 
     ``predictions``: a file of answers made elsewhere (:mod:`saf_gen.contest.predictions`), judged beside the
-    methods; of recordings only.
+    methods; of recordings only. Answers that are not of these streams are refused before anything runs.
 
     ``split`` and ``scene_motion`` (``static`` or ``dynamic``) leave out the other sequences.
 
@@ -63,7 +64,10 @@ def evaluate(
     read, an unknown split, region or method.
     """
     usual = DEFAULT_METHODS if terms is None else DEFAULT_LIVE_METHODS
-    chosen = [parse_method(spec) for spec in dict.fromkeys(usual if methods is None else methods)]
+    chosen: list[Method] = []
+    for method in map(parse_method, usual if methods is None else methods):
+        if method.name not in [other.name for other in chosen]:  # one method may be named in several ways
+            chosen.append(method)
     if terms is None:
         check_estimate(chosen)
     if region not in REGIONS:
@@ -75,7 +79,10 @@ def evaluate(
     if foreign is not None:
         if terms is not None:
             raise BadInput(f"predictions {str(predictions)!r} in the closed loop", allowed="--track recorded")
-        foreign.check([job.id for job in jobs], beside=[method.name for method in chosen])
+        if not path.is_dir():  # no manifest says what the one stream is
+            with open_stream(path) as stream:
+                jobs = [replace(jobs[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
+        foreign.check(jobs, beside=[method.name for method in chosen])
     records: list[Record] = []
     sweeps: list[Sweep] = []
     failures: list[Failure] = []

@@ -80,6 +80,8 @@ ARRAYS = {
     "track": ("/truth/track", "float32", "T"),
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
+_IN_EVERY_FRAME = ("focus_position", "track")
+"""Known in each readout or not given at all: an answer is judged by both, wherever it lies."""
 
 
 def _shaped(name: str, value: Any, shape: tuple[int, int, int]) -> np.ndarray:
@@ -95,15 +97,31 @@ def _shaped(name: str, value: Any, shape: tuple[int, int, int]) -> np.ndarray:
     return np.ascontiguousarray(given, dtype=dtype).reshape(given.shape)
 
 
+def _check_finite(name: str, array: np.ndarray) -> None:
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        raise BadInput(
+            f"{name} is not finite in {bad.size} of {len(array)} frames, the first is frame {bad[0]}",
+            allowed="a finite position in every frame",
+            hint="fill the gaps, or leave the field out",
+        )
+
+
 def datasets(
     metadata: Metadata, shape: tuple[int, int, int]
 ) -> dict[str, np.ndarray | tuple[str, ...] | str]:
-    """Every dataset but /spikes, checked, by name. Raises BadInput naming the field."""
+    """Every dataset but /spikes, checked, by name.
+
+    Raises BadInput naming the field: one of another dtype or shape, a lens or a track that is not finite.
+    """
     truth = metadata.truth
     held = {f: getattr(truth if hasattr(truth, f) else metadata, f) for f in ARRAYS}
     if all(np.isnan(np.asarray(held[f], float)).all() for f in _SCALARS):
         held |= dict.fromkeys(_SCALARS)
     out: dict[str, Any] = {ARRAYS[f][0]: _shaped(f, v, shape) for f, v in held.items() if v is not None}
+    for f in _IN_EVERY_FRAME:
+        if ARRAYS[f][0] in out:
+            _check_finite(f, out[ARRAYS[f][0]])
     lights = tuple(_checked_text("light_names", name) for name in metadata.light_names)
     if lights:
         out["/light/names"] = lights

@@ -4,9 +4,7 @@
 """
 
 import hashlib
-import inspect
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -15,9 +13,10 @@ from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 from saf_gen.parts import Measure, Search, wants_measures
 from saf_gen.searches import get_search
+from saf_gen.sources import sources_of
 from saf_gen.tuned import read_tuned
 
-__all__ = ["DEFAULT_LIVE_METHODS", "DEFAULT_METHODS", "Method", "options_of", "parse_method"]
+__all__ = ["DEFAULT_LIVE_METHODS", "DEFAULT_METHODS", "Method", "half_of", "options_of", "parse_method"]
 
 DEFAULT_METHODS = (
     *(
@@ -82,6 +81,8 @@ def parse_method(spec: str) -> Method:
     """
     if spec.startswith("@"):
         tuned, digest = read_tuned(spec[1:])
+        if tuned.method.startswith("@"):
+            raise BadInput(f"{spec[1:]} names {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file")
         return replace(parse_method(tuned.method), tuning=digest)
     text = "".join(spec.split())
     halves = text.split("+")
@@ -106,11 +107,17 @@ def parse_method(spec: str) -> Method:
     return Method(text, *parts, code=_code_digest([*parts, *others]))
 
 
-def options_of(half: str, spec: str) -> tuple[str, dict[str, Any]]:
+def half_of(half: str) -> tuple[str, str]:
+    """The name of a measure or search, and its options as text."""
     name, _, tail = half.partition(":")
     if "." in name:  # package.module:Class, or file.py:Class
         cls, _, tail = tail.partition(":")
         name = f"{name}:{cls}"
+    return name, tail
+
+
+def options_of(half: str, spec: str) -> tuple[str, dict[str, Any]]:
+    name, tail = half_of(half)
     options: dict[str, Any] = {}
     for item in tail.split(",") if tail else ():
         key, equals, value = item.partition("=")
@@ -132,26 +139,12 @@ def _value(text: str) -> Any:
 
 
 def _code_digest(parts: Sequence[Measure | Search]) -> str:
-    """Over the parts with their options, and the source of their modules and of those they share a room with.
+    """Over the parts with their options, their source, and the source of what they import of their own home.
 
-    Parts take helpers from their room and a twin wraps another measure: a change in any moves numbers.
+    Parts take helpers from beside them and a twin wraps another measure: a change in any moves numbers.
     """
-    todo = [type(part).__module__ for whole in parts for part in _nested(whole)]
-    rooms = {_room(module) for module in todo}
-    sources: dict[str, str] = {}
-    while todo:
-        name = todo.pop()
-        module = sys.modules.get(name)
-        if module is None or name in sources or _room(name) not in rooms:
-            continue
-        try:
-            sources[name] = inspect.getsource(module)
-        except OSError:  # a part defined where no source is kept
-            sources[name] = ""
-        homes = (getattr(value, "__module__", None) for value in vars(module).values())
-        todo += [home for home in homes if isinstance(home, str)]
-    written = json.dumps([[repr(part) for part in parts], sorted(sources.items())])
-    return hashlib.sha256(written.encode()).hexdigest()[:12]
+    written = [[repr(part) for part in parts], sources_of(type(part) for p in parts for part in _nested(p))]
+    return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
 
 
 def _nested(part: object) -> Iterator[object]:
@@ -160,7 +153,3 @@ def _nested(part: object) -> Iterator[object]:
         yield part
         for field in fields(part):
             yield from _nested(getattr(part, field.name))
-
-
-def _room(module: str) -> str:
-    return ".".join(module.split(".")[:2])

@@ -8,8 +8,8 @@ from itertools import product
 from typing import Any
 
 from saf_gen import schedules, seeds, written
-from saf_gen.errors import BadInput, unknown
-from saf_gen.ranges import draw
+from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.ranges import draw, ends, is_number, is_range
 from saf_gen.recipe import Recipe
 
 __all__ = ["Family", "Sequence", "make_plan", "recipe_fingerprint", "shard"]
@@ -64,7 +64,8 @@ def make_plan(recipe: Recipe, families: Mapping[str, Family] | None = None) -> l
 
     ``families``: by scene; what is not there has no parameters, does not move, and knows no lux.
 
-    Raises BadInput for a parameter that a scene does not have, and for motion where nothing moves.
+    Raises BadInput for a parameter that a scene does not have or that does not fit its card, for motion where
+    nothing moves, and where two sequences would have one name.
     """
     families = families or {}
     sequences = []
@@ -81,7 +82,22 @@ def make_plan(recipe: Recipe, families: Mapping[str, Family] | None = None) -> l
             for motion, light, repeat in product(motions, split.lights, range(split.repeats)):
                 family = families.get(scene, Family())
                 sequences.append(_sequence(recipe, split_name, scene, family, motion, light, repeat))
+    _check_ids(sequences)
     return sequences
+
+
+def _check_ids(sequences: list[Sequence]) -> None:
+    """No id twice: a manifest that lists one so cannot be read again."""
+    first: dict[str, Sequence] = {}
+    for s in sequences:
+        one = first.setdefault(s.id, s)
+        if one is not s:
+            both = (f"{s.scene}, {s.scene_motion}, under {s.light!r} in {s.split!r}" for s in (one, s))
+            raise BadInput(
+                f"two sequences would have the id {s.id!r}: {', and '.join(both)}",
+                allowed="each id once in a dataset",
+                hint=f"rename the light {one.light!r}",
+            )
 
 
 def _sequence(
@@ -115,10 +131,36 @@ def _params(recipe: Recipe, split: str, scene: str, family: Family, variant: int
     for key in chosen:
         if key not in family.params:
             raise unknown(f"parameter of scene {scene!r}:", key, family.params)
+        _check_fits(f"scene_params.{scene}.{key}", chosen[key], family.params[key])
     return {
         key: draw(value, seeds.generator(recipe.seed, split, scene, variant, "param", key))
         for key, value in {**family.params, **chosen}.items()
     }
+
+
+def _check_fits(what: str, value: Any, card: Any) -> None:
+    """Raise BadInput where a recipe's value, or one end of its range, is none that the card's could be.
+
+    A choice on the card lists all there is: anything else would be built as one of its values, or fail. A
+    number may lie outside the card's range: that is what the author draws from and has checked, no bound, and
+    what cannot be built the scene's own ``build`` refuses.
+    """
+    if is_range(card) and "choice" in card:
+        # As text, since true is no 1 to a script, and 3.0 is no count.
+        known = [json.dumps(one, ensure_ascii=False) for one in card["choice"]]
+        between = is_range(value) and "choice" not in value
+        for one in ends(value):
+            text = json.dumps(one, ensure_ascii=False)
+            if between or text not in known:
+                raise BadInput(
+                    f"{what} is {value!r}",
+                    allowed=f"{', '.join(known)}, as on the scene's card, or a choice among them",
+                    nearest=closest(text, known).strip('"'),
+                )
+    elif is_range(card) or is_number(card):
+        for one in ends(value):
+            if not is_number(one):
+                raise BadInput(f"{what} is {one!r}", allowed="a number, as on the scene's card, or a range")
 
 
 def recipe_fingerprint(recipe: Recipe) -> str:

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from saf_gen import schedules, written
 from saf_gen.documents import Document, Frozen, read_as
 from saf_gen.errors import BadInput, unknown
-from saf_gen.ranges import ends
+from saf_gen.ranges import check, ends
 
 __all__ = ["Camera", "Exposure", "Focus", "Noise", "Recipe", "Render", "Split", "read_recipe"]
 
@@ -112,12 +112,17 @@ class Split(Frozen):
     variants: int = Field(default=1, ge=1, le=10_000)
     scene_motion: tuple[Literal["static", "dynamic"], ...] = Field(default=("static",), min_length=1)
 
+    @field_validator("scenes", "lights", "scene_motion")
+    @classmethod
+    def _each_once(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(value)) != len(value):
+            raise ValueError("each of them once; repeats makes more sequences of each")
+        return value
+
     @model_validator(mode="after")
     def _variants_are_used(self) -> "Split":
         if self.variants > self.repeats:
             raise ValueError(f"at most as many variants as repeats, which are {self.repeats}")
-        if len(set(self.scene_motion)) != len(self.scene_motion):
-            raise ValueError("static and dynamic once each")
         return self
 
 
@@ -173,7 +178,8 @@ def read_recipe(path: str | Path) -> Recipe:
         if scene not in owners:
             raise unknown("scene of scene_params", scene, owners, where=where)
         for key, value in params.items():
-            ends(value, where=document.where("scene_params", scene, key))
+            where = document.where("scene_params", scene, key)
+            check(value, what=f"scene_params.{scene}.{key}", where=where)
     return recipe
 
 

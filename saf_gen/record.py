@@ -109,7 +109,7 @@ def group_gains(
 ) -> np.ndarray:
     """Mean gain of each readout for each light group, float32 (frame, light); a group not named stays at 1.
 
-    Raises BadInput for a group that the scene does not have.
+    Raises BadInput for a group that the scene does not have, and for a gain that float32 cannot hold.
     """
     for name in schedule:
         if name and name not in groups:
@@ -119,5 +119,11 @@ def group_gains(
         part = schedule.get("", schedule.get(group))
         if part is not None:
             light = get_light(part["kind"], **{k: v for k, v in part.items() if k != "kind"})
-            gains[:, g] = readout_gains(light, frames, readout_hz)
+            with np.errstate(over="ignore", invalid="ignore"):  # told below, in one line
+                gains[:, g] = readout_gains(light, frames, readout_hz)
+            if not np.isfinite(gains[:, g]).all():
+                raise BadInput(
+                    f"the gain of {light!r} is too large to be recorded",
+                    allowed=f"gains up to {np.finfo(np.float32).max:.2g}",
+                )
     return gains

@@ -1,20 +1,24 @@
 """What one method did on one sequence, as a line of ``records.jsonl``: written, and read back strictly.
 
-A line tells its format by number, so that a table is never made of lines whose meaning has changed.
+A line tells its format by number, so that a table is never made of lines whose meaning has changed. What
+cannot be true of a method is refused, too: tables divide by it and believe it.
 """
 
 import json
 import math
+import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
+from sys import float_info
 from types import UnionType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from saf_gen.errors import BadInput, closest
+from saf_gen.record_rules import RANGES, contradiction
 
 __all__ = [
     "FILE",
@@ -103,12 +107,13 @@ def records_to_text(records: Iterable[Record]) -> str:
 def record_from_json(line: Any, *, where: str = "") -> Record:
     """What record_to_json wrote; a null in a trace is NaN.
 
-    Raises BadInput for anything but a record of this format with every key of the right type.
+    Raises BadInput for anything but a record of this format with every key of the right type, a number out of
+    its range, and a record that contradicts itself.
     """
     if not isinstance(line, dict) or line.get("format") != FORMAT:
         held = line.get("format", "no format") if isinstance(line, dict) else line
         raise BadInput(
-            f"is no record of this version: {held!r:.40}",
+            f"is no record of this version: {reprlib.repr(held)}",
             where=where,
             allowed=f'"format": "{FORMAT}"',
             hint="run saf-gen evaluate again",
@@ -125,9 +130,21 @@ def record_from_json(line: Any, *, where: str = "") -> Record:
         if get_origin(kind) is tuple and isinstance(value, list):
             value = tuple(math.nan if v is None else float(v) if _is(v, float) else v for v in value)
         if not _is(value, kind):
-            raise BadInput(f"{key} is {value!r:.40}", where=where, allowed=_in_words(kind))
+            raise BadInput(f"{key} is {reprlib.repr(value)}", where=where, allowed=_in_words(kind))
+        low, high = RANGES.get(key, (-math.inf, math.inf))
+        if type(value) in (int, float) and not low <= value <= high:
+            allowed = f"{low:g} or more" if value < low else f"{high:g} or less"
+            raise BadInput(f"{key} is {reprlib.repr(value)}", where=where, allowed=allowed)
         held[key] = value
-    return Record(**held)
+    record = Record(**held)
+    if wrong := contradiction(record):
+        raise BadInput(
+            f"contradicts itself: {wrong[0]}",
+            where=where,
+            allowed=wrong[1],
+            hint="run saf-gen evaluate again",
+        )
+    return record
 
 
 def read_records(source: str | Path) -> list[Record]:
@@ -145,15 +162,15 @@ def read_records(source: str | Path) -> list[Record]:
             hint="make it with saf-gen evaluate",
         )
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_bytes().decode("utf-8").split("\n")  # a note may hold what splitlines would cut at
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot be read: {error}", where=str(path)) from error
     records = []
-    for number, text in enumerate(lines, start=1):
+    for number, text in enumerate(lines if lines[-1] else lines[:-1], start=1):
         where = f"{path}:{number}"
         try:
             line = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:  # the latter of lists in lists in lists
             raise BadInput(
                 f"is no JSON: {text!r:.40}", where=where, hint="run saf-gen evaluate again"
             ) from error
@@ -177,7 +194,7 @@ def _is(value: Any, kind: Any) -> bool:
     if get_origin(kind) is tuple:
         return isinstance(value, tuple) and all(isinstance(v, float) for v in value)
     if kind is float:
-        return type(value) in (int, float) and math.isfinite(value)
+        return type(value) in (int, float) and -float_info.max <= value <= float_info.max
     return type(value) is kind
 
 

@@ -66,9 +66,10 @@ def part_class(room: str, name: str) -> type:
         offered = _offered(room)[name]
         try:
             part = offered.load()
-        except (ImportError, AttributeError) as error:
+        except Exception as error:  # anybody's package may raise anything as it is imported
             raise BadInput(
-                f"{ROOMS[room]} {name!r} of the entry point {offered.value!r} cannot be loaded: {error}",
+                f"{ROOMS[room]} {name!r} of the entry point {offered.value!r} cannot be loaded: "
+                f"{type(error).__name__}: {error}",
                 hint="mend or remove the package that offers it",
             ) from error
         if not (isinstance(part, type) and is_dataclass(part)):
@@ -130,5 +131,13 @@ def build(room: str, name: str, /, **options: Any) -> Any:
             raise unknown(f"key of {ROOMS[room]} {name!r}:", key, known)
     try:
         return cls(**{known[k]: v for k, v in options.items()})
+    except BadInput:
+        raise
     except TypeError as error:  # a missing key, or a value of the wrong type
         raise BadInput(f"{ROOMS[room]} {name!r}: {error}", allowed=", ".join(known) or "no keys") from error
+    except Exception as error:  # anybody's part may refuse a value as it likes
+        given = ", ".join(f"{key}={value!r}" for key, value in options.items()) or "no options"
+        raise BadInput(
+            f"{ROOMS[room]} {name!r} with {given}: {type(error).__name__}: {error}",
+            hint="give values that it takes, or mend it",
+        ) from error

@@ -3,7 +3,6 @@
 This module reads and checks the card and knows where scenes live; only :mod:`saf_gen.render` builds one.
 """
 
-import hashlib
 import json
 import math
 import os
@@ -20,9 +19,11 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.keyframes import RigidMotion
 from saf_gen.optics import Drive
 from saf_gen.optics.card import LensCard
-from saf_gen.ranges import draw, ends
+from saf_gen.ranges import check, draw
+from saf_gen.scene_digest import folder_digest
+from saf_gen.schedules import RESERVED_GROUPS, check_groups
 
-__all__ = ["Card", "Scene", "find_scene", "scene_at", "scene_names", "scene_roots"]
+__all__ = ["RESERVED_GROUPS", "Card", "Scene", "find_scene", "scene_at", "scene_names", "scene_roots"]
 
 CARD, SCRIPT = "scene.yaml", "scene.py"
 NO_PICTURE = frozenset(
@@ -190,12 +191,9 @@ def _read(folder: Path) -> Scene:
         )
     if len(geometry) > 1:
         raise BadInput(f"{folder} has scene.py and scene.xml", hint="keep one of the two")
-    groups = [e for emitters in card.lights.values() for e in emitters]
-    for emitter in groups:
-        if groups.count(emitter) > 1:
-            raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.where("lights"))
+    check_groups(card.lights, document)
     for key, value in card.params.items():
-        ends(value, where=document.where("params", key))
+        check(value, what=f"params.{key}", where=document.where("params", key))
     scene = Scene(folder, card, _digest(folder, card), {}).drawn("scene", card.id)
     try:
         scene.drive()
@@ -205,20 +203,12 @@ def _read(folder: Path) -> Scene:
 
 
 def _digest(folder: Path, card: Card) -> str:
-    """SHA-256 over names and bytes of the folder's files, prose and pictures of the result aside.
+    """SHA-256 over the files of the folder that change a picture; linked folders count with what they hold.
 
     Of the card only what it says counts, and of that nothing that changes no picture: a title mended or a lux
     measured anew renders nothing again. Parameters and moments are named by each stack itself.
     """
-    sha = hashlib.sha256()
-    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
-        name = path.relative_to(folder).as_posix()
-        if "__pycache__" in name or path.suffix == ".md" or name.startswith("preview"):
-            continue
-        if name == CARD:
-            said = card.model_dump(mode="json", exclude_unset=True, exclude=set(NO_PICTURE))
-            content = json.dumps(said, sort_keys=True).encode()
-        else:
-            content = path.read_bytes()
-        sha.update(f"{name}\0{len(content)}\0".encode() + content)
-    return sha.hexdigest()
+    said = card.model_dump(mode="json", exclude_unset=True, exclude=set(NO_PICTURE))
+    # Only a script can read out of the folder: what an XML scene names must lie within.
+    leave = (folder / SCRIPT).is_file()
+    return folder_digest(folder, contents={CARD: json.dumps(said, sort_keys=True).encode()}, leave=leave)

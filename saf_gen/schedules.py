@@ -8,7 +8,8 @@ With ``unit: lux`` every gain of the schedule, offset included, is an illuminanc
 divided by ``lux_at_gain_1``, the illuminance as the scene has it, which stands on the scene's card.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -19,13 +20,16 @@ from saf_gen import registry, written
 from saf_gen.documents import Document
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
-from saf_gen.ranges import is_range
+from saf_gen.ranges import KINDS, is_range
 from saf_gen.written import Part
 
-__all__ = ["build", "by_group", "read", "resolved"]
+__all__ = ["RESERVED_GROUPS", "build", "by_group", "check_groups", "read", "resolved"]
 
 COMMON = ("offset", "unit", "lux_at_gain_1")
 UNITS = ("ratio", "lux")
+GROUP = re.compile(r"[a-z0-9][a-z0-9_-]*")
+RESERVED_GROUPS = frozenset({"geometry", "kind", *KINDS})
+"""What no light group may be called: a stack's other piece, and the words that begin a schedule."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,39 @@ def build(
     if not (isinstance(one, int | float) and 0 < one < inf):
         raise BadInput(f"lux_at_gain_1 is {one!r}", allowed="lux, above 0")
     return light if offset == 0 and one == 1 else _Combined(light, offset, one)
+
+
+def check_groups(lights: Mapping[str, Sequence[str]], document: Document) -> None:
+    """Check the light groups of a scene's card: each with its emitters.
+
+    Raises BadInput for a name that cannot be a file of a stack, or that a schedule could not say, for a group
+    without emitters, and for an emitter in two groups.
+    """
+    for group, emitters in lights.items():
+        where = document.where("lights", group)
+        if not GROUP.fullmatch(group):
+            raise BadInput(
+                f"a light group is called {group!r}",
+                where=where,
+                allowed="lower-case letters, digits, - and _, a letter or digit first",
+            )
+        if group in RESERVED_GROUPS:
+            raise BadInput(
+                f"a light group is called {group!r}, which means something else in schedules and stacks",
+                where=where,
+                allowed=f"any name but {', '.join(sorted(RESERVED_GROUPS))}",
+            )
+        if not emitters:
+            raise BadInput(
+                f"light group {group!r} is empty",
+                where=where,
+                allowed="the names of at least one emitter",
+                hint="remove the group, or name the emitters that belong to it",
+            )
+    listed = [e for emitters in lights.values() for e in emitters]
+    for emitter in listed:
+        if listed.count(emitter) > 1:
+            raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.where("lights"))
 
 
 def by_group(schedule: dict[str, Any], where: str = "") -> dict[str, Part]:

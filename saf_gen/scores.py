@@ -102,7 +102,7 @@ def light_ratio(gain: np.ndarray | None) -> float | None:
     ``gain`` is (T, G), for each readout and light; of several lights it is the largest of their ratios. A
     light that goes out has 1/DARK. None where the gains are unknown or no light is ever on.
     """
-    if gain is None or gain.size == 0:
+    if gain is None or gain.size == 0 or not np.isfinite(gain).all():
         return None
     brightest = np.max(gain, axis=0).astype(np.float64)
     on = brightest > 0
@@ -134,14 +134,21 @@ def judge(
         looked for in ``focus_position``.
 
     An error in frames is to the pass nearest to the answer. An abstention succeeds only where no answer could
-    have: no position of the recording lies within the limit.
+    have: no position of the recording lies within the limit. So a larger limit makes more answers right and
+    fewer abstentions, and a share within a small limit can exceed that within a larger one.
+
+    A lens or a track that is not finite in every frame is as good as not recorded: what it decides is None
+    for an answer and an abstention alike, wherever the answer lies. So all methods are judged on the same
+    recordings, and none gains by answering where nobody knows.
 
     The blur grows linearly with the distance from the truth and is one pixel at each end of the depth of
     focus, so it is ``|position - truth|`` over half the depth of focus, in pixels: exact for the
     ``image_distance`` and ``focal_length`` drives and a flat target (c = 2R·|1 - v/v_o| and
     c = 2R·v·|1/u_o - 1/u|, both linear in the drive's coordinate), and to first order for the stage.
     """
-    if focus_position is None or len(focus_position) == 0:
+    if track is not None and not (math.isfinite(truth) and np.isfinite(track).all()):
+        truth, truth_frame, track = math.nan, math.nan, None
+    if focus_position is None or len(focus_position) == 0 or not np.isfinite(focus_position).all():
         return Judgement(truth=_known(truth), truth_frame=_known(truth_frame))
     lens = np.asarray(focus_position, dtype=np.float64)
     away = lens - (truth if track is None else track)

@@ -3,12 +3,16 @@
 import json
 import re
 import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saf_gen.errors import BadInput
+from saf_gen.files import unwritable
 from saf_gen.scene import scene_at, scene_names
-from saf_gen.scene_xml import read_scene_xml
+from saf_gen.scene_xml import SceneXml, read_scene_xml
 
 if TYPE_CHECKING:
     from saf_gen.render.camera_of import Camera
@@ -18,6 +22,8 @@ __all__ = ["KINDS", "new_scene", "take_over"]
 KINDS = ("script", "xml")
 _TEMPLATES = Path(__file__).parent / "skeletons"
 NAME = re.compile(r"[a-z0-9][a-z0-9_]*")
+OWN = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")
+NOT_TEXT = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  what YAML takes for something else
 
 
 def new_scene(name: str, root: Path, *, kind: str = "script") -> list[Path]:
@@ -25,47 +31,87 @@ def new_scene(name: str, root: Path, *, kind: str = "script") -> list[Path]:
 
     Raises BadInput for a name that no scene can have, and for one that is taken.
     """
-    folder = _free(name, root)
     template = _TEMPLATES / kind
     written = []
-    for source in sorted(p for p in template.rglob("*") if p.is_file()):
-        target = folder / source.relative_to(template).as_posix().removesuffix(".in")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if source.suffix in (".png", ".obj"):
-            shutil.copyfile(source, target)
-        else:
-            text = source.read_text(encoding="utf-8")
-            target.write_text(re.sub(r"\bNAME\b", name, text), encoding="utf-8")
-        written.append(target)
+    with _begun(name, root) as folder:
+        for source in sorted(p for p in template.rglob("*") if p.is_file()):
+            file = source.relative_to(template).as_posix().removesuffix(".in")
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            if source.suffix in (".png", ".obj"):
+                shutil.copyfile(source, folder / file)
+            else:
+                text = source.read_text(encoding="utf-8")
+                (folder / file).write_text(re.sub(r"\bNAME\b", name, text), encoding="utf-8")
+            written.append(root / name / file)
     return written
 
 
 def take_over(exported: Path, name: str, root: Path) -> list[Path]:
     """Copy an exported scene and the files it names to ``root/name``, and write its card. Gives its files.
 
-    The card's camera is the first that the file has; its lens sees the same field; its target is the shape
-    in the middle of the picture; every lamp is a light group of its own.
+    Files keep the names that the scene calls them by; links are followed. The card's camera is the first that
+    the file has; its lens sees the same field; its target is the shape in the middle of the picture; every
+    lamp is a light group of its own.
 
-    Raises BadInput as reading the scene does, where it has no camera, lamp, or nothing in the middle.
+    Raises BadInput as reading the scene does, where it has no camera, lamp, or nothing in the middle, and
+    where no card can have its camera. Nothing is left then.
     """
     read = read_scene_xml(exported, {})
-    folder = _free(name, root)
-    from saf_gen.render.camera_of import camera_of  # loads Mitsuba
+    with _begun(name, root) as folder:
+        from saf_gen.render.camera_of import camera_of  # loads Mitsuba
 
-    seen = camera_of(read, exported)
-    base = exported.parent.resolve()
-    written = []
-    for source in (exported.resolve(), *read.files):
-        target = folder / ("scene.xml" if source == exported.resolve() else source.relative_to(base))
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(source, target)
-        written.append(target)
-    texts = {"scene.yaml": _card(name, seen), "SOURCE.md": (_TEMPLATES / "xml" / "SOURCE.md").read_text()}
-    for file, text in texts.items():
-        (folder / file).write_text(re.sub(r"\bNAME\b", name, text), encoding="utf-8")
-        written.append(folder / file)
-    scene_at(folder)  # what was written is a scene
-    return written
+        texts = {
+            "scene.yaml": _card(name, camera_of(read, exported)),
+            "SOURCE.md": (_TEMPLATES / "xml" / "SOURCE.md").read_text(encoding="utf-8"),
+        }
+        sources = _sources(read, exported)
+        for file, source in sources.items():
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, folder / file)
+        for file, text in texts.items():
+            (folder / file).write_text(re.sub(r"\bNAME\b", name, text), encoding="utf-8")
+        try:
+            scene_at(folder)  # what was written is a scene
+        except BadInput as refused:
+            raise BadInput(
+                f"no card can have this camera: {refused.problem}",
+                where=str(exported),
+                allowed=refused.allowed,
+                hint="change the camera and export again, or write the card by hand",
+            ) from refused
+    return [root / name / file for file in (*sources, *texts)]
+
+
+def _sources(read: SceneXml, exported: Path) -> dict[str, Path]:
+    """Where each file of the copy comes from."""
+    sources = {"scene.xml": exported}
+    for file, source in read.files:
+        if file in OWN or sources.setdefault(file, source) != source:
+            raise BadInput(
+                f"the scene names a file {file!r}, and the copy has another of that name",
+                where=str(exported),
+                hint="rename it, there and in the scene",
+            )
+    return sources
+
+
+@contextmanager
+def _begun(name: str, root: Path) -> Iterator[Path]:
+    """A hidden folder ``name`` to fill, which becomes ``root/name`` when all is done; on an error it goes."""
+    folder, made = _free(name, root), not root.exists()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{name}.", suffix=".part", dir=root) as hidden:
+            part = Path(hidden) / name
+            part.mkdir()
+            yield part
+            part.rename(folder)
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    finally:
+        if made:
+            with suppress(OSError):  # there is something in it
+                root.rmdir()
 
 
 def _free(name: str, root: Path) -> Path:
@@ -91,7 +137,8 @@ def _card(name: str, seen: "Camera") -> str:
         return "[" + ", ".join(f"{round(x, 9) + 0.0:.6g}" for x in metres) + "]"
 
     def quoted(name: str) -> str:
-        return name if re.fullmatch(r"[A-Za-z][\w.-]*", name) else json.dumps(name, ensure_ascii=False)
+        plain = re.fullmatch(r"[A-Za-z][\w.-]*", name) and name.lower() not in NOT_TEXT
+        return name if plain else json.dumps(name, ensure_ascii=False)
 
     far, near = 1.5 * seen.distance_m, 0.75 * seen.distance_m
     lights = "".join(f"  {group}: [{quoted(emitter)}]\n" for group, emitter in seen.lights.items())

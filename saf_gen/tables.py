@@ -24,7 +24,10 @@ def text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
     larger than 4 MiB, or no UTF-8 text. ``where`` is the place that names the file.
     """
     root = Path(folder).resolve()
-    path = (root / name).resolve()
+    try:
+        path = (root / name).resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # a link in a circle; a name with a zero byte
+        raise BadInput(f"{name!r} cannot be followed: {error}", where=where) from error
     if not path.is_relative_to(root):
         raise BadInput(
             f"{name!r} lies outside the folder of the file that names it",

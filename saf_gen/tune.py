@@ -15,7 +15,7 @@ from saf_gen.dataset import read_manifest
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.evaluate import evaluate
 from saf_gen.leaderboard import Row, table
-from saf_gen.methods import parse_method
+from saf_gen.methods import half_of, parse_method
 from saf_gen.tuned import Trial, Tuned
 
 if TYPE_CHECKING:
@@ -31,11 +31,12 @@ Values = Mapping[str, Sequence[str]]
 def variants(method: str, values: Values) -> list[str]:
     """The method with every combination of these values, in order. Keys: ``measure.KEY`` and ``search.KEY``.
 
+    A value stands in place of the one that the method names, as of ``@FILE``, whose constants are taken up.
     Raises BadInput for another key, for no value, for more than MOST combinations, and for a value or key
     that a part refuses.
     """
-    parse_method(method)  # says what is wrong with it before anything else
-    halves = dict(zip(("measure", "search"), "".join(method.split()).split("+"), strict=True))
+    name = parse_method(method).name  # says what is wrong with it before anything else
+    halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
     for key, given in values.items():
         half, dot, option = key.partition(".")
         if half not in halves or not dot or not option:
@@ -51,11 +52,17 @@ def variants(method: str, values: Values) -> list[str]:
         spec = dict(halves)
         for key, value in zip(values, chosen, strict=True):
             half, _, option = key.partition(".")
-            place = spec[half].removeprefix(halves[half].split(":")[0])
-            spec[half] += ("," if ":" in place else ":") + f"{option}={value}"
+            spec[half] = _with(spec[half], option, value)
         out.append("+".join(spec.values()))
         parse_method(out[-1])
     return out
+
+
+def _with(half: str, option: str, value: str) -> str:
+    """A measure or search with this value of an option, in the place of the one that it has."""
+    name, tail = half_of(half)
+    options = {item.partition("=")[0]: item for item in tail.split(",") if item}
+    return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
 
 
 def tune(

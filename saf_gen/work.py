@@ -112,10 +112,14 @@ def prepare(recipe_path: str | Path, *, part: tuple[int, int] = (1, 1), split: s
         sequences = _plan(recipe, scenes)
     except BadInput as error:
         raise BadInput(str(error), where=str(recipe_path)) from error
+    schedules: dict[str, Sequence] = {}  # drawn once for many: constant light is the same everywhere
     for sequence in sequences:
-        # Cheap, and it finds a group or a negative gain now rather than after the rendering.
+        schedules.setdefault(json.dumps([sequence.schedule, sequence.scene], sort_keys=True), sequence)
+    for sequence in schedules.values():
+        # A millisecond, and it finds a group or a gain that does not fit now rather than after the rendering.
+        groups = tuple(scenes[sequence.scene].card.lights)
         try:
-            group_gains(sequence.schedule, tuple(scenes[sequence.scene].card.lights), 16, sensor.readout_hz)
+            group_gains(sequence.schedule, groups, recipe.camera.frames, sensor.readout_hz)
         except BadInput as error:
             raise BadInput(
                 f"light {sequence.light!r} on {sequence.scene}: {error}", where=str(recipe_path)

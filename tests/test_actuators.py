@@ -80,6 +80,23 @@ def test_settling_times_are_what_the_files_say():
     assert 0.7 < settling_s("hand") < 1.1
 
 
+@pytest.mark.parametrize(("name", "times", "reaches"), [
+    ("stepper", 1, 0.909), ("stepper", 2, 0.972), ("hand", 1, 0.703), ("hand", 2, 0.870),
+])  # fmt: skip
+def test_a_lens_trails_a_steady_sweep_by_the_closed_form(name, times, reaches):
+    """By the latency, the motor's way to brake, v²/2a, the oscillator's 2ζ/ω, and half the play."""
+    drive = get_actuator(name, place_rms=0)
+    frames = round(times * (drive.latency_s + drive.move_s(1)) * HZ)
+    moved = lens(name, start=0.0, place_rms=0)
+    for frame in range(0, frames, 8):
+        moved.command(min((frame + 1) / frames, 1.0))
+        at = moved.run(8)[-1]
+    speed = HZ / frames
+    seconds = drive.latency_s + speed / (2 * drive.acceleration) + drive.damping / (pi * drive.resonance_hz)
+    assert at == pytest.approx(1 - speed * seconds - drive.backlash / 2, abs=1e-3)
+    assert at == pytest.approx(reaches, abs=1e-3)
+
+
 @pytest.mark.parametrize("damping", [0.1, 0.7, 1.9])
 def test_what_a_sensor_at_the_motor_does_not_see_falls_to_1_e_in_its_time(damping):
     """The largest way off in each of two stretches, six lags apart, once the quicker root has died out."""
@@ -174,6 +191,31 @@ def test_ones_own_file_is_read(own):
     assert get_actuator(str(own("damping: 0.10 ", "damping: 0.3 "))).damping == 0.3
     assert is_actuator_file("mine.yaml")
     assert not is_actuator_file("voice_coil")
+
+
+@pytest.mark.parametrize("name", actuator_names())
+def test_a_preset_is_labelled_by_its_name(name, tmp_path):
+    assert get_actuator(name).label == name
+    copy = tmp_path / "copy.yaml"
+    copy.write_text((VOICE_COIL.parent / f"{name}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    assert get_actuator(copy).label == name
+
+
+def test_another_drive_is_labelled_by_a_digest_of_its_numbers(own):
+    """Of each of them and of no source; 1 and 1.0 are one number."""
+    coil = get_actuator("voice_coil")
+    critical = get_actuator(own("damping: 0.10 ", "damping: 1 "))
+    assert critical.name == "voice_coil"
+    assert re.fullmatch(r"voice_coil \(own, [0-9a-f]{12}\)", critical.label)
+    assert critical.label == get_actuator("voice_coil", damping=1.0).label
+    assert replace(coil, sources=("a book",), backlash=0.010).label == "voice_coil"
+    assert replace(coil, place_rms=-0.0).label == "voice_coil"
+    assert re.fullmatch(r"mine \(own, [0-9a-f]{12}\)", replace(coil, name="mine").label)
+    numbers = [f.name for f in fields(coil) if isinstance(getattr(coil, f.name), int | float)]
+    others = [replace(coil, **{key: getattr(coil, key) + 1e-3}) for key in numbers]
+    labels = {one.label for one in (coil, replace(coil, reads="lens"), *others)}
+    assert len(labels) == len(numbers) + 2
+    assert len(numbers) == 9
 
 
 @pytest.mark.parametrize("place", [-0.01, 1.01, float("nan"), True, "0.5", None])

@@ -12,16 +12,16 @@ from saf_gen import registry
 PACKAGE = Path(__file__).resolve().parent.parent / "saf_gen"
 
 FLOORS = (
-    ("ground", "errors files host signals seeds registry parts region tables passes"),
+    ("ground", "errors files host signals seeds registry sources parts region tables passes"),
     ("intent", "documents ranges written schedules recipe plan"),
-    ("world", "optics keyframes scene scene_xml lights motions render exr focal_stack reel"),
+    ("world", "optics keyframes scene scene_digest scene_xml lights motions render exr focal_stack reel"),
     ("camera", "camera actuators"),
     ("contract", "bits slabs metadata stream dataset"),
     ("film", "exposed truth take"),
     (
         "work",
         "cluster record jobs card preview checks skeleton gallery work generate "
-        "methods tuned rig scores records statistics curve_quality contest conformance "
+        "methods tuned rig scores records record_rules statistics curve_quality contest conformance "
         "evaluate measures searches",
     ),
     ("publication", "leaderboard tune figures report interop inspection machine bench gym cli __main__"),
@@ -34,6 +34,7 @@ EVALUATE = {
     "rig",
     "scores",
     "records",
+    "record_rules",
     "statistics",
     "curve_quality",
     "contest",

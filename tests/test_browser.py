@@ -8,6 +8,7 @@ from browser import CHROMIUM, MISSING, chromium, told
 from pages import evaluation, recorded
 
 from saf_gen.leaderboard import AXES, columns, table
+from saf_gen.leaderboard.columns import percent
 from saf_gen.report import write_report
 from saf_gen.report.recount import RULES
 
@@ -377,3 +378,9 @@ def test_long_and_hostile_names_neither_run_nor_widen_the_page(tmp_path):
     assert answer["wide"] <= 390
     assert not answer["ran"]
     assert answer["title"] == f"{nasty}: leaderboard"
+
+
+def test_shares_are_printed_as_python_prints_them(ask):
+    shares = [n / 8 for n in range(9)] + [n / 200 for n in range(201)] + [1 / 3, 2 / 3, 0.125 - 1e-16]
+    answer = ask(f"return {shares}.map((share) => window.inWords({{ digits: -1, rule: 'mean' }}, share));")
+    assert answer == [percent(share) for share in shares]

@@ -416,6 +416,91 @@ def test_a_motion_without_slices_and_slices_without_motion_are_told(skeleton, se
     assert "nothing moves: remove it, or add motion" in only(find_scene("mine"), sensor, "motion")[1]
 
 
+LAMPS = {
+    "spot": "'to_world': t.look_at(origin=[0.1, 0, -0.5], target=[0, 0, 0], up=[0, 1, 0])",
+    "point": "'position': [0.1, 0, -0.5]",
+    "directional": "'to_world': t.look_at(origin=[0.1, 0, -0.5], target=[0, 0, 0], up=[0, 1, 0])",
+}
+GLIDES = "motion: {%s: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.01, 0, 0]}]}}\n"
+
+
+@pytest.fixture
+def lit_by(tmp_path, monkeypatch):
+    """A chequered plane under one lamp; gives a function that makes it, with more of its card."""
+
+    def scene(lamp, more):
+        chequers = "{'type': 'checkerboard', 'to_uv': t.scale(60)}"
+        shapes = (
+            "{'plane': {'type': 'rectangle', 'to_world': t.rotate([0, 1, 0], 180).scale(0.1),"
+            f" 'bsdf': {{'type': 'diffuse', 'reflectance': {chequers}}}}}, 'lamp': {{{lamp}}}}}"
+        )
+        lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
+        made = made_scene(
+            tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="lamp", target="plane"
+        )
+        with (made.folder / "scene.yaml").open("a") as card:
+            card.write(more)
+        return find_scene("made")
+
+    return scene
+
+
+@pytest.mark.parametrize("kind", LAMPS)
+def test_a_lamp_without_a_body_may_move(lit_by, sensor, kind):
+    lamp = f"'type': '{kind}', {LAMPS[kind]}"
+    scene = lit_by(lamp, GLIDES % "lamp" + "slices_per_s: 40\n")
+    assert found(scene, sensor, "motion")[1] == (
+        "ok",
+        "no shape goes anywhere, what moves is 'lamp'; slices_per_s: 40",
+    )
+
+
+def test_a_lamp_that_moves_is_told_where_recordings_stand_still(lit_by, sensor):
+    scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", GLIDES % "lamp")
+    assert only(scene, sensor, "motion")[1] == (
+        "no shape goes anywhere, what moves is 'lamp', but recordings of it stand still: write slices_per_s, "
+        "with which the check measures how well slices go over"
+    )
+
+
+def test_the_fastest_of_a_lamp_and_a_shape_is_the_shape(lit_by, sensor):
+    both = "motion: {lamp: {keyframes: %s}, plane: {keyframes: %s}}\n"
+    moves = "[{time_s: 0}, {time_s: 1, translate_m: [%s, 0, 0]}]"
+    scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", both % (moves % 3, moves % 0.01))
+    trial = Trial(scene, sensor, VARIANT)
+    assert fastest(trial, [0.5]) == ("plane", pytest.approx(0.01 / trial.footprint_m, rel=1e-3))
+
+
+def test_a_scene_in_the_dark_goes_through_all_checks(lit_by, sensor):
+    """It moves, and its one lamp faces away."""
+    lamp = (
+        "'type': 'rectangle', 'to_world': t.translate([0, 0, -0.6]).rotate([0, 1, 0], 180).scale(0.05),"
+        " 'emitter': {'type': 'area', 'radiance': 5.0}"
+    )
+    scene = lit_by(lamp, GLIDES % "plane" + "slices_per_s: 100\n")
+    errors = {f.check: f.text for f in check_scene(scene, sensor, variant=VARIANT) if f.level == "error"}
+    assert errors == {
+        "exposure": "light group 'lamp' does not reach the target: move its lamps, or remove it",
+        "detail": "the target shows next to nothing (contrast 0): give it details of 0.38 to 1.9 mm; "
+        "a pixel sees 0.38 mm",
+        "curve": "the target's box has no sharpness: nothing in it is bright, or all is alike",
+        "slices": "no light comes from the target's box at 0 s, and slices have nothing to be compared with: "
+        "turn a lamp to it, or give the scene light from all sides",
+    }
+
+
+def test_a_scene_that_is_dark_for_a_while_is_measured_where_it_is_not(lit_by, sensor):
+    """A spot that turns away."""
+    turns = (
+        "motion: {lamp: {keyframes: [{time_s: 0}, {time_s: 1, rotate_deg: 90}], axis: [0, 1, 0],"
+        " centre_m: [0.1, 0, -0.5]}}\nslices_per_s: 100\nstill_s: 0\n"
+    )
+    told = found(lit_by(f"'type': 'spot', {LAMPS['spot']}", turns), sensor, "slices")
+    assert [level for level, _ in told] == ["warning", "warning"]
+    assert "no light comes from the target's box at 1 s" in told[0][1]
+    assert "(rms, at 0 s): write interpolation_error" in told[1][1]
+
+
 # --- the command --------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import h5py
 import numpy as np
 import pytest
 from sweeps import SHAPE, spikes, truth_at, write_sweep
@@ -175,3 +176,78 @@ def test_what_holds_no_records_is_one_line(call, runs, tmp_path):
     whole = (runs[0] / "records.jsonl").read_text()
     (runs[0] / "records.jsonl").write_text(whole[:-20])
     assert "records.jsonl:4: is no JSON" in refused(call, *runs)
+
+
+def test_an_evaluation_replaces_the_earlier_one_as_a_whole_and_says_so(call, dataset, tmp_path):
+    out = tmp_path / "out"
+    code, printed, _ = call("evaluate", dataset, "--out", out, "--method", "sd+argmax", "--method", "sd+egs")
+    assert code == 0
+    assert "replaced" not in printed
+    assert (out / "curves.csv").is_file()
+    (out / "notes.txt").write_text("mine")
+    code, printed, err = call("evaluate", dataset, "--out", out, "--method", "sd+egs")
+    assert (code, err) == (0, "")
+    assert printed.splitlines()[-1] == "replaced the earlier evaluation of 2 methods"
+    assert {r.method for r in read_records(out)} == {"sd+egs"}
+    names = {p.name for p in out.iterdir()}
+    assert names == {
+        *FILES,
+        "records.jsonl",
+        "figures",
+        "notes.txt",
+    }  # no curves of argmax, nothing half done
+    assert not list(out.glob("figures/curves-*"))
+
+
+def test_merging_replaces_what_was_merged_before(call, evaluated, runs, tmp_path):
+    out = tmp_path / "both"
+    assert "replaced" not in call("leaderboard", *runs, "--out", out)[1]
+    code, printed, _ = call("leaderboard", runs[0], "--out", out)
+    assert code == 0
+    assert printed.splitlines()[-1] == "replaced the earlier evaluation of 3 methods"
+    assert len({r.method for r in read_records(out)}) == 2
+
+
+@pytest.mark.parametrize("name", ["focus/position", "truth/track"])
+def test_a_stream_made_elsewhere_with_gaps_is_evaluated_with_what_is_known(call, tmp_path, name):
+    path = tmp_path / "gaps.h5"
+    track = np.full(SHAPE[0], 300 / 799, np.float32)
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    write_stream(path, spikes(300.0), focus_position=lens, truth=truth_at(300.0, track=track))
+    with h5py.File(path, "r+") as file:
+        file[name][600:603] = np.nan
+    code, _, err = call("evaluate", path, "--method", "sd+argmax", "--method", "er_count+sgfs_causal")
+    assert (code, err) == (0, "")
+    document = json.loads((tmp_path / "gaps-evaluation/leaderboard.json").read_text())
+    for row in document["rows"]:
+        assert (row["rank"], row["success_1dof"], row["median_error_dof"]) == (None, None, None)
+        assert (row["lens_travel"] is None) == (name == "focus/position")
+    for held in read_records(tmp_path / "gaps-evaluation"):
+        assert (held.error, held.success_1dof) == (None, None)
+
+
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
+
+
+AGAIN = "nothing was written: the same command starts from the beginning"
+
+
+def test_ctrl_c_in_an_evaluation_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.evaluate.evaluate", interrupted)
+    code, printed, err = call("evaluate", dataset, "--out", tmp_path / "out")
+    assert (code, printed, err) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_while_tuning_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.tune.tune", interrupted)
+    file = tmp_path / "cen.json"
+    call_ = ("tune", dataset, "--method", "cen+argmax", "--try", "measure.highest=0.1,0.2", "--out", file)
+    assert call(*call_) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
+    assert not file.exists()
+
+
+def test_ctrl_c_in_a_command_that_writes_nothing_says_no_more_than_that(call, tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.dataset.read_manifest", interrupted)
+    assert call("verify", tmp_path) == (130, "", "saf-gen: stopped\n")

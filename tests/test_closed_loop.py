@@ -1,23 +1,28 @@
 """The closed loop: a camera that runs while a method moves the lens; terms, failures, the verdict."""
 
 import math
+from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import take_dataset
 
 import saf_gen
+from saf_gen import evaluate as referee
 from saf_gen.actuators import get_actuator
 from saf_gen.cli import main
 from saf_gen.contest.loop import Run, run_method
 from saf_gen.contest.terms import Terms
 from saf_gen.contest.verdict import judge_run, reversals
 from saf_gen.errors import BadInput
+from saf_gen.exposed import Exposed
 from saf_gen.measures import get_measure
 from saf_gen.methods import Method
-from saf_gen.parts import Answer
+from saf_gen.parts import Answer, View
 from saf_gen.rig.film import Film, rows_of
 from saf_gen.rig.live import BudgetSpentError, Live
+from saf_gen.rig.sweep import Sweep
 from saf_gen.stream import Truth
 from saf_gen.take import Take
 
@@ -73,8 +78,30 @@ class At:
         return Answer(self.frame)
 
 
-def method(search):
-    return Method("sd+x", get_measure("sd"), search, "0" * 12)
+class Raises:
+    """Part of a method that raises: a search of either kind, or a measure."""
+
+    def __init__(self, error, *, commands=False):
+        self.error, self.commands = error, commands
+
+    def __call__(self, given):
+        raise self.error
+
+
+class Commands:
+    """A search that commands the lens, and does what a function does."""
+
+    commands = True
+
+    def __init__(self, does):
+        self.does = does
+
+    def __call__(self, view):
+        return self.does(view)
+
+
+def method(search, measure=None):
+    return Method("sd+x", measure or get_measure("sd"), search, "0" * 12)
 
 
 def run(take, search, **terms):
@@ -156,16 +183,153 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(take, 
     [
         (GoTo(0.5, looks=30), "the budget of 800 frames was spent"),
         (lambda view: 1 / 0, "ZeroDivisionError: division by zero"),
+        (Raises(RuntimeError("no light")), "RuntimeError: no light"),
+        (Raises(AttributeError("two\nlines")), "AttributeError: two lines"),
+        (Raises(AssertionError(), commands=True), "AssertionError"),
+        (Raises(OSError("no weights"), commands=True), "OSError: no weights"),
+        (Raises(BadInput("no light", where="x")), "BadInput: x: no light"),
+        (Raises(ValueError("a" * 400)), f"ValueError: {'a' * 287}…"),
         (lambda view: Answer(1e6), "answered frame 1000000.0, which is not of the sweep"),
+        (lambda view: 1234.5, "it answers with float 1234.5; return saf_gen.parts.Answer(frame), or"),
+        (lambda view: np.zeros((2, 2)), "it answers with ndarray array([[0., 0.], [0., 0.]]); return"),
+        (lambda view: Answer(math.nan), "it answers frame nan; give a finite number, or None to abstain"),
+        (lambda view: Answer(5, trace=None), "its trace is None; give a tuple of finite numbers"),
+        (lambda view: Answer(5, note="one\ntwo"), r"its note is 'one\ntwo'; give one line of text"),
+        (lambda view: Answer(position=0.5), "it answers with a place, and does not command the lens; answer"),
+        (GoTo(math.nan), "it answers position nan; give a finite number, or None to abstain"),
+        (Commands(lambda view: Answer(5.0)), "it answers with a frame, and moved the lens meanwhile; answer"),
+        (Commands(lambda view: None), "it answers with NoneType None; return"),
     ],
 )
 def test_a_broken_method_fails_and_says_why(take, search, problem):
     done = run(take, search)
     assert problem in done.problem
+    assert len(done.problem.splitlines()) == 1
     verdict = judge_run(done, take.truth, 20_000)
     assert verdict["status"] == "failed"
     assert verdict["success_2dof"] is False
     assert "error" not in verdict
+
+
+class Untold(Exception):
+    def __str__(self):
+        raise RuntimeError("and no words")
+
+
+def test_an_exception_that_cannot_be_told_is_named(take):
+    assert run(take, Raises(Untold())).problem == "Untold"
+
+
+@pytest.mark.parametrize("search", [GoTo(0.5), At(200.0)], ids=["commands", "estimates"])
+def test_a_broken_measure_is_told_like_a_broken_search(take, search):
+    broken = method(search, Raises(RuntimeError("no light")))
+    done = run_method(take, take.exposed(), WHOLE, broken, Terms(IDEAL))
+    assert done.problem == "RuntimeError: no light"
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), SystemExit(3)])
+def test_who_stops_the_contest_stops_it(take, stop):
+    with pytest.raises(type(stop)):
+        run(take, Raises(stop, commands=True))
+
+
+def test_broken_methods_take_no_other_along(dataset, monkeypatch):
+    """Each fails on each sequence, by its own record; the one that is sound answers on all."""
+    searches = {
+        "sd+nowhere": GoTo(math.nan),
+        "sd+float": lambda view: 1234.5,
+        "sd+trace": lambda view: Answer(5, trace=None),
+        "sd+sound": GoTo(0.5),
+        "sd+disk": Raises(OSError("no weights")),
+    }
+    monkeypatch.setattr(referee, "parse_method", lambda name: replace(method(searches[name]), name=name))
+    result = referee.evaluate(dataset, methods=list(searches), terms=Terms(IDEAL))
+    assert result.failures == ()
+    assert len(result.records) == 4 * len(searches)
+    for record in result.records:
+        assert record.status == ("answered" if record.method == "sd+sound" else "failed")
+        assert bool(record.note) == (record.method != "sd+sound")
+
+
+def looks_and_goes_on(view):
+    """Keeps to itself whatever a look raises."""
+    with suppress(Exception):
+        view.score(0, 40)
+    return Answer(position=0.5)
+
+
+@pytest.mark.parametrize("search", [GoTo(0.5), At(200.0), Commands(looks_and_goes_on)])
+@pytest.mark.parametrize("error", [BadInput("is cut short", where="a.exr"), OSError("no such disk")])
+def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(take, monkeypatch, search, error):
+    exposed = take.exposed()
+    monkeypatch.setattr(exposed, "lights", lambda *given: Raises(error)(given))
+    with pytest.raises(type(error), match=str(error)):
+        run_method(take, exposed, WHOLE, method(search), Terms(IDEAL))
+
+
+def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, monkeypatch):
+    lights = Exposed.lights
+
+    def torn(self, *given):
+        if self.reel.moves:
+            raise BadInput("is cut short", where="a.exr")
+        return lights(self, *given)
+
+    monkeypatch.setattr(Exposed, "lights", torn)
+    monkeypatch.setattr(referee, "parse_method", lambda _: method(GoTo(0.5)))
+    result = referee.evaluate(dataset, methods=["sd+x"], terms=Terms(IDEAL))
+    assert [failure.problem for failure in result.failures] == ["a.exr: is cut short"] * 2
+    assert {record.scene_motion for record in result.records} == {"static"}
+    assert {record.status for record in result.records} == {"answered"}
+
+
+@pytest.mark.parametrize("kind", [Commands, lambda does: does], ids=["commands", "estimates"])
+def test_a_search_holds_what_a_view_promises_and_can_set_none_of_it(take, kind):
+    held = []
+
+    def looks(view):
+        view.score(0, 40)
+        held.append(view)
+        return Answer()
+
+    assert run(take, kind(looks)).problem == ""
+    (view,) = held
+    promised = {name for name in vars(View) if not name.startswith("_")}
+    assert {name for name in dir(view) if not name.startswith("_")} == promised
+    for name in (*promised, "path", "sent", "course"):
+        with pytest.raises(AttributeError):
+            setattr(view, name, 0)
+
+
+@pytest.mark.parametrize("window", [(-50, 50), (10, 10), (300, 321), (0.5, 10), (-8, -1)])
+def test_a_window_that_is_not_of_the_sweep_is_refused_as_a_recording_does(take, window):
+    live = live_of(take)
+    live.wait(80)
+    view = Sweep(live, 0.0, 1.0, frames=320)
+    told = r"frames \S+ to \S+ were asked for; allowed: whole numbers, 0 <= first < stop <= 320"
+    with pytest.raises(BadInput, match=told):
+        view.score(*window)
+    assert (view.now, live.windows) == (0, 0)
+
+
+def test_the_lens_before_a_sweep_is_not_of_it(take):
+    live = live_of(take)
+    live.wait(80)
+    view = Sweep(live, 0.0, 1.0, frames=320)
+    with pytest.raises(BadInput, match="frame 0 has not passed; allowed: none before the first"):
+        view.position(0)
+    view.score(0, 40)
+    for frame in (-1, 40, math.nan):
+        with pytest.raises(BadInput, match=f"frame {frame} has not passed; allowed: 0 to 39"):
+            view.position(frame)
+    assert 0 <= view.position(0) < view.position(39) <= 40 / 320
+
+
+@pytest.mark.parametrize("before", [0, 80])
+def test_an_answer_without_a_look_is_where_the_lens_stands(take, before):
+    live = live_of(take)
+    live.wait(before)
+    assert Sweep(live, 0.0, 1.0, frames=320).position_at(100.0) == pytest.approx(0, abs=1e-6)
 
 
 def test_the_same_method_twice_gives_the_same_run(take):

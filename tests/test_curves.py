@@ -103,3 +103,13 @@ def test_the_files_tell_curves_and_measures(tmp_path):
 def test_without_a_curve_nothing_is_written(tmp_path):
     assert write_curves(tmp_path, [sweep(measures=())]) == []
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_lens_or_a_track_that_is_not_known_in_every_frame_gives_nothing_that_hangs_on_it():
+    lens, track = np.linspace(0, 1, 800), np.full(800, 0.375)
+    lens[3] = track[3] = float("nan")
+    (row,) = curve_rows([sweep(lens=lens, measures=("sd",))])
+    assert row.quality is None
+    (row,) = curve_rows([sweep(track=track, measures=("sd",))])
+    assert (row.quality.accuracy, row.quality.accuracy_dof) == (None, None)
+    assert row.quality.range is not None

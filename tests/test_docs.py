@@ -468,7 +468,7 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     assert {key for row in table("docs/evaluate.md", "key") for key in ticked(row[0])} == set(record)
     with (desk / "made/leaderboard.csv").open() as file:
         header = next(csv.reader(file))
-    lights = [f"success_1dof_{light}" for light in ("constant", "continuous", "sudden")]
+    lights = [f"success_1dof_light_{light}" for light in ("constant", "continuous", "sudden")]
     named = [key for row in table("docs/evaluate.md", "column") for key in ticked(row[1])]
-    at = named.index("success_1dof_LIGHT")
+    at = named.index("success_1dof_light_LIGHT")
     assert sorted(header) == sorted(named[:at] + lights + named[at + 1 :])

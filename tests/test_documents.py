@@ -128,3 +128,35 @@ def test_a_file_that_is_not_text_is_told(tmp_path):
     (tmp_path / "doc.yaml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(BadInput, match="doc.yaml cannot be read"):
         read_as(Outer, tmp_path / "doc.yaml")
+
+
+TOO_MANY = "1" * 5000  # digits: more than Python takes
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x: 1\nat: 2001-13-45\n", "doc.yaml:2: '2001-13-45' is no timestamp: month must be in 1..12; "),
+        ("x: 1\nat: [1, 0b_]\n", "doc.yaml:2: '0b_' is no int: invalid literal for int() with base 2: ''; "),
+        (f"x:\n  {TOO_MANY}\n", "doc.yaml:2: '111"),
+        ("x: " + ":".join(["9"] + ["59"] * 400) + ".5", "doc.yaml:1: '9:59"),  # OverflowError
+        ("x: !!int abc\n", "doc.yaml:1: 'abc' is no int: invalid literal"),
+        ("x: !!float ''\n", "doc.yaml:1: '' is no float; put it in quotes if it is text"),  # IndexError
+        ("x: !!bool maybe\n", "doc.yaml:1: 'maybe' is no bool; put it in quotes if it is text"),  # KeyError
+        ("x: !!timestamp foo\n", "doc.yaml:1: 'foo' is no timestamp; put it in quotes"),  # AttributeError
+        ('x: 1\ny: "\\UFFFFFFFF"\n', "doc.yaml:2: this is not YAML: "),
+        ('x: 1\ny: "\\U00110000"\n', "doc.yaml:2: this is not YAML: chr() arg not in range(0x110000)"),
+        (f"%YAML {TOO_MANY}.1\n---\nx: 1\n", "doc.yaml:1: this is not YAML: Exceeds the limit"),
+        ("x: 1\n" + "y: " + "[" * 3000 + "]" * 3000, "doc.yaml:2: this is nested too deep, or in a circle"),
+        ("y: 1\nx: &a [1, *a]\nz: 2\n", "doc.yaml:2: this is nested too deep, or in a circle"),
+        ("x: 1\n? [a, b]\n: 2\n", "doc.yaml:2: a key must be a name"),  # what Python could not hash
+        ("x: 1\n? {a: b}\n: 2\n", "doc.yaml:2: a key must be a name"),
+        ("x: 1\ny: =\n", "doc.yaml:2: this is not YAML: could not determine a constructor"),
+        ("x: 1\ny: !!binary é\n", "doc.yaml:2: this is not YAML: failed to convert base64"),
+    ],
+    ids=lambda held: held[:24],
+)
+def test_what_only_looks_like_a_value_is_told_with_its_line(tmp_path, text, told):
+    line = complaint(tmp_path, text)
+    assert line.startswith(told)
+    assert "\n" not in line

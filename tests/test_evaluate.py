@@ -1,6 +1,8 @@
 import json
 from dataclasses import replace
+from fractions import Fraction
 
+import h5py
 import numpy as np
 import pytest
 from sweeps import SHAPE, spikes, truth_at, write_sweep
@@ -12,7 +14,7 @@ from saf_gen.evaluate import evaluate, score_curve
 from saf_gen.measures import get_measure
 from saf_gen.methods import DEFAULT_METHODS, parse_method
 from saf_gen.motions import readout_positions
-from saf_gen.parts import Answer
+from saf_gen.parts import Answer, View
 from saf_gen.passes import passes
 from saf_gen.records import record_to_json
 from saf_gen.seeds import generator
@@ -250,12 +252,21 @@ class Breaks:
 
 class Outside:
     def __call__(self, view):
-        return Answer(float("nan"))
+        return Answer(1e6)
 
 
-def with_search(monkeypatch, search):
+def raising(error):
+    def part(given):
+        raise error
+
+    return part
+
+
+def with_search(monkeypatch, search, **more):
     spec = parse_method("sd+argmax")
-    monkeypatch.setattr(referee, "parse_method", lambda _: replace(spec, name="sd+mine", search=search))
+    monkeypatch.setattr(
+        referee, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more)
+    )
 
 
 def test_an_abstention_is_recorded_apart_from_errors(stream_file, monkeypatch):
@@ -278,7 +289,86 @@ def test_an_answer_that_is_no_frame_of_the_recording_is_a_failure(stream_file, m
     with_search(monkeypatch, Outside())
     record = one(stream_file, "sd+mine")
     assert record.status == "failed"
-    assert "not recorded" in record.note
+    assert record.note == "answered frame 1000000.0, which was not recorded"
+
+
+@pytest.mark.parametrize(
+    ("search", "note"),
+    [
+        (raising(RuntimeError("two\nlines")), "RuntimeError: two lines"),
+        (raising(AttributeError("counts")), "AttributeError: counts"),
+        (raising(AssertionError()), "AssertionError"),
+        (raising(OSError("no weights")), "OSError: no weights"),
+        (raising(BadInput("too dark", where="x")), "BadInput: x: too dark"),
+        (lambda view: 1234.5, "it answers with float 1234.5; return saf_gen.parts.Answer(frame), or "),
+        (lambda view: Answer(5, trace=None), "its trace is None; give a tuple of finite numbers"),
+        (lambda view: Answer(5, trace=(np.nan,)), "its trace is (nan,); give a tuple of finite numbers"),
+        (lambda view: Answer(np.nan), "it answers frame nan; give a finite number, or None to abstain"),
+        (lambda view: Answer(True), "it answers frame True; give a finite number, or None to abstain"),
+        (lambda view: Answer(10**400), "OverflowError: int too large to convert to float"),
+        (lambda view: Answer(position=0.5), "it answers with a place, and does not command the lens; answer"),
+    ],
+)
+def test_whatever_a_method_raises_or_answers_is_its_failure_alone(dataset, monkeypatch, search, note):
+    """A dataset, where an OSError of the data would be a failure of the sequence."""
+    sound = parse_method("sd+argmax")
+    broken = replace(sound, name="sd+mine", search=search)
+    monkeypatch.setattr(referee, "parse_method", lambda name: broken if name == "sd+mine" else sound)
+    result = evaluate(dataset, methods=["sd+mine", "sd+argmax"], split="test")
+    assert result.failures == ()
+    assert [r.status for r in result.records] == ["failed", "answered"] * 2
+    assert result.records[0].note.startswith(note)
+    assert len(result.records[0].note.splitlines()) == 1
+
+
+def test_a_broken_measure_is_a_failure_of_its_method(stream_file, monkeypatch):
+    with_search(monkeypatch, Abstains(), measure=raising(RuntimeError("no light")))
+    record = one(stream_file, "sd+mine")
+    assert (record.status, record.note) == ("failed", "RuntimeError: no light")
+
+
+def test_who_stops_the_contest_stops_it(stream_file, monkeypatch):
+    with_search(monkeypatch, raising(KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt):
+        one(stream_file, "sd+mine")
+
+
+def test_any_kind_of_number_is_an_answer(stream_file, monkeypatch):
+    with_search(monkeypatch, lambda view: Answer(Fraction(601, 2), (np.float32(0.5), 1)))
+    record = one(stream_file, "sd+mine")
+    assert (record.status, record.frame, record.trace) == ("answered", 300.5, (0.5, 1.0))
+
+
+def test_a_recording_that_is_damaged_where_only_a_method_looks_is_no_fault_of_the_method(
+    tmp_path, monkeypatch
+):
+    """The last chunk, 50 frames, is too short for the light to be read in it; no pictures are kept of it."""
+    monkeypatch.setattr(referee, "FILMS", 0)
+    path = tmp_path / "torn.h5"
+    write_stream(path, spikes(20, shape=(20_050, 8, 8)))
+    with h5py.File(path) as file:
+        chunk = file["spikes"].id.get_chunk_info_by_coord((0, 0, 2500))
+    with path.open("r+b") as raw:
+        raw.seek(chunk.byte_offset)
+        raw.write(b"\xff" * chunk.size)
+    with_search(monkeypatch, lambda view: Answer(view.score(0, 1000)))
+    assert one(path, "sd+mine").status == "answered"
+    with_search(monkeypatch, lambda view: Answer(view.score(20_000, 20_050)))
+    with pytest.raises(BadInput, match=r"torn\.h5: is cut short, damaged or cannot be read"):
+        one(path, "sd+mine")
+
+
+def test_a_search_on_a_recording_holds_what_a_view_promises(stream_file, monkeypatch):
+    held = []
+
+    def looks(view):
+        held.append(view)
+        return Answer()
+
+    with_search(monkeypatch, looks)
+    assert one(stream_file, "sd+mine").status == "abstained"
+    promised = {name for name in vars(View) if not name.startswith("_")}
+    assert {name for name in dir(held[0]) if not name.startswith("_")} == promised
 
 
 def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, monkeypatch):

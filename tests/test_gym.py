@@ -6,6 +6,7 @@ import subprocess
 import sys
 import weakref
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -20,10 +21,10 @@ from saf_gen.contest.loop import run_method
 from saf_gen.contest.terms import Terms
 from saf_gen.errors import BadInput
 from saf_gen.evaluate import evaluate
+from saf_gen.exposed import Exposed
 from saf_gen.gym import ID, AutofocusEnv, rollout
 from saf_gen.gym.pictures import area_means, to_grey
 from saf_gen.leaderboard import merged
-from saf_gen.measures import get_measure
 from saf_gen.methods import Method
 from saf_gen.parts import Answer
 from saf_gen.records import read_records, records_to_text
@@ -147,12 +148,16 @@ def test_memory_stays_flat_over_resets(dataset):
 
 
 class Peek:
-    """A search of the contest that does what ``goes_to`` does, and keeps the counts that it saw."""
+    """A search of the contest that does what ``goes_to`` does, and a measure that keeps what it was shown."""
 
     commands = True
 
     def __init__(self, *places):
         self.places, self.counts = places, []
+
+    def measure(self, counts):
+        self.counts.append(counts)
+        return 0.0
 
     def __call__(self, view):
         self._look(view)
@@ -162,8 +167,7 @@ class Peek:
         return Answer(position=self.places[-1])
 
     def _look(self, view):
-        first = view.now
-        self.counts.append(view.run_until(first, first + STILL).window(first, first + STILL))
+        view.score(view.now, view.now + STILL)
 
 
 def test_a_named_sequence_is_that_of_the_contest_bit_for_bit(dataset):
@@ -172,7 +176,7 @@ def test_a_named_sequence_is_that_of_the_contest_bit_for_bit(dataset):
     rows = walked(env, 0.25, 0.75, 0.5, options={"sequence": PLANE})
     setting = env.setting(next(job for job in env.jobs if job.id == PLANE))
     search = Peek(0.25, 0.75, 0.5)
-    method = Method("sd+x", get_measure("sd"), search, "0" * 12)
+    method = Method("sd+x", search.measure, search, "0" * 12)
     run = run_method(setting.take, setting.exposed, setting.box, method, TERMS)
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answered == run.answered
@@ -401,6 +405,10 @@ def test_a_policy_sees_and_acts_through_wrappers(dataset):
         (lambda seen: np.array([1.2, 0.0]), "failed", "allowed: [place, stop], both 0 to 1"),
         (lambda seen: np.array([0.5]), "failed", "allowed: [place, stop]"),
         (lambda seen: seen["focus"], "failed", "KeyError: 'focus'"),
+        (lambda seen: seen.image, "failed", "AttributeError: 'dict' object has no attribute 'image'"),
+        (lambda seen: Path("no_weights").read_bytes(), "failed", "FileNotFoundError: "),
+        (lambda seen: (_ for _ in ()).throw(RuntimeError("two\nlines")), "failed", "RuntimeError: two lines"),
+        (lambda seen: "there", "failed", "ValueError: could not convert string to float: 'there'"),
         (lambda seen: np.array([0.5, 0.0]), "failed", "the budget of 800 frames was spent"),
         (lambda seen: None, "abstained", ""),
     ],
@@ -411,6 +419,24 @@ def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, poli
     assert record.status == status
     assert note in record.note
     assert record.position is None
+
+
+def test_who_stops_a_rollout_stops_it(dataset):
+    with pytest.raises(SystemExit):
+        rollout(env_of(dataset, sequences=[PLANE]), lambda: lambda seen: sys.exit(3), "m", code="1")
+
+
+def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):
+    lights = Exposed.lights
+
+    def torn(self, begin, *given):
+        if begin >= STILL:
+            raise BadInput("is cut short", where="a.exr")
+        return lights(self, begin, *given)
+
+    monkeypatch.setattr(Exposed, "lights", torn)
+    with pytest.raises(BadInput, match=r"a\.exr: is cut short"):
+        rollout(env_of(dataset, sequences=[PLANE]), goes_to(0.5), "m", code="1")
 
 
 def test_an_episode_that_a_wrapper_ends_is_a_failure(dataset):

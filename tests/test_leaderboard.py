@@ -7,6 +7,7 @@ import pytest
 from saf_gen.errors import BadInput
 from saf_gen.evaluate import Failure
 from saf_gen.leaderboard import columns, latex, markdown, notes, numbers, table, write_files
+from saf_gen.leaderboard.columns import percent
 from saf_gen.leaderboard.texts import latex_text
 from saf_gen.records import Record
 
@@ -366,3 +367,50 @@ def test_latex_escapes_what_means_something_to_it(plain, set_):
 
 def test_a_table_of_nothing_is_still_latex():
     assert r"\bottomrule" in latex(())
+
+
+def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
+    """Lights named as the ends of an interval are, or as the key of another."""
+    lights = ("low", "high", "constant", "light_low")
+    records = [
+        record("m+s", f"{scene}-{light}", 0.1 if light == "low" else 5.0, scene=scene, light=light)
+        for scene in ("a", "b", "c")
+        for light in lights
+    ]
+    rows = table(records)
+    keys = [c.key for c in numbers(rows)]
+    assert len(keys) == len(set(keys))
+    assert {f"success_1dof_light_{light}" for light in lights} < set(keys)
+    write_files(tmp_path, rows=rows, records=records)
+    with (tmp_path / "leaderboard.csv").open(newline="") as file:
+        header, line = csv.reader(file)
+    assert header == keys
+    told = dict(zip(header, map(str, line), strict=True))
+    document = json.loads((tmp_path / "leaderboard.json").read_text())
+    (row,) = document["rows"]
+    assert set(row) == {*keys, "tied"}
+    assert list(document["columns"]) == keys
+    assert (row["success_1dof_light_low"], row["success_1dof_light_high"]) == (1, 0)
+    assert (row["success_1dof_low"], row["success_1dof_high"]) == (0.25, 0.25)  # each scene has a quarter
+    assert (told["success_1dof_light_low"], told["success_1dof_low"]) == ("1.0", "0.25")
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")],
+)
+def test_a_share_that_ends_in_a_half_goes_up(share, text):
+    assert percent(share) == percent(share - 1e-16) == text
+
+
+def test_the_shares_that_may_stand_the_other_way_round_say_so():
+    """Two scenes whose focus lies 0.8 depths of focus beyond the travel: one method says so on both."""
+    beyond = {"success_half_dof": True, "success_1dof": False, "success_2dof": False}
+    records = [replace(failed("m+s", f"s{i}", "abstained", scene=f"s{i}"), **beyond) for i in range(2)]
+    records += [record("m+s", "s2", 0.1, scene="s2")]
+    (row,) = table(records)
+    assert row.success_half_dof > row.success_1dof
+    meanings = {c.name: c.meaning for c in numbers([row])}
+    rule = "An abstention is right where no answer could lie so near, so this can be"
+    assert meanings["success_half_dof"].endswith(f"{rule} above ≤1 DoF.")
+    assert meanings["success_2dof"].endswith(f"{rule} below ≤1 DoF.")

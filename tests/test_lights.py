@@ -14,7 +14,7 @@ from saf_gen.camera import get_sensor
 from saf_gen.errors import BadInput
 from saf_gen.focal_stack import FocalStack
 from saf_gen.lights import readout_gains
-from saf_gen.record import Recorder
+from saf_gen.record import Recorder, group_gains
 from saf_gen.reel import Footage
 from saf_gen.seeds import generator
 
@@ -404,7 +404,16 @@ def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp
         ("ramp", {"from": -0.5, "to": 1}, "allowed: gains of 0 or more"),
         ("ramp", {"from": 0.5, "to": 1, "over_s": 0}, "over_s is 0; allowed: seconds above 0"),
         ("steps", {"every_s": 0, "levels": [1]}, "every_s is 0"),
+        ("steps", {"every_s": 1.0e-300, "levels": [1]}, "every_s is 1e-300; allowed: 1e-06 s and more"),
+        ("steps", {"every_s": 1e-10, "levels": [1]}, "every_s is 1e-10; allowed: 1e-06 s and more"),
         ("steps", {"every_s": 1, "levels": []}, "levels are"),
+        ("sine", {"hz": 1, "phase": "pi"}, "phase is 'pi'; allowed: a number of radians"),
+        (
+            "sine",
+            {"hz": 1, "phase": "1e-3"},
+            "phase is '1e-3'; allowed: a number of radians, as 1.57 or 1.0e-3",
+        ),
+        ("sine", {"hz": 1, "phase": float("nan")}, "phase is nan; allowed: a number of radians"),
         ("sine", {"hz": 0}, "hz is 0; allowed: a frequency above 0 in Hz"),
         ("sine", {"hz": 1, "swing": 1.5}, "swing is 1.5; allowed: 0 to 1: there is no negative light"),
         ("constant", {"level": "bright"}, "light schedule 'constant'"),
@@ -444,3 +453,28 @@ def test_an_impossible_light_is_refused(name, options, told):
     with pytest.raises(BadInput, match=told) as caught:
         get_light(name, **options)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"kind": "constant", "level": 1e39},
+        {"kind": "constant", "level": 3e38, "offset": 3e38},
+        {"kind": "constant", "unit": "lux", "lux_at_gain_1": 1e-300},
+        {"kind": "ramp", "from": 1, "to": 1e300},
+        {"kind": "steps", "every_s": 0.004, "levels": [1, 1e39]},
+        {"kind": "from_csv", "file": {"path": "t.csv", "text": "time_s,gain\n0,1\n0.01,1e40\n"}},
+    ],
+    ids=str,
+)
+def test_a_gain_that_float32_cannot_hold_is_told_in_one_line(part):
+    with pytest.raises(
+        BadInput, match=r"^the gain of .* is too large to be recorded; allowed: gains up to 3.4e\+38$"
+    ) as caught:
+        group_gains({"room": part}, ("lamp", "room"), 200, 20_000)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_shortest_steps_are_those_of_a_readout_at_1_mhz():
+    gains = readout_gains(get_light("steps", every_s=1e-6, levels=[0.0, 1.0]), 4, 1e6)
+    assert gains.tolist() == pytest.approx([0, 1, 0, 1], abs=1e-6)

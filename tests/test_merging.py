@@ -20,6 +20,40 @@ def test_merging_is_as_good_as_running_together():
     assert table(merged({"monday": ONE, "tuesday": LATER})) == table([*ONE, *LATER])
 
 
+def test_a_stream_on_its_own_does_not_join_its_dataset():
+    """It knows neither scene nor light: it would weigh by sequence what the dataset weighs by scene."""
+    alone = [replace(r, scene=r.sequence, light=None, split=None) for r in LATER]
+    with pytest.raises(BadInput) as caught:
+        merged({"runs/dataset": ONE, "runs/streams": alone})
+    assert str(caught.value) == (
+        "the scene of x differs: camel in runs/dataset, x in runs/streams; allowed: one scene a sequence; "
+        "run saf-gen evaluate again, on the dataset, not on its streams one by one"
+    )
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [
+        (
+            {"scene": "fan"},
+            "the scene of y differs: camel in runs/a, fan in runs/b; allowed: one scene a seq",
+        ),
+        ({"light": None}, "the light of y differs: constant in runs/a, no light in runs/b; allowed: one lig"),
+        ({"split": None}, "the split of y differs: test in runs/a, no split in runs/b"),
+        ({"variant": 0}, "the variant of y differs: no variant in runs/a, 0 in runs/b"),
+        ({"scene_motion": "static"}, "the scene motion of y differs: no scene motion in runs/a, static in"),
+        ({"lens_motion": "sweep"}, "the lens motion of y differs: no lens motion in runs/a, sweep in runs/b"),
+        (
+            {"truth_first": 0.5},
+            r"the truth of y differs: no truth in runs/a, 0\.5 in runs/b; allowed: one tr",
+        ),
+    ],
+)
+def test_what_is_known_of_a_sequence_must_agree(known, message):
+    with pytest.raises(BadInput, match=message):
+        merged({"runs/a": ONE, "runs/b": [LATER[0], replace(LATER[1], **known)]})
+
+
 def test_what_two_runs_share_is_kept_once_the_first():
     slower = [replace(r, seconds=9.0, machine="another") for r in ONE]
     both = merged({"monday": ONE, "tuesday": [*slower, *LATER]})

@@ -1,8 +1,10 @@
 """Recipes become sequences; what is drawn depends on names alone."""
 
+import pytest
 import yaml
 
-from saf_gen.plan import make_plan, recipe_fingerprint, shard
+from saf_gen.errors import BadInput
+from saf_gen.plan import Family, make_plan, recipe_fingerprint, shard
 from saf_gen.recipe import Recipe, read_recipe
 
 BASE = {
@@ -110,3 +112,97 @@ def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
 def test_shards_share_the_work_without_overlap():
     parts = [shard(plan(), i, 3) for i in (1, 2, 3)]
     assert sorted(s.id for part in parts for s in part) == sorted(s.id for s in plan())
+
+
+# --- ids ----------------------------------------------------------------------------------------------
+
+
+def test_two_sequences_of_one_id_are_refused_and_both_are_named():
+    """Nothing between: a still scene under 'dynamic-fixed' and a moving one under 'fixed'."""
+    lights = {"fixed": {"kind": "constant"}, "dynamic-fixed": {"kind": "constant"}}
+    split = {"scenes": ["camel"], "lights": list(lights), "scene_motion": ["static", "dynamic"]}
+    recipe = Recipe.model_validate(BASE | {"lights": lights, "splits": {"test": split}})
+    with pytest.raises(BadInput) as caught:
+        make_plan(recipe, {"camel": Family(moves=True)})
+    assert str(caught.value) == (
+        "two sequences would have the id 'camel-dynamic-fixed-00': camel, static, under 'dynamic-fixed' in "
+        "'test', and camel, dynamic, under 'fixed' in 'test'; allowed: each id once in a dataset; rename the "
+        "light 'dynamic-fixed'"
+    )
+
+
+# --- parameters ---------------------------------------------------------------------------------------
+
+CARD = {
+    "cup": {"choice": ["left", "right"]},
+    "blades": {"choice": [3, 4, 5]},
+    "shape": {"choice": [[1, 2], [3, 4]]},
+    "distance_m": {"uniform": [0.4, 0.5]},
+    "texels": 64,
+    "word": "free",
+}
+
+
+def member(**chosen):
+    split = {"test": {"scenes": ["camel"], "lights": ["fixed"]}}
+    recipe = Recipe.model_validate(BASE | {"splits": split, "scene_params": {"camel": chosen}})
+    (sequence,) = make_plan(recipe, {"camel": Family(CARD)})
+    return sequence.params
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        {"cup": "left"},
+        {"cup": {"choice": ["right"]}},
+        {"blades": {"choice": [3, 5]}},
+        {"shape": [3, 4]},
+        {"distance_m": 0.45},
+        {"distance_m": 2},
+        {"distance_m": {"log_uniform": [0.1, 9]}},
+        {"distance_m": {"choice": [0.1, 0.2]}},
+        {"texels": {"choice": [32, 128]}},
+        {"word": "another"},
+    ],
+    ids=str,
+)
+def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_its_range(chosen):
+    ((key, value),) = chosen.items()
+    drawn = member(**chosen)[key]
+    if not isinstance(value, dict):
+        assert drawn == value
+    elif "choice" in value:
+        assert drawn in value["choice"]
+    else:
+        assert 0.1 <= drawn <= 9
+
+
+@pytest.mark.parametrize(
+    ("chosen", "told"),
+    [
+        (
+            {"cup": "lfet"},
+            r"scene_params.camel.cup is 'lfet'; allowed: \"left\", \"right\", as on the scene's card, or a "
+            r"choice among them; did you mean 'left'\?",
+        ),
+        ({"cup": {"choice": ["left", "rihgt"]}}, r"'rihgt'.*; allowed: .*did you mean 'right'\?"),
+        ({"cup": 1}, r"cup is 1; allowed: \"left\", \"right\""),
+        ({"blades": 6}, r"blades is 6; allowed: 3, 4, 5, as on the scene's card"),
+        ({"blades": True}, r"blades is True; allowed: 3, 4, 5"),
+        ({"blades": 3.0}, r"blades is 3.0; allowed: 3, 4, 5.*did you mean '3'\?"),
+        ({"blades": {"uniform": [3, 5]}}, r"blades is \{'uniform': \[3, 5\]\}; allowed: 3, 4, 5"),
+        ({"shape": [1, 4]}, r"shape is \[1, 4\]; allowed: \[1, 2\], \[3, 4\]"),
+        (
+            {"distance_m": "4e-1"},
+            r"distance_m is '4e-1'; allowed: a number, as on the scene's card, or a range",
+        ),
+        ({"distance_m": {"choice": [0.4, "far"]}}, r"distance_m is 'far'; allowed: a number"),
+        ({"distance_m": True}, r"distance_m is True; allowed: a number"),
+        ({"texels": [64, 64]}, r"texels is \[64, 64\]; allowed: a number"),
+    ],
+    ids=str,
+)
+def test_a_parameter_that_the_card_could_not_have_is_told(chosen, told):
+    with pytest.raises(BadInput, match=told) as caught:
+        member(**chosen)
+    assert "\n" not in str(caught.value)

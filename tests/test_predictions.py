@@ -1,16 +1,20 @@
 """Answers made elsewhere: read strictly, judged like those of our own methods."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sweeps import write_sweep
 
+from saf_gen import evaluate as referee
 from saf_gen.cli import main
+from saf_gen.contest.jobs import jobs_of
 from saf_gen.contest.predictions import read_predictions
 from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
 from saf_gen.errors import BadInput
 from saf_gen.evaluate import evaluate
+from saf_gen.records import read_records, records_to_text
 
 
 @pytest.fixture(scope="module")
@@ -93,6 +97,25 @@ def test_an_answer_beyond_the_recording_is_a_failure(dataset, tmp_path):
         ([{"method": "a", "sequence": "one"}], r"p\.jsonl:1: frame is missing; allowed: .*8213\.5"),
         ([line("one", 3, frame_seen=5)], r"unknown key 'frame_seen'.*did you mean 'frames_seen'"),
         ([line("one", "early")], r"frame is 'early'; allowed: a valid number"),
+        ([line("one", "12")], r"frame is '12'; allowed: a valid number"),
+        ([line("one", False)], r"frame is False; allowed: a valid number"),
+        ([line("one", [1])], r"frame is \[1\]; allowed: a valid number"),
+        ([line("one", 10**400)], r"p\.jsonl:1: frame is 1000\d*\.\.\.0*; allowed"),
+        (
+            [line("one", 3, frames_seen=10**400)],
+            r"p\.jsonl:1: frames_seen is 1000\d*\.\.\.0*, with|frames_seen",
+        ),
+        ([line("one", 3, frames_seen=True)], r"frames_seen is True; allowed: a valid integer"),
+        ([line("one", 3, frames_seen="9")], r"frames_seen is '9'; allowed: a valid integer"),
+        ([line("one", 3, frames_seen=9.0)], r"frames_seen is 9\.0; allowed: a valid integer"),
+        ([line("one", 3, seconds=True)], r"seconds is True; allowed: a valid number"),
+        ([line("one", 3, seconds=1e300)], r"seconds is 1e\+300; allowed: less than or equal to 1000000000"),
+        ([line("one", 3, trace=[1, "2"])], r"trace is '2'; allowed: a valid number"),
+        ([line("one", 3, note=5)], r"note is 5; allowed: a valid string"),
+        (
+            [line("one", 8213.5, frames_seen=1)],
+            r"p\.jsonl:1: frame is 8213\.5, with frames_seen 1; allowed: up to 0\.5, the end of the last",
+        ),
         ([line("one", 3, frames_seen=0)], r"frames_seen is 0; allowed: greater than or equal to 1"),
         ([line("one", 3) | {"method": "a b"}], r"method is 'a b'; allowed: match pattern"),
         ([line("one", 3), line("one", 4)], r"p\.jsonl:2: my_net answers one twice; allowed: once"),
@@ -110,6 +133,16 @@ def test_a_frame_is_a_finite_number_or_null(tmp_path, text):
     path = tmp_path / "p.jsonl"
     path.write_text(f'{{"method": "a", "sequence": "one", "frame": {text}}}\n')
     with pytest.raises(BadInput, match=r"p\.jsonl:1"):
+        read_predictions(path)
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"method": ' + "[" * 100_000, '{"frame": ' + "9" * 5000 + "}"]
+)
+def test_what_json_cannot_be_read_from_is_told_in_one_line(tmp_path, text):
+    path = tmp_path / "p.jsonl"
+    path.write_text(text + "\n")
+    with pytest.raises(BadInput, match=r"p\.jsonl:1: is no JSON object"):
         read_predictions(path)
 
 
@@ -133,11 +166,70 @@ def test_predictions_fit_the_sequences_that_are_evaluated(dataset, tmp_path, lin
         evaluate(dataset, methods=methods, predictions=written(tmp_path / "p.jsonl", *lines))
 
 
-def test_predictions_of_other_data_fail_by_name(dataset, tmp_path):
-    path = written(tmp_path / "p.jsonl", line("one", 3, data="0" * 64), line("two", 3))
-    result = evaluate(dataset, methods=[], predictions=path)
-    assert [f.sequence for f in result.failures] == ["one"]
-    assert "was made from other data: 000000000000" in result.failures[0].problem
+def test_predictions_of_other_data_are_refused_before_anything_runs(dataset, tmp_path, capsys):
+    path = written(tmp_path / "p.jsonl", line("one", 3), line("two", 3, data="0" * 64))
+    steps, out = [], tmp_path / "out"
+    message = (
+        r"p\.jsonl, method my_net: two was made from other data: 000000000000; allowed: [0-9a-f]{12}; predict"
+    )
+    with pytest.raises(BadInput, match=message):
+        evaluate(dataset, methods=["sd+argmax"], predictions=path, progress=lambda *step: steps.append(step))
+    assert steps == []
+    with pytest.raises(SystemExit) as ended:
+        main(
+            ["evaluate", str(dataset), "--predictions", str(path), "--method", "sd+argmax", "--out", str(out)]
+        )
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_predictions_of_one_stream_are_held_to_the_stream_itself(dataset, tmp_path):
+    stream = dataset / "test" / "one.h5"
+    (ours,) = evaluate(stream, methods=["sd+argmax"]).records
+    good = written(tmp_path / "good.jsonl", line("one", 300, data=ours.data, frames_seen=800))
+    (record,) = evaluate(stream, methods=[], predictions=good).records
+    assert (record.status, record.data) == ("answered", ours.data)
+    steps = []
+    for wrong, message in (
+        ({"data": "f" * 64}, "other data: ffffffffffff"),
+        ({"frames_seen": 801}, "is 801, and 800"),
+    ):
+        path = written(tmp_path / "wrong.jsonl", line("one", 300, **wrong))
+        with pytest.raises(BadInput, match=message):
+            evaluate(stream, methods=["sd+argmax"], predictions=path, progress=lambda *s: steps.append(s))
+    assert steps == []
+
+
+def test_no_more_can_be_seen_than_was_recorded(dataset, tmp_path):
+    path = written(tmp_path / "p.jsonl", line("one", 300), line("two", None, frames_seen=801))
+    with pytest.raises(
+        BadInput, match="two: frames_seen is 801, and 800 frames were recorded; allowed: 1 to 800"
+    ):
+        evaluate(dataset, methods=[], predictions=path)
+
+
+def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path, monkeypatch):
+    def longer(*args):
+        return [replace(job, frames=900) for job in jobs_of(*args)]
+
+    monkeypatch.setattr(referee, "jobs_of", longer)
+    path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))
+    ran, one, other, two = evaluate(dataset, methods=["sd+argmax"], predictions=path).records
+    assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
+    assert (one.status, one.frames_seen, one.success_2dof) == ("failed", 800, False)
+    assert one.note == "frames_seen is 850, and 800 frames were recorded"
+
+
+@pytest.mark.parametrize("note", ["a\u2028b", "a\u0085b", "a\x1cb", "a\r\nb"])
+def test_a_note_may_hold_what_ends_a_line_elsewhere(dataset, tmp_path, note):
+    path = tmp_path / "p.jsonl"
+    lines = [json.dumps(line(name, 300, note=note), ensure_ascii=False) for name in ("one", "two")]
+    path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
+    records = evaluate(dataset, methods=[], predictions=path).records
+    assert [r.note for r in records] == [note, note]
+    (tmp_path / "records.jsonl").write_bytes(records_to_text(records).encode())
+    assert read_records(tmp_path) == list(records)
 
 
 def test_the_command_line_takes_them(dataset, tmp_path, capsys):

@@ -1,11 +1,13 @@
 """Open numbers are drawn within their ranges."""
 
+import datetime
+
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
 from saf_gen.errors import BadInput
-from saf_gen.ranges import draw, ends, is_range
+from saf_gen.ranges import check, draw, ends, is_range
 from saf_gen.seeds import generator
 
 
@@ -46,3 +48,65 @@ def test_a_choice_draws_every_value():
 def test_a_degenerate_range_is_refused(value, told):
     with pytest.raises(BadInput, match=told):
         ends(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ({"uniform": [0, float("inf")]}, r"uniform is \[0, inf\]; allowed: .*finite numbers"),
+        ({"uniform": [0, float("nan")]}, r"uniform is \[0, nan\]"),
+        ({"uniform": [-1.7e308, 1.7e308]}, r"uniform is .*finite numbers"),
+        ({"uniform": [0, 10**400]}, r"uniform is \[0, 10000"),
+        ({"uniform": [False, True]}, r"uniform is \[False, True\]"),
+        ({"uniform": [0, "1e-3"]}, r"uniform is \[0, '1e-3'\]"),
+        ({"log_uniform": [1e-300, 1e300]}, r"log_uniform is \[1e-300, 1e\+300\]"),
+        (
+            {"choice": [1, {"uniform": [0, 1]}]},
+            r"a choice holds the range \{'uniform': \[0, 1\]\}; allowed: ",
+        ),
+        ({"choice": [{"choice": [1, 2]}]}, r"a choice holds the range"),
+    ],
+)
+def test_what_would_draw_no_finite_number_or_a_range_is_refused(value, told):
+    with pytest.raises(BadInput, match=told):
+        ends(value)
+    with pytest.raises(BadInput, match=told):
+        draw(value, generator(0))
+
+
+@pytest.mark.parametrize(
+    "value",
+    [0, -2.5, "near", True, [1, 2.0, 3], ["a", False], {"uniform": [0, 1]}, {"choice": ["a", [1, 2]]}],
+    ids=str,
+)
+def test_a_parameter_is_plain_or_a_range_of_what_is_plain(value):
+    check(value)
+
+
+DATE = datetime.date(2024, 5, 1)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (
+            DATE,
+            r"r.yaml:3: params.made is the date 2024-05-01; allowed: a finite number, text, true or false",
+        ),
+        ({"choice": [DATE, "no date"]}, r"params.made is the date 2024-05-01"),
+        (float("nan"), r"params.made is nan; allowed"),
+        pytest.param(10**400, r"params.made is 1000", id="huge"),
+        ([1, float("inf")], r"params.made is inf"),
+        ([[1, 2]], r"params.made is \[1, 2\]"),
+        (None, r"params.made is empty"),
+        (
+            {"unifrm": [0, 1]},
+            r"params.made is \{'unifrm': \[0, 1\]\}; .*\{uniform: \[...\]\}.*did you mean 'uniform'\?",
+        ),
+        ({}, r"params.made is \{\}"),
+    ],
+)
+def test_a_parameter_that_no_file_could_record_is_told(value, told):
+    with pytest.raises(BadInput, match=told) as caught:
+        check(value, what="params.made", where="r.yaml:3")
+    assert "\n" not in str(caught.value)

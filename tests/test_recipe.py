@@ -71,6 +71,23 @@ def test_every_recipe_of_the_project_is_right(path):
         ("[1, 2]", "[2, 1]", r"r.yaml:8: uniform is \[2, 1\]; allowed: \[low, high\] with low < high"),
         ("[constant, mixed]", "[constant, mixd]", r"r.yaml:10: unknown light 'mixd'; .*mean 'mixed'\?"),
         ("{lamp: {kind", "{lamp: {kin", r"r.yaml:8: light group 'lamp' has no kind"),
+        (
+            "[constant, mixed]",
+            "[constant, constant]",
+            r"r.yaml:10: splits.test.lights is \['constant', 'constant'\]; allowed: each of them once;",
+        ),
+        ("[usaf_target]", "[camel, camel]", r"r.yaml:10: splits.test.scenes is .*each of them once"),
+        (
+            "lights: [constant, mixed]",
+            "lights: [constant], scene_motion: [static, static]",
+            r"r.yaml:10: splits.test.scene_motion is .*each of them once",
+        ),
+        ("[1, 2]}", "[1, .inf]}", r"r.yaml:8: uniform is \[1, inf\]; allowed: .*finite numbers"),
+        (
+            "{kind: constant}",
+            "{choice: [{kind: constant}, {choice: [{kind: constant}]}]}",
+            r"r.yaml:7: a choice holds the range .*; allowed: values to choose among",
+        ),
         ("name: tiny", "name: Tiny set", r"r.yaml:1: name is 'Tiny set'"),
         ("  mixed:", "  Mixed/up:", r"light 'Mixed/up' cannot be part of a file name"),
     ],
@@ -144,3 +161,58 @@ def test_a_scene_in_two_splits_is_refused(tmp_path):
     text = GOOD + "  train: {scenes: [usaf_target], lights: [constant]}\n"
     with pytest.raises(BadInput, match=r"r.yaml:11: scene 'usaf_target' stands in test and in train"):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("params", "told"),
+    [
+        ("{made: 2024-05-01}", r"r.yaml:11: scene_params.usaf_target.made is the date 2024-05-01; allowed"),
+        ("{ink: .nan}", r"r.yaml:11: scene_params.usaf_target.ink is nan; allowed: a finite number"),
+        ("{ink: {uniform: [0, .inf]}}", r"r.yaml:11: uniform is \[0, inf\]; allowed"),
+        ("{ink: {choice: [{uniform: [0, 1]}, 1]}}", r"r.yaml:11: a choice holds the range"),
+        ("{ink: {unifrm: [0, 1]}}", r"r.yaml:11: .*did you mean 'uniform'\?"),
+    ],
+)
+def test_a_parameter_that_no_file_could_record_is_told_with_its_line(tmp_path, params, told):
+    with pytest.raises(BadInput, match=told) as caught:
+        read(tmp_path, GOOD + f"scene_params: {{usaf_target: {params}}}\n")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (
+            "lfet",
+            r"r.yaml: scene_params.two_planes.near_side is 'lfet'; allowed: \"left\", \"right\", as on "
+            r"the scene's card, or a choice among them; did you mean 'left'\?",
+        ),
+        ("{choice: [left, rihgt]}", r"near_side is \{'choice': .*did you mean 'right'\?"),
+    ],
+)
+def test_a_value_that_the_card_s_choice_does_not_have_is_told_before_anything_is_made(tmp_path, value, told):
+    path = tmp_path / "r.yaml"
+    text = GOOD.replace("[usaf_target]", "[two_planes]")
+    path.write_text(f"{text}scene_params: {{two_planes: {{near_side: {value}}}}}\n")
+    with pytest.raises(BadInput, match=told):
+        prepare(path)
+
+
+@pytest.mark.parametrize("light", ["{kind: constant, level: 1.0e+39}", "{kind: constant, offset: 1.0e+300}"])
+def test_a_gain_that_cannot_be_recorded_is_told_before_anything_is_made(tmp_path, light):
+    path = tmp_path / "r.yaml"
+    path.write_text(GOOD.replace("{kind: constant}", light))
+    with pytest.raises(
+        BadInput, match=r"light 'constant' on usaf_target: the gain of .* is too large"
+    ) as caught:
+        prepare(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_gain_is_tried_over_the_whole_recording(tmp_path):
+    """The fourth of five steps has a gain beyond float32; sixteen readouts lie in the first one."""
+    path = tmp_path / "r.yaml"
+    late = "{kind: steps, every_s: 0.001, levels: [1, 1, 1, 1.0e+39, 1]}"
+    path.write_text(GOOD.replace("{kind: constant}", late))
+    with pytest.raises(BadInput, match=r"light 'constant' on usaf_target: the gain of .* is too large"):
+        prepare(path)

@@ -12,6 +12,7 @@ from saf_gen.errors import BadInput
 from saf_gen.leaderboard import columns, table
 from saf_gen.report import draw, page, write_report
 from saf_gen.report._html import embedded
+from saf_gen.report.board import lead
 from saf_gen.report.pictures import SEQUENCES
 from saf_gen.report.recount import RULES, brief
 
@@ -282,3 +283,27 @@ def test_text_and_lines_stand_out_in_both_schemes(scheme):
     assert contrast(colours["--ink"], colours["--warn"]) >= 4.5
     for number in range(1, 9):
         assert contrast(colours[f"--c{number}"], colours["--paper"]) >= 3, number
+
+
+def test_the_lead_and_the_table_say_the_same_share():
+    """Five of eight scenes: 62.5 %."""
+    records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
+    rows = table(records)
+    (share,) = (c.text(rows[0]) for c in columns(rows) if c.name == "success_1dof")
+    assert f"within one depth of focus on {share} of the scenes" in lead(rows)
+    assert share == "63%"
+
+
+def test_the_page_has_a_head_for_lights_named_as_the_ends_of_an_interval():
+    records = [
+        record("m+s", f"{scene}-{light}", 0.1, scene=scene, light=light)
+        for scene in ("a", "b", "c")
+        for light in ("low", "high")
+    ]
+    rows = table(records)
+    names = [
+        a["data-name"] for a in read(page(rows, title="x", records=records)).of("th") if "data-name" in a
+    ]
+    assert len(names) == len(set(names))
+    held = [rule["light"] for rule in brief(rows, records)["columns"] if rule and "light" in rule]
+    assert held == ["high", "low"]

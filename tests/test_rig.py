@@ -191,6 +191,11 @@ def test_a_recording_says_what_time_it_is_and_where_the_lens_was(tmp_path):
         view.score(0, 20)
         assert view.now == 40
         assert view.position(399) == 1.0
+        for frame in (-1, 400):
+            with pytest.raises(
+                BadInput, match=f"frames {frame} to {frame + 1} were asked for; allowed: .* 400"
+            ):
+                view.position(frame)
         with pytest.raises(BadInput, match=r"the lens of a recording cannot be moved to 0\.5.*closed_loop"):
             view.move(0.5)
         with pytest.raises(BadInput, match=r"the lens of a recording cannot go on for 8 frames.*closed_loop"):

@@ -1,13 +1,16 @@
 """Scene cards: what is right is read, what is wrong is told with its line."""
 
+import errno
 import shutil
 from dataclasses import replace
 
 import pytest
 
+from saf_gen import schedules
 from saf_gen.errors import BadInput
+from saf_gen.focal_stack import StackSpec, StackStore
 from saf_gen.optics import FocalLength, ImageDistance, Stage
-from saf_gen.scene import find_scene, scene_names
+from saf_gen.scene import RESERVED_GROUPS, find_scene, scene_names
 
 
 @pytest.fixture
@@ -186,4 +189,149 @@ def test_a_range_of_a_card_that_has_no_width_is_refused_with_its_line(family):
     card = family / "scene.yaml"
     card.write_text(card.read_text().replace("[0.4, 0.5]", "[0.5, 0.5]"))
     with pytest.raises(BadInput, match=r"scene.yaml:\d+: uniform is \[0.5, 0.5\]; allowed: \[low, high\]"):
+        find_scene("plane")
+
+
+@pytest.mark.parametrize(
+    ("params", "told"),
+    [
+        (
+            "{made: 2024-05-01}",
+            r"scene.yaml:\d+: params.made is the date 2024-05-01; allowed: a finite number",
+        ),
+        ("{ink: .nan}", r"scene.yaml:\d+: params.ink is nan; allowed"),
+        ("{ink: {uniform: [0, .inf]}}", r"scene.yaml:\d+: uniform is \[0, inf\]; allowed: .*finite numbers"),
+        ("{ink: {choice: [{uniform: [0, 1]}]}}", r"scene.yaml:\d+: a choice holds the range"),
+        ("{ink: {chioce: [1, 2]}}", r"scene.yaml:\d+: params.ink is {'chioce': .*did you mean 'choice'\?"),
+    ],
+)
+def test_a_parameter_of_a_card_that_no_file_could_record_is_told(edited, params, told):
+    edited("id: plane", f"id: plane\nparams: {params}")
+    with pytest.raises(BadInput, match=told) as caught:
+        find_scene("plane")
+    assert "\n" not in str(caught.value)
+
+
+# --- light groups -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(RESERVED_GROUPS))
+def test_a_light_group_has_no_name_that_means_something_else(edited, name):
+    edited("  room: [room]", f"  {name}: [room]")
+    told = (
+        rf"scene.yaml:9: a light group is called '{name}', which means .*; allowed: any name but choice, geom"
+    )
+    with pytest.raises(BadInput, match=told):
+        find_scene("plane")
+
+
+def test_the_reserved_names_are_a_stack_s_other_piece_and_what_begins_a_schedule(tmp_path):
+    drive = ImageDistance(0.025, 2.0, (0.6, 0.42))
+    spec = StackSpec("plane", "0" * 64, ("lamp",), drive, 2, 2, 60e-6, 2, 1, 2)
+    assert set(StackStore(tmp_path, spec).pieces) - {"lamp"} <= RESERVED_GROUPS
+    for name in RESERVED_GROUPS - {"geometry"}:
+        assert set(schedules.by_group({name: {"kind": "constant"}})) == {""}
+
+
+@pytest.mark.parametrize("name", ["../../../x", "''", "Lamp", "a b", "lamp.1", "-lamp", "lämp", '"lamp\\n"'])
+def test_a_light_group_has_a_name_that_can_be_a_file(edited, name):
+    edited("  room: [room]", f"  {name}: [room]")
+    with pytest.raises(
+        BadInput, match=r"scene.yaml:9: a light group is called .*; allowed: lower-case"
+    ) as caught:
+        find_scene("plane")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_light_group_without_emitters_is_refused(edited):
+    edited("  room: [room]", "  room: []")
+    with pytest.raises(
+        BadInput,
+        match=r"scene.yaml:9: light group 'room' is empty; allowed: the names of at least one emitter",
+    ):
+        find_scene("plane")
+
+
+@pytest.mark.parametrize("name", ["lamp-2", "0", "ring_0", "a-b_c"])
+def test_letters_digits_and_dashes_make_a_light_group(edited, name):
+    edited("  room: [room]", f"  '{name}': [room]")
+    assert set(find_scene("plane").card.lights) == {"lamp", name}
+
+
+# --- what the digest sees ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name", ["preview_card.png", "previews/a.png", "textures/preview.png", "preview.jpg"]
+)
+def test_a_picture_that_is_called_like_a_preview_is_part_of_the_scene(edited, name):
+    path = edited("id: plane", "id: plane") / name
+    path.parent.mkdir(exist_ok=True)
+    digests = set()
+    for content in ("one", "two"):
+        path.write_text(content)
+        digests.add(find_scene("plane").digest)
+    assert len(digests) == 2
+
+
+def test_the_scene_s_own_preview_and_caches_are_no_part_of_it(edited):
+    folder = edited("id: plane", "id: plane")
+    before = find_scene("plane").digest
+    (folder / "preview.png").write_text("a sheet")
+    (folder / "parts" / "__pycache__").mkdir(parents=True)
+    (folder / "parts" / "__pycache__" / "x.pyc").write_text("compiled")
+    assert find_scene("plane").digest == before
+
+
+def test_a_linked_folder_counts_with_what_is_in_it(edited, tmp_path):
+    folder = edited("id: plane", "id: plane")
+    before = find_scene("plane").digest
+    shared = tmp_path.parent / f"{tmp_path.name}_shared"
+    (shared / "wood").mkdir(parents=True)
+    (folder / "textures").symlink_to(shared)
+    digests = {before}
+    for content in ("oak", "ash"):
+        (shared / "wood" / "grain.png").write_text(content)
+        digests.add(find_scene("plane").digest)
+    assert len(digests) == 3
+    (folder / "textures").unlink()
+    shutil.copytree(shared, folder / "textures")
+    assert find_scene("plane").digest in digests  # a copy is the same scene
+
+
+@pytest.mark.parametrize("to", [".", "..", "textures"])
+def test_a_link_in_a_circle_is_told(edited, to):
+    folder = edited("id: plane", "id: plane")
+    (folder / "textures").mkdir()
+    (folder / "textures" / "again").symlink_to(folder / to)
+    with pytest.raises(BadInput, match=r"again(/plane)? leads in a circle, back to .*; remove the link"):
+        find_scene("plane")
+
+
+def test_links_of_an_xml_scene_stay_in_its_folder(edited, tmp_path):
+    folder = edited("id: plane", "id: plane")
+    (folder / "scene.py").rename(folder / "scene.xml")
+    (folder / "wood").mkdir()
+    (folder / "textures").symlink_to(folder / "wood")
+    assert find_scene("plane")
+    (folder / "shared").symlink_to(tmp_path.parent)
+    told = r"plane/shared is a link to .*; allowed: for a scene.xml, what lies in the scene's folder; copy it"
+    with pytest.raises(BadInput, match=told):
+        find_scene("plane")
+
+
+def test_a_folder_of_more_files_than_a_scene_has_is_refused(edited, monkeypatch):
+    edited("id: plane", "id: plane")
+    monkeypatch.setattr("saf_gen.scene_digest.MOST", 1)
+    with pytest.raises(BadInput, match="plane holds more than 1 files"):
+        find_scene("plane")
+
+
+def test_a_file_of_a_scene_that_cannot_be_read_is_told(edited, monkeypatch):
+    def closed(self):
+        raise PermissionError(errno.EACCES, "Permission denied", str(self))
+
+    folder = edited("id: plane", "id: plane")
+    monkeypatch.setattr("pathlib.Path.read_bytes", closed)
+    with pytest.raises(BadInput, match=rf"{folder}/scene.py cannot be read: Permission denied"):
         find_scene("plane")

@@ -231,6 +231,7 @@ def neighbours(tmp_path):
     (folder / "meshes/link.ply").symlink_to(tmp_path / "outside.ply")
     (folder / "up").symlink_to(tmp_path)
     (folder / "loop.ply").symlink_to("loop.ply")
+    (folder / "deep").symlink_to(folder / "meshes")
 
     def read(elements):
         (folder / "scene.xml").write_text(f"{HEAD}\n{elements}\n</scene>")
@@ -245,6 +246,8 @@ FILES = {
     "meshes/../../outside.ply": OUT,
     "meshes/link.ply": OUT,
     "up/outside.ply": OUT,
+    "deep/../../scene/meshes/Bench.ply": OUT,
+    "\\etc\\passwd": "is named by an absolute path; copy it into",
     "..\\outside.ply": OUT,
     "/etc/passwd": "is named by an absolute path; copy it into",
     "C:\\meshes\\Bench.ply": "is named by an absolute path; copy it into",
@@ -276,6 +279,19 @@ def test_a_file_out_of_the_folder_or_missing_is_refused(neighbours, name, elemen
 def test_a_file_in_the_folder_is_named_whole(neighbours, name, tmp_path):
     text = neighbours(f'<shape type="ply"><string name="filename" value="{name}"/></shape>')
     assert f'value="{(tmp_path / "scene/meshes/Bench.ply").resolve()}"' in text
+
+
+def test_files_keep_the_names_that_the_scene_calls_them_by(neighbours, tmp_path):
+    names = ["deep\\Bench.ply", "./meshes/Bench.ply", "deep/Bench.ply"]
+    neighbours("".join(f'<shape type="ply"><string name="filename" value="{n}"/></shape>' for n in names))
+    path = (tmp_path / "scene/meshes/Bench.ply").resolve()
+    read = read_scene_xml(tmp_path / "scene/scene.xml", {})
+    assert read.files == (("deep/Bench.ply", path), ("meshes/Bench.ply", path))
+
+
+def test_cameras_keep_their_lines(tmp_path):
+    (tmp_path / "scene.xml").write_text(f'{HEAD}\n\n<sensor type="perspective" id="eye"/>\n</scene>')
+    assert 'id="eye"' in read_scene_xml(tmp_path / "scene.xml", {}).cameras.splitlines()[2]
 
 
 BOMB = """<?xml version="1.0"?>
@@ -336,6 +352,35 @@ def test_what_is_not_known_to_be_harmless_is_refused(written, elements, told):
 )
 def test_what_is_no_scene_is_told(written, text, told):
     assert told in refused(written, text, head="")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("gbk", "multi-byte encodings are not supported"),
+        ("shift_jis", "multi-byte encodings are not supported"),
+        ("foo", "unknown encoding: foo"),
+        ("hex", "'hex' is not a text encoding"),
+        ("undefined", "undefined encoding"),
+    ],
+)
+def test_an_encoding_that_cannot_be_read_is_told(written, tmp_path, name, told):
+    text = f'<?xml version="1.0" encoding="{name}"?>\n{HEAD}</scene>'
+    said = refused(written, text, head="")
+    assert said.startswith(f"{tmp_path}/scene.xml:1: the encoding of the file cannot be read: ")
+    assert told in said
+    assert said.endswith(
+        'allowed: UTF-8; save it as UTF-8, with <?xml version="1.0" encoding="utf-8"?> or without that line'
+    )
+    (tmp_path / "part.xml").write_text(text)
+    assert "part.xml:1: the encoding" in refused(written, '<include filename="part.xml"/>')
+
+
+@pytest.mark.parametrize("name", ["utf-8", "utf-16", "latin-1", "cp1252"])
+def test_an_encoding_that_python_knows_is_read(tmp_path, name):
+    text = f'<?xml version="1.0" encoding="{name}"?>\n{HEAD}<shape type="cube" id="Würfel"/></scene>'
+    (tmp_path / "scene.xml").write_text(text, encoding=name)
+    assert 'id="Würfel"' in read_scene_xml(tmp_path / "scene.xml", {}).text
 
 
 @pytest.mark.parametrize(

@@ -202,3 +202,50 @@ def test_the_light_ratio_is_brightest_over_darkest(gain, ratio):
 def test_an_unknown_light_has_no_ratio():
     assert light_ratio(None) is None
     assert light_ratio(np.zeros((0, 1))) is None
+
+
+def holed(array, *frames, value=math.nan):
+    out = np.array(array, dtype=np.float64)
+    out[list(frames)] = value
+    return out
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("frame", [400.0, 700.0, 10.0, None])
+def test_a_lens_that_is_not_known_in_every_frame_is_as_good_as_none(frame, value):
+    """Wherever the answer lies, beside the gap or far from it, and for an abstention just so."""
+    verdict = judged(frame, focus_position=holed(SWEEP, 10, 11, value=value))
+    assert verdict == judge(
+        frame, frames_seen=801, focus_position=None, truth=0.5, truth_frame=400.0, ends=(0.45, 0.55)
+    )
+    assert (verdict.position, verdict.error, verdict.lens_travel) == (None, None, None)
+    assert verdict.success == (None, None, None)
+    assert (verdict.truth, verdict.truth_frame) == (0.5, 400.0)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("frame", [400.0, 700.0, 10.0, None])
+def test_a_track_that_is_not_known_in_every_frame_is_no_truth_for_answers_and_abstentions_alike(frame, value):
+    verdict = judged(frame, track=holed(np.full(801, 0.5), 10, 700, value=value))
+    assert verdict.success == (None, None, None)
+    assert (verdict.truth, verdict.truth_frame, verdict.error, verdict.error_frames) == (None,) * 4
+    assert verdict.position == (None if frame is None else pytest.approx(frame / 800))
+    assert verdict.lens_travel == lens_travel(801, frame, SWEEP)
+
+
+@pytest.mark.parametrize("frame", [480.0, None])
+def test_a_track_without_a_position_of_best_focus_is_no_truth(frame):
+    verdict = judged(frame, truth=math.nan, truth_frame=math.nan, track=np.full(801, 0.5))
+    assert (verdict.truth, verdict.error, verdict.success) == (None, None, (None,) * 3)
+
+
+def test_the_light_ratio_of_gains_that_are_not_known_is_not_known():
+    assert light_ratio(np.array([[1.0], [math.nan]])) is None
+    assert light_ratio(np.array([[1.0, 1.0], [2.0, math.inf]])) is None
+
+
+def test_a_share_within_half_a_depth_of_focus_may_exceed_that_within_one():
+    """The focus is 0.8 depths of focus beyond the travel: an abstention is right where no answer could be."""
+    beyond = {"truth": 1.08, "truth_frame": math.nan, "ends": (1.03, 1.13)}
+    assert judged(None, **beyond).success == (True, False, False)
+    assert judged(800.0, **beyond).success == (False, True, True)

@@ -11,6 +11,7 @@ from saf_gen.checks import check_scene
 from saf_gen.errors import BadInput
 from saf_gen.render import variant
 from saf_gen.scene import find_scene, scene_at
+from saf_gen.scene_xml import read_scene_xml
 from saf_gen.skeleton import new_scene, take_over
 
 VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
@@ -108,6 +109,16 @@ def edited(tmp_path):
     return edit
 
 
+FOV = "18.180556"
+LOOK = '<lookat origin="0.000000, 0.200000, 0.550000" target="0.000000, 0.157000, 0.390000" up="0, 1, 0"/>'
+
+
+def thin(radius):
+    """What makes the file's camera one with an aperture."""
+    at = '<sensor type="perspective" id="Camera" name="Camera">'
+    return at, f'{at.replace("perspective", "thinlens")}<float name="aperture_radius" value="{radius}"/>'
+
+
 @pytest.mark.parametrize(
     ("pairs", "told"),
     [
@@ -117,13 +128,128 @@ def edited(tmp_path):
         ),
         ([('target="0.000000, 0.157000', 'target="0.000000, 9.157000')], "nothing lies in the middle of the"),
         ([("meshes/Ball.ply", "../Ball.ply")], "lies outside of the scene's folder"),
+        (
+            [(FOV, "wide")],
+            r"scene.xml:16: Mitsuba does not understand this: could not parse .*value \"wide\"",
+        ),
+        (
+            [(FOV, "0.1")],
+            "scene.xml: no card can have this camera: the lens of 506.6 mm cannot focus at 0.4271 m; "
+            "allowed: object distances beyond 0.5066 m; change the camera and export again, or write",
+        ),
+        ([(FOV, "180")], r"scene.xml: the camera's field of view: .* must be in the range \[0, 180\]"),
+        ([(FOV, "nan")], "the camera's field of view is nan degrees; allowed: above 0, below 180"),
+        (
+            [('name="fov_axis" value="x"', 'name="fov_axis" value="longest"')],
+            "the camera's field of view: The 'fov_axis' parameter must be set to one of 'smaller'",
+        ),
+        (
+            [('name="fov_axis" value="x"', 'name="focal_length" value="85mm"')],
+            "the camera's field of view: Please specify either a focal length .* or a field of view",
+        ),
+        ([(LOOK, '<scale value="0"/>')], "to_world of the camera gives it no direction; export the scene"),
+        (
+            [thin(-1)],
+            r"aperture_radius of the camera is -1.0; allowed: a length in metres, or 0 for a pinhole",
+        ),
+        ([thin("nan")], r"aperture_radius of the camera is nan; allowed: a length in metres"),
+        (
+            [thin(1e-5)],
+            "aperture_radius of the camera is 1e-05, f/1197 on our sensor; allowed: up to f/64, 0.00019 m "
+            "or more; open the aperture, or write 0: the card then says f/2",
+        ),
     ],
 )
 def test_an_export_that_cannot_be_taken_over_is_told(here, edited, pairs, told):
     path = edited(*pairs)
+    with pytest.raises(BadInput, match=told) as refused:
+        take_over(path, "bench", here / "scenes")
+    assert "\n" not in str(refused.value)
+    assert not (here / "scenes").exists()
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
+    """Nothing is left of the first, and nothing that was there is touched."""
+    path = edited((FOV, "0.1"))
+    if before:
+        new_scene("other", here / "scenes")
+    kept = sorted(here.rglob("*"))
+    with pytest.raises(BadInput, match="no card can have this camera"):
+        take_over(path, "bench", here / "scenes")
+    assert sorted(here.rglob("*")) == kept
+    path.write_text(path.read_text().replace('value="0.1"', 'value="18"'))
+    written = take_over(path, "bench", here / "scenes")
+    assert all(p.is_file() for p in written)
+    assert {p.relative_to(here).as_posix() for p in written} == {
+        p.relative_to(here).as_posix() for p in (here / "scenes/bench").rglob("*") if p.is_file()
+    }
+    assert [p.name for p in (here / "scenes").iterdir() if p.name.startswith(".")] == []
+    assert find_scene("bench").id == "bench"
+
+
+def test_a_folder_that_cannot_be_written_is_told(here):
+    (here / "scenes").write_text("a file")
+    with pytest.raises(BadInput, match=r"scenes/mine cannot be written: .*; choose another folder"):
+        new_scene("mine", here / "scenes")
+
+
+def test_linked_files_are_copied_under_the_names_in_the_file(here, edited):
+    path = edited()
+    (path.parent / "data").mkdir()
+    (path.parent / "meshes/Ball.ply").rename(path.parent / "data/a.ply")
+    (path.parent / "meshes/Ball.ply").symlink_to(path.parent / "data/a.ply")
+    take_over(path, "bench", here / "scenes")
+    folder = here / "scenes/bench"
+    assert (folder / "meshes/Ball.ply").read_bytes() == (path.parent / "data/a.ply").read_bytes()
+    assert not (folder / "meshes/Ball.ply").is_symlink()
+    assert not (folder / "data").exists()
+    copied = read_scene_xml(folder / "scene.xml", {})
+    assert {name for name, _ in copied.files} >= {"meshes/Ball.ply", "textures/print.png"}
+
+
+@pytest.mark.parametrize("name", ["scene.xml", "scene.yaml", "scene.py", "SOURCE.md"])
+def test_a_file_that_would_take_the_place_of_the_scenes_own_is_told(here, edited, name):
+    path = edited(("textures/print.png", name)).rename(here / "export.xml")
+    shutil.copytree(SCENES / "workbench/meshes", here / "meshes")
+    shutil.copyfile(SCENES / "workbench/textures/print.png", here / name)
+    told = f"export.xml: the scene names a file '{name}', and the copy has another of that name; rename it"
     with pytest.raises(BadInput, match=told):
         take_over(path, "bench", here / "scenes")
-    assert not (here / "scenes/bench").exists()
+    assert not (here / "scenes").exists()
+
+
+@pytest.mark.parametrize(
+    ("radius", "f_number"), [(0, 2.0), (0.005, None), (1.0, 1.0)], ids=["pinhole", "a lens", "very wide"]
+)
+def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_number):
+    """f/(2R), from f/1 on; a pinhole tells nothing, and gets f/2."""
+    take_over(edited(thin(radius)), "bench", here / "scenes")
+    lens = find_scene("bench").card.lens
+    expected = f_number or lens.focal_length_mm / 1000 / (2 * radius)
+    assert lens.f_number == pytest.approx(expected, rel=5e-3)  # the card has three digits
+
+
+@pytest.mark.parametrize(
+    ("words", "focal_mm"),
+    [
+        ('<string name="focal_length" value="85mm"/>', 85),
+        ('<string name="focal_length" value="35"/>', 35),
+        ("", 50),
+    ],
+)
+def test_a_focal_length_is_that_of_a_film_of_36_by_24_mm_with_the_same_diagonal_field(
+    here, edited, words, focal_mm
+):
+    """Half the diagonal over the focal length, of which 1.6/√(1.6² + 1) lie across our film of 8:5."""
+    path = edited(
+        ('<string name="fov_axis" value="x"/>', ""), ('<float name="fov" value="18.180556"/>', words)
+    )
+    take_over(path, "bench", here / "scenes")
+    scene = find_scene("bench")
+    image = float(scene.drive().image_distance(scene.drive().best_position(0.5695)))
+    across = np.hypot(36, 24) / 2 / focal_mm * 1.6 / np.hypot(1.6, 1)
+    assert 4e-3 / image == pytest.approx(across, rel=2e-3)
 
 
 def test_an_export_without_lamps_is_told(here, edited):
@@ -147,3 +273,15 @@ def test_lamps_of_odd_names_make_groups_that_a_card_can_have(here, edited):
     path = edited(('id="World" name="World"', 'id="Key: [1]" name="World"'), ('"emit-Lamp"', '"light_Key 1"'))
     take_over(path, "bench", here / "scenes")
     assert dict(find_scene("bench").card.lights) == {"key_1": ("Key: [1]",), "key_1_2": ("light_Key 1",)}
+
+
+@pytest.mark.parametrize("word", ["geometry", "kind", "choice", "uniform"])
+def test_a_lamp_called_as_no_group_may_be_gets_another(here, edited, word):
+    path = edited(('id="World" name="World"', f'id="Light-{word.upper()}" name="World"'))
+    take_over(path, "bench", here / "scenes")
+    assert find_scene("bench").card.lights[f"{word}_lamp"] == (f"Light-{word.upper()}",)
+
+
+def test_a_lamp_whose_name_yaml_takes_for_a_truth_is_quoted(here, edited):
+    take_over(edited(('id="World" name="World"', 'id="On" name="World"')), "bench", here / "scenes")
+    assert find_scene("bench").card.lights["on"] == ("On",)

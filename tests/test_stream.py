@@ -296,6 +296,27 @@ def test_a_wrong_field_is_named(tmp_path, field, value, message):
         write_stream(tmp_path / "a.h5", np.zeros((10, 2, 3)), **{field: value})
 
 
+@pytest.mark.parametrize(
+    ("field", "optional"),
+    [
+        ("focus_position", lambda held: {"focus_position": held}),
+        ("track", lambda held: {"truth": {"position": 0.5, "track": held}}),
+    ],
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_lens_and_a_track_are_known_in_every_frame_or_refused(tmp_path, field, optional, value):
+    held = np.linspace(0, 1, 10)
+    held[[4, 7, 8]] = value
+    told = (
+        f"{field} is not finite in 3 of 10 frames, the first is frame 4; allowed: a finite position in every "
+        "frame; fill the gaps, or leave the field out"
+    )
+    with pytest.raises(BadInput) as caught:
+        write_stream(tmp_path / "a.h5", np.zeros((10, 2, 3)), **optional(held))
+    assert str(caught.value) == told
+    assert not list(tmp_path.iterdir())
+
+
 def test_lights_and_names_must_agree(tmp_path):
     with pytest.raises(BadInput, match="gain has 2 lights, light_names 1"):
         write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)), gain=np.zeros((3, 2)), light_names=("a",))

@@ -97,3 +97,16 @@ def test_a_table_that_does_not_fit_is_told_by_line(text, told):
     with pytest.raises(BadInput, match=told) as caught:
         columns(text, NAMES, name="t.csv")
     assert "\n" not in str(caught.value)
+
+
+def test_a_link_in_a_circle_is_told(folder):
+    (folder / "round.csv").symlink_to(folder / "and.csv")
+    (folder / "and.csv").symlink_to(folder / "round.csv")
+    with pytest.raises(BadInput, match=r"r.yaml:3: 'round.csv' cannot be followed: ") as caught:
+        text_beside(folder, "round.csv", where="r.yaml:3")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_name_that_no_file_can_have_is_told(folder):
+    with pytest.raises(BadInput, match=r"'a\\x00b.csv' cannot be followed: embedded null byte"):
+        text_beside(folder, "a\0b.csv")

@@ -1,14 +1,17 @@
 """Constants found on train: which combinations, which of them is best, what the file says, who cites it."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from sweeps import write_sweep
+from test_own_parts import PARTS
 
 from saf_gen.cli import main
 from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
 from saf_gen.errors import BadInput
 from saf_gen.evaluate import evaluate
+from saf_gen.leaderboard import table
 from saf_gen.methods import parse_method
 from saf_gen.tune import MOST, tune, variants
 from saf_gen.tuned import read_tuned, tuned_text
@@ -79,6 +82,51 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     (record,) = evaluate(dataset, methods=[f"@{path}"], split="test").records
     assert record.tuning == method.tuning
     assert record.method == tuned.method
+
+
+def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
+    path = tmp_path / "found.json"
+    path.write_text(tuned_text(tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})[0]))
+    assert variants(f"@{path}", {"search.window": ["50"], "search.refine": ["true"]}) == [
+        "sd+argmax:window=50,refine=true"
+    ]
+    tuned, _ = tune(dataset, f"@{path}", {"search.refine": ["true", "false"]})
+    assert {t.method for t in tuned.trials} == {
+        "sd+argmax:window=200,refine=true",
+        "sd+argmax:window=200,refine=false",
+    }
+
+
+def test_constants_of_ones_own_part_are_found_too(tmp_path):
+    path = tmp_path / "parts_of_tune.py"
+    path.write_text(PARTS)
+    assert variants(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
+        f"{path}:Range:power=1+argmax",
+        f"{path}:Range:power=2+argmax",
+    ]
+
+
+def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
+    tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})
+    for name in ("a.json", "b.json"):
+        (tmp_path / name).write_text(tuned_text(replace(tuned, version=name)))
+    specs = [f"@{tmp_path}/a.json", f"@{tmp_path}/b.json", " sd + argmax : window = 200 ", "sd+argmax"]
+    steps = []
+    result = evaluate(dataset, methods=specs, split="test", progress=lambda *step: steps.append(step))
+    assert [r.method for r in result.records] == ["sd+argmax:window=200", "sd+argmax"]
+    assert result.records[0].tuning == read_tuned(tmp_path / "a.json")[1]
+    assert [row.method for row in table(result.records)] == ["sd+argmax:window=200", "sd+argmax"]
+    assert {of for _, of, _ in steps} == {2}
+
+
+def test_a_file_that_names_a_file_is_refused(dataset, tmp_path):
+    path = tmp_path / "found.json"
+    tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100"]})
+    path.write_text(tuned_text(replace(tuned, method=f"@{path}")))
+    with pytest.raises(
+        BadInput, match=r"found\.json names '@.*found\.json'; allowed: MEASURE\+SEARCH in a tuned"
+    ):
+        parse_method(f"@{path}")
 
 
 def test_nothing_is_tuned_on_test(dataset):

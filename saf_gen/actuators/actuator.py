@@ -1,7 +1,9 @@
 """Actuators: what moves a lens, as a frozen value read from ``presets/<name>.yaml``."""
 
+import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from math import isfinite, pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -74,6 +76,26 @@ class Actuator:
         for key in _KEYS:
             _check(key, getattr(self, key), f"actuator {self.name}")
 
+    @property
+    def label(self) -> str:
+        """The name, where all numbers are those of the preset of that name; else with a digest of them.
+
+        ``voice_coil``, or ``voice_coil (own, 1a2b3c4d5e6f)``: two drives of one label move a lens alike,
+        whatever their sources say.
+        """
+        preset = _preset(self.name) if self.name in actuator_names() else None
+        if preset is not None and preset._numbers() == self._numbers():
+            return self.name
+        return f"{self.name} (own, {hashlib.sha256(self._numbers().encode()).hexdigest()[:12]})"
+
+    def _numbers(self) -> str:
+        """All that moves the lens, as text; 1 and 1.0 are the same number, and so are 0 and -0."""
+        said = {key: getattr(self, key) for key in _KEYS if key not in ("name", "sources")}
+        return "\n".join(
+            f"{key} {value if isinstance(value, str) else repr(float(value) + 0.0)}"
+            for key, value in said.items()
+        )
+
     def move_s(self, distance: float) -> float:
         """Seconds in which the motor, from rest to rest, goes so far; latency and settling are not in it."""
         if distance * self.acceleration < self.speed**2:
@@ -130,6 +152,11 @@ def get_actuator(name: str | Path, **changes: Any) -> Actuator:
     actuator = Actuator(**card | {"sources": tuple(card["sources"])})
     _check_keys(changes, lambda key: f"actuator {name}")
     return replace(actuator, **changes)
+
+
+@cache
+def _preset(name: str) -> Actuator:
+    return get_actuator(name)
 
 
 def _check_keys(given: Iterable[str], where: Callable[[str], str]) -> None:

@@ -19,6 +19,9 @@ FLAT = 1.2  # peak over the lowest
 def check_curve(trial: Trial) -> Iterator[Finding]:
     """How far from the truth the curve has its top, in depths of focus, and whether it has others."""
     focus, curve = trial.stack.spec.focus, sharpness_of(trial, trial.stack)
+    if not curve.max() > 0:
+        yield error("curve", "the target's box has no sharpness: nothing in it is bright, or all is alike")
+        return
     half = trial.half_depth
     near, fine = trial.near[0].spec.focus, sharpness_of(trial, trial.near[0])
     top = float(focus[curve.argmax()])
@@ -53,10 +56,14 @@ def check_curve(trial: Trial) -> Iterator[Finding]:
 
 
 def sharpness_of(trial: Trial, stack: FocalStack) -> np.ndarray:
-    """Variance over squared mean of the charge in the target's box, float64 (focus,), as streams store it."""
+    """Variance over squared mean of the charge in the target's box, float64 (focus,), as streams store it.
+
+    0 where the box is black.
+    """
     rows, columns = target_box(stack.target)
     seen = trial.charge(stack)[:, rows, columns].astype(np.float64)
-    return seen.var(axis=(1, 2)) / seen.mean(axis=(1, 2)) ** 2
+    square = seen.mean(axis=(1, 2)) ** 2
+    return np.divide(seen.var(axis=(1, 2)), square, out=np.zeros_like(square), where=square > 0)
 
 
 def _summit(focus: np.ndarray, curve: np.ndarray) -> float:

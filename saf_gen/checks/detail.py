@@ -105,6 +105,8 @@ def detail_of(first: FocalStack, second: FocalStack, truth: float, aside: float)
     mask, focus = first.target, first.spec.focus
     a, b = (stack.radiance.sum(axis=0)[:, mask].astype(np.float64) for stack in (first, second))
     mean = (a.mean(axis=1) + b.mean(axis=1)) / 2
+    if not mean.min() > 0:  # black
+        return Detail(0.0, 0.0, float("inf"))
     a_, b_ = (stack - stack.mean(axis=1, keepdims=True) for stack in (a, b))
     products = a_ * b_
     shared = products.mean(axis=1) / mean**2

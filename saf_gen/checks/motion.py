@@ -52,6 +52,13 @@ def check_motion(trial: Trial) -> Iterator[Finding]:
 def _slices(trial: Trial, speed: tuple[str, float]) -> Finding:
     name, pixels_per_s = speed
     slices = trial.scene.card.slices_per_s
+    if not name:
+        moving = ", ".join(repr(name) for name in trial.studio.motions)
+        text = f"no shape goes anywhere, what moves is {moving}"
+        if slices is None:
+            how = "write slices_per_s, with which the check measures how well slices go over"
+            return warning("motion", f"{text}, but recordings of it stand still: {how}")
+        return ok("motion", f"{text}; slices_per_s: {slices:g}")
     write = f"slices_per_s: {max(1, round(pixels_per_s / FINE))} moves it a pixel from one to the next"
     text = f"{name!r} moves at up to {pixels_per_s:,.0f} pixels a second"
     if slices is None:
@@ -80,10 +87,11 @@ def _keys(trial: Trial) -> set[float]:
 
 
 def fastest(trial: Trial, times: list[float]) -> tuple[str, float]:
-    """The moving shape whose picture is fastest, with its speed (pixels a second).
+    """The moving shape whose picture is fastest, with its speed (pixels a second); ('', 0) where none moves.
 
-    By the corners of the box round each shape, seen through the middle of the lens where the target is in
-    focus, over a thousandth of a second at each of these times.
+    What has no shape, as a spot lamp, has no picture to be fast. By the corners of the box round each shape,
+    seen through the middle of the lens where the target is in focus, over a thousandth of a second at each of
+    these times.
     """
     card, drive = trial.scene.card, trial.drive
     origin = np.array(card.camera.origin_m)
@@ -97,7 +105,10 @@ def fastest(trial: Trial, times: list[float]) -> tuple[str, float]:
     step_s = 1e-3
     best = ("", 0.0)
     for name, motion in trial.studio.motions.items():
-        corners = np.array(list(product(*trial.studio.rest(name).T)))
+        box = trial.studio.rest(name)
+        if not box.size:
+            continue
+        corners = np.array(list(product(*box.T)))
         for time_s in times:
             pixels = []
             for t in (time_s, time_s + step_s):

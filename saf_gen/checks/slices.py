@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from saf_gen.checks._finding import Finding, ok, warning
+from saf_gen.checks._finding import Finding, error, ok, warning
 from saf_gen.checks.motion import last_s
 from saf_gen.checks.trial import Trial
 from saf_gen.reel import moments
@@ -30,7 +30,7 @@ LEAST = 0.001  # a smaller error is hardly worth a render
 @dataclass(frozen=True)
 class Mixed:
     """square: the mean squared error over the squared mean, without noise (it may fall below 0).
-    scatter: its standard error."""
+    scatter: its standard error. Both are NaN where the picture is black: it has no mean to compare with."""
 
     square: float
     scatter: float
@@ -44,6 +44,8 @@ class Mixed:
         """From two pairs of pictures (row, col), mixed and between, noise independent from pair to pair."""
         first, second = (mixed.astype(np.float64) - between for mixed, between in pairs)
         mean = float(np.mean([between for _, between in pairs]))
+        if not mean > 0:
+            return cls(float("nan"), float("nan"))
         square = float((first * second).mean()) / mean**2
         # With noise of variance s² over a difference e a pixel's product has the variance 2e²s² + s⁴.
         noise = ((first + second) / 2 * (first - second)) ** 2
@@ -55,18 +57,27 @@ def check_slices(trial: Trial) -> Iterator[Finding]:
     card = trial.scene.card
     if not trial.studio.motions or card.slices_per_s is None:
         return
-    found = {time_s: error for time_s in _times(trial) if (error := mixed_at(trial, time_s))}
+    found = {time_s: mixed for time_s in _times(trial) if (mixed := mixed_at(trial, time_s))}
+    dark = [time_s for time_s, mixed in found.items() if np.isnan(mixed.square)]
+    if dark:
+        told = error if len(dark) == len(found) else warning
+        yield told(
+            "slices",
+            f"no light comes from the target's box at {dark[0]:.3g} s, and slices have nothing to be "
+            "compared with: turn a lamp to it, or give the scene light from all sides",
+        )
+    found = {time_s: mixed for time_s, mixed in found.items() if time_s not in dark}
     if not found:
-        return  # check_motion has told that the target is never there
+        return  # told here, or check_motion has told that the target is never there
     worst = max(found, key=lambda time_s: found[time_s].square)
-    error = found[worst]
-    text = f"between two time slices the picture is {error.root():.2%} off (rms, at {worst:.3g} s)"
+    mixed = found[worst]
+    text = f"between two time slices the picture is {mixed.root():.2%} off (rms, at {worst:.3g} s)"
     said = card.interpolation_error
-    upper = _rounded_up(error.root(SIGMAS))
+    upper = _rounded_up(mixed.root(SIGMAS))
     if said is None:
         yield warning("slices", f"{text}: write interpolation_error: {upper:g} on the card")
-    elif error.root(-SIGMAS) > said:
-        enough = card.slices_per_s * (error.root() / said) ** (1 / EDGE)
+    elif mixed.root(-SIGMAS) > said:
+        enough = card.slices_per_s * (mixed.root() / said) ** (1 / EDGE)
         yield warning(
             "slices",
             f"{text}, the card says {said:.2%}: write slices_per_s: {np.ceil(enough):.0f}, or "

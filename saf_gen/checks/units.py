@@ -26,7 +26,7 @@ def check_units(trial: Trial) -> Iterator[Finding]:
     """How large the target is, how far, how much of the frame."""
     seen = trial.seen
     share = seen.target.mean()
-    size = np.ptp(_target_box(trial), axis=0)
+    size = np.ptp(trial.studio.bounds(*trial.scene.card.target), axis=0)
     text = (
         f"target {_lengths(size)}, {np.median(trial.depths):.4g} m away, {share:.0%} of the frame; "
         f"all there is {_lengths(np.ptp(trial.studio.bounds(), axis=0))}"
@@ -42,7 +42,9 @@ def check_units(trial: Trial) -> Iterator[Finding]:
 def mistaken_unit(trial: Trial) -> str:
     """What to write if another unit would bring the target into the lens's reach; '' where none would."""
     card = trial.scene.card
-    box = _target_box(trial)
+    box = trial.studio.bounds(*card.target)
+    if not box.size:
+        return ""  # no shape has the target's name: its size is not known
     middle = box.mean(axis=0)
     origin = np.array(card.camera.origin_m)
     axis = np.array(card.camera.look_at_m) - origin
@@ -65,12 +67,6 @@ def mistaken_unit(trial: Trial) -> str:
         if fits(middle, origin * metres):
             return f"if camera.origin_m is in {name}, multiply it and look_at_m by {metres:g}"
     return ""
-
-
-def _target_box(trial: Trial) -> np.ndarray:
-    """Corners (m) of the box round all target shapes, float64 (2, 3)."""
-    boxes = np.array([trial.studio.bounds(name) for name in trial.scene.card.target])
-    return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
 def _lengths(metres: np.ndarray) -> str:

@@ -48,6 +48,12 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 }
 ALONE: dict[str, Callable[..., None]] = {"methods": methods.list_}
 """What a group does without a command; the others show their help."""
+NOTHING = "nothing was written: the same command starts from the beginning"
+KEPT = {
+    "generate": "what was done is kept: run the same command again to go on",
+    **dict.fromkeys(("evaluate", "leaderboard", "tune", "score", "import", "export"), NOTHING),
+}
+"""What is left of a command that was stopped, where it writes at all."""
 
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
@@ -74,7 +80,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
     try:
         code = app(args=argv, standalone_mode=False)
         if code == STOPPED:  # what typer makes of Ctrl-C
-            fail("stopped; what was done is kept: run the same command again to go on", STOPPED)
+            command = next(iter(sys.argv[1:] if argv is None else argv), "")
+            fail("; ".join(filter(None, ("stopped", KEPT.get(command)))), STOPPED)
     except SafGenError as error:
         code = fail(str(error), error.exit_code)
     except typer.TyperException as error:

@@ -10,8 +10,9 @@ from saf_gen.cli._terminal import out
 if TYPE_CHECKING:
     from saf_gen.leaderboard import Row
     from saf_gen.records import Record
+    from saf_gen.report import Written
 
-__all__ = ["show_board"]
+__all__ = ["show_board", "show_written"]
 
 
 def show_board(rows: "Sequence[Row]", *, title: str, records: "Sequence[Record]" = ()) -> None:
@@ -29,3 +30,11 @@ def show_board(rows: "Sequence[Row]", *, title: str, records: "Sequence[Record]"
     out.print(board)
     for note in notes(rows, records) if records else ():
         out.print(note)
+
+
+def show_written(written: "Written") -> None:
+    """Print the paths of an evaluation, and what they replaced."""
+    for path in written.paths:
+        out.print(str(path), soft_wrap=True)
+    if written.replaced:
+        out.print(written.replaced, soft_wrap=True)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from saf_gen.cli._board import show_board
+from saf_gen.cli._board import show_board, show_written
 from saf_gen.cli._terminal import OutFolder, fail, out, progress_bars
 from saf_gen.errors import BadInput, unknown
 
@@ -48,8 +48,8 @@ def evaluate(
     """Run focus methods over recordings, rank them, draw their curves."""
     from saf_gen.evaluate import evaluate as run
     from saf_gen.files import check_writable
-    from saf_gen.leaderboard import table, write_curves, write_files
-    from saf_gen.report import write_report
+    from saf_gen.leaderboard import table
+    from saf_gen.report import write_evaluation
 
     terms = terms_of(track, actuator, budget, sweep)
     target = folder or _beside(source, track)
@@ -77,11 +77,8 @@ def evaluate(
         records=result.records,
         title=f"{source}: {sequences} sequences, region {region}{', closed loop' if terms else ''}",
     )
-    tables = write_files(target, rows=rows, records=result.records, failures=result.failures)
-    tables += write_curves(target, result.sweeps)
-    pictures = write_report(target, rows=rows, evaluation=result, title=source.resolve().name)
-    for path in (*tables, *pictures):
-        out.print(str(path), soft_wrap=True)
+    written = write_evaluation(target, rows=rows, evaluation=result, title=source.resolve().name)
+    show_written(written)
     for failure in result.failures:
         fail(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     if result.failures:

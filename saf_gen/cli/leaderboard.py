@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from saf_gen.cli._board import show_board
-from saf_gen.cli._terminal import OutFolder, out
+from saf_gen.cli._board import show_board, show_written
+from saf_gen.cli._terminal import OutFolder
 from saf_gen.errors import BadInput
 
 __all__ = ["leaderboard"]
@@ -19,9 +19,9 @@ def leaderboard(
     """Rank the methods of several evaluations together: the same data, the same code, or one line why not."""
     from saf_gen.evaluate import Evaluation
     from saf_gen.files import check_writable
-    from saf_gen.leaderboard import merged, table, write_files
+    from saf_gen.leaderboard import merged, table
     from saf_gen.records import read_records
-    from saf_gen.report import write_report
+    from saf_gen.report import write_evaluation
 
     if folder is not None:
         for run in runs:
@@ -38,10 +38,6 @@ def leaderboard(
         rows, records=records, title=f"{len(rows)} methods, {sequences} sequences, {len(runs)} evaluations"
     )
     if folder is not None:
-        paths = write_files(folder, rows=rows, records=records)
         evaluation = Evaluation(records=tuple(records), sweeps=(), failures=())
-        for path in (
-            *paths,
-            *write_report(folder, rows=rows, evaluation=evaluation, title=folder.resolve().name),
-        ):
-            out.print(str(path), soft_wrap=True)
+        title = folder.resolve().name
+        show_written(write_evaluation(folder, rows=rows, evaluation=evaluation, title=title))

@@ -22,8 +22,11 @@ class Finding:
     to_do: str = ""
 
 
-class Fault(Exception):
-    """Raised by a check that fails: what was seen, and what to do."""
+class Fault(BaseException):
+    """Raised by a check that fails: what was seen, and what to do.
+
+    No Exception, so that no ``except Exception`` of a part or of the contest between them keeps it.
+    """
 
     level: Literal["warn", "fail"] = "fail"
 

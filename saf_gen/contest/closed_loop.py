@@ -10,6 +10,7 @@ from saf_gen.contest.results import LensPath
 from saf_gen.contest.setting import Setting
 from saf_gen.contest.terms import Terms
 from saf_gen.methods import Method
+from saf_gen.parts import commands
 from saf_gen.records import Record
 from saf_gen.rig import Counts
 from saf_gen.scores import depth_of_focus
@@ -28,6 +29,8 @@ def live_sequence(
     with open_stream(job.path) as stream:
         setting = Setting.of(job, stream, region)
         said = given(job, stream, light_of(Counts(stream, region=setting.box))[1])
+    if not all(commands(method.search) for method in methods):  # the others are given a sweep
+        terms.check_sweep(setting.take)
     for done, method in enumerate(methods):
         run = run_method(setting.take, setting.exposed, setting.box, method, terms)
         records.append(

@@ -32,6 +32,7 @@ class Job:
     variant: int | None = None
     scene_motion: str | None = None
     lens_motion: str | None = None
+    frames: int | None = None
 
 
 def jobs_of(path: Path, split: str | None = None, scene_motion: str | None = None) -> list[Job]:
@@ -75,6 +76,7 @@ def jobs_of(path: Path, split: str | None = None, scene_motion: str | None = Non
             entry.variant,
             entry.scene_motion,
             entry.lens_motion,
+            entry.frames,
         )
         for entry in entries
         if split in (None, entry.split) and scene_motion in (None, entry.scene_motion)

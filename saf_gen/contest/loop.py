@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saf_gen import seeds
+from saf_gen.contest.answer import asked
 from saf_gen.contest.terms import Terms
-from saf_gen.errors import BadInput
 from saf_gen.exposed import Exposed
 from saf_gen.methods import Method
 from saf_gen.parts import Answer, commands
@@ -24,11 +24,9 @@ from saf_gen.rig.live import BudgetSpentError, Live
 from saf_gen.rig.sweep import Sweep
 from saf_gen.take import Take
 
-__all__ = ["BROKEN", "Run", "ended", "run_method", "running", "spent"]
+__all__ = ["Run", "ended", "run_method", "running", "spent"]
 
 SETTLED = 1e-4  # of the travel: then the lens is said to rest
-BROKEN = (BadInput, ArithmeticError, LookupError, TypeError, ValueError)
-"""What a method that breaks is expected to raise: it fails on that sequence, and the others go on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +74,12 @@ def running(
 
 
 def ended(live: Live, answer: Answer, to: float | None, *, budget: int, problem: str = "") -> Run:
-    """The run of a method that is done: the lens goes to its last place, where it says one, and settles."""
+    """The run of a method that is done: the lens goes to its last place, where it says one, and settles.
+
+    Raises what the camera met where the stacks cannot be filmed, whatever the method made of it.
+    """
+    if live.damage is not None:
+        raise live.damage
     answered = live.now
     if to is not None:
         live.move(to)
@@ -102,35 +105,40 @@ def spent(budget: int) -> str:
 def run_method(
     take: Take, exposed: Exposed, region: Region, method: Method, terms: Terms, *, threads: int | None = None
 ) -> Run:
-    """Let a method find the focus. ``exposed`` is of the rows that ``region`` needs, for all methods."""
+    """Let a method find the focus. ``exposed`` is of the rows that ``region`` needs, for all methods.
+
+    Whatever the method raises or answers becomes a run. Raises BadInput for terms that the recording cannot
+    keep, and what the stacks raise where they cannot be read.
+    """
     budget, sweep = terms.frames(take)
     live = running(take, exposed, region, method.measure, terms, threads=threads)
     try:
-        answer, to = _commanded(live, method) if commands(method.search) else _swept(live, method, sweep)
+        done = _commanded(live, method) if commands(method.search) else _swept(live, method, sweep)
     except BudgetSpentError:
         return ended(live, Answer(), None, budget=budget, problem=spent(budget))
-    except BROKEN as error:
-        return ended(live, Answer(), None, budget=budget, problem=f"{type(error).__name__}: {error}")
-    return ended(live, answer, to, budget=budget)
+    answer, to, problem = done
+    return ended(live, answer, to, budget=budget, problem=problem)
 
 
-def _commanded(live: Live, method: Method) -> tuple[Answer, float | None]:
-    answer = method.search(live)
-    return answer, _inside(answer.position)
+def _commanded(live: Live, method: Method) -> tuple[Answer, float | None, str]:
+    """The answer, where the lens goes then, and what is wrong with it."""
+    answer, problem = asked(method.search, live)
+    return answer, _inside(answer.position), problem
 
 
-def _swept(live: Live, method: Method, frames: int) -> tuple[Answer, float | None]:
+def _swept(live: Live, method: Method, frames: int) -> tuple[Answer, float | None, str]:
+    """The same, of a search that is given a sweep."""
     begin, end = (0.0, 1.0) if live.sent[0] < 0.5 else (1.0, 0.0)
     live.move(begin)
     live.settle()
     view = Sweep(live, begin, end, frames=frames)
-    answer = method.search(view)
+    answer, problem = asked(method.search, view)
     live.course = None
     if answer.frame is None:
-        return answer, None
+        return answer, None, problem
     if not -0.5 <= answer.frame <= view.frames - 0.5:
-        raise ValueError(f"answered frame {answer.frame}, which is not of the sweep")
-    return answer, _inside(view.position_at(answer.frame))
+        return Answer(), None, f"answered frame {answer.frame}, which is not of the sweep"
+    return answer, _inside(view.position_at(answer.frame)), ""
 
 
 def _inside(place: float | None) -> float | None:

@@ -2,39 +2,51 @@
 
     {"method": "my_net", "sequence": "camel-sudden-00", "frame": 8213.5, "frames_seen": 9000}
 
-``frame`` is 0-based and may be fractional; null abstains. The lens was where the recording says it was.
+``frame`` is 0-based and may be fractional; null abstains. The lens was where the recording says it was. What
+an answer cost is what its author says; it is held to what can be true.
 """
 
 import hashlib
 import json
-from collections.abc import Collection, Iterable
+import reprlib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
+from saf_gen.contest.jobs import Job
 from saf_gen.documents import Frozen
 from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.record_rules import LONG, MOST
 
 __all__ = ["Prediction", "Predictions", "read_predictions"]
 
 
 class Prediction(Frozen):
-    """One answer.
+    """One answer. Numbers are numbers: text that reads like one, or true, is none.
 
-    ``frames_seen``: the recording as far as the method looked at it, all of it where not given; ``seconds``
-    its computing; ``trace`` its steps; ``note`` a line for the reader; ``data`` the stream's content_sha256,
-    which is then checked.
+    ``frames_seen``: the recording as far as the method looked at it, all of it where not given; it ends with
+    the answer's frame or later. ``seconds`` its computing; ``trace`` its steps; ``note`` a line for the
+    reader; ``data`` the stream's content_sha256, which is then checked.
     """
+
+    model_config = ConfigDict(strict=True)
 
     method: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:=,+-]*$", max_length=80)
     sequence: str
     frame: float | None
-    frames_seen: int | None = Field(default=None, ge=1)
-    seconds: float = Field(default=0.0, ge=0)
+    frames_seen: int | None = Field(default=None, ge=1, le=MOST)
+    seconds: float = Field(default=0.0, ge=0, le=LONG)
     trace: tuple[float, ...] = ()
     note: str = Field(default="", max_length=200)
     data: str | None = None
+
+    def beyond(self, frames: int) -> str:
+        """What is wrong with ``frames_seen`` in a recording of so many frames; '' where nothing is."""
+        if self.frames_seen is None or self.frames_seen <= frames:
+            return ""
+        return f"frames_seen is {self.frames_seen}, and {frames} frames were recorded"
 
 
 class Predictions:
@@ -52,11 +64,13 @@ class Predictions:
         """What each method answered on a sequence."""
         return [answers[sequence] for answers in self._found.values()]
 
-    def check(self, sequences: Collection[str], *, beside: Iterable[str] = ()) -> None:
-        """Raises BadInput unless every method answers every one of these sequences, and no other.
+    def check(self, jobs: Sequence[Job], *, beside: Iterable[str] = ()) -> None:
+        """Raises BadInput unless every method answers every one of these sequences, as it is, and no other.
 
-        ``beside``: names of methods that run too, which must be others.
+        What a job does not know of its stream, digest or length, is not compared. ``beside``: names of
+        methods that run too, which must be others.
         """
+        sequences = {job.id: job for job in jobs}
         for name in beside:
             if name in self._found:
                 raise BadInput(
@@ -65,9 +79,11 @@ class Predictions:
                     hint="give yours another name",
                 )
         for method, answers in self._found.items():
-            for sequence in answers:
+            for sequence, prediction in answers.items():
+                where = f"{self.path}, method {method}"
                 if sequence not in sequences:
-                    raise unknown("sequence", sequence, sequences, where=f"{self.path}, method {method}")
+                    raise unknown("sequence", sequence, sequences, where=where)
+                _check_made_of(prediction, sequences[sequence], where)
             lacking = [s for s in sequences if s not in answers]
             if lacking:
                 more = f" and {len(lacking) - 3} more" if len(lacking) > 3 else ""
@@ -79,6 +95,19 @@ class Predictions:
                 )
 
 
+def _check_made_of(prediction: Prediction, job: Job, where: str) -> None:
+    """Raises BadInput for an answer made from another stream, or from more frames than were recorded."""
+    if None not in (prediction.data, job.content_sha256) and prediction.data != job.content_sha256:
+        raise BadInput(
+            f"{job.id} was made from other data: {prediction.data:.12}",
+            where=where,
+            allowed=f"{job.content_sha256:.12}",
+            hint="predict again on this dataset",
+        )
+    if job.frames is not None and (problem := prediction.beyond(job.frames)):
+        raise BadInput(f"{job.id}: {problem}", where=where, allowed=f"1 to {job.frames}, or null for all")
+
+
 def read_predictions(path: str | Path) -> Predictions:
     """Read a file of predictions.
 
@@ -88,7 +117,7 @@ def read_predictions(path: str | Path) -> Predictions:
     path = Path(path)
     try:
         raw = path.read_bytes()
-        lines = raw.decode("utf-8").splitlines()
+        lines = raw.decode("utf-8").split("\n")  # a note may hold what splitlines would cut at
     except (OSError, UnicodeDecodeError) as error:
         near = closest(path.name, [p.name for p in path.parent.glob("*.jsonl")])
         raise BadInput(f"{path} cannot be read: {error}", nearest=near) from error
@@ -115,7 +144,7 @@ _EXAMPLE = '{"method": "my_net", "sequence": "ID", "frame": 8213.5} a line'
 def _parsed(text: str, where: str) -> Prediction:
     try:
         line: Any = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         line = None
     if not isinstance(line, dict):
         raise BadInput(f"is no JSON object: {text!r:.40}", where=where, allowed=_EXAMPLE)
@@ -126,12 +155,23 @@ def _parsed(text: str, where: str) -> Prediction:
     for key in ("method", "sequence", "frame"):
         if key not in line:
             raise BadInput(f"{key} is missing", where=where, allowed=_EXAMPLE)
+    if isinstance(line.get("trace"), list):
+        line["trace"] = tuple(line["trace"])
     try:
-        return Prediction.model_validate(line, strict=False)
+        prediction = Prediction.model_validate(line)
     except ValidationError as error:
         first = error.errors()[0]
         raise BadInput(
-            f"{first['loc'][0]} is {first['input']!r:.40}",
+            f"{first['loc'][0]} is {reprlib.repr(first['input'])}",
             where=where,
             allowed=first["msg"].removeprefix("Input should be ").removeprefix("String should "),
         ) from error
+    frame, seen = prediction.frame, prediction.frames_seen
+    if frame is not None and seen is not None and frame > seen - 0.5:
+        raise BadInput(
+            f"frame is {frame:g}, with frames_seen {seen}",
+            where=where,
+            allowed=f"up to {seen - 0.5:.1f}, the end of the last frame seen",
+            hint="an answer needs no frame after it: say how far the method looked, or leave frames_seen out",
+        )
+    return prediction

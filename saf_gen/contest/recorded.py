@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from saf_gen import rig
+from saf_gen.contest.answer import asked
 from saf_gen.contest.jobs import Job, box_of, check_digest, given, light_of
 from saf_gen.contest.predictions import Prediction, Predictions
 from saf_gen.contest.results import Curve, Sweep
 from saf_gen.errors import BadInput
 from saf_gen.methods import Method
-from saf_gen.parts import Answer, Search, commands
+from saf_gen.parts import Answer, Measure, commands
 from saf_gen.records import Record
 from saf_gen.rig.thumbnails import thumbnails
 from saf_gen.scores import judge
@@ -31,43 +32,18 @@ def check_estimate(chosen: Sequence[Method]) -> None:
             )
 
 
-class _Watched:
-    """A view that remembers what it was asked: the focus curves come from it at no cost."""
+class _Watched(rig.Recording):
+    """A recording that remembers what it was asked: the focus curves come from it at no cost."""
 
-    def __init__(self, view: rig.Recording) -> None:
-        self._view = view
+    def __init__(self, counts: rig.Counts, measure: Measure) -> None:
+        super().__init__(counts, measure)
         self.asked: dict[tuple[int, int], float] = {}
 
-    @property
-    def frames(self) -> int:
-        return self._view.frames
-
-    @property
-    def now(self) -> int:
-        return self._view.now
-
-    @property
-    def readout_hz(self) -> float:
-        return self._view.readout_hz
-
-    @property
-    def lag_s(self) -> float:
-        return self._view.lag_s
-
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        score = self._view.score(first, stop, measure)
+        score = super().score(first, stop, measure)
         if measure is None:
             self.asked[first, stop] = score
         return score
-
-    def position(self, frame: int) -> float:
-        return self._view.position(frame)
-
-    def move(self, to: float) -> None:
-        self._view.move(to)
-
-    def wait(self, frames: int) -> None:
-        self._view.wait(frames)
 
 
 @dataclass(frozen=True)
@@ -98,7 +74,8 @@ def recorded_sequence(
 
     ``film``: with small pictures of the sweep.
 
-    Raises BadInput for a stream that cannot be read or is not the one that is listed.
+    Whatever a method raises or answers is in its record. Raises BadInput for a stream that cannot be read or
+    is not the one that is listed.
     """
     attempts, curves = [], {}
     with open_stream(job.path) as stream:
@@ -108,9 +85,8 @@ def recorded_sequence(
         light = light_of(counts)
         said = {"region": seen_region, **given(job, stream, light[1])}
         for done, method in enumerate(methods):
-            recording = rig.Recording(counts, method.measure)
-            watched = _Watched(recording)
-            attempt = _attempt(method, recording, watched)
+            watched = _Watched(counts, method.measure)
+            attempt = _attempt(method, watched, str(stream.path))
             attempts.append(attempt)
             if method.search_name == "argmax" and method.measure_name not in curves and not attempt.problem:
                 curves[method.measure_name] = _curve(method.measure_name, watched.asked, attempt.answer.frame)
@@ -124,8 +100,10 @@ def recorded_sequence(
         return records, sweep
 
 
-def _attempt(method: Method, recording: rig.Recording, watched: _Watched) -> _Attempt:
-    answer, problem = _answer(method.search, watched)
+def _attempt(method: Method, recording: _Watched, data: str) -> _Attempt:
+    answer, problem = asked(method.search, recording, data=data)
+    if out := _out_of(answer, recording.frames):
+        answer, problem = Answer(None, answer.trace), out
     return _Attempt(
         method=method.name,
         code=method.code,
@@ -140,34 +118,18 @@ def _attempt(method: Method, recording: rig.Recording, watched: _Watched) -> _At
 
 
 def _predicted(prediction: Prediction, code: str, stream: SpikeStream) -> _Attempt:
-    if prediction.data is not None and prediction.data != stream.content_sha256:
-        raise BadInput(
-            f"{prediction.method} was made from other data: {prediction.data:.12}",
-            where=prediction.sequence,
-            allowed=f"{stream.content_sha256:.12}",
-            hint="predict again on this dataset",
-        )
     answer = Answer(prediction.frame, prediction.trace, prediction.note)
     frames = stream.shape[0]
+    problem = prediction.beyond(frames) or _out_of(answer, frames)
     return _Attempt(
         method=prediction.method,
         code=code,
         parameters="predicted elsewhere",
-        answer=answer if not (problem := _out_of(answer, frames)) else Answer(None, answer.trace),
+        answer=answer if not problem else Answer(None, answer.trace),
         problem=problem,
         frames_seen=min(prediction.frames_seen or frames, frames),
         seconds=prediction.seconds,
     )
-
-
-def _answer(search: Search, view: _Watched) -> tuple[Answer, str]:
-    """The search's answer, or an empty one and why it failed: a broken method must not stop the others."""
-    try:
-        answer = search(view)
-    except (BadInput, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        return Answer(None), f"{type(error).__name__}: {error}"
-    problem = _out_of(answer, view.frames)
-    return (Answer(None, answer.trace), problem) if problem else (answer, "")
 
 
 def _out_of(answer: Answer, frames: int) -> str:

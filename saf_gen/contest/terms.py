@@ -9,13 +9,21 @@ from saf_gen.take import Take
 
 __all__ = ["Terms"]
 
+LEAST = 16
+"""Frames of a budget, and of a sweep: two packets of the camera."""
+LONGEST_S = 86_400.0
+"""A day: more than anybody records, and few enough frames to count."""
+
 
 @dataclass(frozen=True)
 class Terms:
     """What is the same for all methods.
 
     ``budget_s``: time until the lens is judged; None is the length of the recording, and its most.
-    ``sweep_s``: time of a sweep from end to end, for searches that need one; None is half the budget.
+    ``sweep_s``: time of a sweep from end to end, for searches that need one; None is half the budget, or
+    what the drive needs for it where that is more.
+
+    Raises BadInput for a time that no recording could keep.
     """
 
     actuator: Actuator
@@ -24,28 +32,71 @@ class Terms:
 
     def __post_init__(self) -> None:
         for name, value in (("budget", self.budget_s), ("sweep", self.sweep_s)):
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise BadInput(f"the {name} is {value:g} s", allowed="seconds, above 0")
+            if value is not None and not 0 < value <= LONGEST_S:
+                raise BadInput(
+                    f"the {name} is {value:g} s", allowed=f"seconds, above 0, at most {LONGEST_S:g}"
+                )
 
     def frames(self, take: Take) -> tuple[int, int]:
-        """Frames of the budget and of a sweep. Raises BadInput for more than the recording has."""
+        """Frames of the budget and of a sweep. Raises BadInput for more than the recording has.
+
+        Whether the drive gets from end to end in a sweep is another matter: see ``check_sweep``.
+        """
         hz = take.sensor.readout_hz
         budget = take.frames if self.budget_s is None else round(self.budget_s * hz)
-        if not 16 <= budget <= take.frames:
+        if not LEAST <= budget <= take.frames:
             raise BadInput(
-                f"a budget of {budget / hz * 1e3:g} ms",
-                allowed=f"{16 / hz * 1e3:g} to {take.frames / hz * 1e3:g} ms, as long as was recorded",
+                f"a budget of {_ms(budget, hz)}",
+                allowed=f"{_number(LEAST, hz)} to {_ms(take.frames, hz)}, as long as was recorded",
             )
-        sweep = budget // 2 if self.sweep_s is None else round(self.sweep_s * hz)
-        if not 16 <= sweep <= budget:
+        if self.sweep_s is None:
+            return budget, min(max(budget // 2, self._end_to_end(hz)), budget)
+        sweep = round(self.sweep_s * hz)
+        if not LEAST <= sweep <= budget:
             raise BadInput(
-                f"a sweep of {sweep / hz * 1e3:g} ms",
-                allowed=f"{16 / hz * 1e3:g} ms to the budget of {budget / hz * 1e3:g} ms",
+                f"a sweep of {_ms(sweep, hz)}",
+                allowed=f"{_ms(LEAST, hz)} to the budget of {_ms(budget, hz)}",
             )
         return budget, sweep
 
+    def check_sweep(self, take: Take) -> None:
+        """For methods that are given a sweep. Raises BadInput where the drive is too slow for it.
+
+        One that ends before the motor could have been everywhere would show such a method a part of the
+        travel, and one that commands the lens all of it.
+        """
+        hz = take.sensor.readout_hz
+        (budget, sweep), least = self.frames(take), self._end_to_end(hz)
+        if budget < least:
+            raise BadInput(
+                f"the actuator {self.actuator.label} needs {_ms(least, hz)} from end to end, for a sweep",
+                allowed=f"at most the budget of {_ms(budget, hz)}",
+                hint="record longer, take a quicker --actuator, or run only methods that command the lens",
+            )
+        if sweep < least:
+            raise BadInput(
+                f"a sweep of {_ms(sweep, hz)} with the actuator {self.actuator.label}",
+                allowed=f"{_ms(least, hz)}, in which it gets from end to end, to the budget of "
+                f"{_ms(budget, hz)}",
+                hint="give a longer --sweep, or take a quicker --actuator",
+            )
+
     def describe(self, take: Take) -> str:
-        """All of it in one line, as records carry it."""
+        """All of it in one line, as records carry it; a sweep that the drive cannot make is none."""
         hz = take.sensor.readout_hz
         budget, sweep = self.frames(take)
-        return f"{self.actuator.name}, {budget / hz * 1e3:g} ms, sweep {sweep / hz * 1e3:g} ms"
+        swept = f"sweep {_ms(sweep, hz)}" if sweep >= self._end_to_end(hz) else "no sweep"
+        return f"{self.actuator.label}, {_ms(budget, hz)}, {swept}"
+
+    def _end_to_end(self, hz: float) -> int:
+        """Frames of the shortest sweep: until a command is in force, and the motor at the other end."""
+        seconds = self.actuator.latency_s + self.actuator.move_s(1)
+        return max(LEAST, math.ceil(seconds * hz - 1e-6))  # 5,020.0000000001 frames are 5,020
+
+
+def _number(frames: int, hz: float) -> str:
+    return f"{frames / hz * 1e3:g}"
+
+
+def _ms(frames: int, hz: float) -> str:
+    return f"{_number(frames, hz)} ms"

@@ -13,8 +13,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from saf_gen.contest.answer import told
 from saf_gen.contest.jobs import given, light_of
-from saf_gen.contest.loop import BROKEN, Run
+from saf_gen.contest.loop import Run
 from saf_gen.dataset import write_text
 from saf_gen.errors import BadInput
 from saf_gen.gym.env import AutofocusEnv
@@ -52,8 +53,8 @@ def rollout(
     out : a folder; ``records.jsonl`` is written there, for ``saf-gen leaderboard``.
 
     ``windows`` of a record is the number of images, ``seconds`` the time that the policy took. Raises
-    BadInput for a name that is not allowed, for a source that cannot be read, and for what the environment
-    refuses.
+    BadInput for a name that is not allowed, for a source that cannot be read, for what the environment
+    refuses, and for stacks that cannot be filmed.
     """
     inner = env.unwrapped
     if not isinstance(inner, AutofocusEnv):
@@ -93,8 +94,8 @@ def _run(
             over = terminated or truncated
         if episode.run is None:
             episode.fail("a wrapper of the environment ended the episode")
-    except BROKEN as error:
-        episode.fail(f"{type(error).__name__}: {error}")
+    except Exception as error:  # noqa: BLE001 anybody's policy may raise anything; fail() raises what is ours
+        episode.fail(told(error))
     run = episode.run
     if run is None:
         raise RuntimeError("an episode ended without a run")

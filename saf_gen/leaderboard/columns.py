@@ -12,6 +12,7 @@ __all__ = ["USUAL", "WIDE", "Column", "columns", "numbers", "percent"]
 
 USUAL, WIDE = 120, 200
 """Characters across that a terminal has room for intervals with, and for everything."""
+ABSTAINED = "An abstention is right where no answer could lie so near, so this can be"
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,13 @@ class Column:
     """Shown where a row knows it."""
     hidden: bool = False
     """A number for programs: another column tells people."""
+    light: str = ""
+    """The light schedule that it is the share of, where it is of one alone."""
+
+    @property
+    def key(self) -> str:
+        """What files call it: no two columns have the same, whatever a recipe calls its lights."""
+        return f"success_1dof_light_{self.light}" if self.light else self.name
 
 
 def columns(rows: Sequence[Row]) -> tuple[Column, ...]:
@@ -67,21 +75,15 @@ def _standing() -> tuple[Column, ...]:
 
 def _success(lights: Sequence[str]) -> tuple[Column, ...]:
     group, names = "success", ("success_1dof_low", "success_1dof_high")
-    half, one = "Share within ½ depth of focus: blur ≤ 1 px.", "Share within 1 DoF, blur ≤ 2 px: this ranks."
+    half = f"Share within ½ depth of focus: blur ≤ 1 px. {ABSTAINED} above ≤1 DoF."
+    one = "Share within 1 DoF, blur ≤ 2 px: this ranks."
+    two = f"Share within 2 DoF, blur ≤ 4 px. {ABSTAINED} below ≤1 DoF."
     interval = "95 % interval of the share within 1 DoF, from a bootstrap over scenes."
     return (
         _column("success_half_dof", "≤½ DoF", group, percent, half, room=WIDE, share=True),
         _column("success_1dof", "≤1 DoF", group, percent, one, share=True),
         *_ends(*names, "≤1 DoF 95 %", group, percent, interval),
-        _column(
-            "success_2dof",
-            "≤2 DoF",
-            group,
-            percent,
-            "Share within 2 DoF, blur ≤ 4 px.",
-            room=WIDE,
-            share=True,
-        ),
+        _column("success_2dof", "≤2 DoF", group, percent, two, room=WIDE, share=True),
         *(_light(light, "≤1 DoF by light") for light in lights),
     )
 
@@ -169,7 +171,7 @@ def _light(light: str, group: str) -> Column:
         return "–" if share is None else percent(share)
 
     meaning = f"Share within 1 DoF under the light {light}."
-    return Column(f"success_1dof_{light}", light, meaning, value, text, group=group, share=True)
+    return Column(f"success_1dof_{light}", light, meaning, value, text, group=group, share=True, light=light)
 
 
 def _rank(row: Row) -> str:

@@ -6,7 +6,7 @@ such lines are empty, and counted.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
 
 import numpy as np
@@ -106,11 +106,12 @@ def write_curves(folder: str | Path, sweeps: Sequence[Sweep]) -> list[Path]:
 
 def _quality(sweep: Sweep, curve: Curve) -> CurveQuality | None:
     lens = sweep.focus_position
-    if lens is None:
+    if lens is None or not np.isfinite(lens).all():
         return None
     truth = sweep.truth
     if sweep.track is not None and curve.scores.size:
-        truth = position_at(float(curve.frames[curve.scores.argmax()]), sweep.track)
+        whole = isfinite(truth) and np.isfinite(sweep.track).all()  # else unknown: see scores.judge
+        truth = position_at(float(curve.frames[curve.scores.argmax()]), sweep.track) if whole else nan
     return curve_quality(
         np.interp(curve.frames, np.arange(len(lens)), lens),
         curve.scores,

@@ -38,7 +38,7 @@ def write_files(
     sheet = [[c.value(row) for c in shown] for row in rows]
     texts = {
         "leaderboard.json": _document(rows, records, failures, axes),
-        "leaderboard.csv": csv_text([c.name for c in shown], sheet),
+        "leaderboard.csv": csv_text([c.key for c in shown], sheet),
         "leaderboard.md": _page(rows, records, failures, axes),
         "leaderboard.tex": latex(rows),
         "axes.csv": _axes_csv(axes),
@@ -58,8 +58,8 @@ def _document(
         "version": __version__,
         "ranked_by": "success_1dof",
         "track": sorted({r.track for r in records}),
-        "columns": {c.name: c.meaning for c in shown},
-        "rows": [{**{c.name: c.value(row) for c in shown}, "tied": list(row.tied)} for row in rows],
+        "columns": {c.key: c.meaning for c in shown},
+        "rows": [{**{c.key: c.value(row) for c in shown}, "tied": list(row.tied)} for row in rows],
         "intervals": {
             "unit": "scene",
             "confidence": CONFIDENCE,

@@ -7,6 +7,7 @@ from saf_gen.records import Record
 
 __all__ = ["merged"]
 
+_AGAIN = "run saf-gen evaluate again"
 _RULES = {
     "track": "one track in a table",
     "data": "one content_sha256 a sequence",
@@ -14,6 +15,16 @@ _RULES = {
     "terms": "one budget and one lens drive for all methods of a sequence",
     "code": "one version of a method in a table",
 }
+_KNOWN = {
+    "scene": "scene",
+    "light": "light",
+    "split": "split",
+    "variant": "variant",
+    "scene_motion": "scene motion",
+    "lens_motion": "lens motion",
+    "truth_first": "truth",
+}
+"""What a record tells of its sequence, and its name: tables weigh and sort by it."""
 
 
 def merged(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
@@ -21,7 +32,8 @@ def merged(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
 
     What two runs hold of one method and sequence is kept once, the first, where the answers are the same.
 
-    Raises BadInput, naming both sides, for two tracks; a sequence with two data digests, regions or terms; a
+    Raises BadInput, naming both sides, for two tracks; a sequence with two data digests, regions or terms, or
+    of which two scenes, lights or other properties are told, as a stream on its own does not know them; a
     method with two versions of its code; a pair of method and sequence that is there twice with different
     answers, or twice in one run, or not at all.
     """
@@ -54,10 +66,14 @@ def merged(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
 
 def _claims(record: Record, run: str, *, alone: bool) -> Iterator[tuple[str, str, str, str]]:
     """(what, of what, value, who says so): in a single run records speak for themselves."""
-    yield "track", "", record.track, record.method if alone else run
-    yield "terms", record.sequence, record.terms, record.method if alone else run
-    yield "data", record.sequence, record.data, record.method if alone else run
-    yield "region", record.sequence, record.region, record.method if alone else run
+    side = record.method if alone else run
+    yield "track", "", record.track, side
+    yield "terms", record.sequence, record.terms, side
+    yield "data", record.sequence, record.data, side
+    yield "region", record.sequence, record.region, side
+    for key, what in _KNOWN.items():
+        value = getattr(record, key)
+        yield what, record.sequence, "" if value is None else str(value), side
     yield "code", record.method, record.code, record.sequence if alone else run
 
 
@@ -67,8 +83,8 @@ def _mixed(what: str, subject: str, first: tuple[str, str], second: tuple[str, s
     return BadInput(
         f"the {what}{of} {'differ' if what == 'terms' else 'differs'}: "
         f"{first[0] or none:.60} in {first[1]}, {second[0] or none:.60} in {second[1]}",
-        allowed=_RULES[what],
-        hint="run saf-gen evaluate again",
+        allowed=_RULES.get(what, f"one {what} a sequence"),
+        hint=_AGAIN if what in _RULES else f"{_AGAIN}, on the dataset, not on its streams one by one",
     )
 
 
@@ -83,5 +99,5 @@ def _same_answer(one: tuple[str, Record], other: tuple[str, Record]) -> None:
             f"{record.method} answers {record.sequence} otherwise in {run} than in {second_run}, "
             "with the same data and code",
             allowed="the same answer, or one of the two runs",
-            hint="run saf-gen evaluate again",
+            hint=_AGAIN,
         )

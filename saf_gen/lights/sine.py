@@ -1,7 +1,7 @@
 """Light that swings: a dimmer moved by hand."""
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 
 import numpy as np
 
@@ -24,6 +24,8 @@ class Sine:
             raise BadInput(f"swing is {self.swing!r}", allowed="0 to 1: there is no negative light")
         if not 0 <= self.level < inf:
             raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
+        if not (isinstance(self.phase, int | float) and isfinite(self.phase)):
+            raise BadInput(f"phase is {self.phase!r}", allowed="a number of radians, as 1.57 or 1.0e-3")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Gain seconds from 0 to each time."""

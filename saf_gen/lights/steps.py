@@ -7,17 +7,22 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
+SHORTEST_S = 1e-6  # a readout at 1 MHz: of shorter steps every camera sees the mean alone
+
 
 @dataclass(frozen=True)
 class Steps:
-    """A new gain every ``every_s`` seconds: the ``levels`` in turn, round and round."""
+    """A new gain every ``every_s`` seconds: the ``levels`` in turn, round and round.
+
+    ``every_s`` is 1 µs at least, so that the levels of a recording can be counted and held.
+    """
 
     every_s: float
     levels: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if not 0 < self.every_s < inf:
-            raise BadInput(f"every_s is {self.every_s!r}", allowed="seconds above 0")
+        if not SHORTEST_S <= self.every_s < inf:
+            raise BadInput(f"every_s is {self.every_s!r}", allowed=f"{SHORTEST_S:g} s and more")
         if len(self.levels) < 1 or not all(0 <= level < inf for level in self.levels):
             raise BadInput(f"levels are {self.levels!r}", allowed="a list of gains of 0 or more")
 

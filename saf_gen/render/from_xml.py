@@ -9,7 +9,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["described"]
+__all__ = ["described", "refused"]
 
 
 def described(text: str, path: Path) -> dict[str, Any]:
@@ -25,15 +25,20 @@ def described(text: str, path: Path) -> dict[str, Any]:
         state = mi.parser.parse_string(config, text)
         mi.parser.transform_all(config, state)
     except (RuntimeError, ValueError, TypeError) as error:
-        said = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
-        line = re.search(r"line (\d+)", said)
-        said = re.sub(r"^Error while loading string \(.*?\): ", "", said)
-        raise BadInput(
-            f"Mitsuba does not understand this: {said}", where=f"{path}:{line[1]}" if line else str(path)
-        ) from error
+        raise refused(error, path) from error
     top = [v.index() for _, v in state.root.props.items() if isinstance(v, mi.Properties.ResolvedReference)]
     entries = {state.nodes[i].props.id(): _entry(state, i, frozenset(top)) for i in top}
     return {name: entry for name, entry in entries.items() if entry["type"] != "area"}
+
+
+def refused(error: Exception, path: Path) -> BadInput:
+    """Mitsuba's own words for what it does not take, in our line; ``path`` is the file, for messages."""
+    said = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
+    line = re.search(r"line (\d+)", said)
+    said = re.sub(r"^Error while loading string \(.*?\): ", "", said)
+    return BadInput(
+        f"Mitsuba does not understand this: {said}", where=f"{path}:{line[1]}" if line else str(path)
+    )
 
 
 def _entry(state: Any, index: int, shared: frozenset[int]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """What the camera looks at, without light: depth, the target's pixels, the truth that follows from them."""
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import drjit as dr
@@ -32,34 +33,53 @@ def look(setup: Setup, target_shapes: tuple[str, ...], *, passing: bool = False)
     """Depth and target mask, one ray through each pixel's centre.
 
     The picture may change its scale over the travel, so the mask is taken where the target is in focus: once
-    at the middle of the travel to learn its distance, then there. ``passing``: a moment of a scene that
-    moves, at which the target may be out of sight (then the mask is empty) or out of the lens's reach.
+    at the middle of the travel to learn its distance, or at an end where the middle does not show it, then
+    there. ``passing``: a moment of a scene that moves, at which the target may be out of sight (then the mask
+    is empty) or out of the lens's reach.
 
-    Raises BadInput when no pixel sees the target, no position of the lens focuses it, or the lens runs into
-    the scene on its travel.
+    Raises BadInput when no pixel sees the target, no position of the lens focuses it, the frame where it is
+    in focus does not hold it, or the lens runs into the scene on its travel.
     """
     drive = setup.drive
     _check_the_way(setup)
-    geometry = _look_at(setup, target_shapes, 0.5)
-    if not geometry.target.any():
+    middle = _look_at(setup, target_shapes, 0.5)
+    ends = (_look_at(setup, target_shapes, end) for end in (0.0, 1.0))  # looked at only where it must be
+    sight = next((seen for seen in chain((middle,), ends) if seen.target.any()), None)
+    if sight is None:
         if passing:
-            return geometry
-        raise BadInput(
-            f"the target ({', '.join(target_shapes)}) is not visible to the camera",
-            allowed="a target shape that at least one pixel sees",
-            hint="check camera and target in scene.yaml",
-        )
-    best = drive.truth(geometry.depth[geometry.target])
-    if passing:
-        return _look_at(setup, target_shapes, min(max(best, 0.0), 1.0))
-    if not 0 <= best <= 1:
+            return middle
+        raise _out_of_sight(setup, target_shapes)
+    depths = sight.depth[sight.target]
+    best = drive.truth(depths)
+    if not (passing or 0 <= best <= 1):
         near, far = drive.reach_m
         raise BadInput(
-            f"the target is {np.median(geometry.depth[geometry.target]):.6g} m away, out of the lens's reach",
+            f"the target is {np.median(depths):.6g} m away, out of the lens's reach",
             allowed=f"{near:g} to {far:g} m ({drive.travel_key} in scene.yaml)",
             hint="move the target, or give the lens a longer travel",
         )
-    return _look_at(setup, target_shapes, best)
+    there = _look_at(setup, target_shapes, min(max(best, 0.0), 1.0))
+    if there.target.any() or (passing and sight is middle):
+        return there
+    if passing:
+        return middle
+    raise BadInput(
+        f"the target ({', '.join(target_shapes)}) is out of the frame where it is in focus, at {best:.3f} of "
+        "the travel: the picture's scale changes on the way",
+        allowed="a target shape that at least one pixel sees there",
+        hint=f"move it towards the middle of the picture, or shorten {drive.travel_key} in scene.yaml",
+    )
+
+
+def _out_of_sight(setup: Setup, target_shapes: tuple[str, ...]) -> BadInput:
+    named = any(shape.id() in target_shapes for shape in setup.world.shapes())
+    return BadInput(
+        f"the target ({', '.join(target_shapes)}) is not visible to the camera",
+        allowed="a target shape that at least one pixel sees",
+        hint="check camera and target in scene.yaml"
+        if named
+        else f"no shape has that id: in scene.py let the id of a shape be its key, {target_shapes[0]!r}",
+    )
 
 
 def _look_at(setup: Setup, target_shapes: tuple[str, ...], position: float) -> Geometry:

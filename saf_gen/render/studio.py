@@ -74,14 +74,18 @@ class Studio:
         """Depth and target; see :func:`saf_gen.render.geometry.look`."""
         return geometry.look(self.setup(time_s=time_s), self.scene.card.target, passing=passing)
 
-    def bounds(self, name: str | None = None) -> np.ndarray:
-        """Corners (m) of the box round a shape, or round everything: float64 (2, 3), world axes."""
-        return _box_of(self.setup().world, name) * self.scene.card.unit_m
+    def bounds(self, *names: str) -> np.ndarray:
+        """Corners (m) of the box round the shapes of these names, or round everything, world axes.
+
+        float64 (2, 3); empty, (0, 3), where no shape has such a name: a lamp without a body, or a shape of
+        ``scene.py`` that has an id other than its key.
+        """
+        return _box_of(self.setup().world, names) * self.scene.card.unit_m
 
     def rest(self, name: str) -> np.ndarray:
         """The same of an entry where its geometry places it, before it moves."""
-        setup = self._loaded(tuple(self.scene.card.lights), None)[0]
-        return _box_of(setup, name) * self.scene.card.unit_m
+        world = self._loaded(tuple(self.scene.card.lights), None)[0]
+        return _box_of(world, (name,)) * self.scene.card.unit_m
 
     def stack(
         self,
@@ -166,11 +170,13 @@ class Studio:
         return world.load(moment, burning, self.max_depth)
 
 
-def _box_of(loaded: Any, name: str | None) -> np.ndarray:
-    """Corners (scene units) of the box round everything, or round the shapes of a name; float64 (2, 3)."""
-    if name is None:
-        boxes = [loaded.bbox()]
-    else:
-        boxes = [shape.bbox() for shape in loaded.shapes() if shape.id() == name]
+def _box_of(loaded: Any, names: tuple[str, ...]) -> np.ndarray:
+    """Corners (scene units) of the box round everything, or round the shapes of these names.
+
+    float64 (2, 3), or (0, 3) where there are none.
+    """
+    boxes = [shape.bbox() for shape in loaded.shapes() if shape.id() in names] if names else [loaded.bbox()]
+    if not boxes:
+        return np.empty((0, 3))
     corners = np.array([[box.min, box.max] for box in boxes], dtype=np.float64).reshape(-1, 2, 3)
     return np.array([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])

@@ -21,7 +21,7 @@ def lead(rows: Sequence[Row]) -> str:
     if len(first) > 4:
         names += f" and {len(first) - 4} more"
     verb = "lead together" if len(first) > 1 else "leads"
-    share = f"{first[0].success_1dof:.0%}"
+    share = percent(first[0].success_1dof or 0.0)  # a rank has one
     return f"{names} {verb}: within one depth of focus on {share} of the scenes and lights."
 
 
@@ -29,7 +29,7 @@ def board(rows: Sequence[Row]) -> str:
     """The leaderboard: every column that people read."""
     shown = columns(rows)
     groups = [(group, len(list(some))) for group, some in groupby(shown, key=lambda c: c.group)]
-    heads = [Head(c.header, c.meaning, c.justify == "left", c.name) for c in shown]
+    heads = [Head(c.header, c.meaning, c.justify == "left", c.key) for c in shown]
     cells = [[_cell(row, column) for column in shown] for row in rows]
     kinds = ["first" if row.rank == 1 else "level" if row.level_with_best else "" for row in rows]
     return grid(heads, cells, caption="Leaderboard", groups=groups, id_="board", kinds=kinds)

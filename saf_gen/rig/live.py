@@ -14,6 +14,7 @@ from saf_gen.actuators import Actuator, Lens
 from saf_gen.errors import BadInput
 from saf_gen.region import checked_window
 from saf_gen.rig.film import Film
+from saf_gen.rig.handle import BudgetSpentError
 from saf_gen.rig.scoring import Scorer
 
 __all__ = ["PACKET", "BudgetSpentError", "Live"]
@@ -21,12 +22,11 @@ __all__ = ["PACKET", "BudgetSpentError", "Live"]
 PACKET = 8  # readouts
 
 
-class BudgetSpentError(Exception):
-    """A method asked for more time than it has."""
-
-
 class Live:
-    """The handle on a running camera: see saf_gen.parts.View. Truth is out of reach.
+    """A running camera, in the hands of the referee: see saf_gen.parts.View.
+
+    A method holds it by a :class:`saf_gen.rig.handle.Handle`, without what is the referee's: ``path``,
+    ``sent``, ``course``, ``damage``, ``settle`` and ``run_until``.
 
     Parameters
     ----------
@@ -62,6 +62,8 @@ class Live:
         """The places that the lens was sent to, in turn, from where it stood."""
         self.course: Callable[[int], float] | None = None
         """Where the lens is sent at each frame while it sweeps; None: it goes where the last command said."""
+        self.damage: Exception | None = None
+        """Why the stacks could not be filmed, which is no fault of a method's; None where they could."""
 
     @property
     def now(self) -> int:
@@ -88,13 +90,20 @@ class Live:
         return self._scorer.seconds
 
     def run_until(self, first: int, stop: int) -> Film:
-        """Let the camera run until a window is over; gives what it has seen. Raises as ``score`` does."""
+        """Let the camera run until a window is over; gives what it has seen.
+
+        Raises as ``score`` does, and what the stacks raise where they cannot be read.
+        """
         if stop > self.frames:
             raise BudgetSpentError(f"frame {stop} of a budget of {self.frames}")
         window = checked_window(first, stop, self.frames)
         self.wait(max(0, window.stop - self._now))
         if self._film.frames < window.stop:
-            self._film.develop(self._now, self.path)
+            try:
+                self._film.develop(self._now, self.path)
+            except Exception as error:
+                self.damage = error
+                raise
         return self._film
 
     def position(self, frame: int) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from saf_gen.errors import BadInput
+from saf_gen.region import checked_window
 from saf_gen.rig.counts import Counts
 from saf_gen.rig.scoring import Scorer
 
@@ -50,9 +51,12 @@ class Recording:
         return 0.0
 
     def position(self, frame: int) -> float:
-        """Where the lens was, fraction of the travel; NaN where the stream does not say."""
-        lens = self._counts.lens
-        return float("nan") if lens is None else float(lens[frame])
+        """Where the lens was, fraction of the travel; NaN where the stream does not say.
+
+        Raises BadInput for a frame outside the recording.
+        """
+        window, lens = checked_window(frame, frame + 1, self.frames), self._counts.lens
+        return float("nan") if lens is None else float(lens[window.start])
 
     def move(self, to: float) -> None:
         """Raises BadInput: what is recorded is recorded."""

@@ -3,6 +3,7 @@
 import math
 
 from saf_gen.errors import BadInput
+from saf_gen.region import checked_window
 from saf_gen.rig.live import Live
 
 __all__ = ["Sweep"]
@@ -42,22 +43,31 @@ class Sweep:
         return self._live.lag_s
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        """The score of a window of the sweep; the lens goes on until it is over."""
-        if stop > self.frames:
-            raise BadInput(f"frames {first} to {stop} were asked for", allowed=f"0 to {self.frames}")
-        return self._live.score(self._offset + first, self._offset + stop, measure)
+        """The score of a window of the sweep; the lens goes on until it is over.
+
+        Raises BadInput for no window, and for one that begins before the sweep or ends after it.
+        """
+        window = checked_window(first, stop, self.frames)
+        return self._live.score(self._offset + window.start, self._offset + window.stop, measure)
 
     def position(self, frame: int) -> float:
-        """What the position sensor read at a frame of the sweep that has passed."""
+        """What the position sensor read at a frame of the sweep that has passed; BadInput for another."""
+        if not 0 <= frame < self.now:
+            allowed = f"0 to {self.now - 1}" if self.now else "none before the first look"
+            raise BadInput(f"frame {frame} has not passed", allowed=allowed)
         return self._live.position(self._offset + frame)
 
     def position_at(self, frame: float) -> float:
-        """The same at a fractional frame, linear between frames; within the frames that have passed."""
+        """The same at a fractional frame, linear between frames; within the frames that have passed.
+
+        Where none has, where the lens stood before.
+        """
         last = self.now - 1
         before = min(max(math.floor(frame), 0), last)
         after = min(before + 1, last)
         share = min(max(frame - before, 0.0), 1.0)
-        return (1 - share) * self.position(before) + share * self.position(after)
+        read = [self._live.position(max(self._offset + t, 0)) for t in (before, after)]
+        return (1 - share) * read[0] + share * read[1]
 
     def wait(self, frames: int) -> None:
         """Let so many frames pass."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.errors import BadInput, unknown
-from saf_gen.scene_xml._allowed import PLUGINS, check, file_of
+from saf_gen.scene_xml._allowed import PLUGINS, File, check, file_of
 from saf_gen.scene_xml._tree import Element, parsed, text_of, word
 
 __all__ = ["PLUGINS", "SceneXml", "read_scene_xml"]
@@ -32,12 +32,13 @@ class SceneXml:
 
     text : its own elements as plain XML, every top-level one with an id; sensors and the like left out.
     cameras : its sensors, without their films, as a scene of their own. files : all that it needs, beside
-    itself. Elements keep the lines they have in the file, unless it includes others.
+    itself: by which name from its folder, and which file that is once links are followed. Elements keep the
+    lines they have in the file, unless it includes others.
     """
 
     text: str
     cameras: str
-    files: tuple[Path, ...]
+    files: tuple[File, ...]
 
 
 def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
@@ -64,13 +65,12 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
     for element in (*elements, *settled.cameras):
         files += check(element, settled.folder)
     _name(elements)
-    alone = all(element.file == path for element in elements)
     version = root.words["version"]
-    return SceneXml(
-        text_of(version, root.line, elements, in_order=alone),
-        text_of(version, 1, settled.cameras, in_order=False),
-        tuple(dict.fromkeys(files)),
-    )
+
+    def plain(elements: list[Element]) -> str:
+        return text_of(version, root.line, elements, in_order=all(e.file == path for e in elements))
+
+    return SceneXml(plain(elements), plain(settled.cameras), tuple(dict.fromkeys(files)))
 
 
 class _Settled:
@@ -84,7 +84,7 @@ class _Settled:
         self.folder, self.params = folder, params
         self.values: dict[str, str] = {}
         self.cameras: list[Element] = []
-        self.included: list[Path] = []
+        self.included: list[File] = []
         self._count = 0
 
     def scene(self, scene: Element, within: tuple[Path, ...]) -> Iterator[Element]:
@@ -96,10 +96,10 @@ class _Settled:
             if element.tag == "sensor":
                 self.cameras.append(element)
             elif element.tag == "include":
-                file = file_of(element, "filename", self.folder)
+                name, file = file_of(element, "filename", self.folder)
                 if file in within:
                     raise BadInput("the file includes itself", where=element.where, hint="remove the include")
-                self.included.append(file)
+                self.included.append((name, file))
                 yield from self.scene(parsed(file), (*within, file))
             elif element.tag == "default":
                 name = word(element, "name")

@@ -1,11 +1,15 @@
 """What an XML scene may hold: elements, plug-ins and files that can do no harm."""
 
+import posixpath
 from pathlib import Path, PureWindowsPath
 
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.scene_xml._tree import Element, word
 
-__all__ = ["PLUGINS", "check", "file_of"]
+__all__ = ["PLUGINS", "File", "check", "file_of"]
+
+File = tuple[str, Path]
+"""The name in the scene's folder by which a file is asked for, and the file, once links are followed."""
 
 PLUGINS: dict[str, frozenset[str]] = {
     tag: frozenset(names.split())
@@ -33,13 +37,13 @@ PROPERTIES = frozenset(
 STEPS = frozenset(("translate", "rotate", "scale", "matrix", "lookat"))  # of a transform
 
 
-def check(element: Element, folder: Path) -> list[Path]:
+def check(element: Element, folder: Path) -> list[File]:
     """Refuse an element, or one within it, that is not known or could do harm; make its file names absolute.
 
     ``folder`` is the scene's, resolved. Returns the files. Raises BadInput with file, line, element and the
     next step.
     """
-    files: list[Path] = []
+    files: list[File] = []
     tag, words = element.tag, element.words
     if tag == "path":
         raise BadInput(
@@ -54,12 +58,12 @@ def check(element: Element, folder: Path) -> list[Path]:
             raise unknown("type", plugin, PLUGINS[tag], where=element.where, hint=_why_not(plugin))
     if tag == "spectrum" and "filename" in words:
         files.append(file_of(element, "filename", folder))
-        words["filename"] = str(files[-1])
+        words["filename"] = str(files[-1][1])
     if tag == "string":
         value = word(element, "value")
         if "file" in words.get("name", ""):
             files.append(file_of(element, "value", folder))
-            words["value"] = str(files[-1])
+            words["value"] = str(files[-1][1])
         elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")
     for inner in element.inside:
@@ -73,21 +77,21 @@ def _why_not(plugin: str) -> str:
     return "no other plug-in is loaded from an XML scene"
 
 
-def file_of(element: Element, key: str, folder: Path) -> Path:
-    """The file that an element names, which lies in the scene's folder once links are followed."""
+def file_of(element: Element, key: str, folder: Path) -> File:
+    """The file that an element names; it lies in the scene's folder, as named and once links are followed."""
     value = word(element, key)
-    if Path(value).is_absolute() or PureWindowsPath(value).drive:
+    if PureWindowsPath(value).anchor:  # of a path of either kind of system
         raise BadInput(
             f"the file {value!r} is named by an absolute path",
             where=element.where,
             hint=f"copy it into {folder} and name it from there",
         )
-    named = folder / value.replace("\\", "/")
+    name = posixpath.normpath(value.replace("\\", "/"))
     try:
-        file = named.resolve()
+        file = (folder / value.replace("\\", "/")).resolve()
     except (OSError, RuntimeError) as error:  # a link in a circle
         raise BadInput(f"the file {value!r} cannot be followed: {error}", where=element.where) from error
-    if not file.is_relative_to(folder):
+    if not file.is_relative_to(folder) or name.startswith("../"):
         raise BadInput(
             f"the file {value!r} lies outside of the scene's folder",
             where=element.where,
@@ -102,4 +106,4 @@ def file_of(element: Element, key: str, folder: Path) -> Path:
             nearest=(Path(value).parent / near).as_posix() if near else "",
             hint="export again with its files, or correct the name",
         )
-    return file
+    return name, file

@@ -61,6 +61,13 @@ def parsed(path: Path) -> Element:
         raise BadInput(f"this is not XML: {said}", where=f"{path}:{error.lineno}") from error
     except OSError as error:
         raise BadInput(f"{path} cannot be read: {error.strerror}") from error
+    except (LookupError, ValueError) as error:  # an encoding that Python or expat does not have
+        raise BadInput(
+            f"the encoding of the file cannot be read: {error}",
+            where=f"{path}:1",
+            allowed="UTF-8",
+            hint='save it as UTF-8, with <?xml version="1.0" encoding="utf-8"?> or without that line',
+        ) from error
     if root[0].tag != "scene":
         raise BadInput("the outermost element is no scene", where=root[0].where, allowed="<scene>")
     return root[0]

@@ -50,7 +50,8 @@ function counted(column, records) {
 
 function inWords(column, value) {
   if (value === null || (column.rule === "count" && value === 0)) return DASH;
-  return column.digits < 0 ? `${fixed(value * 100, 0)}%` : fixed(value, column.digits);
+  // A share that ends in a half goes up, whatever its last bit: saf_gen.leaderboard.columns.percent.
+  return column.digits < 0 ? `${fixed((value + TIE) * 100, 0)}%` : fixed(value, column.digits);
 }
 
 /** Ranks of the methods by success within 1 DoF, null for those without any to judge. */

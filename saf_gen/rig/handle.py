@@ -1,0 +1,58 @@
+"""What a search holds: the members of saf_gen.parts.View, and nothing of the referee's."""
+
+from saf_gen.parts import View
+
+__all__ = ["BudgetSpentError", "Handle"]
+
+
+class BudgetSpentError(Exception):
+    """A method asked for more time than it has."""
+
+
+class Handle:
+    """A view with the members that saf_gen.parts.View promises alone, none of which can be set.
+
+    What stands behind it, a recording, a sweep or a camera that is running, has members for the referee:
+    where the lens truly was, how long the measure took. Those are out of reach.
+    """
+
+    __slots__ = ("_view",)
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+
+    @property
+    def frames(self) -> int:
+        """Frames that may be looked at."""
+        return self._view.frames
+
+    @property
+    def now(self) -> int:
+        """Frames that have passed."""
+        return self._view.now
+
+    @property
+    def readout_hz(self) -> float:
+        """Frames a second."""
+        return self._view.readout_hz
+
+    @property
+    def lag_s(self) -> float:
+        """Seconds in which a motion that the position sensor does not see falls to 1/e."""
+        return self._view.lag_s
+
+    def score(self, first: int, stop: int, measure: str | None = None) -> float:
+        """The score of frames ``first <= t < stop``. Raises what the view raises, as all of these do."""
+        return self._view.score(first, stop, measure)
+
+    def position(self, frame: int) -> float:
+        """Where the lens says it was, fraction of the travel."""
+        return self._view.position(frame)
+
+    def move(self, to: float) -> None:
+        """Command the lens to ``to``, fraction of the travel."""
+        self._view.move(to)
+
+    def wait(self, frames: int) -> None:
+        """Let at least so many frames pass."""
+        self._view.wait(frames)

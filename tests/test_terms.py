@@ -1,0 +1,178 @@
+"""The terms of the closed loop: frames of budget and sweep, what a slow drive cannot do, what records say."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import take_dataset
+
+from saf_gen import actuators
+from saf_gen.actuators import get_actuator
+from saf_gen.camera import get_sensor
+from saf_gen.cli import main
+from saf_gen.contest.terms import Terms
+from saf_gen.errors import BadInput
+from saf_gen.evaluate import evaluate
+from saf_gen.leaderboard import merged
+from saf_gen.records import read_records
+from saf_gen.stream import Truth
+from saf_gen.take import Take
+
+PRESETS = Path(actuators.__file__).parent / "presets"
+STEPPER_S = 0.251  # 1 ms until a command is in force, 250 ms from end to end
+
+
+def recorded(frames):
+    """A take of so many frames at 20 kHz; nobody looks at what was before the lens."""
+    gain = np.ones((frames, 1), np.float32)
+    return Take(None, get_sensor("vidar_400x250"), gain, 1.0, 1, 1, Truth())
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """One sequence of 40 ms."""
+    head = take_dataset.RECIPE.split("splits:")[0]
+    recipe = head + "splits:\n  test: {scenes: [plane], lights: [constant]}\n"
+    with pytest.MonkeyPatch.context() as patch:
+        yield take_dataset.make(tmp_path_factory.mktemp("terms"), patch, recipe)
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "given", "expected"),
+    [
+        ("voice_coil", 4000, {}, (4000, 2000)),
+        ("voice_coil", 16, {}, (16, 16)),
+        ("voice_coil", 4000, {"budget_s": 0.1}, (2000, 1000)),
+        ("voice_coil", 4000, {"budget_s": 0.1, "sweep_s": 0.1}, (2000, 2000)),
+        ("stepper", 20_000, {}, (20_000, 10_000)),
+        ("stepper", 8000, {}, (8000, 5020)),
+        ("stepper", 5020, {}, (5020, 5020)),
+        ("stepper", 20_000, {"sweep_s": STEPPER_S}, (20_000, 5020)),
+        ("hand", 40_000, {}, (40_000, 23_942)),
+    ],
+)
+def test_the_usual_sweep_is_half_the_budget_or_what_the_drive_needs(name, frames, given, expected):
+    terms, take = Terms(get_actuator(name), **given), recorded(frames)
+    terms.check_sweep(take)
+    assert terms.frames(take) == expected
+
+
+def test_a_drive_needs_its_latency_and_its_way_from_end_to_end():
+    drive = get_actuator("hand")
+    (_, sweep), seconds = Terms(drive).frames(recorded(30_000)), drive.latency_s + drive.move_s(1)
+    assert sweep == math.ceil(seconds * 20_000)
+    assert sweep / 20_000 > drive.speed**-1 + drive.speed / drive.acceleration
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "given", "message"),
+    [
+        (
+            "stepper",
+            4000,
+            {},
+            r"^the actuator stepper needs 251 ms from end to end, for a sweep; allowed: at most the budget "
+            r"of 200 ms; record longer, take a quicker --actuator, or run only methods that command the "
+            r"lens$",
+        ),
+        (
+            "stepper",
+            20_000,
+            {"sweep_s": 0.1},
+            r"^a sweep of 100 ms with the actuator stepper; allowed: 251 ms, in which it gets from end to end"
+            r", to the budget of 1000 ms; give a longer --sweep, or take a quicker --actuator$",
+        ),
+        ("stepper", 5019, {}, "the actuator stepper needs 251 ms .* at most the budget of 250.95 ms"),
+        ("stepper", 20_000, {"sweep_s": 0.25095}, r"a sweep of 250\.95 ms with the actuator stepper"),
+        ("stepper", 20_000, {"budget_s": 0.2, "sweep_s": 0.2}, "the actuator stepper needs 251 ms from end"),
+        ("hand", 20_000, {"sweep_s": 0.5}, r"the actuator hand needs 1197\.1 ms .* the budget of 1000 ms"),
+        ("hand", 40_000, {"sweep_s": 0.5}, r"a sweep of 500 ms with the actuator hand; allowed: 1197\.1 ms,"),
+    ],
+)
+def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, given, message):
+    terms, take = Terms(get_actuator(name), **given), recorded(frames)
+    terms.frames(take)  # for methods that command the lens it is well
+    with pytest.raises(BadInput, match=message) as caught:
+        terms.check_sweep(take)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [1e308, 86_401.0, math.inf, math.nan, 0.0, -1.0])
+@pytest.mark.parametrize("name", ["budget", "sweep"])
+def test_times_that_no_recording_could_keep_are_refused(name, value):
+    with pytest.raises(BadInput, match=rf"^the {name} is .* s; allowed: seconds, above 0, at most 86400$"):
+        Terms(get_actuator("ideal"), **{f"{name}_s": value})
+    Terms(get_actuator("ideal"), **{f"{name}_s": 86_400})
+
+
+@pytest.mark.parametrize("option", ["--budget", "--sweep"])
+def test_an_enormous_time_is_refused_in_one_line(dataset, tmp_path, capsys, option):
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit) as ended:
+        main(["evaluate", str(dataset), "--track", "closed_loop", option, "1e308", "--out", str(out)])
+    assert ended.value.code == 2
+    assert (
+        f"the {option[2:]} is 1e+305 s; allowed: seconds, above 0, at most 86400" in capsys.readouterr().err
+    )
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "given", "said"),
+    [
+        ("voice_coil", 4000, {}, "voice_coil, 200 ms, sweep 100 ms"),
+        ("stepper", 8000, {}, "stepper, 400 ms, sweep 251 ms"),
+        ("stepper", 4000, {}, "stepper, 200 ms, no sweep"),
+        ("stepper", 20_000, {"sweep_s": 0.1}, "stepper, 1000 ms, no sweep"),
+    ],
+)
+def test_records_say_the_terms_in_one_line(name, frames, given, said):
+    assert Terms(get_actuator(name), **given).describe(recorded(frames)) == said
+
+
+def test_records_tell_a_drive_of_ones_own_from_the_preset_of_its_name():
+    own = Terms(get_actuator("voice_coil", damping=1.0)).describe(recorded(4000))
+    other = Terms(get_actuator("voice_coil", damping=0.9)).describe(recorded(4000))
+    assert own.startswith("voice_coil (own, ")
+    assert own.endswith("), 200 ms, sweep 100 ms")
+    assert own != other
+
+
+def test_methods_with_drives_of_one_name_and_other_numbers_do_not_merge(dataset, tmp_path):
+    mine = tmp_path / "mine.yaml"
+    text = (PRESETS / "voice_coil.yaml").read_text(encoding="utf-8")
+    mine.write_text(text.replace("damping: 0.10 ", "damping: 1.0 "), encoding="utf-8")
+    ours, theirs = (
+        evaluate(dataset, methods=[method], terms=Terms(get_actuator(drive))).records
+        for method, drive in (("sd+golden_section", "voice_coil"), ("sd+fibonacci", mine))
+    )
+    with pytest.raises(BadInput, match=r"the terms of .* differ: voice_coil, 40 ms.*, voice_coil \(own, "):
+        merged({"runs/a": ours, "runs/b": theirs})
+
+
+def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(dataset, tmp_path, capsys):
+    """Recordings of 40 ms; the sweeps are refused before any method runs, and nothing is written."""
+    loop = ["evaluate", str(dataset), "--track", "closed_loop", "--actuator", "stepper"]
+    both = ["--method", "sd+golden_section", "--method", "sd+argmax", "--out", str(tmp_path / "both")]
+    with pytest.raises(SystemExit) as ended:
+        main([*loop, *both])
+    assert ended.value.code == 2
+    assert "the actuator stepper needs 251 ms from end to end, for a sweep" in capsys.readouterr().err
+    assert not (tmp_path / "both").exists()
+    with pytest.raises(SystemExit) as ended:
+        main([*loop, "--method", "sd+golden_section", "--out", str(tmp_path / "live")])
+    assert ended.value.code == 0
+    assert {r.terms for r in read_records(tmp_path / "live")} == {"stepper, 40 ms, no sweep"}
+
+
+def test_a_drive_too_slow_for_half_the_budget_sweeps_from_end_to_end(dataset):
+    """25 ms from end to end, of 40. The whole travel is looked at."""
+    slow = Terms(get_actuator("ideal", speed=1 / 0.025))
+    result = evaluate(dataset, methods=["sd+argmax"], terms=slow)
+    (record,), (way,) = result.records, result.paths
+    assert record.terms.endswith(", 40 ms, sweep 25 ms")
+    assert record.status == "answered"
+    seen = way.position[way.seconds < record.frames_seen / 20_000]
+    assert seen.min() < 0.01
+    assert seen.max() > 0.99
