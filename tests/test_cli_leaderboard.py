@@ -249,5 +249,5 @@ def test_ctrl_c_while_tuning_says_that_nothing_is_kept(call, dataset, tmp_path, 
 
 
 def test_ctrl_c_in_a_command_that_writes_nothing_says_no_more_than_that(call, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.dataset.read_manifest", interrupted)
+    monkeypatch.setattr("saf_gen.inspection.check_dataset", interrupted)
     assert call("verify", tmp_path) == (130, "", "saf-gen: stopped\n")
