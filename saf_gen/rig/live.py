@@ -101,10 +101,8 @@ class Live:
         if self._film.frames < window.stop:
             try:
                 self._film.develop(self._now, self.path)
-            except (
-                Exception
-            ) as error:  # raised again, and kept: a method might swallow what is no fault of its own
-                self.damage = error
+            except Exception as error:
+                self.damage = error  # kept as well: a method might swallow what is no fault of its own
                 raise
         return self._film
 
