@@ -97,6 +97,43 @@ def test_a_lens_trails_a_steady_sweep_by_the_closed_form(name, times, reaches):
     assert at == pytest.approx(reaches, abs=1e-3)
 
 
+def led(name, frames):
+    """Where the lens is after so many frames of a sweep that is led from 0 to 1."""
+    moved = lens(name, start=0.0, place_rms=0)
+    course = get_actuator(name).led_s(frames / HZ) * HZ
+    for frame in range(0, frames, 8):
+        moved.command(min((frame + 8) / course, 1.0))
+        place = moved.run(8)[-1]
+    return place
+
+
+@pytest.mark.parametrize("name", ["stepper", "hand"])
+@pytest.mark.parametrize("times", [1, 1.5, 5])
+def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
+    """But for half the play; in the shortest sweep the motor goes at its top speed."""
+    drive = get_actuator(name)
+    frames = round(times * drive.end_to_end_s * HZ)
+    assert led(name, frames) == pytest.approx(1 - drive.backlash / 2, abs=1.5e-3)
+    if times == 1:
+        assert drive.led_s(drive.end_to_end_s) == pytest.approx(1 / drive.speed)
+        assert drive.led_s(drive.end_to_end_s / 3) == drive.led_s(drive.end_to_end_s)
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "reaches"),
+    [("liquid_lens", 2000, 0.986), ("liquid_lens", 6000, 0.996), ("voice_coil_hall", 2000, 0.996)],
+)
+def test_a_lens_on_a_spring_is_on_its_way_for_2_zeta_over_omega_when_the_sweep_is_over(name, frames, reaches):
+    """The oscillator, in steady pursuit until the commands stop, then free: its matrix exponential."""
+    drive = get_actuator(name)
+    natural, speed = 2 * pi * drive.resonance_hz, 1 / drive.led_s(frames / HZ)
+    behind = 2 * drive.damping / natural
+    free = expm(np.array([[0, 1], [-(natural**2), -2 * drive.damping * natural]]) * behind)
+    off = (free @ [-speed * behind, speed])[0]
+    assert led(name, frames) == pytest.approx(1 + off, abs=1.5e-3)
+    assert led(name, frames) == pytest.approx(reaches, abs=1e-3)
+
+
 @pytest.mark.parametrize("damping", [0.1, 0.7, 1.9])
 def test_what_a_sensor_at_the_motor_does_not_see_falls_to_1_e_in_its_time(damping):
     """The largest way off in each of two stretches, six lags apart, once the quicker root has died out."""

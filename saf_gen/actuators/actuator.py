@@ -103,6 +103,26 @@ class Actuator:
         return distance / self.speed + self.speed / self.acceleration
 
     @property
+    def end_to_end_s(self) -> float:
+        """Seconds of the shortest sweep: latency, the motor from end to end, the lens behind it (2ζ/ω)."""
+        return self.latency_s + self.move_s(1) + self._behind_s
+
+    def led_s(self, sweep_s: float) -> float:
+        """Seconds in which commands go evenly from end to end, so that the lens arrives in ``sweep_s``.
+
+        The commands come to the end before the lens, at a speed v, by its latency, the time v/a in which the
+        motor brakes, and 2ζ/ω. In ``end_to_end_s``, the shortest, v is the motor's top speed, and a sweep of
+        less is led like that one.
+        """
+        left = max(sweep_s, self.end_to_end_s) - self.latency_s - self._behind_s
+        return (left + sqrt(max(left * left - 4 / self.acceleration, 0.0))) / 2
+
+    @property
+    def _behind_s(self) -> float:
+        """Seconds by which the lens trails a steady motor: 2ζ/ω of the oscillator."""
+        return self.damping / (pi * self.resonance_hz)
+
+    @property
     def lag_s(self) -> float:
         """Seconds in which the way between lens and motor, unseen by the sensor, falls to 1/e.
 

@@ -89,9 +89,9 @@ class Terms:
         return f"{self.actuator.label}, {_ms(budget, hz)}, {swept}"
 
     def _end_to_end(self, hz: float) -> int:
-        """Frames of the shortest sweep: until a command is in force, and the motor at the other end."""
-        seconds = self.actuator.latency_s + self.actuator.move_s(1)
-        return max(LEAST, math.ceil(seconds * hz - 1e-6))  # 5,020.0000000001 frames are 5,020
+        """Frames of the shortest sweep: until a command is in force, and the lens at the other end."""
+        frames = self.actuator.end_to_end_s * hz
+        return max(LEAST, math.ceil(frames - 0.01))  # 500.007 frames are 500
 
 
 def _number(frames: int, hz: float) -> str:

@@ -52,7 +52,7 @@ class Live:
     ) -> None:
         self._film, self._scorer = film, Scorer(measure)
         self.frames, self.readout_hz = budget // PACKET * PACKET, readout_hz
-        self.lag_s = actuator.lag_s
+        self.lag_s, self._led_s = actuator.lag_s, actuator.led_s
         self._lens = Lens(actuator, start=start, readout_hz=readout_hz, seed=seed)
         self._now = 0
         self.path = np.full(self.frames, start, np.float64)
@@ -118,6 +118,10 @@ class Live:
             raise BadInput(f"the lens was sent to {to:g}", allowed="0 to 1 of the travel")
         self._lens.command(float(to))
         self.sent.append(float(to))
+
+    def led_frames(self, sweep: int) -> float:
+        """Frames in which the lens is led from end to end, so that it arrives in ``sweep`` frames."""
+        return self._led_s(sweep / self.readout_hz) * self.readout_hz
 
     def settle(self, within: float = 1e-3) -> None:
         """Let time pass until the lens rests, to ``within`` of the travel. Raises as ``wait`` does."""

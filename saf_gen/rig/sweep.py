@@ -4,7 +4,7 @@ import math
 
 from saf_gen.errors import BadInput
 from saf_gen.region import checked_window
-from saf_gen.rig.live import Live
+from saf_gen.rig.live import PACKET, Live
 
 __all__ = ["Sweep"]
 
@@ -19,13 +19,15 @@ class Sweep:
     ----------
     live : the running camera, the lens at rest at ``begin``.
     begin, end : places, fractions of the travel.
-    frames : readouts that the way from one to the other is given. The actuator may lag behind.
+    frames : readouts in which the lens goes from one to the other. It trails where it is led, so it is led
+        a little faster, by ``live.led_frames``.
     """
 
     def __init__(self, live: Live, begin: float, end: float, *, frames: int) -> None:
         self._live, self._offset = live, live.now
-        self.frames = frames
-        live.course = lambda frame: begin + (end - begin) * min((frame + 1 - self._offset) / frames, 1.0)
+        self.frames, led = frames, live.led_frames(frames)
+        passed = PACKET - self._offset  # a command stands for a packet, and is the place at the packet's end
+        live.course = lambda frame: begin + (end - begin) * min((frame + passed) / led, 1.0)
 
     @property
     def now(self) -> int:
