@@ -1,6 +1,7 @@
 """A recording's stacks as charge: what the sensor collects at any frame and focus position.
 
-Unless told to keep more, at most two stacks are in memory, those between which a moving scene is.
+Of a scene that stands still the whole stack is in memory. Of one that moves only those positions are read at
+which the lens is, and unless told to keep more those of three stacks at most are in memory.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ class Exposed:
     """Footage in front of a sensor, in photo-electrons a readout at gain 1.
 
     ``scale`` multiplies the light (the exposure): 1 at first, and may be set at any time. ``rows``: of these
-    rows of the sensor alone. ``keep_bytes``: keep more than two stacks in memory while they take no more.
+    rows of the sensor alone. ``keep_bytes``: of a scene that moves, keep what was read up to this.
     """
 
     def __init__(
@@ -24,8 +25,8 @@ class Exposed:
         self.reel, self.sensor, self.scale = footage.reel, sensor, 1.0
         self._footage, self._rows, self._keep_bytes = footage, rows, keep_bytes
         # Plain dictionaries: an lru_cache over a method would keep both, and the stacks, until a collection.
-        self._charges: dict[int, np.ndarray] = {}
-        self._sums: dict[int, np.ndarray] = {}
+        self._still: dict[bool, np.ndarray] = {}  # the whole stack: each light alone, all as one
+        self._kept: dict[tuple[int, int], np.ndarray] = {}  # (stack, position): charge (light, row, col)
 
     def picture(self, frame: float, position: float) -> np.ndarray:
         """Photo-electrons a readout at gain 1, float32 (light, row, col), at a moment and a focus position.
@@ -46,16 +47,16 @@ class Exposed:
         ``position`` and ``gain`` are those of the whole recording, (T,) and (T, G). One schedule for all
         light groups makes one light of them, as far as the camera can tell.
         """
-        positions, specs = self.reel.specs[0].positions, self.reel.specs
+        positions = self.reel.specs[0].positions
         index, fraction = knot_weights(position[begin:end], positions)
-        charge = self._charge
-        if (gain == gain[:, :1]).all():
-            gain, charge = gain[:, :1], self._summed
+        as_one = bool((gain == gain[:, :1]).all())
+        if as_one:
+            gain = gain[:, :1]
         gain = gain[begin:end] * self.scale
         if not self.reel.moves:
-            return charge(j), index, fraction, gain
-        first, last = int(index.min()), int((index + (fraction > 0)).max())
-        both = [charge(n)[:, first - specs[n].first : last + 1 - specs[n].first] for n in (j, j + 1)]
+            return self._whole(as_one), index - self.reel.specs[0].first, fraction, gain
+        first, stop = int(index.min()), int((index + (fraction > 0)).max()) + 1
+        both = [self._charge(n, first, stop, as_one) for n in (j, j + 1)]
         way = self.reel.way(begin, end, j)[:, None]
         gains = np.concatenate([gain * (1 - way), gain * way], axis=1)
         return np.concatenate(both), index - first, fraction, gains
@@ -69,35 +70,54 @@ class Exposed:
         return j, float(np.clip((frame + 0.5 - at[j]) / (at[j + 1] - at[j]), 0, 1))
 
     def _at(self, j: int, position: float) -> np.ndarray:
-        charge, spec = self._charge(j), self.reel.specs[j]
-        knot = float(np.clip(position * (spec.positions - 1) - spec.first, 0, spec.rendered - 1))
-        k = min(int(knot), spec.rendered - 2)
-        return charge[:, k] + np.float32(knot - k) * (charge[:, k + 1] - charge[:, k])
+        spec = self.reel.specs[j]
+        last = spec.first + spec.rendered - 1
+        knot = float(np.clip(position * (spec.positions - 1), spec.first, last))
+        k = min(int(knot), last - 1)
+        charge = self._charge(j, k, k + 2)
+        return charge[:, 0] + np.float32(knot - k) * (charge[:, 1] - charge[:, 0])
 
-    def _charge(self, j: int) -> np.ndarray:
-        """Charge float32 (light, focus, row, col) of stack j, before the exposure."""
-        if j not in self._charges:
-            self._make_room(self._charges)
-            stack = self._footage.stack(j)
-            drive = stack.spec.drive
-            charge = charge_stack(
-                stack.radiance,
-                drive.image_distance(stack.spec.focus),
-                drive.aperture_radius_m,
-                self.sensor,
-                transmission=drive.transmission,
-            )
-            self._charges[j] = charge if self._rows is None else charge[:, :, self._rows].copy()
-        return self._charges[j]
+    def _charge(self, j: int, first: int, stop: int, as_one: bool = False) -> np.ndarray:
+        """Charge float32 (light, focus, row, col) of stack j at positions first <= k < stop of the travel.
 
-    def _summed(self, j: int) -> np.ndarray:
-        """The same with all light groups as one."""
-        if j not in self._sums:
-            self._make_room(self._sums)
-            self._sums[j] = self._charge(j).sum(axis=0, keepdims=True)
-        return self._sums[j]
+        Before the exposure; ``as_one``: all light groups as one.
+        """
+        if self.reel.moves:
+            charge = np.stack(self._planes(j, first, stop), axis=1)
+            return charge.sum(axis=0, keepdims=True) if as_one else charge
+        begin = self.reel.specs[0].first
+        return self._whole(as_one)[:, first - begin : stop - begin]
 
-    def _make_room(self, kept: dict[int, np.ndarray]) -> None:
-        """Let go of the oldest but one: of a scene that moves two stacks are needed at a time."""
-        while len(kept) > 1 and sum(charge.nbytes for charge in kept.values()) > self._keep_bytes:
-            del kept[next(iter(kept))]
+    def _whole(self, as_one: bool) -> np.ndarray:
+        """The same of a scene that stands still, at all rendered positions."""
+        if False not in self._still:
+            spec = self.reel.specs[0]
+            self._still[False] = self._developed(0, spec.first, spec.first + spec.rendered)
+        if as_one not in self._still:
+            self._still[True] = self._still[False].sum(axis=0, keepdims=True)
+        return self._still[as_one]
+
+    def _planes(self, j: int, first: int, stop: int) -> list[np.ndarray]:
+        """The same of a scene that moves, position by position; those not yet in memory are read."""
+        lacking = [k for k in range(first, stop) if (j, k) not in self._kept]
+        if lacking:
+            begin, end = lacking[0], lacking[-1] + 1
+            charge = self._developed(j, begin, end)
+            self._kept |= {(j, k): charge[:, k - begin].copy() for k in range(begin, end)}
+        found = [self._kept[j, k] for k in range(first, stop)]
+        # Neighbours stay: a moment of the scene lies between two stacks.
+        while len(self._kept) * found[0].nbytes > self._keep_bytes and abs(next(iter(self._kept))[0] - j) > 1:
+            del self._kept[next(iter(self._kept))]
+        return found
+
+    def _developed(self, j: int, first: int, stop: int) -> np.ndarray:
+        """The same, read and worked out anew."""
+        spec = self.reel.specs[j]
+        charge = charge_stack(
+            self._footage.planes(j, first - spec.first, stop - spec.first),
+            spec.drive.image_distance(spec.focus[first - spec.first : stop - spec.first]),
+            spec.drive.aperture_radius_m,
+            self.sensor,
+            transmission=spec.drive.transmission,
+        )
+        return charge if self._rows is None else charge[:, :, self._rows].copy()

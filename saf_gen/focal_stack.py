@@ -148,17 +148,27 @@ class StackStore:
 
         Raises BadInput where a piece is missing or damaged.
         """
+        radiance = self.planes(0, self.spec.rendered)
+        variant = ", ".join(sorted(self.variants()))
+        return FocalStack(self.spec, radiance, *self.geometry(), variant, self.digest())
+
+    def planes(self, first: int, stop: int) -> np.ndarray:
+        """Radiance float32 (light, focus, row, col) of positions first <= k < stop, counted as rendered.
+
+        Raises BadInput where a piece is missing or damaged.
+        """
         missing = self.missing()
         if missing:
             raise BadInput(f"{self.folder} lacks {', '.join(missing)}", hint="run saf-gen generate again")
-        shape = (len(self.spec.groups), self.spec.rendered, self.spec.rows, self.spec.columns)
-        radiance = np.empty(shape, dtype=np.float32)
+        names = [f"focus.{self.spec.first + k:04d}" for k in range(first, stop)]
+        radiance = np.empty(
+            (len(self.spec.groups), len(names), self.spec.rows, self.spec.columns), np.float32
+        )
         for g, group in enumerate(self.spec.groups):
-            planes, _ = exr.read_planes(self.folder / f"{group}.exr")
-            for k in range(self.spec.rendered):
-                radiance[g, k] = planes[f"focus.{self.spec.first + k:04d}"]
-        variant = ", ".join(sorted(self.variants()))
-        return FocalStack(self.spec, radiance, *self.geometry(), variant, self.digest())
+            planes, _ = exr.read_planes(self.folder / f"{group}.exr", names)
+            for k, name in enumerate(names):
+                radiance[g, k] = planes[name]
+        return radiance
 
     def geometry(self) -> tuple[np.ndarray, np.ndarray]:
         """Depth (m), float32, and target mask, bool, both (row, col); not checked against their digest."""
@@ -190,7 +200,10 @@ class StackStore:
             part.write_text(json.dumps(note, indent=1))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1 << 14)
 def _sha256(path: Path, size: int, changed_ns: int) -> str:
-    """Digest of a file; asked for again it is not read again unless its size or time changed."""
+    """Digest of a file; asked for again it is not read again unless its size or time changed.
+
+    So many are kept because a scene that moves has hundreds of stacks, and each method asks for all of them.
+    """
     return hashlib.sha256(path.read_bytes()).hexdigest()

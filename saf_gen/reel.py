@@ -65,13 +65,15 @@ class Reel:
 
 @dataclass(frozen=True)
 class Footage:
-    """A reel and where its stacks come from: ``stack(j)`` whole, ``geometry(j)`` depth and target alone.
+    """A reel and where its stacks come from.
 
-    ``digest`` is over all of them, ``variant`` what rendered them.
+    ``planes(j, first, stop)`` is the radiance of stack j at its rendered positions first <= k < stop,
+    float32 (light, focus, row, col); ``geometry(j)`` its depth and target. ``digest`` is over all stacks,
+    ``variant`` what rendered them.
     """
 
     reel: Reel
-    stack: Callable[[int], FocalStack]
+    planes: Callable[[int, int, int], np.ndarray]
     geometry: Callable[[int], tuple[np.ndarray, np.ndarray]]
     digest: str
     variant: str
@@ -82,13 +84,25 @@ class Footage:
         stores = [StackStore(root, spec) for spec in reel.specs]
         variant = ", ".join(sorted(set().union(*(store.variants() for store in stores))))
         digest = reel.digest(root)
-        return cls(reel, lambda j: stores[j].load(), lambda j: stores[j].geometry(), digest, variant)
+        return cls(
+            reel,
+            lambda j, first, stop: stores[j].planes(first, stop),
+            lambda j: stores[j].geometry(),
+            digest,
+            variant,
+        )
 
     @classmethod
     def of(cls, stack: FocalStack) -> "Footage":
         """One stack in memory, of a scene that stands still."""
         reel = Reel((0,), (stack.spec,))
-        return cls(reel, lambda j: stack, lambda j: (stack.depth, stack.target), stack.digest, stack.variant)
+        return cls(
+            reel,
+            lambda j, first, stop: stack.radiance[:, first:stop],
+            lambda j: (stack.depth, stack.target),
+            stack.digest,
+            stack.variant,
+        )
 
 
 def moments(frames: int, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:

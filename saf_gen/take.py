@@ -20,7 +20,7 @@ from saf_gen.stream import SpikeStream, Truth
 
 __all__ = ["Take"]
 
-KEEP_BYTES = 1 << 30  # of a moving scene's stacks: methods go through them one after the other
+KEEP_BYTES = 1 << 30  # of a moving scene: methods go through it one after the other, most by the same sweep
 
 
 @dataclass(frozen=True, eq=False)

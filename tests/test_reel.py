@@ -39,7 +39,8 @@ def stacks(position=SWEEP, at=AT, depths=(0.5, 0.5, 0.5, 0.5)):
 
 def footage(made, at=AT):
     reel = Reel(at, tuple(stack.spec for stack in made))
-    return Footage(reel, made.__getitem__, lambda j: (made[j].depth, made[j].target), "d", "llvm")
+    light = lambda j, first, stop: made[j].radiance[:, first:stop]  # noqa: E731
+    return Footage(reel, light, lambda j: (made[j].depth, made[j].target), "d", "llvm")
 
 
 def seen(made, frame, position):
@@ -126,6 +127,56 @@ def test_what_the_encoder_gets_is_the_picture_of_every_readout():
             got = np.tensordot(weights[t], pictures, 1)
             wanted = np.tensordot(gain[begin + t], exposed.picture(begin + t, SWEEP[begin + t]), 1)
             assert got == pytest.approx(wanted, rel=1e-5)
+
+
+def counted(made):
+    """The footage, and what was read of it: (stack, first, stop)."""
+    film, reads = footage(made), []
+
+    def planes(j, first, stop):
+        reads.append((j, first, stop))
+        return film.planes(j, first, stop)
+
+    return replace(film, planes=planes), reads
+
+
+def through(exposed, position, frames=FRAMES):
+    gain = np.ones((FRAMES, 2), np.float32)
+    return [exposed.lights(*run, position, gain) for run in exposed.reel.runs(0, frames)]
+
+
+def test_only_those_positions_are_read_at_which_the_lens_is():
+    whole = [replace_window(stack) for stack in stacks(np.abs(1 - 2 * SWEEP))]
+    film, reads = counted(whole)
+    exposed = Exposed(film, SENSOR)
+    got = through(exposed, 0.3 + 0.1 * SWEEP)  # positions 2.4 to 3.2 of 0 to 8
+    assert set(reads) == {(0, 2, 4), (1, 2, 4), (1, 4, 5), (2, 2, 5), (3, 3, 5)}
+    assert len(reads) == 5
+    assert len(exposed._kept) <= 3 * 3  # of three stacks at most
+    for (stack, index, fraction, _), (j, k) in zip(got, [(0, 2), (1, 2), (2, 3)], strict=True):
+        flat = Exposed(film, SENSOR)._developed(j, k, k + 1).sum(axis=0)
+        assert stack[0, 0] == pytest.approx(flat[0], rel=1e-6)
+        assert index.min() == 0
+        assert 0 <= fraction.min() <= fraction.max() < 1
+
+
+def replace_window(stack):
+    """The same, rendered at all positions: those of the window as they were, others at random."""
+    light = np.random.default_rng(5).uniform(0.1, 1, (2, SPEC.positions, 6, 8)).astype(np.float32)
+    first, last = stack.spec.window
+    light[:, first : last + 1] = stack.radiance
+    return replace(stack, spec=replace(stack.spec, window=None), radiance=light)
+
+
+@pytest.mark.parametrize(("keep_bytes", "again"), [(1 << 20, 0), (0, 1)])
+def test_what_was_read_is_kept_for_the_next_method_as_far_as_allowed(keep_bytes, again):
+    film, reads = counted(stacks())
+    exposed = Exposed(film, SENSOR, keep_bytes=keep_bytes)
+    first = through(exposed, SWEEP)
+    before = len(reads)
+    second = through(exposed, SWEEP)
+    assert (len(reads) > before) == bool(again)
+    assert all(np.array_equal(a[0], b[0]) for a, b in zip(first, second, strict=True))
 
 
 def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
@@ -228,7 +279,8 @@ def test_a_reel_on_disk_knows_what_it_lacks(tmp_path):
             store.put_group(group, radiance, "llvm")
     assert reel.missing(tmp_path) == []
     film = Footage.stored(reel, tmp_path)
-    assert np.array_equal(film.stack(2).radiance, made[2].radiance)
+    assert np.array_equal(film.planes(2, 0, made[2].spec.rendered), made[2].radiance)
+    assert np.array_equal(film.planes(2, 1, 3), made[2].radiance[:, 1:3])
     assert film.variant == "llvm"
     digest = reel.digest(tmp_path)
     StackStore(tmp_path, reel.specs[1]).put_group("lamp", made[1].radiance[0] * 2, "llvm")
