@@ -105,9 +105,10 @@ class Exposed:
             charge = self._developed(j, begin, end)
             self._kept |= {(j, k): charge[:, k - begin].copy() for k in range(begin, end)}
         found = [self._kept[j, k] for k in range(first, stop)]
-        # Neighbours stay: a moment of the scene lies between two stacks.
-        while len(self._kept) * found[0].nbytes > self._keep_bytes and abs(next(iter(self._kept))[0] - j) > 1:
-            del self._kept[next(iter(self._kept))]
+        over = len(self._kept) - self._keep_bytes // found[0].nbytes
+        if over > 0:  # the oldest go; neighbours stay, for a moment of the scene lies between two stacks
+            for key in [key for key in self._kept if abs(key[0] - j) > 1][:over]:
+                del self._kept[key]
         return found
 
     def _developed(self, j: int, first: int, stop: int) -> np.ndarray:

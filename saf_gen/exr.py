@@ -44,10 +44,12 @@ def read_planes(
             size = header["dataWindow"]
             shape = size.max.y - size.min.y + 1, size.max.x - size.min.x + 1
             read = file.channels(names, Imath.PixelType(Imath.PixelType.FLOAT))
+        planes = {
+            n: np.frombuffer(raw, np.float32).reshape(shape) for n, raw in zip(names, read, strict=True)
+        }
+        attributes = {key: value.decode() for key, value in header.items() if isinstance(value, bytes)}
     except (RuntimeError, OSError, ValueError, TypeError) as error:
         raise BadInput(
             f"{path} is no whole OpenEXR file: {error}", hint="delete it, generate again"
         ) from error
-    planes = {n: np.frombuffer(raw, np.float32).reshape(shape) for n, raw in zip(names, read, strict=True)}
-    attributes = {k: v.decode() for k, v in header.items() if isinstance(v, bytes)}
     return planes, attributes

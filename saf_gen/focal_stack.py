@@ -171,7 +171,12 @@ class StackStore:
         return radiance
 
     def geometry(self) -> tuple[np.ndarray, np.ndarray]:
-        """Depth (m), float32, and target mask, bool, both (row, col); not checked against their digest."""
+        """Depth (m), float32, and target mask, bool, both (row, col).
+
+        Raises BadInput where they are missing or damaged.
+        """
+        if not self._is_whole("geometry"):
+            raise BadInput(f"{self.folder} lacks geometry", hint="run saf-gen generate again")
         planes, _ = exr.read_planes(self.folder / "geometry.exr")
         return planes["depth"], planes["target"] > 0.5
 

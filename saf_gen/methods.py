@@ -23,6 +23,7 @@ DEFAULT_METHODS = (
         f"{measure}+argmax"
         for measure in ["sd", "sd_code", "er_sumsq", "er_count", "gradient_code", "mfdct_code", "mfdct_lee"]
     ),
+    *(f"{measure}+argmax" for measure in ("gradient_code_n", "mfdct_lee_n")),
     *(
         f"{measure}+{search}"
         for search in ("egs_code", "sgfs_code")
@@ -31,11 +32,14 @@ DEFAULT_METHODS = (
     "cen+argmax",
     "sd+sgfs_causal",
     "sd_calibrated+photon_aware",
+    "structure_calibrated+photon_aware",
 )
-"""What `saf-gen evaluate` runs when no method is named: the paper's measures and searches, and three more."""
+"""What `saf-gen evaluate` runs when no method is named: the paper's measures and searches; two of its
+baselines divided by brightness, as SD is; and four more."""
 
 
 DEFAULT_LIVE_METHODS = (
+    "structure_calibrated+photon_aware",
     "sd_calibrated+photon_aware",
     *(
         f"{measure}+{search}"

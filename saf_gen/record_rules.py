@@ -32,6 +32,8 @@ RANGES = {
     "mean_rate": (0, LONG),
     "light_ratio": (1, LONG),
     "blur_px": (0, FAR),
+    "focus_place": (0, 1),
+    "focus_off_dof": (0, FAR),
     **dict.fromkeys(("position", "truth", "truth_first", "truth_frame"), (-FAR, FAR)),
     **dict.fromkeys(("error", "error_frames", "error_dof"), (-FAR, FAR)),
 }
@@ -43,7 +45,7 @@ def contradiction(r: "Record") -> tuple[str, str] | None:
 
     An answer is a success where its error is within the limit. An abstention is one where no answer could
     have been, and has no error; where the truth is unknown there is neither. A frame of the closed loop
-    is when the method was done, of an abstention too.
+    is when the method was done, of an abstention too. A focus that the lens stays away from lies nowhere.
     """
     if r.frames_seen > r.frames:
         return f"frames_seen is {r.frames_seen} of {r.frames} frames", f"0 to {r.frames}"
@@ -58,6 +60,14 @@ def contradiction(r: "Record") -> tuple[str, str] | None:
         return "failed, with success", "false, or null where the truth is unknown"
     if r.status == "abstained" and any(far and not near for near, far in pairwise(success)):
         return "abstained, right within a larger limit and not within a smaller one", "the other way round"
+    off = r.focus_off_dof
+    if off is not None and off > WITHIN[1] and r.focus_place is not None:
+        return f"focus_place is {r.focus_place:g}, and the lens stays {off:g} DoF away", "null beyond 1 DoF"
+    if r.track == "recorded" and r.status == "abstained" and off is not None and success[0] is not None:
+        right = tuple(off > limit for limit in WITHIN)
+        if success != right:
+            said = ", ".join(map(str, success))
+            return f"abstained {off:g} DoF from the focus, and success {said}", ", ".join(map(str, right))
     if r.track == "recorded" and (r.frame is not None) != (r.status == "answered"):
         return f"{r.status}, with frame {r.frame}", "a frame where there is an answer, else null"
     if r.frame is not None and not -0.5 <= r.frame <= r.frames:

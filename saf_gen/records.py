@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 FILE = "records.jsonl"
-FORMAT = "saf-gen record 2"
+FORMAT = "saf-gen record 3"
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,11 @@ class Record:
     """Kind of the lens's motion in the recording."""
     truth_first: float | None = None
     """Best focus when the lens of the recording first meets it: the same for all methods."""
+    focus_place: float | None = None
+    """Where the focus lies, 0...1. Recorded: the share of the recording at which the lens first meets it, or
+    comes nearest. Live: the place in the travel. None where neither comes within 1 depth of focus."""
+    focus_off_dof: float | None = None
+    """How far from the focus, in depths of focus, the lens stays in the recording; live, the whole travel."""
     mean_rate: float | None = None
     """Counts a pixel and readout, where the method looked, over the whole recording."""
     light_ratio: float | None = None
@@ -92,6 +97,8 @@ class Record:
     """12 digits of the file of tuned constants that the method was named by."""
     machine: str = ""
     """host.describe(): ``seconds`` of two machines do not compare."""
+    rig: str = ""
+    """12 digits over the sources of the track's rig: contest.rig_code."""
 
 
 def record_to_json(record: Record) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from saf_gen.registry import ROOMS
 
-__all__ = ["sources_of"]
+__all__ = ["imported", "sources_of", "text_of"]
 
 HERE = Path(__file__).resolve().parent
 OWN = tuple(f"{HERE.name}.{room}" for room in ROOMS)
@@ -40,13 +40,18 @@ def sources_of(classes: Iterable[type]) -> list[list[str]]:
         file = todo.pop()
         if file.path in found:
             continue
-        try:
-            text = file.path.read_bytes().replace(b"\r\n", b"\n")
-        except OSError:  # run from where no source is kept
-            text = b""
+        text = text_of(file.path)
         found[file.path] = [file.key, hashlib.sha256(text).hexdigest()]
-        todo += file.followed(_imported(text, file.package))
+        todo += file.followed(imported(text, file.package))
     return sorted([*found.values(), *bare])
+
+
+def text_of(path: Path) -> bytes:
+    """A file as digests take it: however its lines end; nothing where no source is kept."""
+    try:
+        return path.read_bytes().replace(b"\r\n", b"\n")
+    except OSError:
+        return b""
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,7 @@ def _installed(folder: Path) -> bool:
 
 
 @lru_cache(maxsize=256)
-def _imported(text: bytes, package: str) -> tuple[str, ...]:
+def imported(text: bytes, package: str) -> tuple[str, ...]:
     """Modules that a source may import, within functions too; names that are no modules are among them."""
     try:
         tree = ast.parse(text)

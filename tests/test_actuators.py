@@ -115,23 +115,24 @@ def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
     frames = round(times * drive.end_to_end_s * HZ)
     assert led(name, frames) == pytest.approx(1 - drive.backlash / 2, abs=1.5e-3)
     if times == 1:
-        assert drive.led_s(drive.end_to_end_s) == pytest.approx(1 / drive.speed)
-        assert drive.led_s(drive.end_to_end_s / 3) == drive.led_s(drive.end_to_end_s)
+        shortest = drive.led_s(drive.end_to_end_s)
+        assert 1 / drive.speed < shortest < 1 / drive.speed + 1 / drive.resonance_hz
+        assert drive.led_s(drive.end_to_end_s / 3) == shortest
 
 
 @pytest.mark.parametrize(
     ("name", "frames", "reaches"),
-    [("liquid_lens", 2000, 0.986), ("liquid_lens", 6000, 0.996), ("voice_coil_hall", 2000, 0.996)],
+    [("liquid_lens", 2000, 0.998), ("liquid_lens", 6000, 0.9995), ("voice_coil_hall", 2000, 1.0)],
 )
-def test_a_lens_on_a_spring_is_on_its_way_for_2_zeta_over_omega_when_the_sweep_is_over(name, frames, reaches):
+def test_a_lens_on_a_spring_is_left_to_itself_for_6_zeta_over_omega_at_the_end(name, frames, reaches):
     """The oscillator, in steady pursuit until the commands stop, then free: its matrix exponential."""
     drive = get_actuator(name)
     natural, speed = 2 * pi * drive.resonance_hz, 1 / drive.led_s(frames / HZ)
     behind = 2 * drive.damping / natural
-    free = expm(np.array([[0, 1], [-(natural**2), -2 * drive.damping * natural]]) * behind)
+    free = expm(np.array([[0, 1], [-(natural**2), -2 * drive.damping * natural]]) * 3 * behind)
     off = (free @ [-speed * behind, speed])[0]
-    assert led(name, frames) == pytest.approx(1 + off, abs=1.5e-3)
-    assert led(name, frames) == pytest.approx(reaches, abs=1e-3)
+    assert led(name, frames) == pytest.approx(min(1 + off, 1), abs=1e-3)  # there is a stop
+    assert led(name, frames) == pytest.approx(reaches, abs=5e-4)
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.7, 1.9])

@@ -21,18 +21,17 @@ def one(number, error=0.0, *, method="a+s", **more):
     [
         (
             "focus_position",
-            "truth_first",
+            "focus_place",
             {
-                -0.01: "outside",
                 0.0: "first 10 %",
                 0.0999: "first 10 %",
                 0.1: "middle",
                 0.9: "middle",
                 0.9001: "last 10 %",
                 1.0: "last 10 %",
-                1.01: "outside",
             },
         ),
+        ("focus_position", "focus_off_dof", {1.001: "outside", 40.0: "outside"}),
         (
             "photon_budget",
             "mean_rate",
@@ -109,11 +108,36 @@ def test_every_method_meets_the_same_sequences_in_a_bin_and_no_answer_is_counted
     assert (found.cells["b+s"][0].abstained, found.cells["b+s"][0].median_error_dof) == (1, None)
 
 
+@pytest.mark.parametrize("track", ["recorded", "closed_loop"])
+@pytest.mark.parametrize(
+    ("place", "off", "bins"),
+    [
+        (0.0, 0.9, ("first 10 %",)),
+        (0.5, 0.0, ("middle",)),
+        (0.5, None, ("middle",)),
+        (1.0, 1.0, ("last 10 %",)),
+        (None, 1.001, ("outside",)),
+    ],
+)
+def test_the_focus_lies_where_the_lens_meets_it_or_outside_whatever_was_answered(track, place, off, bins):
+    known = {"focus_place": place, "focus_off_dof": off, "track": track, "truth_first": 0.3}
+    for answered in (one(0, **known), one(0, 9.0, **known), failed("a+s", "s0", "abstained", **known)):
+        assert axis([answered], "focus_position").bins == bins
+
+
+def test_where_nobody_knows_the_focus_it_has_no_bin():
+    known = one(0, focus_place=0.5)
+    assert axis([known, one(1, truth_first=0.5), one(2, focus_off_dof=0.5)], "focus_position").sequences == (
+        1,
+    )
+
+
 def test_the_files_tell_every_axis(tmp_path):
+    places = ({"focus_place": 0.05}, {"focus_place": 0.5}, {"focus_off_dof": 2.0})
     some = [
-        record(m, f"s{i}", e, scene=f"scene{i}", truth_first=place, mean_rate=0.2)
+        record(m, f"s{i}", e, scene=f"scene{i}", mean_rate=0.2, **place)
         for m, errors in {"a+s": (0.0, 0.4, 3.0), "b|c+s": (5.0, 5.0, 5.0)}.items()
-        for i, (e, place) in enumerate(zip(errors, (0.05, 0.5, 1.2), strict=True))
+        for i, (e, place) in enumerate(zip(errors, places, strict=True))
     ]
     write_files(tmp_path, rows=table(some), records=some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())

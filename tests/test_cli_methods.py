@@ -7,6 +7,7 @@ import pytest
 
 from saf_gen import registry
 from saf_gen.cli import main
+from saf_gen.measures import measure_names
 
 OWN = '''\
 """Parts of somebody."""
@@ -34,6 +35,25 @@ class Wrong(Total):
     """The same, and its degree is wrong."""
 
     degree = 2
+
+
+@dataclass(frozen=True)
+class Odd:
+    """Its degree is that of its option."""
+
+    power: int
+    source = "a test"
+
+    @property
+    def degree(self):
+        return self.power
+
+    @property
+    def cost(self):
+        return 1 / 0
+
+    def __call__(self, counts):
+        return float(counts.sum()) ** self.power
 
 
 @dataclass(frozen=True)
@@ -74,20 +94,129 @@ def row(text, name):
     return [cell.strip() for cell in line.strip("│").split("│")]
 
 
-def test_the_list_says_degree_and_kind(call):
+def things(text):
+    """The lines of a page, by what stands before the first of them."""
+    found = {}
+    for line in text.splitlines():
+        if line[0] != " ":
+            key, _, first = line.partition("  ")
+            found[key] = [first.strip()]
+        else:
+            found[key].append(line.strip())
+    return {key: "\n".join(lines).strip() for key, lines in found.items()}
+
+
+def test_the_list_says_degree_cost_twins_and_kind(call):
     code, out, err = call("methods")
     assert (code, err) == (0, "")
-    for name, said in {"sd": "0", "gradient_code": "1", "er_sumsq": "2"}.items():
-        assert row(out, name)[1] == said
+    for name, said in {
+        "sd": ["0", "3", "_tfi"],
+        "gradient_code": ["1", "17", "_n _tfi"],
+        "er_sumsq": ["2", "2", "_n _tfi"],
+        "cen": ["0", "44.5", "_tfi"],
+        "sd_debiased": ["0", "4", ""],
+    }.items():
+        assert row(out, name)[1:4] == said
     assert row(out, "argmax")[1] == "estimates"
     assert row(out, "sgfs_causal")[1] == "estimates, causal"
     assert row(out, "hill_climb")[1] == "commands"
-    for room in ("measures", "searches"):
-        for name in registry.names(room):
-            assert row(out, name)[2]
-    last = out.splitlines()[-1]
-    assert "NAME_tfi looks at intervals between spikes in place of counts." in last
-    assert "NAME_n divides a measure by brightness." in last
+    for name in registry.names("measures"):
+        degree, cost, twins, what = row(out, name)[1:]
+        assert int(degree) >= 0 < float(cost)
+        assert ("_n" in twins.split()) == (f"{name}_n" in measure_names())
+        assert what
+    for name in registry.names("searches"):
+        assert row(out, name)[2]
+    *_, cost, example, suffixes = out.splitlines()
+    assert cost.startswith(
+        "Cost: additions, multiplications and roots a pixel, for 400 x 250 pixels where it"
+    )
+    assert cost.endswith("saf-gen methods show NAME.")
+    assert "saf-gen methods check NAME" in example
+    assert "NAME_tfi looks at intervals between spikes in place of counts." in suffixes
+    assert "NAME_n divides a measure by brightness." in suffixes
+
+
+def test_a_measure_is_shown_in_full(call):
+    code, out, err = call("methods", "show", "cen:highest=0.2")
+    assert (code, err) == (0, "")
+    assert out.splitlines()[0].strip() == "cen:highest=0.2"
+    page = things(out)
+    assert page["kind"] == "focus measure"
+    assert "Σ r·P / Σ P" in page["what"]
+    assert page["options"] == "highest=0.2 (default: 0.15)"
+    assert page["looks at"] == "spike counts of a window"
+    assert page["range"] == "0 ... highest, cycles a pixel"
+    assert page["degree"] == "0"
+    assert page["cost"] == "44.5 operations a pixel (additions, multiplications, roots)"
+    assert page["twins"] == "cen_tfi"
+    assert page["class"] == "saf_gen.measures.cen:SpectralCentroid"
+    assert "icml.cc/virtual/2026/poster/65044" in page["source"]
+
+
+@pytest.mark.parametrize("name", [*registry.names("measures"), *registry.names("searches")])
+def test_every_part_of_ours_is_shown_with_its_options_and_its_source(call, name):
+    code, out, err = call("methods", "show", name)
+    assert (code, err) == (0, "")
+    page, room = things(out), "measures" if name in registry.names("measures") else "searches"
+    part = registry.build(room, name)
+    assert [line.partition("=")[0] for line in page["options"].splitlines()] == (
+        list(registry.keys(room, name)) or ["none"]
+    )
+    assert "default:" not in page["options"]
+    assert " ".join(page["source"].split()) == part.source
+    assert part.__doc__.split()[-1] in page["what"]
+    assert ("degree" in page) == ("range" in page) == ("cost" in page) == (room == "measures")
+
+
+def test_a_formula_that_is_set_in_stays_a_line_of_its_own(call):
+    _, out, _ = call("methods", "show", "sd_calibrated")
+    (formula,) = [line for line in out.splitlines() if "cov(A, B)" in line]
+    assert formula.strip().endswith("d = dark·frames")
+    page = things(out)
+    assert page["looks at"] == "spike counts of the two halves of a window"
+    assert page["twins"] == "none"
+
+
+def test_a_twin_is_shown_with_what_it_is_a_twin_of(call):
+    _, out, _ = call("methods", "show", "gaussian_derivative_n_tfi:sigma_px=2")
+    page = things(out)
+    assert page["what"].index("G a Gaussian") < page["what"].index("divided by mean count**degree")
+    assert page["what"].index("divided by mean count**degree") < page["what"].index("texture from intervals")
+    assert page["options"] == "sigma_px=2 (default: 1.0)"
+    assert page["looks at"] == "the texture from intervals"
+    assert page["degree"] == "0"
+    assert page["cost"].startswith("109 operations")  # 8·13 + 4, and the mean
+    assert "doi:10.1109/ICME.2019.00248" in " ".join(page["source"].split())
+    assert "twins" not in page
+    assert things(call("methods", "show", "gaussian_derivative")[1])["twins"] == (
+        "gaussian_derivative_n, gaussian_derivative_tfi, gaussian_derivative_n_tfi"
+    )
+
+
+def test_a_search_is_shown_and_both_halves_of_a_method(call):
+    page = things(call("methods", "show", "coarse_to_fine")[1])
+    assert (page["kind"], page["looks through"]) == ("search, commands", "sd")
+    assert "lag_s=None" in page["options"].splitlines()
+    code, out, _ = call("methods", "show", "cen+argmax:refine=centroid")
+    assert code == 0
+    assert [line.strip() for line in out.splitlines() if line.startswith(("cen", "argmax"))] == [
+        "cen",
+        "argmax:refine=centroid",
+    ]
+    assert "refine=centroid (default: no)" in out
+
+
+def test_a_part_of_ones_own_is_shown_with_what_it_states(call, own):
+    page = things(call("methods", "show", "somebody.py:Wrong")[1])
+    assert (page["degree"], page["cost"], page["range"]) == ("2", "-", "from 0")
+    assert page["twins"].split(", ")[0] == "somebody.py:Wrong_n"
+    assert "class" not in page
+    twin = things(call("methods", "show", "somebody.py:Wrong_n")[1])
+    assert (twin["degree"], twin["cost"]) == ("0", "-")
+    odd = things(call("methods", "show", "somebody.py:Odd:power=3")[1])
+    assert (odd["degree"], odd["options"]) == ("3", "power=3 (default: none)")
+    assert odd["cost"].startswith("? ZeroDivisionError: ")
 
 
 def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hides_no_other(
@@ -96,7 +225,7 @@ def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hide
     info = tmp_path / "theirs-0.1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Name: theirs\nVersion: 0.1\n")
-    offered = "[saf_gen.measures]\nmarked = somebody:Total\ngone = nowhere_at_all:Gone\n"
+    offered = "[saf_gen.measures]\nmarked = somebody:Total\ngone = nowhere_at_all:Gone\nodd = somebody:Odd\n"
     (info / "entry_points.txt").write_text(offered)
     monkeypatch.syspath_prepend(tmp_path)
     registry._offered.cache_clear()
@@ -107,9 +236,11 @@ def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hide
         registry.part_class.cache_clear()
         sys.modules.pop("somebody", None)
     assert code == 0
-    assert "[bold]no[/bold]" in row(out, "marked")[2]
-    assert row(out, "gone")[1] == "?"
-    assert "cannot be loaded" in row(out, "gone")[2]
+    assert row(out, "marked")[1:4] == ["1", "-", "_n _tfi"]
+    assert "[bold]no[/bold]" in row(out, "marked")[4]
+    assert row(out, "gone")[1:4] == ["?", "", ""]
+    assert "cannot be loaded" in row(out, "gone")[4]
+    assert row(out, "odd")[1:4] == ["by its options", "by its options", "_tfi"]
     assert row(out, "sd")[1] == "0"
 
 
@@ -162,8 +293,9 @@ def test_findings_come_as_json_and_nothing_else_does(call, own):
         ("@gone.json", "cannot be read"),
     ],
 )
-def test_a_name_that_is_none_is_exit_code_2_and_one_line(call, own, name, told):
-    code, out, err = call("methods", "check", name)
+@pytest.mark.parametrize("command", ["check", "show"])
+def test_a_name_that_is_none_is_exit_code_2_and_one_line(call, own, name, told, command):
+    code, out, err = call("methods", command, name)
     assert (code, out) == (2, "")
     assert len(err.splitlines()) == 1
     assert told in err

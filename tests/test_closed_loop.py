@@ -325,6 +325,35 @@ def test_the_lens_before_a_sweep_is_not_of_it(take):
     assert 0 <= view.position(0) < view.position(39) == pytest.approx(40 / 320, rel=1e-3)
 
 
+@pytest.mark.parametrize(("name", "budget"), [("voice_coil_hall", 800), ("liquid_lens", 800)])
+def test_a_sweep_ends_where_the_lens_is_at_the_far_end(take, name, budget):
+    """One that is led at its own speed ends 3 and 12 % short of it."""
+    live = live_of(take, actuator=get_actuator(name, position_noise_rms=0), budget=budget)
+    view = Sweep(live, 0.0, 1.0, frames=budget)
+    view.wait(budget)
+    assert live.path[-1] == pytest.approx(1, abs=0.01)
+    assert live.path[budget // 2] == pytest.approx(0.5, abs=0.1)
+
+
+def test_an_answer_is_the_place_of_the_lens_where_the_sensor_is_at_the_motor(take):
+    """A liquid lens trails its current by 4 ms: 13 % of the travel in this sweep. After its first 12 ms."""
+    drive = get_actuator("liquid_lens", position_noise_rms=0, place_rms=0)
+    live = live_of(take, actuator=drive)
+    view = Sweep(live, 0.0, 1.0, frames=800)
+    view.wait(800)
+    for frame in (300, 400.5, 500):
+        truly = float(np.interp(frame, np.arange(800), live.path))
+        assert view.position(int(frame)) > truly + 0.05
+        assert view.position_at(frame) == pytest.approx(truly, abs=0.01)
+
+
+@pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16), (9, 16)])
+def test_a_wait_is_never_shorter_than_was_asked(take, frames, passed):
+    live = live_of(take)
+    live.wait(frames)
+    assert live.now == passed
+
+
 @pytest.mark.parametrize("before", [0, 80])
 def test_an_answer_without_a_look_is_where_the_lens_stands(take, before):
     live = live_of(take)
@@ -421,4 +450,4 @@ def test_terms_that_no_sequence_can_keep_write_nothing(dataset, tmp_path, capsys
 
 
 def test_the_terms_are_told_in_one_line(take):
-    assert Terms(get_actuator("voice_coil")).describe(take) == "voice_coil, 40 ms, sweep 20 ms"
+    assert Terms(get_actuator("voice_coil")).describe(take) == "voice_coil, 40 ms, sweep 10 ms"

@@ -100,6 +100,11 @@ def test_a_registered_search_conforms(name):
     assert [f.check for f in found] == DOUBTS.get(name, [])
 
 
+@pytest.mark.parametrize("refine", ["parabola", "centroid"])
+def test_a_refined_argmax_conforms(refine):
+    assert amiss(check_search(get_search("argmax", refine=refine))) == []
+
+
 def test_the_paper_s_measures_and_searches_are_registered():
     measures = {"sd", "sd_code", "er_sumsq", "er_count", "gradient_code", "mfdct_code", "mfdct_lee"}
     assert measures <= set(measure_names())

@@ -91,6 +91,10 @@ MEASURES = [
     ("stated", "its degree is 0.5", measure_of(degree=0.5)),
     ("stated", "its degree is -1, below 0", measure_of(degree=-1)),
     ("stated", "it states no range", measure_of(score_range="")),
+    ("stated", "its cost is 0.0", measure_of(cost=0.0)),
+    ("stated", "its cost is inf", measure_of(cost=math.inf)),
+    ("stated", "its cost is 'cheap'", measure_of(cost="cheap")),
+    ("stated", "its cost is True", measure_of(cost=True)),
     ("finite", "random counts is no float: int", measure_of(lambda s, c: int((c.astype(int) ** 2).sum()))),
     ("finite", "the score of random counts is inf", measure_of(lambda s, c: math.inf)),
     (

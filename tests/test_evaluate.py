@@ -75,14 +75,14 @@ def one(path, method, **options):
 
 
 def test_a_method_is_a_measure_a_search_and_their_options():
-    method = parse_method("sd_code+argmax:window=50,refine=true")
+    method = parse_method("sd_code+argmax:window=50,refine=parabola")
     assert (method.measure_name, method.search_name) == ("sd_code", "argmax")
-    assert (method.search.window, method.search.refine) == (50, True)
-    assert method.name == "sd_code+argmax:window=50,refine=true"
+    assert (method.search.window, method.search.refine) == (50, "parabola")
+    assert method.name == "sd_code+argmax:window=50,refine=parabola"
 
 
 def test_every_default_method_exists():
-    assert len({parse_method(spec).name for spec in DEFAULT_METHODS}) == len(DEFAULT_METHODS) == 18
+    assert len({parse_method(spec).name for spec in DEFAULT_METHODS}) == len(DEFAULT_METHODS) == 21
 
 
 def test_the_code_digest_follows_options_and_parts_and_nothing_else():
@@ -299,6 +299,8 @@ def test_an_answer_that_is_no_frame_of_the_recording_is_a_failure(stream_file, m
         (raising(AttributeError("counts")), "AttributeError: counts"),
         (raising(AssertionError()), "AssertionError"),
         (raising(OSError("no weights")), "OSError: no weights"),
+        (raising(OSError("no /w\udcff.pt")), "OSError: no /w\\udcff.pt"),
+        (lambda view: Answer(5, note="w\udcff"), "its note is 'w\\udcff'; give one line of text"),
         (raising(BadInput("too dark", where="x")), "BadInput: x: too dark"),
         (lambda view: 1234.5, "it answers with float 1234.5; return saf_gen.parts.Answer(frame), or "),
         (lambda view: Answer(5, trace=None), "its trace is None; give a tuple of finite numbers"),
@@ -319,6 +321,7 @@ def test_whatever_a_method_raises_or_answers_is_its_failure_alone(dataset, monke
     assert [r.status for r in result.records] == ["failed", "answered"] * 2
     assert result.records[0].note.startswith(note)
     assert len(result.records[0].note.splitlines()) == 1
+    assert result.records[0].note.encode("utf-8")  # records are files
 
 
 def test_a_broken_measure_is_a_failure_of_its_method(stream_file, monkeypatch):

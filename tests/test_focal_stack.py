@@ -79,6 +79,21 @@ def test_a_stack_that_lacks_a_piece_is_told(tmp_path):
         store.load()
 
 
+def test_some_positions_of_a_stack(tmp_path):
+    store, radiance, *_ = filled(tmp_path)
+    assert np.array_equal(store.planes(1, 3), radiance[:, 1:3])
+
+
+def test_damaged_geometry_is_not_read(tmp_path):
+    store, *_ = filled(tmp_path)
+    path = store.folder / "geometry.exr"
+    content = bytearray(path.read_bytes())
+    content[28] = 255  # in its header: OpenEXR itself might not survive it
+    path.write_bytes(content)
+    with pytest.raises(BadInput, match=r"lacks geometry; run saf-gen generate again"):
+        store.geometry()
+
+
 def test_a_piece_with_half_its_note_is_not_whole(tmp_path):
     store, *_ = filled(tmp_path)
     note = store.folder / "room.json"

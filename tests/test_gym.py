@@ -347,12 +347,15 @@ def test_a_policy_stands_in_one_table_with_searches(runs, tmp_path):
     assert {row["method"] for row in rows} == {"sd+argmax", "sd+golden_section", "climber"}
 
 
+SAID = ("track", "rig", "terms", "data", "region", "mean_rate", "truth_first", "focus_place", "light_ratio")
+
+
 def test_the_record_of_a_policy_says_what_that_of_a_search_says(runs):
     searches, policy = (read_records(run) for run in runs)
     assert [r.sequence for r in policy] == [r.sequence for r in searches if r.method == "sd+argmax"]
     for record in policy:
         other = next(r for r in searches if r.sequence == record.sequence)
-        for key in ("track", "terms", "data", "region", "mean_rate", "truth_first", "light_ratio", "frames"):
+        for key in (*SAID, "frames"):
             assert getattr(record, key) == getattr(other, key), key
         assert record.status == "answered"
         assert record.windows == len(record.trace) + 1

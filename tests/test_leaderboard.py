@@ -39,6 +39,7 @@ BLANK = Record(
     region="target",
     data="d0",
     code="c0",
+    rig="r0",
 )
 
 

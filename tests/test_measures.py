@@ -4,8 +4,10 @@ Those of the literature by hand: test_measure_forms.py. Measures of two halves: 
 """
 
 import re
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -203,6 +205,31 @@ def test_every_measure_that_grows_with_brightness_has_a_twin_and_no_other_has():
     assert not [name for name in registry.names("measures") if name.endswith("_n")]  # none has a file
 
 
+@dataclass(frozen=True)
+class Power:
+    """Mean count to a power that is an option: its degree is no class attribute."""
+
+    power: int = 2
+
+    @property
+    def degree(self):
+        return self.power
+
+    def __call__(self, counts):
+        return float(counts.mean()) ** self.power
+
+
+def test_a_measure_whose_degree_is_an_option_has_a_twin_by_its_default(monkeypatch):
+    theirs = {"power": SimpleNamespace(value="theirs:Power", load=lambda: Power)}
+    monkeypatch.setattr(registry, "_offered", lambda room: theirs if room == "measures" else {})
+    registry.part_class.cache_clear()
+    try:
+        assert {"power", "power_n"} <= set(measure_names())
+        assert get_measure("power_n", power=3)(counts_of((20, 30))) == pytest.approx(1.0, rel=1e-12)
+    finally:
+        registry.part_class.cache_clear()
+
+
 @pytest.mark.parametrize("name", [n for n in measure_names() if n.endswith("_n")])
 def test_a_twin_is_its_measure_over_the_mean_to_its_degree(name):
     measure, twin, c = get_measure(name.removesuffix("_n")), get_measure(name), counts_of((40, 60))
@@ -303,11 +330,12 @@ def test_an_option_that_makes_no_sense_is_refused_in_one_line(name, options, mes
         get_measure(name, **options)
 
 
-def test_the_page_lists_every_measure_with_its_degree_and_its_twin():
+def test_the_page_lists_every_measure_with_its_cost_and_its_degree():
     page = (Path(__file__).parents[1] / "docs" / "evaluate.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `(\w+)` \| .* \| (\d) \|$", page, re.MULTILINE)
+    rows = re.findall(r"^\| `(\w+)` \| .* \| ([\d.]+) \| .*\| (\d) \|$", page, re.MULTILINE)
     ours = registry._own("measures")
-    assert {name: int(degree) for name, degree in rows} == {n: get_measure(n).degree for n in ours}
+    stated = {n: (f"{get_measure(n).cost:.3g}", get_measure(n).degree) for n in ours}
+    assert {name: (cost, int(degree)) for name, cost, degree in rows} == stated
 
 
 @pytest.mark.parametrize(

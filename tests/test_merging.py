@@ -47,6 +47,14 @@ def test_a_stream_on_its_own_does_not_join_its_dataset():
             {"truth_first": 0.5},
             r"the truth of y differs: no truth in runs/a, 0\.5 in runs/b; allowed: one tr",
         ),
+        (
+            {"focus_place": 0.5},
+            r"the place of the focus of y differs: no place of the focus in runs/a, 0\.5 in runs/b; allowed",
+        ),
+        (
+            {"focus_off_dof": 3.0},
+            r"the way to the focus of y differs: no way to the focus in runs/a, 3\.0 in runs/b; allowed",
+        ),
     ],
 )
 def test_what_is_known_of_a_sequence_must_agree(known, message):
@@ -73,6 +81,10 @@ def test_what_two_runs_share_is_kept_once_the_first():
             r"the track differs: recorded in a\+s, closed_",
         ),
         (
+            [ONE[0], record("b+s", "x", 0, rig="other")],
+            r"the rig differs: r0 in a\+s, other in b\+s; allowed: one version of the rig in a table; run",
+        ),
+        (
             [ONE[0], record("b+s", "x", 0, terms="stepper")],
             r"terms of x differ: no terms in a\+s, stepper in",
         ),
@@ -96,6 +108,12 @@ def test_records_that_cannot_be_compared_are_refused(records, message):
             [replace(r, track="closed_loop") for r in LATER],
             "track differs: recorded in runs/a, closed_loop in",
         ),
+        (
+            [replace(r, rig="new") for r in LATER],
+            r"^the rig differs: r0 in runs/a, new in runs/b; allowed: one version of the rig in a table; "
+            r"run saf-gen evaluate again$",
+        ),
+        ([replace(r, rig="new") for r in ONE], "the rig differs: r0 in runs/a, new in runs/b"),
         ([replace(ONE[0], code="new")], r"code of a\+s differs: code-a\+s in runs/a, new in runs/b"),
         (LATER[:1], r"c\+s of runs/b has no record of y"),
         (

@@ -33,6 +33,8 @@ FULL = replace(
     scene_motion="dynamic",
     lens_motion="sweep",
     truth_first=0.4,
+    focus_place=0.35,
+    focus_off_dof=0.2,
     mean_rate=0.21,
     light_ratio=5.0,
     time_to_focus_s=0.31,
@@ -84,8 +86,8 @@ def test_a_whole_number_will_do_for_a_float_and_true_will_not():
     ("change", "message"),
     [
         (
-            {"format": "saf-gen record 1"},
-            f"no record of this version: 'saf-gen record 1'.*{FORMAT}.*evaluate",
+            {"format": "saf-gen record 2"},
+            f"no record of this version: 'saf-gen record 2'.*{FORMAT}.*evaluate",
         ),
         ({"status": "lost"}, "status is 'lost'; allowed: answered or abstained or failed"),
         ({"track": "live"}, "track is 'live'; allowed: recorded or closed_loop"),
@@ -106,6 +108,9 @@ def test_a_whole_number_will_do_for_a_float_and_true_will_not():
         ({"seconds": 1e300}, r"seconds is 1e\+300; allowed: 1e\+09 or less"),
         ({"lens_travel": -1.0}, r"lens_travel is -1\.0; allowed: 0 or more"),
         ({"light_ratio": 0.5}, r"light_ratio is 0\.5; allowed: 1 or more"),
+        ({"focus_place": 1.2}, r"focus_place is 1\.2; allowed: 1 or less"),
+        ({"focus_off_dof": -0.1}, r"focus_off_dof is -0\.1; allowed: 0 or more"),
+        ({"rig": None}, "rig is None; allowed: text"),
         ({"trace": [10**400]}, "trace is .*; allowed: a list of numbers"),
     ],
 )
@@ -157,6 +162,14 @@ ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | di
             "an error in depths of focus or a blur, and error is null; allowed: null in all three",
         ),
         ({"error_dof": None}, "a success, and error_dof is null; allowed: success false or null"),
+        (
+            {"focus_place": 0.5, "focus_off_dof": 1.5},
+            r"focus_place is 0\.5, and the lens stays 1\.5 DoF away; allowed: null beyond 1 DoF",
+        ),
+        (
+            {**ABSTAINED, "focus_off_dof": 1.5},
+            r"abstained 1\.5 DoF from the focus, and success True, True, True; allowed: True, True, False",
+        ),
     ],
 )
 def test_a_record_that_contradicts_itself_is_refused_with_its_line(tmp_path, change, message):

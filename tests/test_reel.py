@@ -179,6 +179,23 @@ def test_what_was_read_is_kept_for_the_next_method_as_far_as_allowed(keep_bytes,
     assert all(np.array_equal(a[0], b[0]) for a, b in zip(first, second, strict=True))
 
 
+def test_what_is_kept_never_outgrows_what_is_allowed_but_for_the_neighbours():
+    """Full after one pass, and then passes that need more positions of each stack than those before."""
+    at = tuple(range(0, 8 * 61, 8))
+    still = np.full(480, 0.5)
+    made = [replace_window(stack) for stack in stacks(still, at, (0.5,) * len(at))]
+    plane = 2 * 6 * 8 * 4
+    exposed = Exposed(footage(made, at), SENSOR, keep_bytes=2 * len(at) * plane)
+    gain, most = np.ones((480, 2), np.float32), []
+    for swing in (0.0, 0.2, 0.4, 0.45):
+        position = 0.5 + swing * np.sin(np.arange(480) / 2)
+        for begin, end, j in exposed.reel.runs(0, 480):
+            exposed.lights(begin, end, j, position, gain)
+            most.append(len(exposed._kept))
+    assert max(most) <= 2 * len(at) + 3 * SPEC.positions
+    assert most[-1] <= 2 * len(at)
+
+
 def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
     """Up to the rounding of a sum of two: one spike a pixel."""
     random = np.random.default_rng(1)

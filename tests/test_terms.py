@@ -8,7 +8,7 @@ import pytest
 import take_dataset
 
 from saf_gen import actuators
-from saf_gen.actuators import get_actuator
+from saf_gen.actuators import Lens, actuator_names, get_actuator
 from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.contest.terms import Terms
@@ -20,7 +20,8 @@ from saf_gen.stream import Truth
 from saf_gen.take import Take
 
 PRESETS = Path(actuators.__file__).parent / "presets"
-STEPPER_S = 0.2521  # 1 ms until a command is in force, 250 ms from end to end, 1.06 ms for the lens to follow
+STEPPER = 5151  # frames: 1 ms until a command is in force, 250 ms from end to end, 6.5 for the lens to follow
+STEPPER_RESTS = 3040  # until it rests at an end, from the middle
 
 
 def recorded(frames):
@@ -42,14 +43,14 @@ def dataset(tmp_path_factory):
     ("name", "frames", "given", "expected"),
     [
         ("voice_coil", 4000, {}, (4000, 2000)),
-        ("voice_coil", 16, {}, (16, 16)),
+        ("voice_coil", 800, {}, (800, 200)),  # 600 until it rests
         ("voice_coil", 4000, {"budget_s": 0.1}, (2000, 1000)),
-        ("voice_coil", 4000, {"budget_s": 0.1, "sweep_s": 0.1}, (2000, 2000)),
+        ("voice_coil", 4000, {"budget_s": 0.1, "sweep_s": 0.07}, (2000, 1400)),
         ("stepper", 20_000, {}, (20_000, 10_000)),
-        ("stepper", 8000, {}, (8000, 5042)),
-        ("stepper", 5042, {}, (5042, 5042)),
-        ("stepper", 20_000, {"sweep_s": STEPPER_S}, (20_000, 5042)),
-        ("hand", 40_000, {}, (40_000, 25_056)),
+        ("stepper", 9000, {}, (9000, STEPPER)),
+        ("stepper", STEPPER_RESTS + STEPPER, {}, (STEPPER_RESTS + STEPPER, STEPPER)),
+        ("stepper", 20_000, {"sweep_s": STEPPER / 20_000}, (20_000, STEPPER)),
+        ("hand", 55_000, {}, (55_000, 29_785)),
     ],
 )
 def test_the_usual_sweep_is_half_the_budget_or_what_the_drive_needs(name, frames, given, expected):
@@ -60,10 +61,35 @@ def test_the_usual_sweep_is_half_the_budget_or_what_the_drive_needs(name, frames
 
 def test_a_drive_needs_its_latency_its_way_from_end_to_end_and_the_lens_that_follows():
     drive = get_actuator("hand")
-    _, sweep = Terms(drive).frames(recorded(30_000))
-    follows = drive.damping / (math.pi * drive.resonance_hz)
+    _, sweep = Terms(drive).frames(recorded(60_000))
+    assert sweep == 30_000
+    _, sweep = Terms(drive).frames(recorded(55_000))
+    follows = (math.pi + 6 * drive.damping) / (2 * math.pi * drive.resonance_hz)
     seconds = drive.latency_s + drive.speed**-1 + drive.speed / drive.acceleration + follows
     assert sweep == math.ceil(seconds * 20_000)
+
+
+@pytest.mark.parametrize("name", sorted(set(actuator_names()) - {"ideal"}))
+def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name):
+    """A lens at the middle of the travel is farthest from an end. Half the play is out of reach."""
+    drive = get_actuator(name, place_rms=0)
+    terms = Terms(drive)
+    before, sweep = (terms._to_begin(20_000), terms._end_to_end(20_000))
+    for start in (0.0, 0.2, 0.5):
+        lens = Lens(drive, start=start, readout_hz=20_000, seed=1)
+        lens.command(0.0)
+        lens.run(before)
+        assert lens.settled(1e-3)
+        led = drive.led_s(sweep / 20_000) * 20_000
+        for frame in range(0, sweep, 8):
+            lens.command(min((frame + 8) / led, 1.0))
+            places = lens.run(8)
+        assert places[-1] > 0.97 - drive.backlash / 2
+
+
+def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
+    slow = get_actuator("stepper", speed=1e-3, acceleration=1e-3, resonance_hz=0.1, damping=0.05)
+    assert 500 < Terms(slow)._to_begin(1000) / 1000 < 2000
 
 
 @pytest.mark.parametrize(
@@ -73,27 +99,32 @@ def test_a_drive_needs_its_latency_its_way_from_end_to_end_and_the_lens_that_fol
             "stepper",
             4000,
             {},
-            r"^the actuator stepper needs 252\.1 ms from end to end, for a sweep; allowed: at most the "
-            r"budget of 200 ms; record longer, take a quicker --actuator, or run only methods that command "
-            r"the lens$",
+            r"^the actuator stepper needs 409\.55 ms for a sweep: 152 until it rests where that begins, "
+            r"257\.55 from end to end; allowed: at most the budget of 200 ms; record longer, take a quicker "
+            r"--actuator, or run only methods that command the lens$",
         ),
         (
             "stepper",
             20_000,
             {"sweep_s": 0.1},
-            r"^a sweep of 100 ms with the actuator stepper; allowed: 252\.1 ms, in which it gets from end to "
-            r"end, to the budget of 1000 ms; give a longer --sweep, or take a quicker --actuator$",
+            r"^a sweep of 100 ms with the actuator stepper; allowed: 257\.55 ms, in which it gets from end "
+            r"to end, to 848 ms, the budget of 1000 ms less 152 until it rests where the sweep begins; give "
+            r"another --sweep, or take a quicker --actuator$",
         ),
-        ("stepper", 5041, {}, r"the actuator stepper needs 252\.1 ms .* at most the budget of 252\.05 ms"),
-        ("stepper", 20_000, {"sweep_s": 0.25205}, r"a sweep of 252\.05 ms with the actuator stepper"),
+        ("stepper", 20_000, {"sweep_s": 0.9}, r"a sweep of 900 ms with the actuator stepper"),
+        ("stepper", STEPPER_RESTS + STEPPER - 1, {}, r"needs 409\.55 ms .* at most the budget of 409\.5 ms"),
+        ("stepper", 20_000, {"sweep_s": 0.2575}, r"a sweep of 257\.5 ms with the actuator stepper"),
+        ("stepper", 20_000, {"budget_s": 0.3, "sweep_s": 0.3}, r"the actuator stepper needs 409\.55 ms"),
+        ("hand", 20_000, {"sweep_s": 0.5}, r"the actuator hand needs 2520\.75 ms .* budget of 1000 ms"),
         (
-            "stepper",
-            20_000,
-            {"budget_s": 0.2, "sweep_s": 0.2},
-            r"the actuator stepper needs 252\.1 ms from end",
+            "hand",
+            60_000,
+            {"sweep_s": 0.5},
+            r"a sweep of 500 ms with the actuator hand; allowed: 1489\.25 ms,",
         ),
-        ("hand", 20_000, {"sweep_s": 0.5}, r"the actuator hand needs 1252\.8 ms .* the budget of 1000 ms"),
-        ("hand", 40_000, {"sweep_s": 0.5}, r"a sweep of 500 ms with the actuator hand; allowed: 1252\.8 ms,"),
+        ("voice_coil", 4000, {"sweep_s": 0.2}, r"a sweep of 200 ms .* allowed: 6\.2 ms, .* to 170 ms, "),
+        ("voice_coil", 16, {}, r"the actuator voice_coil needs 36\.2 ms .* the budget of 0\.8 ms"),
+        ("liquid_lens", 4000, {"sweep_s": 0.016}, r"a sweep of 16 ms .* allowed: 16\.55 ms"),
     ],
 )
 def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, given, message):
@@ -102,6 +133,7 @@ def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, given,
     with pytest.raises(BadInput, match=message) as caught:
         terms.check_sweep(take)
     assert "\n" not in str(caught.value)
+    assert terms.describe(take).endswith("no sweep")
 
 
 @pytest.mark.parametrize("value", [1e308, 86_401.0, math.inf, math.nan, 0.0, -1.0])
@@ -128,7 +160,7 @@ def test_an_enormous_time_is_refused_in_one_line(dataset, tmp_path, capsys, opti
     ("name", "frames", "given", "said"),
     [
         ("voice_coil", 4000, {}, "voice_coil, 200 ms, sweep 100 ms"),
-        ("stepper", 8000, {}, "stepper, 400 ms, sweep 252.1 ms"),
+        ("stepper", 9000, {}, "stepper, 450 ms, sweep 257.55 ms"),
         ("stepper", 4000, {}, "stepper, 200 ms, no sweep"),
         ("stepper", 20_000, {"sweep_s": 0.1}, "stepper, 1000 ms, no sweep"),
     ],
@@ -164,7 +196,7 @@ def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(dataset, tmp_pat
     with pytest.raises(SystemExit) as ended:
         main([*loop, *both])
     assert ended.value.code == 2
-    assert "the actuator stepper needs 252.1 ms from end to end, for a sweep" in capsys.readouterr().err
+    assert "the actuator stepper needs 409.55 ms for a sweep: 152 until it rests" in capsys.readouterr().err
     assert not (tmp_path / "both").exists()
     with pytest.raises(SystemExit) as ended:
         main([*loop, "--method", "sd+golden_section", "--out", str(tmp_path / "live")])
@@ -177,7 +209,7 @@ def test_a_drive_too_slow_for_half_the_budget_sweeps_from_end_to_end(dataset):
     slow = Terms(get_actuator("ideal", speed=1 / 0.025))
     result = evaluate(dataset, methods=["sd+argmax"], terms=slow)
     (record,), (way,) = result.records, result.paths
-    assert record.terms.endswith(", 40 ms, sweep 25 ms")
+    assert record.terms.endswith(", 40 ms, sweep 25.05 ms")
     assert record.status == "answered"
     seen = way.position[way.seconds < record.frames_seen / 20_000]
     assert seen.min() < 0.01

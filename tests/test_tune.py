@@ -35,9 +35,9 @@ def dataset(tmp_path_factory):
 
 
 def test_variants_are_every_combination_beside_the_options_that_stay():
-    assert variants("cen:highest=0.1+argmax:window=50", {"search.refine": ["true", "false"]}) == [
-        "cen:highest=0.1+argmax:window=50,refine=true",
-        "cen:highest=0.1+argmax:window=50,refine=false",
+    assert variants("cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}) == [
+        "cen:highest=0.1+argmax:window=50,refine=parabola",
+        "cen:highest=0.1+argmax:window=50,refine=no",
     ]
     values = {"measure.highest": ["0.1", "0.2"], "search.window": ["50", "100", "200"]}
     found = variants("cen+argmax", values)
@@ -87,13 +87,13 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
 def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
     path = tmp_path / "found.json"
     path.write_text(tuned_text(tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})[0]))
-    assert variants(f"@{path}", {"search.window": ["50"], "search.refine": ["true"]}) == [
-        "sd+argmax:window=50,refine=true"
+    assert variants(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
+        "sd+argmax:window=50,refine=parabola"
     ]
-    tuned, _ = tune(dataset, f"@{path}", {"search.refine": ["true", "false"]})
+    tuned, _ = tune(dataset, f"@{path}", {"search.refine": ["parabola", "no"]})
     assert {t.method for t in tuned.trials} == {
-        "sd+argmax:window=200,refine=true",
-        "sd+argmax:window=200,refine=false",
+        "sd+argmax:window=200,refine=parabola",
+        "sd+argmax:window=200,refine=no",
     }
 
 

@@ -104,18 +104,26 @@ class Actuator:
 
     @property
     def end_to_end_s(self) -> float:
-        """Seconds of the shortest sweep: latency, the motor from end to end, the lens behind it (2ζ/ω)."""
-        return self.latency_s + self.move_s(1) + self._behind_s
+        """Seconds of the shortest sweep: latency, the motor from end to end, the lens behind it.
+
+        It gets half a cycle of its resonance more than ``led_s`` gives it: a quick motor is a jump to it.
+        """
+        return self.latency_s + self.move_s(1) + 3 * self._behind_s + 1 / (2 * self.resonance_hz)
 
     def led_s(self, sweep_s: float) -> float:
         """Seconds in which commands go evenly from end to end, so that the lens arrives in ``sweep_s``.
 
         The commands come to the end before the lens, at a speed v, by its latency, the time v/a in which the
-        motor brakes, and 2ζ/ω. In ``end_to_end_s``, the shortest, v is the motor's top speed, and a sweep of
-        less is led like that one.
+        motor brakes, and three times 2ζ/ω, in which the lens makes up what it trails. A sweep of less than
+        ``end_to_end_s`` is led like that one.
         """
-        left = max(sweep_s, self.end_to_end_s) - self.latency_s - self._behind_s
+        left = max(sweep_s, self.end_to_end_s) - self.latency_s - 3 * self._behind_s
         return (left + sqrt(max(left * left - 4 / self.acceleration, 0.0))) / 2
+
+    @property
+    def unseen_s(self) -> float:
+        """Seconds by which the lens, led steadily, trails what its sensor reads; 0 for one at the lens."""
+        return 0.0 if self.reads == "lens" else self._behind_s
 
     @property
     def _behind_s(self) -> float:

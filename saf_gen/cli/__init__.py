@@ -44,7 +44,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "recipes": ("Recipes of datasets.", {"check": recipes.check}),
-    "methods": ("Focus measures and searches: list them, or check a method.", {"check": methods.check}),
+    "methods": (
+        "Focus measures and searches: list them, show one in full, or check a method.",
+        {"show": methods.show, "check": methods.check},
+    ),
 }
 ALONE: dict[str, Callable[..., None]] = {"methods": methods.list_}
 """What a group does without a command; the others show their help."""

@@ -42,7 +42,7 @@ def measure_checks(measure: Measure) -> dict[str, Check]:
 
 
 def stated(measure: Measure) -> str:
-    """Its degree, a whole number from 0; and its range."""
+    """Its degree, a whole number from 0; its range; and its cost, where it states one."""
     stated = getattr(measure, "degree", None)
     if type(stated) is not int:
         raise Fault(
@@ -53,7 +53,14 @@ def stated(measure: Measure) -> str:
     score_range = str(getattr(measure, "score_range", "")).strip()
     if not score_range:
         raise Fault("it states no range", 'add score_range: ClassVar[str], such as "from 0"')
-    return f"degree {stated}, range {score_range}"
+    cost = getattr(measure, "cost", None)
+    if cost is None:
+        return f"degree {stated}, range {score_range}"
+    if isinstance(cost, bool) or not isinstance(cost, int | float) or not 0 < cost < math.inf:
+        raise Fault(
+            f"its cost is {cost!r}", "state additions and multiplications a pixel, a number above 0, or none"
+        )
+    return f"degree {stated}, range {score_range}, cost {cost:.3g}"
 
 
 def finite(measure: Measure) -> str:

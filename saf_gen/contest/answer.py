@@ -7,6 +7,8 @@ from typing import Any
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, Search, View, commands
 from saf_gen.rig.handle import BudgetSpentError, Handle
+from saf_gen.rig.scoring import Scorer
+from saf_gen.rig.stopwatch import Stopwatch
 
 __all__ = ["asked", "told", "wrong_with"]
 
@@ -14,14 +16,16 @@ LONGEST = 300
 """Characters of a reason, which stands in a table."""
 
 
-def asked(search: Search, view: View, *, data: str = "") -> tuple[Answer, str]:
+def asked(search: Search, view: View, *, bill: Scorer, data: str = "") -> tuple[Answer, str]:
     """What a search answers, or an empty answer and why, in one line; it is handed the members of View alone.
 
+    ``bill``: that of the scores that the view gives; the search's own time is added to it, however it ends.
     ``data``: the file that is seen through the view. BadInput that names it is none of the method's faults,
     and passes; so do BudgetSpentError, and what is no Exception.
     """
+    whole, within = Stopwatch(), Stopwatch()
     try:
-        answer = search(Handle(view))
+        answer = whole.time(search, Handle(view, within))
         if wrong := wrong_with(answer, commanding=commands(search)):
             return Answer(), _line("; ".join(wrong))
         return _plain(answer), ""
@@ -31,6 +35,8 @@ def asked(search: Search, view: View, *, data: str = "") -> tuple[Answer, str]:
         if data and isinstance(error, BadInput) and error.where == data:
             raise
         return Answer(), told(error)
+    finally:
+        bill.add(max(whole.seconds - within.seconds, 0.0))  # two threads of a search may look at once
 
 
 def told(error: Exception) -> str:
@@ -55,7 +61,7 @@ def wrong_with(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
         )
     if not (isinstance(answer.trace, tuple) and all(_finite(x) for x in answer.trace)):
         return f"its trace is {answer.trace!r}", "give a tuple of finite numbers"
-    if not isinstance(answer.note, str) or len(answer.note.splitlines()) > 1:
+    if not isinstance(answer.note, str) or len(answer.note.splitlines()) > 1 or not _written(answer.note):
         return f"its note is {answer.note!r}", "give one line of text"
     for name in ("frame", "position"):
         value = getattr(answer, name)
@@ -78,8 +84,18 @@ def _plain(answer: Answer) -> Answer:
 
 
 def _line(text: str) -> str:
-    text = " ".join(text.split())
+    # Half characters, as in names of files that are no UTF-8, cannot be written; they are spelt out.
+    text = " ".join(text.encode("utf-8", "backslashreplace").decode("utf-8").split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+
+
+def _written(text: str) -> bool:
+    """Whether all of it can be written as UTF-8."""
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _finite(value: object) -> bool:

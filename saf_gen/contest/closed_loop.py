@@ -28,7 +28,7 @@ def live_sequence(
     records, paths = [], []
     with open_stream(job.path) as stream:
         setting = Setting.of(job, stream, region)
-        said = given(job, stream, light_of(Counts(stream, region=setting.box))[1])
+        said = given(job, stream, light_of(Counts(stream, region=setting.box))[1], "closed_loop")
     if not all(commands(method.search) for method in methods):  # the others are given a sweep
         terms.check_sweep(setting.take)
     for done, method in enumerate(methods):

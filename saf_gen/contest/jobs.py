@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from saf_gen.contest.reach import in_recording, in_travel
+from saf_gen.contest.rig_code import rig_code
 from saf_gen.dataset import read_manifest
 from saf_gen.errors import BadInput, unknown
 from saf_gen.host import describe
@@ -111,14 +113,22 @@ def light_of(counts: Counts) -> tuple[np.ndarray, np.ndarray]:
     return first + (window - 1) / 2, rate
 
 
-def given(job: Job, stream: SpikeStream, rate: np.ndarray) -> dict[str, Any]:
-    """What a record says of the sequence and the machine, whatever the method."""
+def given(
+    job: Job, stream: SpikeStream, rate: np.ndarray, track: Literal["recorded", "closed_loop"]
+) -> dict[str, Any]:
+    """What a record says of the sequence, the rig and the machine, whatever the method."""
+    truth = stream.truth
+    place, off = in_recording(truth, stream.focus_position) if track == "recorded" else in_travel(truth)
     return {
+        "track": track,
         "variant": job.variant,
         "scene_motion": job.scene_motion,
         "lens_motion": job.lens_motion,
-        "truth_first": stream.truth.position if stream.truth.known else None,
+        "truth_first": truth.position if truth.known else None,
+        "focus_place": place,
+        "focus_off_dof": off,
         "mean_rate": float(rate.mean()),
         "light_ratio": light_ratio(stream.metadata.gain),
         "machine": describe(),
+        "rig": rig_code(track),
     }

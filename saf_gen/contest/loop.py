@@ -122,7 +122,7 @@ def run_method(
 
 def _commanded(live: Live, method: Method) -> tuple[Answer, float | None, str]:
     """The answer, where the lens goes then, and what is wrong with it."""
-    answer, problem = asked(method.search, live)
+    answer, problem = asked(method.search, live, bill=live.bill)
     return answer, _inside(answer.position), problem
 
 
@@ -132,7 +132,7 @@ def _swept(live: Live, method: Method, frames: int) -> tuple[Answer, float | Non
     live.move(begin)
     live.settle()
     view = Sweep(live, begin, end, frames=frames)
-    answer, problem = asked(method.search, view)
+    answer, problem = asked(method.search, view, bill=live.bill)
     live.course = None
     if answer.frame is None:
         return answer, None, problem

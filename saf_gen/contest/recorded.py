@@ -83,7 +83,7 @@ def recorded_sequence(
         box, seen_region = box_of(stream, region)
         counts = rig.Counts(stream, region=box)
         light = light_of(counts)
-        said = {"region": seen_region, **given(job, stream, light[1])}
+        said = {"region": seen_region, **given(job, stream, light[1], "recorded")}
         for done, method in enumerate(methods):
             watched = _Watched(counts, method.measure)
             attempt = _attempt(method, watched, str(stream.path))
@@ -101,7 +101,7 @@ def recorded_sequence(
 
 
 def _attempt(method: Method, recording: _Watched, data: str) -> _Attempt:
-    answer, problem = asked(method.search, recording, data=data)
+    answer, problem = asked(method.search, recording, bill=recording.bill, data=data)
     if out := _out_of(answer, recording.frames):
         answer, problem = Answer(None, answer.trace), out
     return _Attempt(

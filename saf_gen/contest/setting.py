@@ -74,7 +74,6 @@ class Setting:
             region=self.region,
             data=self.data,
             code=code,
-            track="closed_loop",
             terms=terms.describe(self.take),
             parameters=parameters,
             tuning=tuning,

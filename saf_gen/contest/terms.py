@@ -1,10 +1,12 @@
 """The terms of the closed loop: what moves the lens, how long it may take."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
-from saf_gen.actuators import Actuator
+from saf_gen.actuators import Actuator, Lens
 from saf_gen.errors import BadInput
+from saf_gen.rig.live import LOOK, RESTS
 from saf_gen.take import Take
 
 __all__ = ["Terms"]
@@ -20,8 +22,8 @@ class Terms:
     """What is the same for all methods.
 
     ``budget_s``: time until the lens is judged; None is the length of the recording, and its most.
-    ``sweep_s``: time of a sweep from end to end, for searches that need one; None is half the budget, or
-    what the drive needs for it where that is more.
+    ``sweep_s``: time of a sweep from end to end, for searches that need one; None is half the budget, more
+    where the drive needs more, less where the lens rests too late at the end where it begins.
 
     Raises BadInput for a time that no recording could keep.
     """
@@ -50,7 +52,7 @@ class Terms:
                 allowed=f"{_number(LEAST, hz)} to {_ms(take.frames, hz)}, as long as was recorded",
             )
         if self.sweep_s is None:
-            return budget, min(max(budget // 2, self._end_to_end(hz)), budget)
+            return budget, max(min(max(budget // 2, self._end_to_end(hz)), budget - self._to_begin(hz)), 0)
         sweep = round(self.sweep_s * hz)
         if not LEAST <= sweep <= budget:
             raise BadInput(
@@ -62,36 +64,58 @@ class Terms:
     def check_sweep(self, take: Take) -> None:
         """For methods that are given a sweep. Raises BadInput where the drive is too slow for it.
 
-        One that ends before the motor could have been everywhere would show such a method a part of the
-        travel, and one that commands the lens all of it.
+        A sweep that ends before the lens could have been everywhere would show such a method a part of the
+        travel, and one that commands the lens all of it; and where the lens comes to the end that it starts
+        from too late, the budget is spent before the sweep is over.
         """
         hz = take.sensor.readout_hz
-        (budget, sweep), least = self.frames(take), self._end_to_end(hz)
-        if budget < least:
+        (budget, sweep), least, before = self.frames(take), self._end_to_end(hz), self._to_begin(hz)
+        most = budget - before
+        if most < least:
+            to_begin, across = _number(before, hz), _number(least, hz)
             raise BadInput(
-                f"the actuator {self.actuator.label} needs {_ms(least, hz)} from end to end, for a sweep",
+                f"the actuator {self.actuator.label} needs {_ms(before + least, hz)} for a sweep: "
+                f"{to_begin} until it rests where that begins, {across} from end to end",
                 allowed=f"at most the budget of {_ms(budget, hz)}",
                 hint="record longer, take a quicker --actuator, or run only methods that command the lens",
             )
-        if sweep < least:
+        if not least <= sweep <= most:
             raise BadInput(
                 f"a sweep of {_ms(sweep, hz)} with the actuator {self.actuator.label}",
-                allowed=f"{_ms(least, hz)}, in which it gets from end to end, to the budget of "
-                f"{_ms(budget, hz)}",
-                hint="give a longer --sweep, or take a quicker --actuator",
+                allowed=f"{_ms(least, hz)}, in which it gets from end to end, to {_ms(most, hz)}, the budget "
+                f"of {_ms(budget, hz)} less {_number(before, hz)} until it rests where the sweep begins",
+                hint="give another --sweep, or take a quicker --actuator",
             )
 
     def describe(self, take: Take) -> str:
         """All of it in one line, as records carry it; a sweep that the drive cannot make is none."""
         hz = take.sensor.readout_hz
         budget, sweep = self.frames(take)
-        swept = f"sweep {_ms(sweep, hz)}" if sweep >= self._end_to_end(hz) else "no sweep"
+        whole = self._end_to_end(hz) <= sweep <= budget - self._to_begin(hz)
+        swept = f"sweep {_ms(sweep, hz)}" if whole else "no sweep"
         return f"{self.actuator.label}, {_ms(budget, hz)}, {swept}"
 
     def _end_to_end(self, hz: float) -> int:
         """Frames of the shortest sweep: until a command is in force, and the lens at the other end."""
         frames = self.actuator.end_to_end_s * hz
         return max(LEAST, math.ceil(frames - 0.01))  # 500.007 frames are 500
+
+    def _to_begin(self, hz: float) -> int:
+        """Frames until the lens rests at the nearer end, from the middle of the travel."""
+        return _to_rest(self.actuator, hz)
+
+
+@lru_cache(maxsize=64)
+def _to_rest(actuator: Actuator, hz: float) -> int:
+    lens = Lens(replace(actuator, place_rms=0.0), start=0.5, readout_hz=hz, seed=0)
+    lens.command(0.0)
+    frames = int((actuator.latency_s + actuator.move_s(0.5)) * hz) // LOOK * LOOK
+    lens.run(frames)  # not before the motor is there
+    while not lens.settled(RESTS):
+        step = max(LOOK, frames // 100)  # of a drive that takes minutes nobody looks at every millisecond
+        lens.run(step)
+        frames += step
+    return frames
 
 
 def _number(frames: int, hz: float) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from saf_gen.leaderboard.means import median_size, over_scenes
 from saf_gen.records import Record
+from saf_gen.scores import WITHIN
 
 __all__ = ["AXES", "Axis", "AxisTable", "Cell", "by_axis"]
 
@@ -99,11 +100,11 @@ def _budget(record: Record) -> float | None:
 
 
 def _place(record: Record) -> str | None:
-    place = record.truth_first
+    place, off = record.focus_place, record.focus_off_dof
+    if off is not None and off > WITHIN[1]:
+        return _PLACES[3]
     if place is None:
         return None
-    if not 0 <= place <= 1:
-        return _PLACES[3]
     return _PLACES[0] if place < 0.1 else _PLACES[2] if place > 0.9 else _PLACES[1]
 
 
@@ -131,7 +132,8 @@ AXES = (
     Axis(
         "focus_position",
         "Focus position",
-        "Where in the travel the true focus lies when the lens first meets it.",
+        "Where in the recording, in the closed loop in the travel, the lens first meets the true focus; "
+        "outside, it never comes within 1 DoF.",
         _place,
         _PLACES,
     ),

@@ -119,7 +119,8 @@ def _cost() -> tuple[Column, ...]:
     way = "Lens way in travels: as far as seen, then to the answer."
     turns = "How often a lens turned round that the method moved."
     until = "Seconds until the answer; of a recording without the lens's way to it."
-    asked, compute = "Scores that the search asked for.", "Time in the focus measure, seconds a sequence."
+    asked = "Scores that the search asked for."
+    compute = "Seconds a sequence that the method computed, search and measure; counting is not in it."
     return (
         _column("frames_seen", "seen", group, percent, seen, room=WIDE),
         _column("lens_travel", "lens", group, two, way),

@@ -58,6 +58,7 @@ def _document(
         "version": __version__,
         "ranked_by": "success_1dof",
         "track": sorted({r.track for r in records}),
+        "rig": sorted({r.rig for r in records}),
         "columns": {c.key: c.meaning for c in shown},
         "rows": [{**{c.key: c.value(row) for c in shown}, "tied": list(row.tied)} for row in rows],
         "intervals": {

@@ -1,4 +1,4 @@
-"""Which records may stand in one table: those of the same data, the same code, the same track."""
+"""Which records may stand in one table: those of the same data, the same code, the same rig and track."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -10,6 +10,7 @@ __all__ = ["merged"]
 _AGAIN = "run saf-gen evaluate again"
 _RULES = {
     "track": "one track in a table",
+    "rig": "one version of the rig in a table",
     "data": "one content_sha256 a sequence",
     "region": "one region a sequence",
     "terms": "one budget and one lens drive for all methods of a sequence",
@@ -23,6 +24,8 @@ _KNOWN = {
     "scene_motion": "scene motion",
     "lens_motion": "lens motion",
     "truth_first": "truth",
+    "focus_place": "place of the focus",
+    "focus_off_dof": "way to the focus",
 }
 """What a record tells of its sequence, and its name: tables weigh and sort by it."""
 
@@ -32,10 +35,10 @@ def merged(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
 
     What two runs hold of one method and sequence is kept once, the first, where the answers are the same.
 
-    Raises BadInput, naming both sides, for two tracks; a sequence with two data digests, regions or terms, or
-    of which two scenes, lights or other properties are told, as a stream on its own does not know them; a
-    method with two versions of its code; a pair of method and sequence that is there twice with different
-    answers, or twice in one run, or not at all.
+    Raises BadInput, naming both sides, for two tracks or versions of the rig; a sequence with two data
+    digests, regions or terms, or of which two scenes, lights or other properties are told, as a stream on its
+    own does not know them; a method with two versions of its code; a pair of method and sequence that is
+    there twice with different answers, or twice in one run, or not at all.
     """
     held: dict[tuple[str, str], tuple[str, Record]] = {}
     said: dict[tuple[str, str], tuple[str, str]] = {}
@@ -68,6 +71,7 @@ def _claims(record: Record, run: str, *, alone: bool) -> Iterator[tuple[str, str
     """(what, of what, value, who says so): in a single run records speak for themselves."""
     side = record.method if alone else run
     yield "track", "", record.track, side
+    yield "rig", "", record.rig, side
     yield "terms", record.sequence, record.terms, side
     yield "data", record.sequence, record.data, side
     yield "region", record.sequence, record.region, side

@@ -52,6 +52,12 @@ class ByBrightness:
         """Range of the measure, over brightness."""
         return f"({getattr(self.measure, 'score_range', '')}) / mean count**{self.measure.degree}"
 
+    @property
+    def cost(self) -> float | None:
+        """That of the measure, and an addition a pixel for the mean; None where the measure states none."""
+        inner, images = getattr(self.measure, "cost", None), 2 if self.halves else 1
+        return None if inner is None else inner + images
+
     def __call__(self, counts: np.ndarray) -> float:
         """Score of counts as the measure takes them. Raises BadInput as the measure does."""
         numbers, degree = as_numbers(counts, halves=self.halves), self.measure.degree
@@ -91,6 +97,11 @@ class FromIntervals:
         """Range of the measure."""
         return str(getattr(self.measure, "score_range", ""))
 
+    @property
+    def cost(self) -> float | None:
+        """That of the measure, None where it states none; the texture is made before."""
+        return getattr(self.measure, "cost", None)
+
     def __call__(self, counts: np.ndarray) -> float:
         """Score of a texture (row, col), in counts. Raises BadInput as the measure does."""
         return self.measure(counts)
@@ -104,11 +115,19 @@ def measure_names() -> list[str]:
     found = set(names(ROOM))
     for name in names(ROOM):
         try:
-            if getattr(part_class(ROOM, name), "degree", 0) > 0:
+            if _grows(name):
                 found.add(name + SUFFIX)
         except BadInput:
             continue
     return sorted(found)
+
+
+def _grows(name: str) -> bool:
+    """Whether a measure's score grows with brightness: as its class says, or it does without options."""
+    degree = getattr(part_class(ROOM, name), "degree", 0)
+    if isinstance(degree, property):
+        degree = getattr(build(ROOM, name), "degree", 0)
+    return isinstance(degree, int) and degree > 0
 
 
 def get_measure(name: str, **options: Any) -> Measure:

@@ -4,7 +4,10 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["as_floats", "as_numbers"]
+__all__ = ["LEAST_LIGHT", "as_floats", "as_numbers"]
+
+LEAST_LIGHT = 0.1
+"""Of the dark counts: a mean light below that is night."""
 
 GROWTH = 512
 """No measure here gives more than this many sums of squared counts (a Laplacian of weight 20, squared)."""

@@ -16,11 +16,12 @@ class Brenner:
     A ramp of s counts a pixel scores 4s², white noise twice its variance, a period of four pixels most.
     0.0 for fewer than three columns.
 
-    Never rises when a periodic scene is blurred further. Squared counts, range from 0, degree 2, two
-    additions and one multiplication a pixel.
+    Never rises when a periodic scene is blurred further. Squared counts, range from 0, degree 2, cost 3:
+    two additions and a multiplication a pixel.
     """
 
     degree: ClassVar[int] = 2
+    cost: ClassVar[float] = 3.0
     source: ClassVar[str] = (
         "Brenner et al., An automated microscope for cytologic research, J. Histochemistry and Cytochemistry "
         "24(1), 1976, doi:10.1177/24.1.1254907; Santos et al., J. Microscopy 188(3), 1997, "

@@ -19,11 +19,12 @@ class HistogramEntropy:
     keep it (degree 0), yet more light fills more levels, about a bit for each doubling, and there is no twin
     to undo that. Blur raises it where a sharp image has few levels (two, for a test chart).
 
-    Range 0 ... log2 of the smaller of N and n + 1 for windows of n frames, degree 0, one addition a pixel and
-    one logarithm a level.
+    Range 0 ... log2 of the smaller of N and n + 1 for windows of n frames, degree 0, cost 2: two additions a
+    pixel, beside a logarithm a level.
     """
 
     degree: ClassVar[int] = 0
+    cost: ClassVar[float] = 2.0
     source: ClassVar[str] = (
         "Firestone et al., Comparison of autofocus methods for automated microscopy, Cytometry 12(3), 1991, "
         "doi:10.1002/cyto.990120302; HISE of Pertuz et al., Pattern Recognition 46(5), 2013, "

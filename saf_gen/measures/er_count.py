@@ -12,11 +12,12 @@ from saf_gen.measures._counts import as_numbers
 class EventRateCount:
     """Sum of counts, Σc: brightness and nothing else. The floor that a focus measure has to beat.
 
-    Range 0 ... N·n for windows of n frames, degree 1, one addition a pixel. Its twin is N wherever there is
-    a spike, so it cannot tell windows apart.
+    Range 0 ... N·n for windows of n frames, degree 1, cost 1: an addition a pixel. Its twin is N wherever
+    there is a spike, so it cannot tell windows apart.
     """
 
     degree: ClassVar[int] = 1
+    cost: ClassVar[float] = 1.0
     source: ClassVar[str] = (
         "Lin et al., Autofocus for Event Cameras, CVPR 2022, doi:10.1109/CVPR52688.2022.01586, "
         "with spikes in place of events"

@@ -14,10 +14,11 @@ class EventRateSquares:
     """Sum of squared counts, Σc²: follows the light by construction (sd_code = er_sumsq/ū² − N).
 
     Never rises when a periodic scene is blurred further.
-    Range 0 ... N·n² for windows of n frames, degree 2, one multiplication and one addition a pixel.
+    Range 0 ... N·n² for windows of n frames, degree 2, cost 2: a multiplication and an addition a pixel.
     """
 
     degree: ClassVar[int] = 2
+    cost: ClassVar[float] = 2.0
     source: ClassVar[str] = (
         "released code of Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, "
         "doi:10.1109/CVPR52733.2024.02363, after Lin et al., Autofocus for Event Cameras, CVPR 2022, "

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.measures._spectrum import checked_band, power_in_band
+from saf_gen.measures._spectrum import TRANSFORM, checked_band, power_in_band
 
 
 @dataclass(frozen=True)
@@ -17,14 +17,15 @@ class MidBandPower:
     below. The default is the octave of periods from 4 to 8 pixels and tuned on nothing. Counting noise adds
     15 % of its own variance. The border is not tapered.
 
-    Never rises when a periodic scene is blurred further. Range 0 ... V, degree 2, one Fourier transform:
-    about 5 log2 N additions a pixel.
+    Never rises when a periodic scene is blurred further. Range 0 ... V, degree 2, cost 45 for 400 x 250
+    pixels: a real Fourier transform of N pixels, 2.5 log2 N operations a pixel, and three beside it.
     """
 
     lowest: float = 0.125
     highest: float = 0.25
 
     degree: ClassVar[int] = 2
+    cost: ClassVar[float] = TRANSFORM + 3
     source: ClassVar[str] = (
         "Oliva, Bravo-Zanoguera and Price, Filtering out contrast reversals for microscopy autofocus, "
         "Applied Optics 38(4), 1999, doi:10.1364/AO.38.000638; spectral measures: Firestone et al., "

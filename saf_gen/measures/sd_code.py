@@ -13,10 +13,11 @@ class SpikeDispersionCode:
     """Sum of squared deviations over squared mean, Σ(c − ū)²/ū²; 0.0 where there is no spike.
 
     Never rises when a periodic scene is blurred further.
-    It is N times ``sd``, and er_sumsq/ū² − N exactly. Range 0 ... N(N − 1), degree 0, cost as ``sd``.
+    It is N times ``sd``, and er_sumsq/ū² − N exactly. Range 0 ... N(N − 1), degree 0, cost 3, as ``sd``.
     """
 
     degree: ClassVar[int] = 0
+    cost: ClassVar[float] = 3.0
     source: ClassVar[str] = (
         "Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, eq. 6, "
         "doi:10.1109/CVPR52733.2024.02363, and its released code"

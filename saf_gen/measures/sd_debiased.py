@@ -20,11 +20,13 @@ class SpikeDispersionDebiased:
     train of spikes, and their covariance lies far lower.
 
     0.0 where a half holds no spike. Range above −1 ... N − 1 + N²/12 (one spike a half, in the same pixel).
-    Degree 0 but for the 1/12, which is in squared counts. One multiplication, three additions a pixel.
+    Degree 0 but for the 1/12, which is in squared counts. Cost 4: three additions and a
+    multiplication a pixel.
     """
 
     halves: ClassVar[bool] = True
     degree: ClassVar[int] = 0
+    cost: ClassVar[float] = 4.0
     source: ClassVar[str] = (
         "ours, after Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, eq. 12, "
         "doi:10.1109/CVPR52733.2024.02363"

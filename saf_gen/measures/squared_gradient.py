@@ -16,11 +16,12 @@ class SquaredGradient:
     A ramp of s counts a pixel scores s², white noise twice its variance, a period of two pixels most.
     0.0 for a single column.
 
-    Never rises when a periodic scene is blurred further. Squared counts, range from 0, degree 2, two
-    additions and one multiplication a pixel.
+    Never rises when a periodic scene is blurred further. Squared counts, range from 0, degree 2, cost 3:
+    two additions and a multiplication a pixel.
     """
 
     degree: ClassVar[int] = 2
+    cost: ClassVar[float] = 3.0
     source: ClassVar[str] = (
         "Santos et al., J. Microscopy 188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x; GRAS of Pertuz "
         "et al., Pattern Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011"

@@ -16,11 +16,12 @@ class VollathF4:
     column more for the nearer neighbour, which lets brightness through (c² a row); here both run over the
     pixels that have both neighbours. Stripes along the rows score 0. 0.0 for fewer than three columns.
 
-    Blur may raise it where most power lies beyond 1/3 cycle a pixel. Squared counts, any sign, degree 2, two
-    additions and one multiplication a pixel.
+    Blur may raise it where most power lies beyond 1/3 cycle a pixel. Squared counts, any sign, degree 2,
+    cost 3: two additions and a multiplication a pixel.
     """
 
     degree: ClassVar[int] = 2
+    cost: ClassVar[float] = 3.0
     source: ClassVar[str] = (
         "Vollath, Automatic focusing by correlative methods, J. Microscopy 147(3), 1987, "
         "doi:10.1111/j.1365-2818.1987.tb02839.x; F4 in Santos et al., J. Microscopy 188(3), 1997, "

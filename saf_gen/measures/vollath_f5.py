@@ -16,11 +16,12 @@ class VollathF5:
     over one column less than the mean does, which leaves −c² a row; here each is a mean of its own. A column
     more or less at the border still matters on small images. 0.0 for a single column.
 
-    Blur may raise it where most power lies beyond 1/4 cycle a pixel. Squared counts, any sign, degree 2, two
-    additions and one multiplication a pixel.
+    Blur may raise it where most power lies beyond 1/4 cycle a pixel. Squared counts, any sign, degree 2,
+    cost 3: two additions and a multiplication a pixel.
     """
 
     degree: ClassVar[int] = 2
+    cost: ClassVar[float] = 3.0
     source: ClassVar[str] = (
         "Vollath, The influence of the scene parameters and of noise on the behaviour of automatic focusing "
         "algorithms, J. Microscopy 151(2), 1988, doi:10.1111/j.1365-2818.1988.tb04620.x"

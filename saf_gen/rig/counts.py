@@ -13,7 +13,7 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
 from saf_gen.region import Region, checked_region, checked_window, extent
-from saf_gen.rig.intervals import texture
+from saf_gen.rig.intervals import timed_texture
 from saf_gen.stream import SpikeStream
 
 __all__ = ["Counts", "Windows", "given"]
@@ -24,7 +24,13 @@ WINDOW_BYTES = 256 << 20
 
 
 class Windows(Protocol):
-    """What can be seen of a window of frames, on a recording or on a camera that is running."""
+    """What can be seen of a window of frames, on a recording or on a camera that is running.
+
+    ``textures_s``: seconds in which the textures asked for so far were made, reading and counting apart; of
+    one that was kept from before as long as it took then.
+    """
+
+    textures_s: float
 
     def window(self, first: int, stop: int) -> np.ndarray: ...
 
@@ -67,6 +73,8 @@ class Counts:
         self._sums: np.ndarray | None = None
         self._kept: OrderedDict[tuple[str, int, int], np.ndarray] = OrderedDict()
         self._held = 0  # bytes of those
+        self._made_s: dict[tuple[str, int, int], float] = {}  # of those, the seconds of each texture
+        self.textures_s = 0.0
 
     def window(self, first: int, stop: int) -> np.ndarray:
         """Counts in frames ``first <= t < stop`` (0-based): uint32 (h, w), read-only.
@@ -82,7 +90,9 @@ class Counts:
         See :func:`saf_gen.rig.intervals.texture`. Raises BadInput as ``window`` does.
         """
         window = checked_window(first, stop, self.frames)
-        return self._keep("intervals", self._texture, window)
+        image = self._keep("intervals", self._texture, window)
+        self.textures_s += self._made_s["intervals", window.start, window.stop]
+        return image
 
     def halves(self, first: int, stop: int) -> np.ndarray:
         """Counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
@@ -109,7 +119,9 @@ class Counts:
         self._kept[key] = image
         self._held += image.nbytes
         while self._held > WINDOW_BYTES and len(self._kept) > 1:
-            self._held -= self._kept.popitem(last=False)[1].nbytes
+            oldest, gone = self._kept.popitem(last=False)
+            self._held -= gone.nbytes
+            self._made_s.pop(oldest, None)
         return image
 
     def _count(self, first: int, stop: int) -> np.ndarray:
@@ -128,7 +140,8 @@ class Counts:
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._stream.packed(first_byte, stop_byte, self._region)
 
-        return texture(read, self._count, first, stop=stop)
+        image, self._made_s["intervals", first, stop] = timed_texture(read, self._count, first, stop=stop)
+        return image
 
     def _running_sums(self) -> np.ndarray:
         """Spikes before each whole multiple of the step: uint32 (knots, h, w)."""

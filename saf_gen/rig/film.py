@@ -9,7 +9,7 @@ from saf_gen import bits
 from saf_gen.errors import BadInput
 from saf_gen.exposed import Exposed
 from saf_gen.region import Region
-from saf_gen.rig.intervals import texture
+from saf_gen.rig.intervals import timed_texture
 from saf_gen.take import Take
 
 __all__ = ["Film", "rows_of"]
@@ -34,7 +34,7 @@ class Film:
         self._inside = slice(rows.start - kept.start, rows.stop - kept.start), columns
         self.shape = rows.stop - rows.start, columns.stop - columns.start
         self._planes = np.zeros((-(-take.frames // 8), *self.shape), np.uint8)
-        self.frames = 0
+        self.frames, self.textures_s = 0, 0.0
 
     def develop(self, stop: int, position: np.ndarray) -> None:
         """Encode all readouts before ``stop``, the lens having been at ``position`` (T,) of the travel."""
@@ -69,7 +69,9 @@ class Film:
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
 
-        return texture(read, self.window, first, stop=stop)
+        image, seconds = timed_texture(read, self.window, first, stop=stop)
+        self.textures_s += seconds
+        return image
 
 
 def rows_of(take: Take, region: Region) -> slice:

@@ -1,6 +1,7 @@
 """What a search holds: the members of saf_gen.parts.View, and nothing of the referee's."""
 
 from saf_gen.parts import View
+from saf_gen.rig.stopwatch import Stopwatch
 
 __all__ = ["BudgetSpentError", "Handle"]
 
@@ -14,12 +15,14 @@ class Handle:
 
     What stands behind it, a recording, a sweep or a camera that is running, has members for the referee:
     where the lens truly was, how long the measure took. Those are out of reach.
+
+    ``within`` takes the time of what stands behind it: what remains of a search's is the search's own.
     """
 
-    __slots__ = ("_view",)
+    __slots__ = ("_view", "_within")
 
-    def __init__(self, view: View) -> None:
-        self._view = view
+    def __init__(self, view: View, within: Stopwatch) -> None:
+        self._view, self._within = view, within
 
     @property
     def frames(self) -> int:
@@ -43,16 +46,16 @@ class Handle:
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
         """The score of frames ``first <= t < stop``. Raises what the view raises, as all of these do."""
-        return self._view.score(first, stop, measure)
+        return self._within.time(self._view.score, first, stop, measure)
 
     def position(self, frame: int) -> float:
         """Where the lens says it was, fraction of the travel."""
-        return self._view.position(frame)
+        return self._within.time(self._view.position, frame)
 
     def move(self, to: float) -> None:
         """Command the lens to ``to``, fraction of the travel."""
-        self._view.move(to)
+        self._within.time(self._view.move, to)
 
     def wait(self, frames: int) -> None:
         """Let at least so many frames pass."""
-        self._view.wait(frames)
+        self._within.time(self._view.wait, frames)

@@ -9,7 +9,9 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-__all__ = ["texture"]
+from saf_gen.rig.stopwatch import Stopwatch
+
+__all__ = ["texture", "timed_texture"]
 
 FIRST_BYTES = 8
 """Bytes along time that are looked at on a side to begin with; each further look takes twice as many."""
@@ -89,3 +91,28 @@ def texture(
         still_open = _look_ahead(read(begin, end), begin, after_middle, stop, after)
         begin, size = end, 2 * size
     return np.divide(stop - first, after - before, out=np.zeros(known.shape), where=known)
+
+
+def timed_texture(
+    read: Callable[[int, int], np.ndarray], count: Callable[[int, int], np.ndarray], first: int, *, stop: int
+) -> tuple[np.ndarray, float]:
+    """The same, and the seconds that it took without those of ``read`` and ``count``.
+
+    Where loops had to be compiled or loaded for it, it is made once more: that is done once a machine.
+    """
+    known = _compiled()
+    whole, camera = Stopwatch(), Stopwatch()
+    image = whole.time(
+        texture,
+        lambda first_byte, stop_byte: camera.time(read, first_byte, stop_byte),
+        lambda begin, end: camera.time(count, begin, end),
+        first,
+        stop=stop,
+    )
+    if _compiled() > known:
+        return timed_texture(read, count, first, stop=stop)
+    return image, whole.seconds - camera.seconds
+
+
+def _compiled() -> int:
+    return sum(len(loop.signatures) for loop in (_look_back, _look_ahead))

@@ -6,6 +6,7 @@ or lets the lens settle; nothing that was seen can be seen again otherwise. The 
 time goes by 8 readouts at least.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,9 +18,11 @@ from saf_gen.rig.film import Film
 from saf_gen.rig.handle import BudgetSpentError
 from saf_gen.rig.scoring import Scorer
 
-__all__ = ["PACKET", "BudgetSpentError", "Live"]
+__all__ = ["LOOK", "PACKET", "RESTS", "BudgetSpentError", "Live"]
 
 PACKET = 8  # readouts
+LOOK = 5 * PACKET  # readouts from one look at whether the lens rests to the next
+RESTS = 1e-3  # of the travel: what is left of a lens's motion where nothing finer is asked for
 
 
 class Live:
@@ -36,7 +39,7 @@ class Live:
     budget : frames that may pass, at most those of the take.
     readout_hz : frames a second.
 
-    The bill is that of :class:`Scorer`, as on a recording.
+    ``bill`` is the method's, as on a recording.
     """
 
     def __init__(
@@ -50,9 +53,9 @@ class Live:
         budget: int,
         readout_hz: float,
     ) -> None:
-        self._film, self._scorer = film, Scorer(measure)
+        self._film, self.bill = film, Scorer(measure)
         self.frames, self.readout_hz = budget // PACKET * PACKET, readout_hz
-        self.lag_s, self._led_s = actuator.lag_s, actuator.led_s
+        self.lag_s, self._actuator = actuator.lag_s, actuator
         self._lens = Lens(actuator, start=start, readout_hz=readout_hz, seed=seed)
         self._now = 0
         self.path = np.full(self.frames, start, np.float64)
@@ -77,17 +80,17 @@ class Live:
         window ends after the budget.
         """
         self.run_until(first, stop)
-        return self._scorer.score(self._film, first, stop, measure)
+        return self.bill.score(self._film, first, stop, measure)
 
     @property
     def windows(self) -> int:
         """Scores asked for."""
-        return self._scorer.windows
+        return self.bill.windows
 
     @property
     def seconds(self) -> float:
-        """Time that the measure took; encoding is not in it."""
-        return self._scorer.seconds
+        """What the method computed: see :class:`Scorer`."""
+        return self.bill.seconds
 
     def run_until(self, first: int, stop: int) -> Film:
         """Let the camera run until a window is over; gives what it has seen.
@@ -121,16 +124,21 @@ class Live:
 
     def led_frames(self, sweep: int) -> float:
         """Frames in which the lens is led from end to end, so that it arrives in ``sweep`` frames."""
-        return self._led_s(sweep / self.readout_hz) * self.readout_hz
+        return self._actuator.led_s(sweep / self.readout_hz) * self.readout_hz
 
-    def settle(self, within: float = 1e-3) -> None:
+    @property
+    def unseen_frames(self) -> float:
+        """Frames by which the lens, led steadily, trails what the position sensor reads."""
+        return self._actuator.unseen_s * self.readout_hz
+
+    def settle(self, within: float = RESTS) -> None:
         """Let time pass until the lens rests, to ``within`` of the travel. Raises as ``wait`` does."""
         while not self._lens.settled(within):
-            self.wait(5 * PACKET)
+            self.wait(LOOK)
 
     def wait(self, frames: int) -> None:
         """Let at least so many frames pass. Raises BudgetSpentError, at the end, where fewer are left."""
-        stop = self._now + -(-int(frames) // PACKET) * PACKET
+        stop = self._now + math.ceil(frames / PACKET) * PACKET
         step = PACKET if self.course is not None else max(stop - self._now, PACKET)
         for first in range(self._now, min(stop, self.frames), step):
             if self.course is not None:

@@ -13,22 +13,22 @@ __all__ = ["Recording"]
 class Recording:
     """The handle on a recording that one method's search gets: see saf_gen.parts.View.
 
-    ``frames_seen`` is the end of the latest window asked for. The bill is that of :class:`Scorer`.
+    ``frames_seen`` is the end of the latest window asked for. ``bill`` is the method's, for the referee.
     """
 
     def __init__(self, counts: Counts, measure: Callable[..., float]) -> None:
-        self._counts, self._scorer = counts, Scorer(measure)
+        self._counts, self.bill = counts, Scorer(measure)
         self.frames_seen = 0
 
     @property
     def windows(self) -> int:
         """Scores asked for."""
-        return self._scorer.windows
+        return self.bill.windows
 
     @property
     def seconds(self) -> float:
-        """Time that the measure took."""
-        return self._scorer.seconds
+        """What the method computed: see :class:`Scorer`."""
+        return self.bill.seconds
 
     @property
     def frames(self) -> int:
@@ -72,7 +72,7 @@ class Recording:
         Raises BadInput for a window outside the recording, for a score that is no finite number, and for an
         unknown measure.
         """
-        score = self._scorer.score(self._counts, first, stop, measure)
+        score = self.bill.score(self._counts, first, stop, measure)
         self.frames_seen = max(self.frames_seen, int(stop))
         return score
 

@@ -1,7 +1,6 @@
 """Scores of windows by a method's measure, or by a named one, and the bill of it."""
 
 from collections.abc import Callable
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -10,20 +9,32 @@ from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 from saf_gen.parts import wants_frames
 from saf_gen.rig.counts import Windows, given
+from saf_gen.rig.stopwatch import Stopwatch
 
 __all__ = ["Scorer"]
 
 
 class Scorer:
-    """What one method pays: ``windows`` is the number of scores asked for, ``seconds`` the time they took.
+    """What one method pays: ``windows`` is the number of scores asked for, ``seconds`` what it computed.
 
-    Counting is not in it: how spikes are stored is no merit of a method, and counted windows are shared.
+    The time of the measure, and of the textures that it asks for, is added here; that of the search by who
+    runs it (:func:`saf_gen.contest.answer.asked`). Counting, reading and encoding are not in it: they stand
+    for the camera, how spikes are stored is no merit of a method, and counted windows are shared.
     """
 
     def __init__(self, measure: Callable[..., float]) -> None:
-        self._measure = measure
+        self._measure, self._watch = measure, Stopwatch()
         self._others: dict[str, Callable[..., float]] = {}
-        self.windows, self.seconds = 0, 0.0
+        self.windows = 0
+
+    @property
+    def seconds(self) -> float:
+        """What the method computed so far."""
+        return self._watch.seconds
+
+    def add(self, seconds: float) -> None:
+        """Put on the bill what the method computed beside its scores."""
+        self._watch.seconds += seconds
 
     def score(self, seen: Windows, first: int, stop: int, measure: str | None = None) -> float:
         """The score of frames ``first <= t < stop`` of what is seen, by the measure or a named one.
@@ -32,12 +43,12 @@ class Scorer:
         unknown measure.
         """
         part = self._measure if measure is None else self._named(measure)
+        before = seen.textures_s
         counts = given(seen, part, first, stop)
+        self.add(seen.textures_s - before)
         more: dict[str, Any] = {"frames": int(stop) - int(first)} if wants_frames(part) else {}
         self.windows += 1
-        start = perf_counter()
-        score = float(part(counts, **more))
-        self.seconds += perf_counter() - start
+        score = float(self._watch.time(part, counts, **more))
         if not np.isfinite(score):
             raise BadInput(
                 f"{type(part).__name__} scores frames {first} to {stop} with {score}",

@@ -60,11 +60,13 @@ class Sweep:
         return self._live.position(self._offset + frame)
 
     def position_at(self, frame: float) -> float:
-        """The same at a fractional frame, linear between frames; within the frames that have passed.
+        """Where the lens was at a fractional frame that has passed, as far as its sensor knows.
 
-        Where none has, where the lens stood before.
+        Linear between frames. A sensor at the motor was there before the lens, by as long as that trails.
+        Where no frame has passed, where the lens stood before.
         """
         last = self.now - 1
+        frame -= self._live.unseen_frames
         before = min(max(math.floor(frame), 0), last)
         after = min(before + 1, last)
         share = min(max(frame - before, 0.0), 1.0)

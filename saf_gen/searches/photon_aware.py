@@ -17,9 +17,9 @@ class PhotonAware:
 
     The score of a window is uncertain, and biased, by how few spikes it holds, so windows are cut by spikes
     and not by time: after each step (``steps`` of them in a recording) the window that ends there is the
-    shortest with ``counts`` spikes a pixel in each half, and no longer than ``longest`` of the recording. Its
-    score stands for its centre. Scores are smoothed by a Gaussian of ``smooth`` steps, and the answer is the
-    top of the parabola through those round the largest.
+    shortest with twice ``counts`` spikes a pixel, about ``counts`` in each half, and no longer than
+    ``longest`` of the recording. Its score stands for its centre. Scores are smoothed by a Gaussian of
+    ``smooth`` steps, and the answer is the top of the parabola through those round the largest.
 
     The sweep stops once the curve has come down from its largest value by ``until`` of its range and by
     ``least`` of that value, for longer than a window, having come up by half of that before. Where it has not
