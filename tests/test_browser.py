@@ -9,6 +9,7 @@ from pages import evaluation, recorded
 
 from saf_gen.leaderboard import AXES, columns, table
 from saf_gen.leaderboard.columns import percent
+from saf_gen.records import record_to_json
 from saf_gen.report import write_report
 from saf_gen.report.recount import RULES
 
@@ -209,22 +210,71 @@ def test_single_answers_are_the_worst_first_with_their_lines(ask):
     answer = ask("""
       const lines = () => [...page.querySelectorAll("#answers tbody tr")].map((row) => [
         row.cells[0].textContent, row.cells[1].textContent, row.cells[5].textContent,
-        row.querySelector("a").getAttribute("href"), row.cells[8].innerHTML]);
+        row.querySelector("button").textContent, row.cells[8].innerHTML]);
       const all = lines();
       choose("split", "train"); choose("measure", "sd");
       return { all, some: lines(), said: page.querySelector("#answers [role=status]").textContent };
     """)
     records = recorded()
     worst = sorted(range(len(records)), key=lambda i: -abs(records[i].error_dof or math.inf))
-    assert [line[3] for line in answer["all"]] == [f"records.jsonl#L{i + 1}" for i in worst]
+    assert [line[3] for line in answer["all"]] == [f"line {i + 1}" for i in worst]
     for line in answer["all"]:
-        told_of = records[int(line[3].split("#L")[1]) - 1]
+        told_of = records[int(line[3].removeprefix("line ")) - 1]
         error = "–" if told_of.error_dof is None else f"{told_of.error_dof:.2f}"
         assert line[:3] == [told_of.method, told_of.sequence, error]
         assert line[4] == told_of.note.replace("<", "&lt;").replace(">", "&gt;")
     kept = [r for r in records if r.split == "train" and r.method.startswith("sd+")]
     assert len(answer["some"]) == len(kept)
     assert answer["said"] == f"{len(kept)} answers, the worst first."
+
+
+ANSWERS_TABLE = """[...page.querySelectorAll("#answers tbody tr")].map((row) => [...row.cells].map((c) =>
+  [c.textContent, c.className, c.dataset.v === undefined ? null : Number(c.dataset.v)]))"""
+
+
+def test_the_answers_of_the_script_are_those_that_are_there_without_it(ask):
+    of_script, plain = (ask(f"return {ANSWERS_TABLE};", scripts=scripts) for scripts in (True, False))
+    assert len(plain) == len(recorded())
+    for one, other in zip(of_script, plain, strict=True):
+        for (text, kind, value), (plain_text, plain_kind, plain_value) in zip(one, other, strict=True):
+            assert (text, kind) == (plain_text, plain_kind)
+            assert value == (plain_value if plain_value is None else pytest.approx(plain_value, rel=1e-8))
+
+
+def test_a_line_s_number_opens_its_record_and_sorting_shuts_it(ask):
+    answer = ask("""
+      page.querySelector("#answers details").open = true;
+      const placeOf = (button) => Number(button.textContent.replace("line ", "")) - 1;
+      const button = [...page.querySelectorAll("#answers tbody button")]
+        .find((one) => window.recordOf(placeOf(one)).trace.length > 2);
+      const place = placeOf(button);
+      button.click();
+      const row = button.closest("tr").nextElementSibling;
+      const seen = row.getBoundingClientRect().height > 40;
+      const said = Object.fromEntries([...row.querySelectorAll("dl div")].map((pair) =>
+        [pair.querySelector("dt").textContent, pair.querySelector("dd").textContent]));
+      const opened = button.getAttribute("aria-expanded");
+      button.click();
+      const shut = [page.querySelectorAll("tr.record").length, button.getAttribute("aria-expanded")];
+      button.click();
+      page.querySelector("#answers th button").click();
+      const sorted = [page.querySelectorAll("tr.record").length, button.getAttribute("aria-expanded")];
+      return { place, said, seen, opened, shut, sorted,
+        all: Array.from({ length: 5 }, (_, r) => window.recordOf(r)) };
+    """)
+    records = recorded()
+    assert (answer["seen"], answer["opened"]) == (True, "true")
+    assert answer["shut"] == answer["sorted"] == [0, "false"]
+    full = record_to_json(records[answer["place"]])
+    assert list(answer["said"]) == list(full)
+    for name in ("format", "method", "sequence", "data", "code", "status", "scene"):
+        assert answer["said"][name] == full[name]
+    assert answer["said"]["trace"].split(", ") == [f"{x:.9g}" for x in full["trace"]]
+    for told_of, found in zip(records, answer["all"], strict=False):
+        full = record_to_json(told_of)
+        assert found.pop("trace") == pytest.approx(full.pop("trace"))
+        for name, value in full.items():
+            assert found[name] == (pytest.approx(value, rel=1e-8) if type(value) is float else value), name
 
 
 def test_the_slider_and_the_pointer_choose_the_picture_and_move_the_cursor(ask):
@@ -274,6 +324,8 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
         inner: window.innerWidth,
         boxes: [...page.querySelectorAll(".wide")].map((box) => getComputedStyle(box).overflowX),
         board: page.querySelector("#leaderboard .wide").scrollWidth,
+        names: Math.max(...[...page.querySelectorAll(".wide td.method:first-child, #board td.method")]
+          .map((cell) => cell.getBoundingClientRect().width)),
         figures: [...page.querySelectorAll("figure")].map((f) => f.getBoundingClientRect().right),
         smallest: Math.min(...texts),
         controls: [...page.querySelectorAll("#filters select, #filters button")]
@@ -286,6 +338,7 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
     assert answer["page"] <= 390
     assert set(answer["boxes"]) == {"auto"}
     assert answer["board"] > 390
+    assert answer["names"] < 190  # they stay in view, and leave the better half to numbers
     assert max(answer["figures"]) <= 390
     assert answer["smallest"] >= 8
     assert min(answer["controls"]) >= 32
@@ -320,6 +373,8 @@ def test_without_script_the_tables_and_figures_are_there_and_nothing_dead(ask):
       const seen = (what) => what.getBoundingClientRect().height > 0;
       return {
         rows: [...page.querySelectorAll("#leaderboard #board tbody tr, #conditions tbody tr")].every(seen),
+        answers: (page.querySelector("#answers details").open = true,
+          [...page.querySelectorAll("#answers tbody tr a")].filter(seen).map((a) => a.getAttribute("href"))),
         figures: [...page.querySelectorAll("figure svg")].every(seen),
         sheet: [...page.querySelectorAll(".view img")].map((i) => i.getBoundingClientRect())
           .map((b) => b.width / b.height),
@@ -330,6 +385,7 @@ def test_without_script_the_tables_and_figures_are_there_and_nothing_dead(ask):
         scripts=False,
     )
     assert answer["rows"]
+    assert answer["answers"] == ["records.jsonl"] * len(recorded())
     assert answer["figures"]
     assert answer["sheet"] == pytest.approx([8 * 32 / (2 * 20)], rel=0.01)  # all pictures, as a sheet
     assert answer["dead"] == 0
@@ -344,7 +400,11 @@ def test_on_paper_there_are_no_controls_and_nothing_scrolls(ask, folder, tmp_pat
         if (rule.media && rule.media.mediaText === "print") rule.media.mediaText = "all";
       }
       const seen = (what) => what.getBoundingClientRect().height > 0;
+      const long = page.querySelector("figure svg").cloneNode();
+      long.setAttribute("viewBox", "0 0 300 3000");
+      page.querySelector(".plot").append(long);
       return {
+        long: long.getBoundingClientRect().height,
         controls: [...page.querySelectorAll("nav, form, .reel input, #answers")].filter(seen).length,
         boxes: [...page.querySelectorAll(".wide")].map((b) => window.getComputedStyle(b).overflowX),
         figures: [...page.querySelectorAll("figure svg")].every(seen),
@@ -354,6 +414,7 @@ def test_on_paper_there_are_no_controls_and_nothing_scrolls(ask, folder, tmp_pat
         width=980,  # the smaller of A4 and letter, on its side, less margins of 1 cm
     )
     assert answer["controls"] == 0
+    assert 300 < answer["long"] < 19 * 96 / 2.54  # a figure of many methods is cut by no edge of the paper
     assert set(answer["boxes"]) == {"visible"}
     assert answer["figures"]
     assert answer["wide"] <= 980

@@ -28,7 +28,8 @@ from saf_gen.figures import (
     to_svg,
     traces_figure,
 )
-from saf_gen.figures._style import VARIABLES
+from saf_gen.figures import errors as errors_room
+from saf_gen.figures._style import VARIABLES, first_of, shortened
 from saf_gen.figures.against import bins
 
 LOOKS = looks(["sd", "sd_code", "er_count"])
@@ -100,10 +101,11 @@ def test_pictures_leave_matplotlib_as_it_was():
 
 
 def test_looks_differ_and_are_the_same_in_every_figure():
-    names = [f"m{i}" for i in range(MOST + 1)]
+    names = [f"m{i}" for i in range(MOST * MOST)]
     styles = looks(names)
-    assert len({(s.colour, s.dashes, s.marker) for s in styles.values()}) == MOST
-    assert styles["m0"] == styles[f"m{MOST}"]
+    assert len({(s.colour, s.marker) for s in styles.values()}) == MOST * MOST
+    assert len({(s.colour, s.dashes) for s in styles.values()}) == MOST * MOST
+    assert len({s.colour for s in list(styles.values())[:MOST]}) == MOST
 
 
 def test_a_method_is_a_measure_and_a_search_or_a_name_alone():
@@ -146,6 +148,112 @@ def test_every_search_has_a_row_with_the_answers_of_its_measures():
     rows = sorted((round(float(m.get_ydata()[0])), float(m.get_xdata()[0]) * 799) for m in marks)
     assert [row for row, _ in rows] == [0, 0, 1]
     assert [frame for _, frame in rows] == pytest.approx([300, 700, 310], abs=0.01)
+
+
+def note(figure):
+    """What a figure says that it leaves out."""
+    return figure.legends[0].get_title().get_text()
+
+
+def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
+    records = [
+        record("sd+egs_code", "x", 0.0, frame=310.0),
+        record("my_net", "x", 1.0, frame=400.0),
+        failed("er_count+egs_code", "x", "abstained"),
+    ]
+    styles = looks(["sd", "my_net", "er_count"])
+    bare = sweep(measures=())
+    figure = curves(bare, records, styles)
+    strip, axes, light = figure.axes[0], main(figure), figure.axes[-1]
+    assert [t.get_text() for t in strip.get_yticklabels()] == ["egs_code", "predictions"]
+    assert legend(figure) == ["sd", "my_net", "light (mean counts)", "true focus, its depth of focus"]
+    assert 0.375 in [line.get_xdata()[0] for line in axes.get_lines()]
+    assert light.get_ylabel() == "spikes a pixel, readout"
+    assert light.collections
+    assert (axes.get_ylabel(), list(axes.get_yticks())) == ("", [])
+    across = cursor(figure, bare, np.array([0.0, 799.0])).across
+    assert 0 < across[0] < across[1] < 1
+
+    resting = sweep(measures=(), lens=np.concatenate([LENS[::2], LENS[::-2]]))
+    figure = curves(resting, records, styles)
+    (lens,) = (line for line in main(figure).get_lines() if len(line.get_xdata()) == 400)
+    assert lens.get_ydata().max() == pytest.approx(1, abs=0.01)
+    assert main(figure).get_ylabel() == "focus position"
+    one_block = replace(bare, frames=np.array([399.5]), rate=np.array([0.2]))
+    ET.fromstring(to_svg(curves(one_block, records, styles), name="a"))
+
+
+def test_a_measure_that_has_an_answer_and_no_curve_has_its_mark():
+    records = [record("my_net", "x", 0.0, frame=300.0), record("sd+argmax", "x", 0.0, frame=310.0)]
+    figure = curves(sweep(measures=("sd",)), records, looks(["my_net", "sd"]))
+    assert legend(figure)[:2] == ["sd", "my_net"]
+    assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == ["predictions", "argmax"]
+    assert len(curves_of(main(figure))) == 1
+
+
+def test_what_a_figure_leaves_out_it_says():
+    assert first_of((9, 14, "searches"), (8, 20, "measures")) == (
+        "Drawn: the first 9 of 14 searches, the first 8 of 20 measures"
+    )
+    assert first_of((2, 2, "searches")) == ""
+    names = [f"m{i}" for i in range(MOST + 3)]
+    styles = looks(names)
+    searches = [f"s{i}" for i in range(11)]
+    answered = [
+        record(f"{m}+{s}", "x", 0.1, frame=300.0, trace=(1.0, 9.0, 300.0)) for s in searches for m in names
+    ]
+    both = "Drawn: the first {} of 11 searches, the first 8 of 11 measures"
+    assert note(curves(sweep(measures=()), answered, styles)) == both.format(6)
+    assert note(traces_figure(sweep(), answered, styles, title="t")) == both.format(9)
+    ways = [path(r.method) for r in answered]
+    assert note(paths_figure(ways, styles, title="t")) == both.format(9)
+    against = [
+        record(f"{m}+s", f"{ratio}", 0.1, light_ratio=float(ratio)) for m in names for ratio in (1, 2, 4)
+    ]
+    said = note(against_figure(against, RATIO, styles, title="t"))
+    assert said == "Drawn: the first 8 of 11 measures"
+    few = [r for r in answered if r.method in ("m0+s0", "m1+s0")]
+    for figure in (
+        curves(sweep(measures=()), few, styles),
+        traces_figure(sweep(), few, styles, title="t"),
+        errors_figure(few, title="t"),
+    ):
+        assert note(figure) == ""
+
+
+def test_many_methods_stand_closer_and_very_many_are_cut_and_said():
+    def of(count):
+        return errors_figure([record(f"m{i}+s", "x", 0.1) for i in range(count)], title="t")
+
+    high = {count: of(count).get_size_inches()[1] for count in (30, 60, 90)}
+    assert high[60] < 1.5 * high[30]
+    most = errors_room.MOST_ROWS
+    assert len(of(most + 10).axes[0].get_yticklabels()) == most
+    assert note(of(most + 10)) == f"Drawn: the first {most} of {most + 10} methods"
+
+
+def test_long_names_keep_their_ends_and_stay_in_the_figure():
+    assert shortened("sd+argmax", 9) == "sd+argmax"
+    assert shortened("sd:a=1+egs:final=20", 9) == "sd:a…l=20"
+    assert len(shortened("x" * 99, 18)) == 18
+    names = [f"a_measure_of_a_very_long_name:option={i},another_one=0.25" for i in range(3)]
+    records = [record(f"{n}+a_search_of_a_long_name:{n}", "x", 0.1, frame=300.0) for n in names]
+    figure = curves(sweep(measures=()), records, looks(names))
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.width
+    figure = errors_figure(records, title="a scene of a long name (validation), flicker, dynamic: errors")
+    figure.draw_without_rendering()
+    axes = figure.axes[0].get_position()
+    assert axes.width > 0.35
+    title = figure._suptitle.get_window_extent()
+    assert title.x1 <= figure.bbox.width
+
+
+def test_short_names_share_lines_of_the_legend():
+    records = [record(f"m{i}+s", "x", 0.1, frame=300.0) for i in range(4)]
+    figure = curves(sweep(measures=()), records, looks([f"m{i}" for i in range(4)]))
+    assert figure.legends[0]._ncols == 2
 
 
 def test_a_sweep_with_less_than_everything_is_drawn_too():

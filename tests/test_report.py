@@ -1,19 +1,23 @@
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from pages import evaluation, path, pictures, recorded, sweep
-from test_leaderboard import record
+from pages import LIGHTS, evaluation, path, pictures, recorded, sweep
+from test_leaderboard import failed, record
 
 from saf_gen.contest.results import Evaluation, Failure
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard import columns, table
+from saf_gen.records import record_to_json, records_to_text
 from saf_gen.report import draw, page, write_report
 from saf_gen.report._html import embedded
+from saf_gen.report.answers import ANSWERS
 from saf_gen.report.board import lead
-from saf_gen.report.pictures import SEQUENCES
+from saf_gen.report.facts import STEPS
+from saf_gen.report.pictures import SEARCHES, SEQUENCES
 from saf_gen.report.recount import RULES, brief
 
 ASSETS = Path(__file__).parent.parent / "saf_gen/report/assets"
@@ -167,6 +171,130 @@ def test_a_sweep_with_pictures_can_be_looked_through(whole):
     assert (slider["min"], slider["max"], slider["value"]) == ("0", "15", "6")  # 6 is nearest to the truth
     (box,) = (attrs for attrs in reader.of("span") if attrs.get("class") == "box")
     assert box["style"] == "top:25%;left:12.5%;bottom:calc(100% - 75%);right:calc(100% - 87.5%)"
+
+
+def without_curves():
+    """What an evaluation has where no method is argmax: searches on textures, and predictions."""
+    steps = {"frame": 300.0, "trace": (700.0, 100.0, 300.0)}
+    records = [
+        record(m, f"camel-{light}", 0.1, light=light, split="test", **steps)
+        for light in ("constant", "ramp")
+        for m in ("sd+egs_code", "my_net")
+    ]
+    sweeps = (sweep("constant", measures=(), thumbnails=pictures()), sweep("ramp", measures=()))
+    return Evaluation(tuple(records), sweeps, ())
+
+
+def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
+    made = without_curves()
+    write_report(tmp_path, evaluation=made, rows=table(made.records), title="no argmax")
+    names = {p.stem for p in (tmp_path / "figures").iterdir()}
+    for light in ("constant", "ramp"):
+        assert {f"sweep-camel-{light}", f"steps-camel-{light}"} <= names
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    reader = read(text)
+    (reel,) = (attrs for attrs in reader.of("div") if attrs.get("class") == "reel")
+    assert json.loads(reel["data-reel"])["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF")
+    assert "<h3>Sweeps</h3>" in text
+    assert "No method looked at a whole curve of these" in text
+    assert "Focus curves</h3>" not in text
+    labels = [attrs["aria-label"] for attrs in reader.of("svg")]
+    assert "Light and answers on camel-ramp, true focus at 0.375 of the travel" in labels
+
+
+def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
+    searches = [f"s{i}" for i in range(SEARCHES + 2)]
+    records = [
+        record(f"sd+{search}", f"camel-{light}", 0.1, light=light, light_ratio=ratio)
+        for search in searches
+        for light, ratio in LIGHTS.items()
+    ]
+    made = Evaluation(tuple(records), tuple(sweep(light) for light in LIGHTS), ())
+    monkeypatch.setattr("saf_gen.report.pictures.SEQUENCES", 2)
+    drawn = draw(made, table(records))
+    shown = [p for p in drawn if p.kind == "light-ratio"]
+    assert len(shown) == SEARCHES
+    said = f"The first {SEARCHES} of {len(searches)} searches have a figure"
+    text = page(table(records), title="x", records=records, pictures=drawn)
+    assert text.count(said) == 1
+    assert text.count("Drawn: 2 of the scene&#x27;s 3 sequences.") == 1
+    few = [r for r in records if r.method == "sd+s0"]
+    text = page(
+        table(few), title="x", records=few, pictures=draw(replace(made, records=tuple(few)), table(few))
+    )
+    assert "searches have a figure" not in text
+
+
+def test_ways_of_the_lens_come_in_the_leaderboards_order():
+    methods = ("sd+bad", "sd+good")
+    records = [
+        record(m, "camel-constant", e, track="closed_loop") for m, e in zip(methods, (9.0, 0.0), strict=True)
+    ]
+    made = Evaluation(tuple(records), (), (), tuple(path(m) for m in methods))
+    (lens,) = (p for p in draw(made, table(records)) if p.kind == "lens")
+    assert lens.svg.index(">good<") < lens.svg.index(">bad<")
+
+
+def in_full(held, place):
+    """The record at ``place`` of what the script gets, as the script reads it."""
+
+    def value(name, fact):
+        match fact["by"]:
+            case "known":
+                plural = {"method": "methods", "sequence": "sequences"}.get(name)
+                if plural:
+                    return held[plural][held[name][place]]
+                return held["status"][place] if name == "status" else held["note"].get(place, "")
+            case "value":
+                found = held["values"][fact["held"]][place]
+                return found == 1 if fact.get("flag") and found is not None else found
+            case "all":
+                return fact["held"]
+            case "record":
+                return fact["held"][place]
+            case by:
+                return fact["held"][held[by][place]]
+
+    return {name: value(name, fact) for name, fact in held["facts"].items()}
+
+
+def test_the_page_holds_every_key_of_every_record():
+    records = recorded()
+    records[3] = replace(records[3], trace=tuple(map(float, range(STEPS + 1))))
+    records[4] = replace(records[4], trace=(1.0, float("nan"), 3.25))
+    held = brief(table(records), records)
+    for place, told_of in enumerate(records):
+        full, found = record_to_json(told_of), in_full(held, place)
+        assert list(found) == list(full)
+        trace, steps = full.pop("trace"), found.pop("trace")
+        assert steps == (pytest.approx(trace, nan_ok=True) if len(trace) <= STEPS else len(trace))
+        for name, value in full.items():
+            assert found[name] == (pytest.approx(value, rel=1e-8) if type(value) is float else value), name
+    assert held["facts"]["data"]["by"] == "sequence"
+    assert held["facts"]["code"]["by"] == "method"
+    assert held["facts"]["region"] == {"by": "all", "held": "target"}
+
+
+def test_a_record_costs_the_page_little():
+    """Eight thousand whole lines would be ten megabytes."""
+    records = recorded()
+    rows = table(records)
+    more = records + [replace(r, sequence=f"{r.sequence}-again") for r in records]
+    grown = len(embedded(brief(rows, more))) - len(embedded(brief(rows, records)))
+    assert grown / len(records) < 0.4 * len(records_to_text(records)) / len(records)
+
+
+def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
+    records = [record("a+s", f"s{i}", 0.1 * i, scene=f"s{i}") for i in range(ANSWERS + 5)]
+    records[7] = failed("a+s", "s7", "failed", scene="s7", note="<late>")
+    text = page(table(records), title="x", records=records)
+    rows = text.split('id="answers"')[1].split("<tbody>")[1].split("</tbody>")[0].strip().splitlines()
+    assert len(rows) == ANSWERS
+    assert 'data-v="8"><a href="records.jsonl">line 8</a></td><td class="left note">&lt;late&gt;' in rows[0]
+    assert '<a href="records.jsonl">line 105</a>' in rows[1]
+    assert f"The {ANSWERS} worst of {ANSWERS + 5} answers." in text
+    script = (ASSETS / "answers.js").read_text()
+    assert f"const ANSWERS = {ANSWERS};" in script
 
 
 def test_text_from_files_cannot_break_the_page(tmp_path):

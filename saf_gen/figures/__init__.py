@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from saf_gen.figures._style import MOST, Look, inlined, looks, on_paper, split_method, to_svg
+from saf_gen.figures._style import MOST, PREDICTED, Look, inlined, looks, on_paper, split_method, to_svg
 from saf_gen.figures.against import CONDITIONS, Condition, against_figure
 from saf_gen.figures.curves import Cursor, cursor, curves_figure, normalised
 from saf_gen.figures.errors import errors_figure
@@ -12,6 +12,7 @@ from saf_gen.figures.traces import paths_figure, traces_figure
 __all__ = [
     "CONDITIONS",
     "MOST",
+    "PREDICTED",
     "Condition",
     "Cursor",
     "Figure",

@@ -122,4 +122,4 @@ def frames_on_top(axes: Axes, sweep: Sweep, *, label: Axes) -> None:
     upper.set_xticks([position_at(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
     upper.tick_params(colors=SOFT, labelcolor=SOFT, labelsize=7.5, pad=1, length=2.5)
     upper.spines["top"].set_color(GREY)
-    upper.set_xlabel("frame", fontsize=7.5, color=SOFT, labelpad=1)
+    upper.set_xlabel("frame", fontsize=7.5, color=SOFT, labelpad=4)

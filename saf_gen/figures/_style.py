@@ -6,6 +6,7 @@ stays text. Within a page every colour is a variable of the page, so that one dr
 
 import io
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,11 +17,27 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-__all__ = ["MOST", "Look", "drawing", "inlined", "looks", "new_figure", "on_paper", "split_method", "to_svg"]
+__all__ = [
+    "MOST",
+    "PREDICTED",
+    "Look",
+    "drawing",
+    "first_of",
+    "inlined",
+    "looks",
+    "new_figure",
+    "on_paper",
+    "shortened",
+    "split_method",
+    "to_svg",
+]
 
 WIDTH = 4.4  # inches: a figure is readable on a phone, and two or three stand side by side on a desk
 MOST = 8
 """Measures in one figure: more cannot be told apart."""
+PREDICTED = "predictions"
+"""Stands for the search of a method that has none."""
+TITLE, TITLE_LINE = 52, 0.16  # letters of a line of the title, inches of a further one
 INK, SOFT, BAND, GREY, PAPER = "#1f2328", "#6b7280", "#e8c547", "#d5d8dc", "#ffffff"
 # Okabe and Ito's colours can be told apart with any colour vision; dashes and markers say the same again.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#111111", "#e69f00", "#8c6d31")
@@ -83,9 +100,26 @@ class Look:
 
 
 def looks(names: Sequence[str]) -> dict[str, Look]:
-    """A look for each name, by its place; MOST of them differ."""
-    numbered = ((i % MOST, name) for i, name in enumerate(dict.fromkeys(names)))
-    return {name: Look(COLOURS[i], DASHES[i], MARKERS[i]) for i, name in numbered}
+    """A look for each name, by its place: MOST colours; with dashes and marks MOST × MOST that differ."""
+    found = {}
+    for i, name in enumerate(dict.fromkeys(names)):
+        other = (i + i // MOST) % MOST  # a colour that comes again has other dashes and another mark
+        found[name] = Look(COLOURS[i % MOST], DASHES[other], MARKERS[other])
+    return found
+
+
+def first_of(*held: tuple[int, int, str]) -> str:
+    """What a figure leaves out, in words, from (drawn, held, of what); '' where it has everything."""
+    said = [f"{drawn} of {all_} {what}" for drawn, all_, what in held if drawn < all_]
+    return f"Drawn: the first {', the first '.join(said)}" if said else ""
+
+
+def shortened(name: str, most: int) -> str:
+    """The name; of one that is longer than ``most`` letters both ends, for options differ at the end."""
+    if len(name) <= most:
+        return name
+    end = (most - 1) // 2
+    return f"{name[: most - 1 - end]}…{name[len(name) - end :]}"
 
 
 def split_method(method: str) -> tuple[str, str]:
@@ -101,9 +135,11 @@ def drawing() -> Any:
 
 def new_figure(inches: float, *, title: str) -> Figure:
     """An empty figure, WIDTH wide and so high, with its title on the left."""
-    figure = Figure(figsize=(WIDTH, inches), dpi=72, layout="constrained")
+    lines = textwrap.wrap(title, TITLE) or [""]
+    high = inches + TITLE_LINE * (len(lines) - 1)
+    figure = Figure(figsize=(WIDTH, high), dpi=72, layout="constrained")
     FigureCanvasSVG(figure)
-    figure.suptitle(title, x=0.012, ha="left", fontsize=9.5, fontweight="bold")
+    figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=9.5, fontweight="bold")
     return figure
 
 

@@ -9,7 +9,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from saf_gen.figures._style import BAND, GREY, MOST, PAPER, Look, bare, drawing, new_figure, split_method
+from saf_gen.figures._legend import legend_below, legend_inches
+from saf_gen.figures._style import (
+    BAND,
+    GREY,
+    MOST,
+    PAPER,
+    Look,
+    bare,
+    drawing,
+    first_of,
+    new_figure,
+    split_method,
+)
 from saf_gen.leaderboard.axes import BLOCK
 from saf_gen.leaderboard.means import median_size, over_scenes
 from saf_gen.records import Record
@@ -78,14 +90,17 @@ def against_figure(
 ) -> Figure | None:
     """Of one search: share within 1 DoF above, median error below, a line for each measure.
 
-    ``looks`` gives the measures in their order; the first MOST are drawn. None where there is too little.
+    ``looks`` gives the measures in their order; the first MOST are drawn, and the figure says so.
+    None where there is too little.
     """
     groups = bins(records, condition)
-    measures = [m for m in looks if any(split_method(r.method)[0] == m for r in records)][:MOST]
+    held = {split_method(r.method)[0] for r in records}
+    measures = [m for m in looks if m in held][:MOST]
+    note = first_of((len(measures), sum(m in held for m in looks), "measures"))
     if not groups or all(r.error_dof is None for r in records):
         return None
     with drawing():
-        figure = new_figure(3.35 + 0.16 * math.ceil(len(measures) / 2), title=title)
+        figure = new_figure(3.35 + legend_inches(measures, note=note), title=title)
         above, below = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [1, 1.3]})
         below.axhspan(0, 1, color=BAND, alpha=0.3, lw=0)
         for measure in measures:
@@ -108,14 +123,7 @@ def against_figure(
             axes.grid(axis="y", color=GREY, lw=0.6)
             axes.set_axisbelow(True)
             bare(axes, "top", "right")
-        figure.legend(
-            [looks[m].line() for m in measures],
-            measures,
-            loc="outside lower center",
-            ncols=2,
-            handlelength=2.8,
-            labelspacing=0.35,
-        )
+        legend_below(figure, [looks[m].line() for m in measures], measures, note=note)
     return figure
 
 

@@ -2,29 +2,30 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from saf_gen.contest.results import Sweep
+from saf_gen.figures._answers import Answers, answers_of, draw_answers
+from saf_gen.figures._legend import legend_below, legend_inches
 from saf_gen.figures._lens import LENS_LINE, draw_truth, frames_on_top, lens_axis, places
 from saf_gen.figures._style import (
     BAND,
     GREY,
     INK,
     MOST,
-    PAPER,
     SOFT,
     Look,
     bare,
     drawing,
+    first_of,
     new_figure,
-    split_method,
 )
 from saf_gen.records import Record
 
@@ -32,7 +33,9 @@ __all__ = ["Cursor", "cursor", "curves_figure", "normalised"]
 
 SEARCHES = 6
 """Rows of answers in a figure."""
-ROW, PLOT, REST, LEGEND = 0.22, 1.75, 0.95, 0.16  # inches: a row of answers, the curves, margins, a line
+TOGETHER = 3
+"""Names of measures that share a line; of more, their number."""
+ROW, PLOT, REST = 0.22, 1.75, 0.95  # inches: a row of answers, the curves, margins
 CURVES = "curves"
 
 
@@ -66,14 +69,25 @@ def curves_figure(
     Curves run over the focus position, or over frames with the position as a line where the lens comes back
     or rests. Each is normalised by its own range, with the light (mean counts) as a grey area under them, and
     the truth as a line in a band, its depth of focus. Measures whose curves coincide share a line. Drawn are
-    those of ``looks``, in its order: the first MOST lines, the first SEARCHES searches.
+    those of ``looks``, in its order: MOST at most, those with curves before those with an answer alone; and
+    the first SEARCHES searches. A sweep without curves has light, lens, truth and answers.
     """
+    answers = answers_of(records, looks)
+    curved = {curve.measure for curve in sweep.curves}
+    answered = {measure for by_measure in answers.values() for measure in by_measure}
     groups = _coincident(sweep, looks)[:MOST]
-    answers = _answers(records, [measure for group in groups for measure in group])
-    lines = -(-(len(groups) + 3) // 2)
+    alone = [m for m in looks if m in answered and m not in curved][: MOST - len(groups)]
+    shown = [measure for group in groups for measure in group] + alone
+    drawn = _drawn(answers, shown)
+    note = first_of(
+        (len(drawn), len(answers), "searches"),
+        (len(shown), sum(m in curved or m in answered for m in looks), "measures"),
+    )
+    handles, names = _legend(groups, alone, looks, sweep)
+    below = legend_inches(names, note=note)
     with drawing():
-        figure = new_figure(REST + ROW * len(answers) + PLOT + LEGEND * lines, title=title)
-        ratios = [max(ROW * len(answers), 0.01), PLOT]
+        figure = new_figure(REST + ROW * len(drawn) + PLOT + below, title=title)
+        ratios = [max(ROW * len(drawn), 0.01), PLOT]
         strip, axes = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": ratios, "hspace": 0.01})
         axes.set_label(CURVES)
         place = places(sweep)
@@ -82,15 +96,12 @@ def curves_figure(
         for group in groups:
             curve, look = by_name[group[0]], looks[group[0]]
             axes.plot(place(curve.frames), normalised(curve.scores), c=look.colour, ls=look.dashes, lw=1.3)
-        axes.set_ylim(0, 1.03)
-        axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
-        axes.set_ylabel("focus score, normalised")
-        bare(axes, "top", "right")
-        _draw_answers(strip, answers, [group[0] for group in groups], looks, sweep)
+        _height(axes, sweep, curves=bool(groups))
+        draw_answers(strip, drawn, [*(group[0] for group in groups), *alone], looks, sweep)
         frames_on_top(strip, sweep, label=axes)
         draw_truth(axes, sweep)
         draw_truth(strip, sweep, note=False)
-        _legend(figure, groups, looks, sweep)
+        legend_below(figure, handles, names, note=note)
     return figure
 
 
@@ -123,37 +134,23 @@ def _same(a: np.ndarray, b: np.ndarray) -> bool:
     return a.shape == b.shape and bool(np.allclose(a, b, atol=1e-3, equal_nan=True))
 
 
-def _answers(records: Sequence[Record], measures: Sequence[str]) -> dict[str, dict[str, float]]:
-    """By search, then by measure: the frame that was answered."""
-    found: dict[str, dict[str, float]] = {}
-    for record in records:
-        measure, search = split_method(record.method)
-        if measure in measures and record.frame is not None and (search in found or len(found) < SEARCHES):
-            found.setdefault(search, {})[measure] = record.frame
-    return found
+def _drawn(answers: Answers, shown: Sequence[str]) -> dict[str, dict[str, float]]:
+    """The answers of the measures that are shown, of the first SEARCHES searches that have any."""
+    kept = {s: {m: f for m, f in held.items() if m in shown} for s, held in answers.items()}
+    return dict([(search, held) for search, held in kept.items() if held][:SEARCHES])
 
 
-def _draw_answers(
-    axes: Axes,
-    answers: Mapping[str, Mapping[str, float]],
-    shown: Sequence[str],
-    looks: Mapping[str, Look],
-    sweep: Sweep,
-) -> None:
-    place = places(sweep)
-    for row, by_measure in enumerate(answers.values()):
-        axes.axhline(row + 0.5, color=GREY, lw=0.6, zorder=0.1)
-        ordered = [m for m in shown if m in by_measure] + [m for m in by_measure if m not in shown]
-        for number, measure in enumerate(ordered):
-            height = row + ((number + 0.5) / len(ordered) - 0.5) * 0.7
-            look = looks[measure]
-            at = place(np.array([by_measure[measure]]))
-            axes.plot(at, height, look.marker, c=look.colour, ms=4.5, mec=PAPER, mew=0.5, clip_on=False)
-    axes.set_yticks(range(len(answers)), list(answers))
-    axes.set_ylim(max(len(answers), 1) - 0.5, -0.5)
-    axes.tick_params(axis="y", length=0, labelsize=7.5)
-    axes.tick_params(axis="x", bottom=False, labelbottom=False)
-    bare(axes, "left", "right", "top", "bottom")
+def _height(axes: Axes, sweep: Sweep, *, curves: bool) -> None:
+    """What the height over the light is: scores, else the lens where it is a line, else nothing."""
+    axes.set_ylim(0, 1.03)
+    over_frames = lens_axis(sweep) is None and sweep.focus_position is not None
+    if curves or over_frames:
+        axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
+        axes.set_ylabel("focus score, normalised" if curves else "focus position")
+        bare(axes, "top", "right")
+    else:
+        axes.set_yticks([])
+        bare(axes, "top", "right", "left")
 
 
 def _light(axes: Axes, sweep: Sweep, x: np.ndarray) -> None:
@@ -169,21 +166,20 @@ def _light(axes: Axes, sweep: Sweep, x: np.ndarray) -> None:
     bare(light, "top", "right", "left")
 
 
-def _legend(figure: Figure, groups: Sequence[Sequence[str]], looks: Mapping[str, Look], sweep: Sweep) -> None:
-    handles: list = [looks[group[0]].line() for group in groups]
-    names = [" = ".join(group) for group in groups]
+def _legend(
+    groups: Sequence[Sequence[str]], alone: Sequence[str], looks: Mapping[str, Look], sweep: Sweep
+) -> tuple[list[Any], list[str]]:
+    handles: list[Any] = [looks[group[0]].line() for group in groups]
+    names = [" = ".join(group[:TOGETHER]) + _more(len(group) - TOGETHER) for group in groups]
+    handles += [looks[measure].line(ls="") for measure in alone]
+    names += alone
     handles += [Patch(color=GREY), (Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1))]
     names += ["light (mean counts)", "true focus, its depth of focus"]
     if lens_axis(sweep) is None and sweep.focus_position is not None:
         handles.append(Line2D([], [], **LENS_LINE))
         names.append("focus position, 0 to 1")
-    figure.legend(
-        handles,
-        names,
-        handler_map={tuple: HandlerTuple(ndivide=1, pad=0)},
-        loc="outside lower center",
-        ncols=2,
-        handlelength=2.8,
-        columnspacing=1.2,
-        labelspacing=0.35,
-    )
+    return handles, names
+
+
+def _more(count: int) -> str:
+    return f" = {count} more" if count > 0 else ""

@@ -11,22 +11,52 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from saf_gen.figures._style import BAND, GREY, INK, PAPER, SOFT, bare, drawing, looks, new_figure
+from saf_gen.figures._legend import legend_below, legend_inches
+from saf_gen.figures._style import (
+    BAND,
+    GREY,
+    INK,
+    PAPER,
+    SOFT,
+    bare,
+    drawing,
+    first_of,
+    looks,
+    new_figure,
+    shortened,
+)
 from saf_gen.records import Record
 
 __all__ = ["errors_figure"]
 
 NO_LIGHT = "recording"
+MANY, MOST_ROWS = 30, 80
+"""Methods from which rows lie closer, and beyond which they are left out."""
+ROW, CLOSE_ROW = 0.2, 0.14  # inches
+LETTERS = 34
+"""Of a method's name."""
 
 
 def errors_figure(records: Sequence[Record], *, title: str) -> Figure:
-    """Errors of one scene: a row for each method in the order given, a mark for each light schedule."""
-    methods = list(dict.fromkeys(r.method for r in records))
+    """Errors of one scene: a row for each method in the order given, a mark for each light schedule.
+
+    Of very many methods the first MOST_ROWS, and the figure says so.
+    """
+    every = list(dict.fromkeys(r.method for r in records))
+    methods = every[:MOST_ROWS]
+    records = [r for r in records if r.method in methods]
+    note = first_of((len(methods), len(every), "methods"))
+    row_inches = ROW if len(methods) <= MANY else CLOSE_ROW
     lights = looks([r.light or NO_LIGHT for r in records])
     known = [abs(r.error_dof) for r in records if r.error_dof is not None]
     reach = max([3.0, *known]) * 1.3
+    size = 4.5 if len(methods) <= MANY else 3.6
+    marks: list[Any] = [look.line(ls="") for look in lights.values()]
+    marks += [Patch(color=BAND, alpha=0.3), Line2D([], [], ls="", marker="x", color=SOFT, mew=1.3)]
+    names = [*lights, "success: within 1", "no answer"]
     with drawing():
-        figure = new_figure(0.2 * len(methods) + 0.95 + 0.16 * math.ceil((len(lights) + 2) / 3), title=title)
+        below = legend_inches(names, columns=3, note=note)
+        figure = new_figure(row_inches * len(methods) + 0.95 + below, title=title)
         axes = figure.subplots()
         axes.axvspan(-1, 1, color=BAND, alpha=0.3, lw=0)
         axes.axvline(0, color=INK, lw=1.1)
@@ -45,16 +75,14 @@ def errors_figure(records: Sequence[Record], *, title: str) -> Figure:
             ):
                 if points:
                     at = np.array(points, dtype=np.float64).T
-                    options: dict[str, Any] = {"ms": 4.5, "mew": 0.5, "ls": "", "clip_on": False, **more}
+                    options: dict[str, Any] = {"ms": size, "mew": 0.5, "ls": "", "clip_on": False, **more}
                     axes.plot(*at, marker=marker, color=look.colour, **options)
         _signed_dof(axes, reach)
-        axes.set_yticks(range(len(methods)), methods)
+        axes.set_yticks(range(len(methods)), [shortened(m, LETTERS) for m in methods])
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0, labelsize=7.5)
         bare(axes, "left", "right", "top")
-        marks: list[Any] = [look.line(ls="") for look in lights.values()]
-        marks += [Patch(color=BAND, alpha=0.3), Line2D([], [], ls="", marker="x", color=SOFT, mew=1.3)]
-        figure.legend(marks, [*lights, "success: within 1", "no answer"], loc="outside lower center", ncols=3)
+        legend_below(figure, marks, names, columns=3, note=note)
     return figure
 
 

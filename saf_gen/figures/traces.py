@@ -12,14 +12,31 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from saf_gen.contest.results import LensPath, Sweep
+from saf_gen.figures._legend import legend_below, legend_inches
 from saf_gen.figures._lens import lens_axis, places, runs, truth_passes, within_depth
-from saf_gen.figures._style import BAND, GREY, INK, MOST, PAPER, Look, bare, drawing, new_figure, split_method
+from saf_gen.figures._style import (
+    BAND,
+    GREY,
+    INK,
+    MOST,
+    PAPER,
+    PREDICTED,
+    Look,
+    bare,
+    drawing,
+    first_of,
+    new_figure,
+    shortened,
+    split_method,
+)
 from saf_gen.records import Record
 
 __all__ = ["paths_figure", "traces_figure"]
 
 T = TypeVar("T")
 ACROSS, SEARCHES = 3, 9
+LETTERS = 19
+"""Of the name of a panel."""
 STEPS = 3
 """Fewest places of a trace: with fewer nothing was narrowed down."""
 
@@ -29,16 +46,17 @@ def traces_figure(
 ) -> Figure | None:
     """The steps of every search on the recording ``sweep``: the place it looked round, step by step.
 
-    A panel for each search, a line for each measure, the truth across them. None where no search has steps.
+    A panel for each search, a line for each measure, the truth across them; what is left out is said. None
+    where no search has steps.
     """
-    found = _by_search([(r.method, r) for r in records if len(r.trace) >= STEPS], looks)
+    found, note = _by_search([(r.method, r) for r in records if len(r.trace) >= STEPS], looks)
     if not found:
         return None
     place = places(sweep)
     over_frames = lens_axis(sweep) is None
     measures = list(dict.fromkeys(m for mine in found.values() for m in mine))
     with drawing():
-        figure, panels = _panels(list(found), measures, looks, title=title)
+        figure, panels = _panels(list(found), measures, looks, title=title, note=note)
         for axes, mine in zip(panels, found.values(), strict=False):
             _truth_across(axes, sweep)
             for measure, record in mine.items():
@@ -59,12 +77,12 @@ def paths_figure(paths: Sequence[LensPath], looks: Mapping[str, Look], *, title:
 
     The end of a line is where the lens was judged. None where there is no path.
     """
-    found = _by_search([(p.method, p) for p in paths if len(p.seconds)], looks)
+    found, note = _by_search([(p.method, p) for p in paths if len(p.seconds)], looks)
     if not found:
         return None
     measures = list(dict.fromkeys(m for mine in found.values() for m in mine))
     with drawing():
-        figure, panels = _panels(list(found), measures, looks, title=title)
+        figure, panels = _panels(list(found), measures, looks, title=title, note=note)
         for axes, mine in zip(panels, found.values(), strict=False):
             longest = max(mine.values(), key=lambda p: p.seconds[-1])
             if longest.depth_of_focus is not None:
@@ -85,28 +103,37 @@ def paths_figure(paths: Sequence[LensPath], looks: Mapping[str, Look], *, title:
     return figure
 
 
-def _by_search(items: Sequence[tuple[str, T]], looks: Mapping[str, Look]) -> dict[str, dict[str, T]]:
-    """By search, then by measure: at most SEARCHES, and MOST measures in the order of their looks."""
+def _by_search(
+    items: Sequence[tuple[str, T]], looks: Mapping[str, Look]
+) -> tuple[dict[str, dict[str, T]], str]:
+    """By search, then by measure; and what is left out, in words.
+
+    At most SEARCHES, in the order given, and MOST measures in the order of their looks.
+    """
     present = {split_method(method)[0] for method, _ in items}
-    shown = [m for m in looks if m in present][:MOST]
+    held = [m for m in looks if m in present]
+    shown = held[:MOST]
     found: dict[str, dict[str, T]] = {}
     for method, item in items:
         measure, search = split_method(method)
         if measure in shown and (search in found or len(found) < SEARCHES):
             found.setdefault(search, {})[measure] = item
-    return found
+    searches = {split_method(method)[1] for method, _ in items}
+    drawn = {measure for mine in found.values() for measure in mine}
+    return found, first_of((len(found), len(searches), "searches"), (len(drawn), len(present), "measures"))
 
 
 def _panels(
-    searches: Sequence[str], measures: Sequence[str], looks: Mapping[str, Look], *, title: str
+    searches: Sequence[str], measures: Sequence[str], looks: Mapping[str, Look], *, title: str, note: str
 ) -> tuple[Figure, list[Axes]]:
     across = min(len(searches), ACROSS)
     down = math.ceil(len(searches) / across)
-    figure = new_figure(0.95 + 1.35 * down + 0.16 * math.ceil((len(measures) + 1) / 2), title=title)
+    names = [*measures, "true focus"]
+    figure = new_figure(0.95 + 1.35 * down + legend_inches(names, note=note), title=title)
     grid = figure.subplots(down, across, squeeze=False, sharex=down > 1, sharey=True)
     panels = list(grid.flat)
     for axes, search in zip(panels, searches, strict=False):
-        axes.set_title(search, fontsize=8, loc="left")
+        axes.set_title(shortened(search or PREDICTED, LETTERS), fontsize=8, loc="left")
         axes.grid(axis="y", color=GREY, lw=0.6)
         axes.set_axisbelow(True)
         bare(axes, "top", "right")
@@ -114,14 +141,7 @@ def _panels(
         axes.set_visible(False)
     handles: list[Any] = [looks[m].line() for m in measures]
     handles.append((Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1)))
-    figure.legend(
-        handles,
-        [*measures, "true focus"],
-        loc="outside lower center",
-        ncols=2,
-        handlelength=2.8,
-        labelspacing=0.35,
-    )
+    legend_below(figure, handles, names, note=note)
     return figure, panels[: len(searches)]
 
 

@@ -23,7 +23,7 @@ class Head:
 class Cell:
     """What a cell shows, and the number to sort by where that is not its text.
 
-    ``bar``: a share 0...1 drawn behind it; ``ends``: its interval.
+    ``bar``: a share 0...1 drawn behind it; ``ends``: its interval; ``link``: where the text leads.
     """
 
     text: str
@@ -31,6 +31,7 @@ class Cell:
     kind: str = ""
     bar: float | None = None
     ends: tuple[float, float] | None = None
+    link: str = ""
 
 
 def escaped(text: object) -> str:
@@ -102,4 +103,7 @@ def _cell(cell: Cell, head: Head) -> str:
         style += f";--lo:{cell.ends[0]:.4g};--hi:{cell.ends[1]:.4g}"
         kinds += " ends"
     number = None if cell.value is None else f"{cell.value:.9g}"
-    return f"<td{attributes(class_=kinds, style=style, data_v=number)}>{escaped(cell.text)}</td>"
+    text = escaped(cell.text)
+    if cell.link:
+        text = f"<a{attributes(href=cell.link)}>{text}</a>"
+    return f"<td{attributes(class_=kinds, style=style, data_v=number)}>{text}</td>"

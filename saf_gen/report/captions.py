@@ -15,6 +15,13 @@ KINDS = {
         "follows the grey area follows the light, not the focus. Where there are pictures, each shows the "
         "counts of a piece of the sweep; the frame in it is where measures look.",
     ),
+    "sweep": (
+        "Sweeps",
+        "No method looked at a whole curve of these, as the search argmax does. Grey: the light, as mean "
+        "counts. Yellow: the depth of focus round the true focus. On top: what each search answered with "
+        "each measure. Where there are pictures, each shows the counts of a piece of the sweep; the frame "
+        "in it is where measures look.",
+    ),
     "steps": (
         "Steps of the searches",
         "The place that a search looked round, step by step, against the true focus.",

@@ -13,7 +13,9 @@ from saf_gen.leaderboard import Row, by_axis, columns, notes
 from saf_gen.records import Record
 from saf_gen.report import board
 from saf_gen.report._html import code, embedded, escaped
+from saf_gen.report.answers import answers, counted
 from saf_gen.report.captions import KINDS, MEASURES
+from saf_gen.report.facts import STEPS
 from saf_gen.report.pictures import Picture
 from saf_gen.report.recount import brief
 from saf_gen.report.reel import plot_markup, reel_markup
@@ -60,6 +62,9 @@ def page(
         links="".join(f'<a href="#{i}">{escaped(name)}</a>' for i, name in links),
         board=board.board(rows) if rows else "",
         notes=escaped(" ".join(notes(rows, records))) if rows else "",
+        steps=STEPS,
+        counted=escaped(counted(len(records))),
+        answers=answers(records),
         sections="\n".join(
             f'<section id="{i}"><h2>{escaped(name)}</h2>{body}</section>' for i, name, body in sections
         ),
@@ -97,8 +102,10 @@ def _figures(pictures: Sequence[Picture]) -> str:
     parts = []
     for kind in (k for k in KINDS if any(p.kind == k for p in pictures)):
         heading, caption = KINDS[kind]
-        figures = "".join(_figure(p) for p in pictures if p.kind == kind)
-        parts.append(f'<h3>{escaped(heading)}</h3><p class="soft">{escaped(caption)}</p>')
+        mine = [p for p in pictures if p.kind == kind]
+        said = " ".join([caption, *dict.fromkeys(p.beside for p in mine if p.beside)])
+        figures = "".join(map(_figure, mine))
+        parts.append(f'<h3>{escaped(heading)}</h3><p class="soft">{escaped(said)}</p>')
         parts.append(f'<div class="figures">{figures}</div>')
     return "".join(parts)
 

@@ -1,4 +1,4 @@
-"""What the page's script needs to count again for some of the sequences: records in brief, and the rule.
+"""What the page's script needs to count again for some of the sequences, and to show a record.
 
 The rule is that of the leaderboard: means over each scene's lights and then over scenes, medians of errors,
 counts. ``board.js`` follows it; a test in a browser holds both together.
@@ -9,6 +9,7 @@ from typing import Any
 
 from saf_gen.leaderboard import AXES, Column, Row, columns
 from saf_gen.records import Record
+from saf_gen.report.facts import facts, short
 
 __all__ = ["RULES", "brief"]
 
@@ -74,7 +75,8 @@ def brief(rows: Sequence[Row], records: Sequence[Record]) -> dict[str, Any]:
         "sequence": [number[r.sequence] for r in records],
         "status": [r.status for r in records],
         "note": {i: r.note for i, r in enumerate(records) if r.note},
-        "values": {name: [_short(value(r)) for r in records] for name, value in VALUES.items()},
+        "facts": facts(records, methods),
+        "values": {name: [short(value(r)) for r in records] for name, value in VALUES.items()},
     }
 
 
@@ -102,10 +104,3 @@ def _rule(column: Column) -> dict[str, Any] | None:
     if of_light:
         out["light"] = light
     return out
-
-
-def _short(value: float | None) -> float | None:
-    """Nine digits: more than are shown, half as long."""
-    return (
-        None if value is None else int(value) if float(value).is_integer() else float(f"{float(value):.9g}")
-    )

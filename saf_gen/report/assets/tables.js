@@ -9,6 +9,7 @@ function sortKey(row, column) {
 }
 
 function sortBy(table, column, descending) {
+  table.dispatchEvent(new Event("sorting"));
   const body = table.tBodies[0];
   const sign = descending ? -1 : 1;
   const keyed = [...body.rows].map((row, place) => ({ row, place, key: sortKey(row, column) }));
