@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from saf_gen.errors import BadInput
@@ -16,7 +17,15 @@ from saf_gen.searches import get_search
 from saf_gen.sources import sources_of
 from saf_gen.tuned import read_tuned
 
-__all__ = ["DEFAULT_LIVE_METHODS", "DEFAULT_METHODS", "Method", "half_of", "options_of", "parse_method"]
+__all__ = [
+    "DEFAULT_LIVE_METHODS",
+    "DEFAULT_METHODS",
+    "Method",
+    "half_of",
+    "listed_methods",
+    "options_of",
+    "parse_method",
+]
 
 DEFAULT_METHODS = (
     *(
@@ -157,3 +166,28 @@ def _nested(part: object) -> Iterator[object]:
         yield part
         for field in fields(part):
             yield from _nested(getattr(part, field.name))
+
+
+def listed_methods(path: Path) -> list[str]:
+    """The names in a list of methods: one a line; empty lines and what follows a # and a space are left out.
+
+    Raises BadInput with the line for a name that cannot be parsed, and for a list that cannot be read or is
+    empty.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(
+            f"{path} is no list of methods: {error}", allowed="a text file, a method a line"
+        ) from error
+    names = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
+            try:
+                parse_method(name)
+            except BadInput as error:
+                raise BadInput(str(error), where=f"{path}:{number}") from error
+            names.append(name)
+    if not names:
+        raise BadInput(f"{path} names no method", allowed="a method a line, such as sd+argmax")
+    return names

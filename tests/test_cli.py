@@ -14,13 +14,13 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from small import SCENES, SMALL_RECIPE
+from small import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.cli import main
 from saf_gen.dataset import read_manifest, write_manifest
 from saf_gen.files import replaced
-from saf_gen.methods import DEFAULT_METHODS
+from saf_gen.methods import DEFAULT_METHODS, listed_methods
 from saf_gen.render import variant
 
 VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
@@ -190,6 +190,38 @@ def test_evaluate_does_what_its_options_say(call, dataset, tmp_path):
     assert {r["method"] for r in records(out)} == {"sd+argmax", "sd_code+sgfs_code:dt=50"}
     assert {r["region"] for r in records(out)} == {"frame"}
     assert "sd_code+sgfs_code:dt=50" in shown
+
+
+def test_methods_are_named_in_a_file_too(call, dataset, tmp_path):
+    listed = tmp_path / "methods.txt"
+    listed.write_text("# mine\n\nsd+argmax\n cen+argmax:refine=centroid  # published\n", encoding="utf-8")
+    named = ["--methods", listed, "--method", "er_sumsq+argmax", "--method", "sd+argmax"]
+    code, _, err = call("evaluate", dataset, *named, "--split", "test", "--out", tmp_path / "out")
+    assert (code, err) == (0, "")
+    methods = ["er_sumsq+argmax", "sd+argmax", "cen+argmax:refine=centroid"]
+    assert list(dict.fromkeys(r["method"] for r in records(tmp_path / "out"))) == methods
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (b"sd+argmax\n\nsd+argmx\n", "methods.txt:3: method 'sd+argmx': unknown search 'argmx'"),
+        (b"# none\n\n", "methods.txt names no method; allowed: a method a line, such as sd+argmax"),
+        (b"\xff\xfe", "methods.txt is no list of methods: 'utf-8' codec"),
+        (None, "methods.txt is no list of methods: [Errno 2]"),
+    ],
+)
+def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp_path, text, told):
+    listed = tmp_path / "methods.txt"
+    if text is not None:
+        listed.write_bytes(text)
+    assert told in refused("evaluate", dataset, "--methods", listed, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_lists_of_the_contest_name_methods():
+    for name in ("recorded", "closed_loop"):
+        assert len(listed_methods(HERE.parent / f"benchmarks/contest/{name}.txt")) > 10
 
 
 def test_a_lone_stream_is_evaluated_beside_itself(call, dataset, tmp_path):

@@ -26,6 +26,9 @@ def evaluate(
     method: Annotated[
         list[str] | None, typer.Option(help="MEASURE+SEARCH, options after a colon; may be given again.")
     ] = None,
+    methods: Annotated[
+        Path | None, typer.Option(help="A file that names methods, one a line; beside those of --method.")
+    ] = None,
     predictions: Annotated[
         Path | None, typer.Option(help="Answers made elsewhere, a line of JSON each, judged beside.")
     ] = None,
@@ -49,8 +52,10 @@ def evaluate(
     from saf_gen.evaluate import evaluate as run
     from saf_gen.files import check_writable
     from saf_gen.leaderboard import table
+    from saf_gen.methods import listed_methods
     from saf_gen.report import write_evaluation
 
+    named = [*(method or ()), *(listed_methods(methods) if methods else ())]
     terms = terms_of(track, actuator, budget, sweep)
     target = folder or _beside(source, track)
     check_writable(target)
@@ -62,7 +67,7 @@ def evaluate(
 
         result = run(
             source,
-            methods=method,
+            methods=named or None,
             split=split,
             scene_motion=scene_motion,
             region=region,
