@@ -13,6 +13,7 @@ from saf_gen.errors import BadInput
 from saf_gen.evaluate import evaluate
 from saf_gen.leaderboard import table
 from saf_gen.methods import parse_method
+from saf_gen.report import write_evaluation
 from saf_gen.tune import MOST, tune, variants
 from saf_gen.tuned import read_tuned, tuned_text
 
@@ -79,9 +80,14 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     assert read_tuned(path)[0] == tuned
     method = parse_method(f"@{path}")
     assert (method.name, method.tuning) == ("sd+argmax:window=200", read_tuned(path)[1])
-    (record,) = evaluate(dataset, methods=[f"@{path}"], split="test").records
+    result = evaluate(dataset, methods=[f"@{path}", "sd+argmax"], split="test")
+    record = result.records[0]
     assert record.tuning == method.tuning
     assert record.method == tuned.method
+    write_evaluation(tmp_path / "out", rows=table(result.records), evaluation=result, title="tuned")
+    told = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
+    assert told["tuning"] == {tuned.method: method.tuning}
+    assert f"{method.code}, constants of {method.tuning}" in (tmp_path / "out" / "index.html").read_text()
 
 
 def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):

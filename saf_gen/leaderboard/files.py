@@ -71,6 +71,7 @@ def _document(
         "notes": notes(rows, records),
         "data": {r.sequence: r.data for r in records},
         "code": {r.method: r.code for r in records},
+        "tuning": {r.method: r.tuning for r in records if r.tuning},
         "parameters": {r.method: r.parameters for r in records},
         "machines": sorted({r.machine for r in records}),
         "failures": [{"sequence": f.sequence, "problem": f.problem} for f in failures],

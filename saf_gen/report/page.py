@@ -35,7 +35,7 @@ def page(
     pictures: Sequence[Picture] = (),
 ) -> str:
     """The page as HTML, readable without its script."""
-    data, methods = {r.sequence: r.data for r in records}, {r.method: r.code for r in records}
+    data, methods = {r.sequence: r.data for r in records}, {r.method: _code(r) for r in records}
     script = "\n".join(_asset(name) for name in SCRIPTS)
     scenes = list(dict.fromkeys(p.scene for p in pictures if p.scene))
     ids = {scene: f"scene-{number}" for number, scene in enumerate(scenes, start=1)}
@@ -73,6 +73,10 @@ def page(
         methods=board.digests(methods, "method", "code"),
         version=escaped(__version__),
     )
+
+
+def _code(record: Record) -> str:
+    return f"{record.code}, constants of {record.tuning}" if record.tuning else record.code
 
 
 def _asset(name: str) -> str:
