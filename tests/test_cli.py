@@ -322,7 +322,7 @@ def test_methods_lists_every_measure_and_search(call):
     assert code == 0
     for spec in DEFAULT_METHODS:
         for name in spec.split("+"):
-            assert f"│ {name} " in out
+            assert f"│ {name.removesuffix('_n')} " in out
 
 
 def test_scenes_list_names_scenes_of_the_folder_named(call, test_scenes):
