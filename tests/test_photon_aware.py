@@ -71,9 +71,9 @@ class Sweep:
 
     readout_hz = 20_000.0
 
-    def __init__(self, curve, light=None, *, noise=0.0):
+    def __init__(self, curve, light=None, *, noise=0.0, broad=None):
         self.frames = len(curve)
-        self.curve, self.noise = curve, noise
+        self.curve, self.noise, self.broad = curve, noise, curve if broad is None else broad
         self.light = np.full(self.frames, 0.2) if light is None else light
         self.spikes = np.concatenate([[0.0], np.cumsum(self.light)])
         self.asked, self.latest, self.now = [], 0, 0
@@ -87,7 +87,8 @@ class Sweep:
         if measure == "er_count_n":
             return 1000.0
         self.asked.append((first, stop, count))
-        value = float(np.average(self.curve[first:stop], weights=self.light[first:stop] + 1e-12))
+        curve = self.broad if measure == "sd_calibrated" else self.curve
+        value = float(np.average(curve[first:stop], weights=self.light[first:stop] + 1e-12))
         return value + self.noise * float(generator("sweep", first, stop).standard_normal()) / np.sqrt(
             count + 1e-12
         )
@@ -108,6 +109,18 @@ def test_it_finds_the_focus_and_stops_behind_it(at, light):
     assert answer.frame == pytest.approx(at * 20_000, abs=0.2 * 0.08 * 20_000)
     assert view.now < 20_000 * min(at + 0.3, 1.0)
     assert "stopped after" in answer.note
+
+
+@pytest.mark.parametrize(("far", "found"), [(True, 0.7), (False, 0.2)])
+def test_a_small_top_of_a_steep_measure_does_not_end_the_sweep_while_contrast_still_rises(far, found):
+    steep = bell(0.7, width=0.03, floor=0.02) + 0.1 * bell(0.2, width=0.03, floor=0.0)
+    view = Sweep(steep, broad=bell(0.7, width=0.25))
+    assert get_search("photon_aware", far=far)(view).frame == pytest.approx(found * 20_000, abs=150)
+
+
+def test_far_is_yes_or_no():
+    with pytest.raises(BadInput, match="far is 1; allowed: true, false"):
+        get_search("photon_aware", far=1)
 
 
 def test_windows_hold_the_spikes_asked_for_and_end_now():

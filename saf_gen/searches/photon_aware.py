@@ -10,6 +10,8 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
 from saf_gen.searches._golden import whole
 
+BROAD = "sd_calibrated"
+
 
 @dataclass(frozen=True)
 class PhotonAware:
@@ -22,11 +24,13 @@ class PhotonAware:
     ``smooth`` steps, and the answer is the top of the parabola through those round the largest.
 
     The sweep stops once the curve has come down from its largest value by ``until`` of its range and by
-    ``least`` of that value, for longer than a window, having come up by half of that before. Where it has not
-    come down by ``fall`` of its range on both sides of the largest value by the end, the focus is not in the
+    ``least`` of that value, for longer than a window, having come up by half of that before; with ``far``
+    that of ``sd_calibrated``, of the same windows, has to as well. A steep measure is close at the focus and
+    has small tops of its own far from it, where contrast is still a broad hill. Where the curve has not come
+    down by ``fall`` of its range on both sides of the largest value by the end, the focus is not in the
     sweep, and it abstains.
 
-    Two or three scores a step, one of them by the method's own measure. The trace holds the largest so far,
+    Two to four scores a step, one of them by the method's own measure. The trace holds the largest so far,
     0-based frames, whenever it moves.
     """
 
@@ -37,9 +41,10 @@ class PhotonAware:
     until: float = 0.5
     least: float = 0.2
     fall: float = 0.03
+    far: bool = True
 
     causal: ClassVar[bool] = True
-    measures: ClassVar[tuple[str, ...]] = ("er_count", "er_count_n")
+    measures: ClassVar[tuple[str, ...]] = ("er_count", "er_count_n", BROAD)
     source: ClassVar[str] = (
         "ours; it stops as SGFS should: Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, "
         "doi:10.1109/CVPR52733.2024.02363, Algorithm 1"
@@ -59,6 +64,8 @@ class PhotonAware:
             value = getattr(self, key)
             if isinstance(value, bool) or not (isfinite(value) and least <= value <= most):
                 raise BadInput(f"{key} is {value!r}", allowed=f"{least} to {most:g}")
+        if not isinstance(self.far, bool):
+            raise BadInput(f"far is {self.far!r}", allowed="true, false")
 
     def __call__(self, view: View) -> Answer:
         """Search the sweep. Raises BadInput where it has fewer than two frames a step."""
@@ -71,6 +78,7 @@ class PhotonAware:
             )
         spikes, pixels = [0.0], 0.0
         curve = _Curve(self.smooth * step, self.steps + 1)
+        curves = [curve, *([_Curve(self.smooth * step, self.steps + 1)] if self.far else [])]
         falling = 0
         trace: list[float] = []
         most = max(int(self.longest * self.steps), 2)
@@ -84,12 +92,13 @@ class PhotonAware:
             held = (spikes[k] - spikes[begin]) / pixels if pixels else 0.0
             if held < (2 * self.counts if k < most else self.counts / 2):
                 continue  # not enough light yet; or hardly any at all
-            curve.add((begin + k) * step / 2 - 0.5, view.score(begin * step, stop))
+            for one, measure in zip(curves, (None, BROAD), strict=False):
+                one.add((begin + k) * step / 2 - 0.5, view.score(begin * step, stop, measure))
             best = curve.best()
             if not trace or trace[-1] != best:
                 trace.append(best)
-            falling = falling + 1 if curve.has_fallen(self.until, self.least) else 0
-            if falling > max(2, k - begin) and curve.is_a_peak(self.until / 2):
+            falling = falling + 1 if all(one.has_fallen(self.until, self.least) for one in curves) else 0
+            if falling > max(2, k - begin) and all(one.is_a_peak(self.until / 2) for one in curves):
                 break  # so long that no window of then shares a spike with the first of them
         note = f"stopped after {stop} of {view.frames} frames"
         if not trace:
