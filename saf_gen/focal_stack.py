@@ -2,6 +2,9 @@
 
 On disk a stack is a folder of OpenEXR files named by its content (scene, lens, film, positions, samples),
 so that every sequence that needs it finds it and nothing is rendered twice. Reading one needs no renderer.
+
+A scene at rest is stored as float32. Time slices, of which a scene that moves has hundreds, are half floats:
+a rounding of at most 0.05 %, some hundredth of their noise at 16 samples, for half of the disk.
 """
 
 import hashlib
@@ -21,6 +24,8 @@ from saf_gen.optics import Drive, drive_from
 __all__ = ["FocalStack", "StackSpec", "StackStore"]
 
 FORMAT = "saf-gen focal stack 1"
+UNIT = "W m^-2 sr^-1 at gain 1"
+HALF_BITS = 15  # the largest half float is just below 2^16
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class StackSpec:
     """Everything that decides what a stack looks like; its :attr:`key` is the folder's name.
 
     ``params`` is the member of the scene's family, as JSON; ``time_s`` the moment that is seen. ``positions``
-    lie evenly over the whole travel; ``window``, where given, is the first and last of them to render.
+    lie evenly over the whole travel. A time slice has a ``window``, the first and last of them to render.
     """
 
     scene: str
@@ -48,7 +53,7 @@ class StackSpec:
     @property
     def key(self) -> str:
         """Scene name and digest of the content; neither seed nor variant enters: a stack is a stack."""
-        text = json.dumps([FORMAT, self.as_dict()], sort_keys=True)
+        text = json.dumps([FORMAT, self.as_dict(), *(["half"] if self.window else [])], sort_keys=True)
         return f"{self.scene}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -134,9 +139,12 @@ class StackStore:
 
     def put_group(self, group: str, radiance: np.ndarray, variant: str, *, clipped: int = 0) -> None:
         """Store one light group, float32 (focus, row, col), with the number of paths clipped as fireflies."""
+        facts = {"unit": UNIT, "light_group": group, "clipped_paths": str(clipped), "variant": variant}
+        if self.spec.window:
+            radiance, exponent = _halved(radiance)
+            facts |= {"unit": f"2^{exponent} {UNIT}", "exponent": str(exponent)}
         planes = {f"focus.{self.spec.first + k:04d}": plane for k, plane in enumerate(radiance)}
-        facts = {"unit": "W m^-2 sr^-1 at gain 1", "light_group": group, "clipped_paths": str(clipped)}
-        self._put(group, planes, {**facts, "variant": variant})
+        self._put(group, planes, facts)
 
     def put_geometry(self, depth: np.ndarray, target: np.ndarray, variant: str) -> None:
         """Store depth (m) and target mask."""
@@ -165,9 +173,10 @@ class StackStore:
             (len(self.spec.groups), len(names), self.spec.rows, self.spec.columns), np.float32
         )
         for g, group in enumerate(self.spec.groups):
-            planes, _ = exr.read_planes(self.folder / f"{group}.exr", names)
+            planes, facts = exr.read_planes(self.folder / f"{group}.exr", names)
             for k, name in enumerate(names):
                 radiance[g, k] = planes[name]
+            radiance[g] *= np.float32(2.0 ** int(facts.get("exponent", 0)))
         return radiance
 
     def geometry(self) -> tuple[np.ndarray, np.ndarray]:
@@ -203,6 +212,15 @@ class StackStore:
         note = {"format": FORMAT, **facts, "sha256": sha256, "spec": self.spec.as_dict()}
         with replaced(self.folder / f"{name}.json") as part:
             part.write_text(json.dumps(note, indent=1))
+
+
+def _halved(radiance: np.ndarray) -> tuple[np.ndarray, int]:
+    """As half floats in units of a power of two, which is exact, and its exponent.
+
+    The brightest lies below 2^15. What is 4·10^-9 of it or more keeps all 11 bits.
+    """
+    exponent = int(np.frexp(radiance.max(initial=0.0))[1]) - HALF_BITS
+    return np.ldexp(radiance, -exponent).astype(np.float16), exponent
 
 
 @lru_cache(maxsize=1 << 14)

@@ -3,6 +3,7 @@
 Nothing here renders, opens a scene or draws a number; :mod:`saf_gen.plan` turns a recipe into sequences.
 """
 
+import math
 from pathlib import Path
 from typing import Any, Literal
 
@@ -84,19 +85,36 @@ class Render(Frozen):
 
     A scene that moves is rendered in time slices: ``slice_samples`` a pixel each (a quarter of ``samples``
     where not given) and ``slices_per_s`` in place of what the scene's card says. A slice holds the positions
-    that the recorded lens passes then; with ``whole_slices`` all of them, which the closed-loop track needs.
+    that the recorded lens passes then; with ``whole_slices`` all of them, which the closed-loop track needs:
+    at any time (true), or for as many seconds from the beginning, which the closed loop then has.
     """
 
     samples: int = Field(ge=1, le=65_536)
     max_depth: int = Field(default=6, ge=2, le=64)
     slice_samples: int | None = Field(default=None, ge=1, le=65_536)
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
-    whole_slices: bool = False
+    whole_slices: bool | float = False
+
+    @field_validator("whole_slices", mode="before")
+    @classmethod
+    def _true_or_seconds(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            return value
+        if not isinstance(value, int | float) or not value > 0:
+            raise ValueError("true, false, or seconds above 0")
+        return float(value)
 
     @property
     def samples_a_slice(self) -> int:
         """Samples a pixel of one time slice."""
         return self.slice_samples or max(1, self.samples // 4)
+
+    @property
+    def whole_s(self) -> float:
+        """For so long from the beginning time slices hold all positions, s."""
+        if isinstance(self.whole_slices, bool):
+            return math.inf if self.whole_slices else 0.0
+        return self.whole_slices
 
 
 class Split(Frozen):

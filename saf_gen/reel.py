@@ -9,7 +9,7 @@ this is exact at every readout.
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,17 @@ class Reel:
     def moves(self) -> bool:
         """Whether the scene moves."""
         return len(self.specs) > 1
+
+    @property
+    def whole_frames(self) -> int | None:
+        """Frames from the beginning in which all focus positions can be seen; None where nothing moves.
+
+        Those before the last of the stacks that, one after the other, hold all positions.
+        """
+        if not self.moves:
+            return None
+        whole = takewhile(lambda spec: spec.rendered == spec.positions, self.specs)
+        return self.frames[max(sum(1 for _ in whole) - 1, 0)]
 
     def missing(self, root: Path) -> list[StackSpec]:
         """The stacks that are not whole under ``root``."""

@@ -28,7 +28,8 @@ class Take:
     """What was in front of the lens, and the camera.
 
     ``gain`` float32 (T, G): the light of each readout; ``exposure`` multiplies it. ``seed`` names the noise
-    of the recording, ``device_seed`` the fixed pattern.
+    of the recording, ``device_seed`` the fixed pattern. ``frames``: so many readouts can be filmed, all of
+    them or fewer, since time slices may hold all focus positions in the beginning only.
     """
 
     footage: Footage
@@ -38,11 +39,7 @@ class Take:
     seed: int
     device_seed: int
     truth: Truth
-
-    @property
-    def frames(self) -> int:
-        """Readouts for which light and motion are known."""
-        return len(self.gain)
+    frames: int
 
     @classmethod
     def of(cls, stream: SpikeStream, stacks: Path) -> "Take":
@@ -66,21 +63,23 @@ class Take:
                 hint="remove it and run saf-gen generate again, or use --track recorded",
             ) from error
         specs = tuple(StackSpec.stored(stacks, key) for key in keys)
-        if any(spec.rendered != spec.positions for spec in specs):
+        moments = (0,) if len(specs) == 1 else tuple(round(s.time_s * stream.readout_hz) for s in specs)
+        reel = Reel(moments, specs)
+        frames = len(gain) if reel.whole_frames is None else min(len(gain), reel.whole_frames)
+        if frames == 0:
             raise BadInput(
                 "its time slices hold only the positions that the recorded sweep passed",
                 where=where,
-                hint="set render: {whole_slices: true} in the recipe and generate it into another folder",
+                hint="set render: {whole_slices: SECONDS} in the recipe and generate it into another folder",
             )
-        moments = (0,) if len(specs) == 1 else tuple(round(s.time_s * stream.readout_hz) for s in specs)
-        footage = Footage.stored(Reel(moments, specs), stacks)
+        footage = Footage.stored(reel, stacks)
         if footage.digest != said["stack_digest"]:
             raise BadInput(
                 f"the focal stacks under {stacks} are not those it was made from",
                 where=where,
                 hint="run saf-gen generate again",
             )
-        return cls(footage, sensor, gain, scale, seed, device, stream.truth)
+        return cls(footage, sensor, gain, scale, seed, device, stream.truth, frames)
 
     @property
     def rows_step(self) -> int:

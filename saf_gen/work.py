@@ -21,7 +21,7 @@ from saf_gen.scene import Scene, find_scene
 
 __all__ = ["Work", "fingerprint", "prepare", "reel_digests"]
 
-STACK_BYTES, STREAM_BITS = 4, 0.4  # a value of a stack; a pixel and frame of a stream, on the safe side
+STREAM_BITS = 0.4  # a pixel and frame of a stream, on the safe side
 # Two cores of 2.8 GHz with LLVM: paths traced and splatted; pixel·frames encoded, stored and verified;
 # seconds to load a scene, each light group of each stack.
 PATHS_A_SECOND, SPIKES_A_SECOND, LOAD_SECONDS = 2.5e6, 0.7e9, 0.3
@@ -54,11 +54,13 @@ class Work:
         a_second = self.recipe.render.slices_per_s or card.slices_per_s or 0.0
         position = readout_positions(sequence.motion, self.recipe.camera.frames, hz)
         at = moments(position.size, hz, a_second)
-        samples = self.recipe.render.samples_a_slice
-        whole = self.recipe.render.whole_slices
+        samples, whole_s = self.recipe.render.samples_a_slice, self.recipe.render.whole_s
+        passed, every = windows(position, at, spec.positions), (0, spec.positions - 1)
+        # The slice after the last whole moment too: until then the picture goes over to it.
+        whole = [whole_s > 0 and at[max(j - 1, 0)] < whole_s * hz for j in range(len(at))]
         slices = [
-            replace(spec, samples=samples, time_s=frame / hz, window=None if whole else window)
-            for frame, window in zip(at, windows(position, at, spec.positions), strict=True)
+            replace(spec, samples=samples, time_s=at[j] / hz, window=every if whole[j] else passed[j])
+            for j in range(len(at))
         ]
         return Reel(at, tuple(slices))
 
@@ -76,7 +78,8 @@ class Work:
     def bytes_expected(self, folder: Path) -> int:
         """Disk that the work still to do will take, about, a little on the safe side."""
         pixels = self.sensor.rows * self.sensor.columns
-        rendered = sum(len(s.groups) * s.rendered * pixels * STACK_BYTES for s in self._missing(folder))
+        missing = self._missing(folder)
+        rendered = sum(len(s.groups) * s.rendered * pixels * (2 if s.window else 4) for s in missing)
         to_record = sum(not (folder / s.file).exists() for s in self.sequences)
         return rendered + int(to_record * pixels * self.recipe.camera.frames * STREAM_BITS / 8)
 

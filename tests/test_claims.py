@@ -97,7 +97,7 @@ def planted_take(frames):
     stack = FocalStack(spec, radiance[None], np.ones((size, size)), np.ones((size, size), bool), "none")
     sensor = replace(get_sensor("ideal"), rows=size, columns=size)
     gain, truth = np.ones((frames, 1), np.float32), Truth(0.5, (0.48, 0.52), None)
-    take = Take(Footage.of(stack), sensor, gain, 1.0, 1, 1, truth)
+    take = Take(Footage.of(stack), sensor, gain, 1.0, 1, 1, truth, len(gain))
     return replace(take, exposure=0.3 * sensor.threshold_e / float(take.exposed().picture(0, 0.5).mean()))
 
 

@@ -1,6 +1,7 @@
 """OpenEXR planes come back as they went."""
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from saf_gen.errors import BadInput
@@ -17,6 +18,34 @@ def test_planes_and_attributes_come_back_bit_for_bit(tmp_path):
     assert attributes["unit"] == "m"
 
 
+def test_half_floats_come_back_as_they_went(tmp_path):
+    random = np.random.default_rng(0)
+    planes = {name: random.random((5, 7)).astype(np.float16) for name in ("b", "a", "c")}
+    planes["depth"] = random.random((5, 7), dtype=np.float32)  # of two bytes and of four, in one file
+    write_planes(tmp_path / "a.exr", planes, {})
+    back, _ = read_planes(tmp_path / "a.exr")
+    assert {name: plane.dtype for name, plane in back.items()} == {n: p.dtype for n, p in planes.items()}
+    assert all(np.array_equal(back[name], planes[name]) for name in planes)
+
+
+def test_what_is_read_is_what_openexr_reads(tmp_path):
+    planes = {f"focus.{k:04d}": np.arange(35, dtype=np.float16).reshape(5, 7) + k for k in (9, 10, 8)}
+    write_planes(tmp_path / "a.exr", planes, {})
+    theirs = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
+    ours, _ = read_planes(tmp_path / "a.exr")
+    assert set(ours) == set(theirs)
+    assert all(np.array_equal(ours[name], theirs[name].pixels) for name in theirs)
+
+
+def test_a_compressed_file_is_told(tmp_path):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    random = np.random.default_rng(0)
+    for plane in (np.ones((5, 700), np.float32), random.random((5, 700), dtype=np.float32)):
+        OpenEXR.File(header, {"depth": plane}).write(str(tmp_path / "a.exr"))
+        with pytest.raises(BadInput, match=r"a.exr is no whole OpenEXR file: .*delete it"):
+            read_planes(tmp_path / "a.exr")
+
+
 def test_some_planes_of_many(tmp_path):
     planes = {f"focus.{k:04d}": np.full((5, 7), k, np.float32) for k in range(12)}
     write_planes(tmp_path / "a.exr", planes, {"unit": "m"})
@@ -24,7 +53,7 @@ def test_some_planes_of_many(tmp_path):
     assert list(back) == ["focus.0010", "focus.0003"]
     assert all(np.array_equal(back[name], planes[name]) for name in back)
     assert attributes["unit"] == "m"
-    with pytest.raises(BadInput, match=r"a.exr is no whole OpenEXR file: .*'focus.0012'.*delete it"):
+    with pytest.raises(BadInput, match=r"a.exr is no whole OpenEXR file: .*focus.0012.*delete it"):
         read_planes(tmp_path / "a.exr", ["focus.0012"])
 
 

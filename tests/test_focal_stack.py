@@ -46,6 +46,37 @@ def test_what_is_stored_comes_back(tmp_path):
     assert stack.variant == "llvm"
 
 
+SLICE = replace(SPEC, window=(1, 2), time_s=0.5)
+
+
+@pytest.mark.parametrize("brightest", [3e-9, 0.7, 1.0, 2.0**15, 3e30])
+def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
+    """To 11 bits from the brightest to 4e-9 of it, and to 2^-40 of the brightest below."""
+    random = np.random.default_rng(1)
+    radiance = (brightest * 10 ** -random.uniform(0, 8, (2, 4, 6))).astype(np.float32)
+    radiance[0, 0, :3] = brightest, brightest * 1e-11, 0
+    store = StackStore(tmp_path, SLICE)
+    for group in SLICE.groups:
+        store.put_group(group, radiance, "llvm")
+    store.put_geometry(np.ones((4, 6)), np.ones((4, 6), bool), "llvm")
+    back = store.planes(0, 2)
+    assert back.dtype == np.float32
+    for stored in back:
+        np.testing.assert_allclose(stored, radiance, rtol=2.0**-11, atol=brightest * 2.0**-39)
+    planes, facts = exr.read_planes(store.folder / "lamp.exr")
+    assert planes["focus.0001"].dtype == np.float16
+    assert facts["unit"] == f"2^{facts['exponent']} W m^-2 sr^-1 at gain 1"
+    assert np.array_equal(planes["focus.0002"].astype(float) * 2.0 ** int(facts["exponent"]), back[0, 1])
+
+
+def test_a_black_time_slice_stays_black(tmp_path):
+    store = StackStore(tmp_path, SLICE)
+    for group in SLICE.groups:
+        store.put_group(group, np.zeros((2, 4, 6), np.float32), "llvm")
+    store.put_geometry(np.ones((4, 6)), np.ones((4, 6), bool), "llvm")
+    assert not store.planes(0, 2).any()
+
+
 def test_a_piece_says_which_drive_it_was_seen_through(tmp_path):
     store, *_ = filled(tmp_path)
     drive = {"kind": "image_distance", "focal_length_m": 0.025, "f_number": 2.0}
@@ -126,6 +157,7 @@ def test_a_stack_made_by_two_variants_says_so(tmp_path):
         {"drive": FocalLength(0.025, 2.0, (0.6, 0.42))},  # the same numbers, another drive
         {"drive": Stage(0.025, 2.0, 0.05, (0.0, 0.1))},
         {"groups": ("lamp",)},
+        {"window": (0, 2)},  # the same positions, as half floats
     ],
 )
 def test_the_key_sees_everything_that_changes_a_stack(change):

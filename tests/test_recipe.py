@@ -1,5 +1,6 @@
 """Recipes: what is right is read, what is wrong is told with its line."""
 
+import math
 from pathlib import Path
 from typing import get_args
 
@@ -216,3 +217,18 @@ def test_a_gain_is_tried_over_the_whole_recording(tmp_path):
     path.write_text(GOOD.replace("{kind: constant}", late))
     with pytest.raises(BadInput, match=r"light 'constant' on usaf_target: the gain of .* is too large"):
         prepare(path)
+
+
+@pytest.mark.parametrize(
+    ("said", "seconds"), [("false", 0), ("true", math.inf), ("0.3", 0.3), ("1", 1), ("1.0", 1)]
+)
+def test_whole_slices_from_the_beginning_for_so_long(tmp_path, said, seconds):
+    text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {said}}}")
+    assert read(tmp_path, text).render.whole_s == seconds
+
+
+@pytest.mark.parametrize("said", ["0", "-0.3", "sometimes"])
+def test_whole_slices_for_no_time_is_refused(tmp_path, said):
+    text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {said}}}")
+    with pytest.raises(BadInput, match=f"whole_slices.*{said}.*seconds above 0"):
+        read(tmp_path, text)

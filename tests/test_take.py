@@ -9,6 +9,8 @@ import pytest
 import take_dataset
 
 import saf_gen
+from saf_gen.actuators import get_actuator
+from saf_gen.contest.terms import Terms
 from saf_gen.errors import BadInput
 from saf_gen.motions import readout_positions
 from saf_gen.rig import Counts
@@ -95,10 +97,36 @@ def test_slices_of_the_passed_positions_alone_are_refused(tmp_path, monkeypatch)
     with (
         saf_gen.open_stream(folder / "test" / "plane-dynamic-constant-00.h5") as stream,
         pytest.raises(
-            BadInput, match=r"only the positions that the recorded sweep passed.*whole_slices: true"
+            BadInput, match=r"only the positions that the recorded sweep passed.*whole_slices: SECONDS"
         ),
     ):
         Take.of(stream, folder / "stacks")
+
+
+def test_whole_slices_in_the_beginning_can_be_filmed_so_long(tmp_path, monkeypatch):
+    """20 of 40 ms; the sweep sees the spikes of the recording until then."""
+    recipe = take_dataset.RECIPE.replace("whole_slices: true", "whole_slices: 0.02")
+    recipe = recipe.replace(
+        "[constant, lamp_only], scene_motion: [static, dynamic]", "[lamp_only], scene_motion: [dynamic]"
+    )
+    folder = take_dataset.make(tmp_path, monkeypatch, recipe)
+    with saf_gen.open_stream(folder / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
+        take = Take.of(stream, folder / "stacks")
+        assert (take.frames, len(take.gain)) == (400, 800)
+        held = [spec.rendered for spec in take.footage.reel.specs]
+        assert held[:6] == [9] * 6
+        assert max(held[6:]) < 9
+        region = slice(0, 40), slice(0, 64)
+        film = Film(take, take.exposed(), region)
+        motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
+        film.develop(400, readout_positions(motion, 800, stream.readout_hz))
+        assert np.array_equal(film.window(0, 400), stream.counts(0, 400, region))
+        assert Terms(get_actuator("voice_coil")).frames(take)[0] == 400
+        with pytest.raises(
+            BadInput,
+            match=r"a budget of 30 ms.*0\.8 to 20 ms, as long as its time slices hold all focus positions",
+        ):
+            Terms(get_actuator("voice_coil"), budget_s=0.03).frames(take)
 
 
 def test_halves_and_intervals_are_those_of_a_recording(dataset):

@@ -27,7 +27,7 @@ STEPPER_RESTS = 3040  # until it rests at an end, from the middle
 def recorded(frames):
     """A take of so many frames at 20 kHz; nobody looks at what was before the lens."""
     gain = np.ones((frames, 1), np.float32)
-    return Take(None, get_sensor("vidar_400x250"), gain, 1.0, 1, 1, Truth())
+    return Take(None, get_sensor("vidar_400x250"), gain, 1.0, 1, 1, Truth(), len(gain))
 
 
 @pytest.fixture(scope="module")

@@ -142,5 +142,7 @@ def _take(best: float, light: float, seed: int) -> tuple[Take, Exposed]:
         spec, scene.radiance, np.broadcast_to(depth, (rows, columns)), np.ones((rows, columns), bool), "none"
     )
     gain = np.full((FRAMES, 1), light, np.float32)
-    take = Take(Footage.of(stack), scene.sensor, gain, scene.exposure, seed, 1, Truth(position=best))
+    take = Take(
+        Footage.of(stack), scene.sensor, gain, scene.exposure, seed, 1, Truth(position=best), len(gain)
+    )
     return take, take.exposed()

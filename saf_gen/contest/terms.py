@@ -21,7 +21,7 @@ LONGEST_S = 86_400.0
 class Terms:
     """What is the same for all methods.
 
-    ``budget_s``: time until the lens is judged; None is the length of the recording, and its most.
+    ``budget_s``: time until the lens is judged; None is as long as the recording can be filmed, and its most.
     ``sweep_s``: time of a sweep from end to end, for searches that need one; None is half the budget, more
     where the drive needs more, less where the lens rests too late at the end where it begins.
 
@@ -49,7 +49,12 @@ class Terms:
         if not LEAST <= budget <= take.frames:
             raise BadInput(
                 f"a budget of {_ms(budget, hz)}",
-                allowed=f"{_number(LEAST, hz)} to {_ms(take.frames, hz)}, as long as was recorded",
+                allowed=f"{_number(LEAST, hz)} to {_ms(take.frames, hz)}, "
+                + (
+                    "as long as was recorded"
+                    if take.frames == len(take.gain)
+                    else "as long as its time slices hold all focus positions"
+                ),
             )
         if self.sweep_s is None:
             return budget, max(min(max(budget // 2, self._end_to_end(hz)), budget - self._to_begin(hz)), 0)
