@@ -6,6 +6,7 @@ cost and score stay with the referee, the room ``contest``. A stream without tru
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,15 +22,15 @@ from saf_gen.measures import get_measure
 from saf_gen.methods import DEFAULT_LIVE_METHODS, DEFAULT_METHODS, Method, parse_method
 from saf_gen.parts import Measure
 from saf_gen.records import Record
+from saf_gen.region import REGIONS
 from saf_gen.rig.thumbnails import covering
 from saf_gen.stream import SpikeStream, open_stream
 
 if TYPE_CHECKING:
     from saf_gen.contest.terms import Terms
 
-__all__ = ["REGIONS", "Curve", "Evaluation", "Failure", "LensPath", "Sweep", "evaluate", "score_curve"]
+__all__ = ["Curve", "Evaluation", "Failure", "LensPath", "Sweep", "evaluate", "score_curve"]
 
-REGIONS = ("target", "frame")
 FILMS = 12
 """Recordings whose sweep is kept as small pictures, for people to look at."""
 Progress = Callable[[int, int, str], None]
@@ -57,7 +58,9 @@ def evaluate(
     ``split`` and ``scene_motion`` (``static`` or ``dynamic``) leave out the other sequences.
 
     ``region`` is where measures look: ``target``, the box round the target where a stream has one, else
-    the frame; or ``frame``. ``progress`` is called with (steps done, steps in all, what was done).
+    the frame; ``frame``; or ``both``, every method at the target and once more, as ``METHOD@frame``, at the
+    frame. A method that names its region looks there. ``progress`` is called with (steps done, steps in all,
+    what was done).
 
     A sequence of a dataset that cannot be read, or is not the one its manifest names, becomes a failure,
     and the others go on; where none can keep the terms it is BadInput, like a single stream that cannot be
@@ -70,8 +73,10 @@ def evaluate(
             chosen.append(method)
     if terms is None:
         check_estimate(chosen)
-    if region not in REGIONS:
-        raise unknown("region", region, REGIONS)
+    if region not in (*REGIONS, "both"):
+        raise unknown("region", region, (*REGIONS, "both"))
+    groups = _by_region(chosen, region)
+    chosen = [method for group in groups.values() for method in group]
     path = Path(source)
     jobs = jobs_of(path, split, scene_motion)
     filmed = set(covering([((j.split, j.scene), (j.light, j.scene_motion)) for j in jobs], FILMS))
@@ -88,33 +93,56 @@ def evaluate(
     failures: list[Failure] = []
     paths: list[LensPath] = []
     for number, job in enumerate(jobs):
+        before = number * len(chosen)
 
-        def step(done: int, what: str, number: int = number, job: Job = job) -> None:
+        def step(done: int, what: str, before: int, job: Job = job) -> None:
             if progress is not None:
-                progress(number * len(chosen) + done, len(jobs) * len(chosen), f"{job.id} {what}".strip())
+                progress(before + done, len(jobs) * len(chosen), f"{job.id} {what}".strip())
 
+        made: list[Record] = []
+        seen: list[Sweep] = []
+        ways: list[LensPath] = []
         try:
-            if terms is None:
-                some, sweep = recorded_sequence(job, chosen, region, step, foreign, film=number in filmed)
-                sweeps.append(sweep)
-            else:
-                from saf_gen.contest.closed_loop import live_sequence  # reads OpenEXR files
+            for looked, group in groups.items():
+                told = partial(step, before=before)
+                before += len(group)
+                if terms is not None:
+                    from saf_gen.contest.closed_loop import live_sequence  # reads OpenEXR files
 
-                some, ways = live_sequence(job, chosen, region, terms, step)
-                paths += ways
+                    some, went = live_sequence(job, group, looked, terms, told)
+                    ways += went
+                elif not seen:
+                    some, sweep = recorded_sequence(job, group, looked, told, foreign, film=number in filmed)
+                    seen.append(sweep)
+                else:  # the figures show what was seen first, and predictions have been judged
+                    some, _ = recorded_sequence(job, group, looked, told)
+                made += some
         except (BadInput, OSError) as error:
             if not path.is_dir():
                 raise
             failures.append(Failure(job.id, str(error)))
-            step(len(chosen), "failed")
+            step(len(chosen), "failed", number * len(chosen))
         else:
-            records += some
+            records, sweeps, paths = records + made, sweeps + seen, paths + ways
     if failures and not records and terms is not None:  # terms that no sequence can keep
         raise BadInput(
             f"none of {len(jobs)} sequences can be evaluated, the first because: {failures[0].problem}",
             where=str(path),
         )
     return Evaluation(tuple(records), tuple(sweeps), tuple(failures), tuple(paths))
+
+
+def _by_region(chosen: Sequence[Method], region: str) -> dict[str, list[Method]]:
+    """The methods that look at each region, the run's own first."""
+    usual = "target" if region == "both" else region
+    every = {method.name: method for method in chosen}
+    if region == "both":
+        twins = (replace(m, name=f"{m.name}@frame", region="frame") for m in chosen if not m.region)
+        every = {**{twin.name: twin for twin in twins}, **every}
+    groups: dict[str, list[Method]] = {usual: [], **{looked: [] for looked in REGIONS}}
+    for method in every.values():
+        groups[method.region or usual].append(method)
+    return {looked: group for looked, group in groups.items() if group}
 
 
 def score_curve(

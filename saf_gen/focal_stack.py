@@ -176,7 +176,8 @@ class StackStore:
             planes, facts = exr.read_planes(self.folder / f"{group}.exr", names)
             for k, name in enumerate(names):
                 radiance[g, k] = planes[name]
-            radiance[g] *= np.float32(2.0 ** int(facts.get("exponent", 0)))
+            if exponent := int(facts.get("exponent", 0)):
+                radiance[g] *= np.float32(2.0**exponent)
         return radiance
 
     def geometry(self) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,7 @@
 """Names of methods: a focus measure and a search, with their options, parsed once.
 
-``sd_code+sgfs_code:dt=50`` is the measure ``sd_code`` searched by ``sgfs_code`` with ``dt`` at 50.
+``sd_code+sgfs_code:dt=50`` is the measure ``sd_code`` searched by ``sgfs_code`` with ``dt`` at 50;
+``sd+argmax@frame`` looks at the whole frame, wherever the others look.
 """
 
 import hashlib
@@ -10,9 +11,10 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, unknown
 from saf_gen.measures import get_measure
 from saf_gen.parts import Measure, Search, wants_measures
+from saf_gen.region import REGIONS
 from saf_gen.searches import get_search
 from saf_gen.sources import sources_of
 from saf_gen.tuned import read_tuned
@@ -25,6 +27,7 @@ __all__ = [
     "listed_methods",
     "options_of",
     "parse_method",
+    "region_of",
 ]
 
 DEFAULT_METHODS = (
@@ -75,6 +78,8 @@ class Method:
     """12 digits of a sha256 over the options and the source of the two parts: what made the numbers."""
     tuning: str = ""
     """12 digits of the file of tuned constants that named it (``@FILE``), or ''."""
+    region: str = ""
+    """Where it looks, of REGIONS; '' is where the evaluation looks."""
 
     @property
     def measure_name(self) -> str:
@@ -82,22 +87,22 @@ class Method:
 
     @property
     def search_name(self) -> str:
-        return self.name.split("+")[1].split(":")[0]
+        return half_of(region_of(self.name)[0].split("+")[1])[0]
 
 
 def parse_method(spec: str) -> Method:
-    """The method that ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...]`` names, or the one of ``@FILE``.
+    """The method ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or the one of ``@FILE``.
 
     MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``: it is run.
 
-    Raises BadInput for a malformed spec, an unknown measure or search, and options that they refuse.
+    Raises BadInput for a malformed spec, an unknown measure, search or region, and options that are refused.
     """
     if spec.startswith("@"):
         tuned, digest = read_tuned(spec[1:])
         if tuned.method.startswith("@"):
             raise BadInput(f"{spec[1:]} names {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file")
         return replace(parse_method(tuned.method), tuning=digest)
-    text = "".join(spec.split())
+    text, region = region_of("".join(spec.split()))
     halves = text.split("+")
     if len(halves) != 2 or not all(halves):
         raise BadInput(
@@ -117,7 +122,21 @@ def parse_method(spec: str) -> Method:
             nearest=error.nearest,
             hint=error.hint or "`saf-gen methods` lists measures and searches",
         ) from None
-    return Method(text, *parts, code=_code_digest([*parts, *others]))
+    name = f"{text}@{region}" if region else text
+    return Method(name, *parts, code=_code_digest([*parts, *others]), region=region)
+
+
+def region_of(method: str) -> tuple[str, str]:
+    """The name of a method without its region, and the region, '' for none.
+
+    Raises BadInput for a region that there is not.
+    """
+    name, at, region = method.rpartition("@")
+    if not at or "/" in region or "." in region:  # an @ in a file's path
+        return method, ""
+    if region not in REGIONS:
+        raise unknown("region", region, REGIONS, where=f"method {method!r}")
+    return name, region
 
 
 def half_of(half: str) -> tuple[str, str]:

@@ -6,10 +6,12 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["Region", "checked_region", "checked_window", "extent", "target_box"]
+__all__ = ["REGIONS", "Region", "checked_region", "checked_window", "extent", "target_box"]
 
 Region = tuple[slice, slice]
 """Rows and columns, steps of 1."""
+REGIONS = ("target", "frame")
+"""Where a method may look: the box round the target, or the whole frame."""
 
 
 def checked_window(first: int, stop: int, total: int, *, what: str = "frames", where: str = "") -> range:

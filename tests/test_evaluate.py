@@ -11,6 +11,7 @@ from saf_gen import evaluate as referee
 from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
 from saf_gen.errors import BadInput
 from saf_gen.evaluate import evaluate, score_curve
+from saf_gen.leaderboard import table
 from saf_gen.measures import get_measure
 from saf_gen.methods import DEFAULT_METHODS, parse_method
 from saf_gen.motions import readout_positions
@@ -221,18 +222,65 @@ def test_numpy_numbers_become_plain_ones(stream_file):
     assert json.loads(json.dumps(record_to_json(record)))["frame"] == 3.5
 
 
-def test_the_target_region_sees_only_the_box_round_the_target(tmp_path):
+@pytest.fixture(scope="module")
+def two_depths(tmp_path_factory):
+    """The target, in the left half, is in focus early; all the rest later."""
     frames = spikes(PEAK)
-    frames[:, :, 32:] = spikes(600.0)[:, :, 32:]  # the right half comes into focus later
+    frames[:, :, 32:] = spikes(600.0)[:, :, 32:]
     target = np.zeros(SHAPE[1:], dtype=bool)
     target[8:40, 36:60] = True
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
-    write_stream(tmp_path / "two.h5", frames, focus_position=lens, truth=truth_at(600.0, target=target))
-    box = one(tmp_path / "two.h5", "sd+argmax:window=50")
+    path = tmp_path_factory.mktemp("depths") / "two.h5"
+    write_stream(path, frames, focus_position=lens, truth=truth_at(600.0, target=target))
+    return path
+
+
+def test_the_target_region_sees_only_the_box_round_the_target(two_depths):
+    box = one(two_depths, "sd+argmax:window=50")
     assert box.region == "target"
     assert abs(box.frame - 600) <= 25.5
-    whole = one(tmp_path / "two.h5", "sd+argmax:window=50", region="frame")
+    whole = one(two_depths, "sd+argmax:window=50", region="frame")
     assert whole.region == "frame"
+
+
+def test_both_regions_are_two_methods_each(two_depths):
+    alone = {region: one(two_depths, "sd+argmax:window=50", region=region) for region in ("target", "frame")}
+    both = evaluate(two_depths, methods=["sd+argmax:window=50", "cen+argmax"], region="both")
+    names = ["sd+argmax:window=50", "cen+argmax", "sd+argmax:window=50@frame", "cen+argmax@frame"]
+    assert [r.method for r in both.records] == names
+    assert [r.region for r in both.records] == ["target", "target", "frame", "frame"]
+    for record, region in ((both.records[0], "target"), (both.records[2], "frame")):
+        assert (record.frame, record.code) == (alone[region].frame, alone[region].code)
+    assert {row.method for row in table(both.records)} == set(names)
+    (sweep,) = both.sweeps
+    assert [curve.measure for curve in sweep.curves] == ["sd", "cen"]
+
+
+def test_a_method_may_say_where_it_looks(two_depths):
+    said = evaluate(two_depths, methods=["sd+argmax", "sd+argmax@frame", "sd+argmax@target"], region="frame")
+    assert {r.method: r.region for r in said.records} == {
+        "sd+argmax": "frame",
+        "sd+argmax@frame": "frame",
+        "sd+argmax@target": "target",
+    }
+    assert parse_method("sd+argmax:window=50@frame").search_name == "argmax"
+    both = evaluate(two_depths, methods=["sd+argmax", "sd+argmax@frame"], region="both")
+    assert [r.method for r in both.records] == ["sd+argmax", "sd+argmax@frame"]
+
+
+def test_a_region_that_a_method_cannot_have_is_refused():
+    with pytest.raises(
+        BadInput, match=r"method 'sd\+argmax@fram'.*unknown region 'fram'.*did you mean 'frame'"
+    ):
+        parse_method("sd+argmax@fram")
+
+
+def test_steps_are_counted_once_whatever_the_regions(two_depths):
+    steps = []
+    evaluate(
+        two_depths, methods=["sd+argmax", "cen+argmax"], region="both", progress=lambda *s: steps.append(s)
+    )
+    assert [(done, total) for done, total, _ in steps] == [(n, 4) for n in (1, 2, 3, 4)]
 
 
 def test_without_a_target_the_region_is_the_frame(stream_file):

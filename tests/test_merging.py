@@ -62,6 +62,11 @@ def test_what_is_known_of_a_sequence_must_agree(known, message):
         merged({"runs/a": ONE, "runs/b": [LATER[0], replace(LATER[1], **known)]})
 
 
+def test_a_method_that_names_its_region_may_look_elsewhere():
+    elsewhere = [record(f"{m}@frame", s, 0, region="frame") for m in ("a+s", "b+s") for s in ("x", "y")]
+    assert len(merged({"target": ONE, "frame": elsewhere})) == 8
+
+
 def test_what_two_runs_share_is_kept_once_the_first():
     slower = [replace(r, seconds=9.0, machine="another") for r in ONE]
     both = merged({"monday": ONE, "tuesday": [*slower, *LATER]})

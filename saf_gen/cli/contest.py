@@ -24,7 +24,8 @@ def evaluate(
         str | None, typer.Option(help="Only static, or only dynamic, sequences of a dataset.")
     ] = None,
     method: Annotated[
-        list[str] | None, typer.Option(help="MEASURE+SEARCH, options after a colon; may be given again.")
+        list[str] | None,
+        typer.Option(help="MEASURE+SEARCH, options after a colon, @frame at the end; may be given again."),
     ] = None,
     methods: Annotated[
         Path | None, typer.Option(help="A file that names methods, one a line; beside those of --method.")
@@ -46,7 +47,9 @@ def evaluate(
     sweep: Annotated[
         float | None, typer.Option(help="Of the closed loop: milliseconds from end to end (half the budget).")
     ] = None,
-    region: Annotated[str, typer.Option(help="target (box round the target) or frame.")] = "target",
+    region: Annotated[
+        str, typer.Option(help="target (box round the target), frame, or both: each method twice.")
+    ] = "target",
 ) -> None:
     """Run focus methods over recordings, rank them, draw their curves."""
     from saf_gen.evaluate import evaluate as run

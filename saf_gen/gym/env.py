@@ -16,9 +16,9 @@ from saf_gen.contest.jobs import Job, jobs_of
 from saf_gen.contest.setting import Setting
 from saf_gen.contest.terms import Terms
 from saf_gen.errors import BadInput, unknown
-from saf_gen.evaluate import REGIONS
 from saf_gen.gym.episode import Episode
 from saf_gen.gym.pictures import to_grey
+from saf_gen.region import REGIONS
 from saf_gen.stream import open_stream
 
 __all__ = ["ID", "AutofocusEnv"]

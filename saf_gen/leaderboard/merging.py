@@ -4,9 +4,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from saf_gen.errors import BadInput
 from saf_gen.records import Record
+from saf_gen.region import REGIONS
 
 __all__ = ["merged"]
 
+NAMED = tuple(f"@{region}" for region in REGIONS)
 _AGAIN = "run saf-gen evaluate again"
 _RULES = {
     "track": "one track in a table",
@@ -74,7 +76,8 @@ def _claims(record: Record, run: str, *, alone: bool) -> Iterator[tuple[str, str
     yield "rig", "", record.rig, side
     yield "terms", record.sequence, record.terms, side
     yield "data", record.sequence, record.data, side
-    yield "region", record.sequence, record.region, side
+    if not record.method.endswith(NAMED):  # which looks there, whatever the others do
+        yield "region", record.sequence, record.region, side
     for key, what in _KNOWN.items():
         value = getattr(record, key)
         yield what, record.sequence, "" if value is None else str(value), side
