@@ -4,9 +4,8 @@ A method is a focus measure and a search. It sees windows of the recording throu
 cost and score stay with the referee, the room ``contest``. A stream without truth is searched all the same.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from saf_gen import rig
 from saf_gen.contest.jobs import Job, box_of, jobs_of
-from saf_gen.contest.predictions import read_predictions
+from saf_gen.contest.predictions import Predictions, read_predictions
 from saf_gen.contest.recorded import check_estimate, recorded_sequence
 from saf_gen.contest.results import Curve, Evaluation, Failure, LensPath, Sweep
 from saf_gen.errors import BadInput, unknown
@@ -66,9 +65,10 @@ def evaluate(
     and the others go on; where none can keep the terms it is BadInput, like a single stream that cannot be
     read, an unknown split, region or method.
     """
-    usual = DEFAULT_METHODS if terms is None else DEFAULT_LIVE_METHODS
+    if methods is None:
+        methods = DEFAULT_METHODS if terms is None else DEFAULT_LIVE_METHODS
     chosen: list[Method] = []
-    for method in map(parse_method, usual if methods is None else methods):
+    for method in map(parse_method, methods):
         if method.name not in [other.name for other in chosen]:  # one method may be named in several ways
             chosen.append(method)
     if terms is None:
@@ -93,37 +93,22 @@ def evaluate(
     failures: list[Failure] = []
     paths: list[LensPath] = []
     for number, job in enumerate(jobs):
-        before = number * len(chosen)
 
-        def step(done: int, what: str, before: int, job: Job = job) -> None:
+        def step(done: int, what: str, number: int = number, job: Job = job) -> None:
             if progress is not None:
-                progress(before + done, len(jobs) * len(chosen), f"{job.id} {what}".strip())
+                progress(number * len(chosen) + done, len(jobs) * len(chosen), f"{job.id} {what}".strip())
 
-        made: list[Record] = []
-        seen: list[Sweep] = []
-        ways: list[LensPath] = []
         try:
-            for looked, group in groups.items():
-                told = partial(step, before=before)
-                before += len(group)
-                if terms is not None:
-                    from saf_gen.contest.closed_loop import live_sequence  # reads OpenEXR files
-
-                    some, went = live_sequence(job, group, looked, terms, told)
-                    ways += went
-                elif not seen:
-                    some, sweep = recorded_sequence(job, group, looked, told, foreign, film=number in filmed)
-                    seen.append(sweep)
-                else:  # the figures show what was seen first, and predictions have been judged
-                    some, _ = recorded_sequence(job, group, looked, told)
-                made += some
+            found = _sequence(job, groups, terms, foreign, step, film=number in filmed)
         except (BadInput, OSError) as error:
             if not path.is_dir():
                 raise
             failures.append(Failure(job.id, str(error)))
-            step(len(chosen), "failed", number * len(chosen))
+            step(len(chosen), "failed")
         else:
-            records, sweeps, paths = records + made, sweeps + seen, paths + ways
+            records += found.records
+            sweeps += found.sweeps
+            paths += found.paths
     if failures and not records and terms is not None:  # terms that no sequence can keep
         raise BadInput(
             f"none of {len(jobs)} sequences can be evaluated, the first because: {failures[0].problem}",
@@ -133,7 +118,7 @@ def evaluate(
 
 
 def _by_region(chosen: Sequence[Method], region: str) -> dict[str, list[Method]]:
-    """The methods that look at each region, the run's own first."""
+    """The methods that look at each region, first the evaluation's own, even where none looks there."""
     usual = "target" if region == "both" else region
     every = {method.name: method for method in chosen}
     if region == "both":
@@ -142,7 +127,44 @@ def _by_region(chosen: Sequence[Method], region: str) -> dict[str, list[Method]]
     groups: dict[str, list[Method]] = {usual: [], **{looked: [] for looked in REGIONS}}
     for method in every.values():
         groups[method.region or usual].append(method)
-    return {looked: group for looked, group in groups.items() if group}
+    return {looked: group for looked, group in groups.items() if group or looked == usual}
+
+
+def _sequence(
+    job: Job,
+    groups: Mapping[str, Sequence[Method]],
+    terms: "Terms | None",
+    foreign: Predictions | None,
+    step: Callable[[int, str], None],
+    *,
+    film: bool,
+) -> Evaluation:
+    """All methods on one sequence. Predictions, figures and the photon budget are of the first region."""
+    usual, before = next(iter(groups)), 0
+    records: list[Record] = []
+    sweeps: list[Sweep] = []
+    paths: list[LensPath] = []
+    for looked, group in groups.items():
+
+        def told(done: int, what: str, before: int = before) -> None:
+            step(before + done, what)
+
+        if terms is None:
+            mine = foreign if looked == usual else None
+            some, sweep = recorded_sequence(
+                job, group, looked, told, mine, light_in=usual, film=film and looked == usual
+            )
+            sweeps += [sweep] if looked == usual else []
+        elif not group:
+            continue
+        else:
+            from saf_gen.contest.closed_loop import live_sequence  # reads OpenEXR files
+
+            some, ways = live_sequence(job, group, looked, terms, told, light_in=usual)
+            paths += ways
+        records += some
+        before += len(group)
+    return Evaluation(tuple(records), tuple(sweeps), (), tuple(paths))
 
 
 def score_curve(

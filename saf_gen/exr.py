@@ -65,6 +65,9 @@ def _rows(path: Path, header: Mapping[str, Any]) -> np.ndarray:
     window, channels = header["dataWindow"], header["channels"]
     columns, first = window.max.x - window.min.x + 1, window.min.y
     count = window.max.y - first + 1
+    for name, channel in channels.items():
+        if str(channel.type) not in STORED:
+            raise ValueError(f"channel {name} is {channel.type}, not {' or '.join(STORED)}")
     of_channels = [(name, STORED[str(channel.type)], (columns,)) for name, channel in channels.items()]
     line = np.dtype([("y", "<i4"), ("bytes", "<i4"), *of_channels])
     begin = path.stat().st_size - count * line.itemsize
@@ -73,5 +76,5 @@ def _rows(path: Path, header: Mapping[str, Any]) -> np.ndarray:
     rows = np.memmap(path, line, "r", begin, (count,))
     whole = (rows["bytes"] == line.itemsize - 8) & (rows["y"] == np.arange(first, first + count))
     if not whole.all():
-        raise ValueError("its scan lines are cut short, or compressed")
+        raise ValueError("its scan lines are not those of a whole file without compression")
     return rows

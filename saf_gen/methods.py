@@ -98,10 +98,12 @@ def parse_method(spec: str) -> Method:
     Raises BadInput for a malformed spec, an unknown measure, search or region, and options that are refused.
     """
     if spec.startswith("@"):
-        tuned, digest = read_tuned(spec[1:])
+        path, region = region_of(spec[1:])
+        tuned, digest = read_tuned(path)
         if tuned.method.startswith("@"):
             raise BadInput(f"{spec[1:]} names {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file")
-        return replace(parse_method(tuned.method), tuning=digest)
+        method = f"{region_of(tuned.method)[0]}@{region}" if region else tuned.method
+        return replace(parse_method(method), tuning=digest)
     text, region = region_of("".join(spec.split()))
     halves = text.split("+")
     if len(halves) != 2 or not all(halves):
@@ -132,7 +134,7 @@ def region_of(method: str) -> tuple[str, str]:
     Raises BadInput for a region that there is not.
     """
     name, at, region = method.rpartition("@")
-    if not at or "/" in region or "." in region:  # an @ in a file's path
+    if not at or set(region) & set("+/.:"):  # an @ elsewhere: in a file's path, in an option of the measure
         return method, ""
     if region not in REGIONS:
         raise unknown("region", region, REGIONS, where=f"method {method!r}")

@@ -100,7 +100,7 @@ class Render(Frozen):
     def _true_or_seconds(cls, value: Any) -> Any:
         if isinstance(value, bool):
             return value
-        if not isinstance(value, int | float) or not value > 0:
+        if not isinstance(value, int | float) or not 0 < value < math.inf:
             raise ValueError("true, false, or seconds above 0")
         return float(value)
 

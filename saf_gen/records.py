@@ -84,7 +84,7 @@ class Record:
     focus_off_dof: float | None = None
     """How far from the focus, in depths of focus, the lens stays in the recording; live, the whole travel."""
     mean_rate: float | None = None
-    """Counts a pixel and readout, where the method looked, over the whole recording."""
+    """Counts a pixel and readout, where the evaluation looks, over the frames that a method may see."""
     light_ratio: float | None = None
     """scores.light_ratio of the recording."""
     time_to_focus_s: float | None = None

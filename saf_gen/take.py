@@ -15,7 +15,7 @@ from saf_gen.camera import LANES, Encoder, Sensor, sensor_from_text
 from saf_gen.errors import BadInput
 from saf_gen.exposed import Exposed
 from saf_gen.focal_stack import StackSpec
-from saf_gen.reel import Footage, Reel
+from saf_gen.reel import GRAIN, Footage, Reel
 from saf_gen.stream import SpikeStream, Truth
 
 __all__ = ["Take"]
@@ -66,7 +66,7 @@ class Take:
         moments = (0,) if len(specs) == 1 else tuple(round(s.time_s * stream.readout_hz) for s in specs)
         reel = Reel(moments, specs)
         frames = len(gain) if reel.whole_frames is None else min(len(gain), reel.whole_frames)
-        if frames == 0:
+        if frames < 2 * GRAIN:
             raise BadInput(
                 "its time slices hold only the positions that the recorded sweep passed",
                 where=where,

@@ -15,7 +15,8 @@ from saf_gen.dataset import read_manifest
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.evaluate import evaluate
 from saf_gen.leaderboard import Row, table
-from saf_gen.methods import half_of, parse_method
+from saf_gen.methods import half_of, parse_method, region_of
+from saf_gen.region import REGIONS
 from saf_gen.tuned import Trial, Tuned
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def variants(method: str, values: Values) -> list[str]:
     Raises BadInput for another key, for no value, for more than MOST combinations, and for a value or key
     that a part refuses.
     """
-    name = parse_method(method).name  # says what is wrong with it before anything else
+    name, region = region_of(parse_method(method).name)  # says what is wrong with it before anything else
     halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
     for key, given in values.items():
         half, dot, option = key.partition(".")
@@ -53,7 +54,7 @@ def variants(method: str, values: Values) -> list[str]:
         for key, value in zip(values, chosen, strict=True):
             half, _, option = key.partition(".")
             spec[half] = _with(spec[half], option, value)
-        out.append("+".join(spec.values()))
+        out.append("+".join(spec.values()) + (f"@{region}" if region else ""))
         parse_method(out[-1])
     return out
 
@@ -86,6 +87,8 @@ def tune(
             allowed="train, or validation",
             hint="a test split is for methods that are finished",
         )
+    if region not in REGIONS:
+        raise unknown("region", region, REGIONS)
     specs = variants(method, values)
     splits = {entry.split for entry in read_manifest(dataset).sequences}
     if split not in splits:

@@ -267,6 +267,22 @@ def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(take, monkeypatch, 
         run_method(take, exposed, WHOLE, method(search), Terms(IDEAL))
 
 
+def test_both_regions_are_seen(dataset):
+    steps = []
+    terms = Terms(IDEAL, budget_s=0.02)
+    found = referee.evaluate(
+        dataset, methods=["sd+golden_section", "sd+argmax:window=20@frame"], terms=terms, region="both",
+        scene_motion="static", progress=lambda *told: steps.append(told),
+    )  # fmt: skip
+    assert found.failures == ()
+    names = ["sd+golden_section", "sd+golden_section@frame", "sd+argmax:window=20@frame"]
+    assert sorted({r.method for r in found.records}) == sorted(names)
+    assert {r.method: r.region for r in found.records}["sd+golden_section@frame"] == "frame"
+    assert [path.method for path in found.paths] == [r.method for r in found.records]
+    assert len({(r.sequence, r.mean_rate) for r in found.records}) == 2
+    assert [done for done, _, _ in steps] == [1, 2, 3, 4, 5, 6]
+
+
 def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, monkeypatch):
     lights = Exposed.lights
 

@@ -251,6 +251,9 @@ def test_both_regions_are_two_methods_each(two_depths):
     assert [r.region for r in both.records] == ["target", "target", "frame", "frame"]
     for record, region in ((both.records[0], "target"), (both.records[2], "frame")):
         assert (record.frame, record.code) == (alone[region].frame, alone[region].code)
+    # What a table sorts by is of the sequence, not of where a method looks.
+    assert alone["target"].mean_rate != alone["frame"].mean_rate
+    assert {record.mean_rate for record in both.records} == {alone["target"].mean_rate}
     assert {row.method for row in table(both.records)} == set(names)
     (sweep,) = both.sweeps
     assert [curve.measure for curve in sweep.curves] == ["sd", "cen"]
@@ -266,6 +269,38 @@ def test_a_method_may_say_where_it_looks(two_depths):
     assert parse_method("sd+argmax:window=50@frame").search_name == "argmax"
     both = evaluate(two_depths, methods=["sd+argmax", "sd+argmax@frame"], region="both")
     assert [r.method for r in both.records] == ["sd+argmax", "sd+argmax@frame"]
+
+
+def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monkeypatch):
+    run = referee.recorded_sequence
+
+    def breaks(job, methods, region, *rest, **more):
+        if region == "frame" and job.light == "ramp":
+            raise OSError("the disk is gone")
+        return run(job, methods, region, *rest, **more)
+
+    monkeypatch.setattr(referee, "recorded_sequence", breaks)
+    steps = []
+    found = evaluate(dataset, methods=["sd+argmax"], region="both", progress=lambda *told: steps.append(told))
+    assert [failure.problem for failure in found.failures] == ["the disk is gone"]
+    assert {r.light for r in found.records} == {sweep.light for sweep in found.sweeps} == {"constant"}
+    assert steps[-1][:2] == (6, 6)
+
+
+def test_an_at_elsewhere_in_a_method_is_no_region(tmp_path):
+    own = tmp_path / "at@home.py"
+    own.write_text(
+        "from dataclasses import dataclass\n\n\n"
+        "@dataclass(frozen=True)\n"
+        "class Mean:\n"
+        "    tag: str = 'a'\n"
+        "    degree = 1\n"
+        "    source = 'nowhere'\n\n"
+        "    def __call__(self, counts):\n"
+        "        return float(counts.mean())\n"
+    )
+    for name, region in ((f"{own}:Mean:tag=a@b+argmax", ""), (f"{own}:Mean+argmax@frame", "frame")):
+        assert parse_method(name).region == region
 
 
 def test_a_region_that_a_method_cannot_have_is_refused():

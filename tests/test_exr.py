@@ -75,3 +75,10 @@ def test_a_file_that_is_no_exr_is_told(tmp_path):
     (tmp_path / "a.exr").write_bytes(b"not an image")
     with pytest.raises(BadInput, match=r"a.exr is no whole OpenEXR file: .*delete it"):
         read_planes(tmp_path / "a.exr")
+
+
+def test_channels_of_whole_numbers_are_told(tmp_path):
+    header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"id": np.ones((5, 7), np.uint32)}).write(str(tmp_path / "a.exr"))
+    with pytest.raises(BadInput, match="channel id is UINT, not FLOAT or HALF"):
+        read_planes(tmp_path / "a.exr")

@@ -51,6 +51,7 @@ def test_a_stream_on_its_own_does_not_join_its_dataset():
             {"focus_place": 0.5},
             r"the place of the focus of y differs: no place of the focus in runs/a, 0\.5 in runs/b; allowed",
         ),
+        ({"mean_rate": 0.25}, r"the photon budget of y differs: no photon budget in runs/a, 0\.25 in runs/b"),
         (
             {"focus_off_dof": 3.0},
             r"the way to the focus of y differs: no way to the focus in runs/a, 3\.0 in runs/b; allowed",

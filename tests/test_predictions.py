@@ -243,3 +243,14 @@ def test_the_command_line_takes_them(dataset, tmp_path, capsys):
         main(["evaluate", str(dataset), "--predictions", str(path), "--track", "closed_loop"])
     assert ended.value.code == 2
     assert "in the closed loop; allowed: --track recorded" in capsys.readouterr().err
+
+
+def test_predictions_are_judged_where_the_evaluation_looks(dataset, tmp_path):
+    """Whatever the methods beside them name; the photon budget of a sequence is the same for all."""
+    path = written(tmp_path / "p.jsonl", line("one", 300.0), line("two", 500.0))
+    for methods in ([], ["sd+argmax@target"], ["sd+argmax", "sd+argmax@target"]):
+        found = evaluate(dataset, methods=methods, predictions=path, region="frame")
+        assert {r.region for r in found.records if r.method == "my_net"} == {"frame"}
+        assert len(found.records) == 2 * (1 + len(methods))
+        assert [sweep.sequence for sweep in found.sweeps] == ["one", "two"]
+        assert len({(r.sequence, r.mean_rate) for r in found.records}) == 2

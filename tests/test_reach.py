@@ -9,7 +9,7 @@ from sweeps import spikes
 
 from saf_gen.contest.jobs import given, jobs_of
 from saf_gen.contest.loop import Run
-from saf_gen.contest.reach import in_recording, in_travel
+from saf_gen.contest.reach import in_recording, in_travel, until
 from saf_gen.contest.verdict import judge_run
 from saf_gen.evaluate import evaluate
 from saf_gen.leaderboard import by_axis
@@ -168,7 +168,38 @@ def test_both_tracks_say_it_of_a_sequence(tmp_path):
     write_stream(tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=PART, truth=known)
     (job,) = jobs_of(tmp_path / "a.h5")
     with open_stream(job.path) as stream:
-        recorded, live = (given(job, stream, np.ones(1), t) for t in ("recorded", "closed_loop"))
+        recorded, live = (
+            given(job, stream, (np.zeros(1), np.ones(1)), t) for t in ("recorded", "closed_loop")
+        )
     assert recorded["focus_place"] == pytest.approx(0.04, abs=2e-3)
     assert (live["focus_place"], live["focus_off_dof"]) == (0.52, 0.0)
     assert (recorded["track"], live["track"]) == ("recorded", "closed_loop")
+
+
+def test_of_a_closed_loop_only_its_frames_count(tmp_path):
+    """A ramp from 1 to 4 and a target that drifts from 0.2 to 0.8, the first 200 of 800 frames of them."""
+    drift, ramp = np.linspace(0.2, 0.8, FRAMES), np.linspace(1, 4, FRAMES, dtype=np.float32)
+    known = Truth(position=0.5, frame=400.0, depth_of_focus=(0.49, 0.51), track=drift)
+    write_stream(
+        tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=UP, truth=known,
+        gain=ramp[:, None], light_names=("lamp",),
+    )  # fmt: skip
+    (job,) = jobs_of(tmp_path / "a.h5")
+    light = np.arange(FRAMES) + 0.5, ramp / 10
+    with open_stream(job.path) as stream:
+        said, first = (given(job, stream, light, "closed_loop", frames=n) for n in (None, 200))
+    assert (said["focus_place"], said["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
+    assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
+    assert first["light_ratio"] == pytest.approx(ramp[199], rel=1e-3)
+    assert first["mean_rate"] == pytest.approx(ramp[:200].mean() / 10)
+
+
+def test_a_focus_that_comes_into_reach_later_is_outside_until_then():
+    comes = truth(0.9, track=np.linspace(1.3, 0.9, FRAMES))
+    assert in_travel(comes) == (0.9, 0.0)
+    place, off = in_travel(until(comes, 200))
+    assert place is None
+    assert off > WITHIN[1]
+    assert until(comes, FRAMES) is comes
+    met = replace(comes, frame=100.0)
+    assert until(met, 200).position == 0.9

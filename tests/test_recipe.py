@@ -227,7 +227,7 @@ def test_whole_slices_from_the_beginning_for_so_long(tmp_path, said, seconds):
     assert read(tmp_path, text).render.whole_s == seconds
 
 
-@pytest.mark.parametrize("said", ["0", "-0.3", "sometimes"])
+@pytest.mark.parametrize("said", ["0", "-0.3", "sometimes", ".inf"])
 def test_whole_slices_for_no_time_is_refused(tmp_path, said):
     text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {said}}}")
     with pytest.raises(BadInput, match=f"whole_slices.*{said}.*seconds above 0"):

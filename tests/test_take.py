@@ -129,6 +129,19 @@ def test_whole_slices_in_the_beginning_can_be_filmed_so_long(tmp_path, monkeypat
             Terms(get_actuator("voice_coil"), budget_s=0.03).frames(take)
 
 
+@pytest.mark.parametrize(
+    ("whole_s", "frames"),
+    [(0.0399, 800), (9.0, 800), (1e-4, 80)],  # slices every 80 frames
+)
+def test_no_more_is_filmed_than_was_recorded(tmp_path, monkeypatch, whole_s, frames):
+    recipe = take_dataset.RECIPE.replace("whole_slices: true", f"whole_slices: {whole_s}")
+    recipe = recipe.replace("lights: [constant, lamp_only]", "lights: [constant]")
+    recipe = recipe.replace("[static, dynamic]", "[dynamic]").replace("slice_samples: 16", "slice_samples: 1")
+    folder = take_dataset.make(tmp_path, monkeypatch, recipe)
+    with saf_gen.open_stream(folder / "test" / "plane-dynamic-constant-00.h5") as stream:
+        assert Take.of(stream, folder / "stacks").frames == frames
+
+
 def test_halves_and_intervals_are_those_of_a_recording(dataset):
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
         take = Take.of(stream, dataset / "stacks")

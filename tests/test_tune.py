@@ -182,3 +182,25 @@ def test_the_command_line_tunes_and_says_what_is_next(dataset, tmp_path, capsys)
         main(["tune", str(dataset), "--method", "sd+argmax", "--try", "search.window", "--out", str(path)])
     assert ended.value.code == 2
     assert "allowed: KEY=VALUE,VALUE" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("method", ["sd+argmax@frame", "sd+argmax:window=50@frame"])
+def test_a_method_keeps_its_region(method):
+    assert variants(method, {"search.window": ["100", "200"]}) == [
+        "sd+argmax:window=100@frame",
+        "sd+argmax:window=200@frame",
+    ]
+
+
+def test_constants_of_a_file_may_look_elsewhere(dataset, tmp_path):
+    tuned, _ = tune(dataset, "sd+argmax@target", {"search.window": ["100", "200"]}, region="frame")
+    (tmp_path / "found.json").write_text(tuned_text(tuned))
+    name = f"@{tmp_path / 'found.json'}"
+    assert parse_method(name).name == "sd+argmax:window=200@target"
+    assert parse_method(f"{name}@frame").name == "sd+argmax:window=200@frame"
+    assert parse_method(f"{name}@frame").tuning == parse_method(name).tuning != ""
+
+
+def test_constants_are_tuned_for_one_region(dataset):
+    with pytest.raises(BadInput, match="unknown region 'both'; allowed: frame, target"):
+        tune(dataset, "sd+argmax", {"search.window": ["100"]}, region="both")

@@ -80,10 +80,11 @@ def evaluate(
         )
     rows = table(result.records)
     sequences = len({record.sequence for record in result.records})
+    looked = " and ".join(sorted({record.region for record in result.records}, reverse=True))
     show_board(
         rows,
         records=result.records,
-        title=f"{source}: {sequences} sequences, region {region}{', closed loop' if terms else ''}",
+        title=f"{source}: {sequences} sequences, region {looked}{', closed loop' if terms else ''}",
     )
     written = write_evaluation(target, rows=rows, evaluation=result, title=source.resolve().name)
     show_written(written)

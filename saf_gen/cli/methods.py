@@ -67,11 +67,11 @@ def show(
     """Show a measure or a search in full: formula, options, range, degree, cost, source."""
     from saf_gen.cli._parts import page_of
     from saf_gen.conformance.named import named
-    from saf_gen.methods import Method
+    from saf_gen.methods import Method, region_of
 
     found = named(name)
     if isinstance(found, Method):
-        names, parts = found.name.split("+"), (found.measure, found.search)
+        names, parts = region_of(found.name)[0].split("+"), (found.measure, found.search)
         halves = list(zip(names, ("measures", "searches"), parts, strict=True))
     else:
         halves = [("".join(name.split()), *found)]

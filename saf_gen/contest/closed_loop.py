@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from saf_gen.contest.jobs import Job, given, light_of
+from saf_gen.contest.jobs import Job, box_of, given, light_of
 from saf_gen.contest.loop import Run, run_method
 from saf_gen.contest.results import LensPath
 from saf_gen.contest.setting import Setting
@@ -23,12 +23,23 @@ PATH_POINTS = 400
 
 
 def live_sequence(
-    job: Job, methods: Sequence[Method], region: str, terms: Terms, step: Callable[[int, str], None]
+    job: Job,
+    methods: Sequence[Method],
+    region: str,
+    terms: Terms,
+    step: Callable[[int, str], None],
+    *,
+    light_in: str,
 ) -> tuple[list[Record], list[LensPath]]:
+    """The records of a sequence, and where each method took the lens.
+
+    ``light_in`` is the region whose mean counts are told of the sequence.
+    """
     records, paths = [], []
     with open_stream(job.path) as stream:
         setting = Setting.of(job, stream, region)
-        said = given(job, stream, light_of(Counts(stream, region=setting.box))[1], "closed_loop")
+        light = light_of(Counts(stream, region=box_of(stream, light_in)[0]))
+        said = given(job, stream, light, "closed_loop", frames=terms.frames(setting.take)[0])
     if not all(commands(method.search) for method in methods):  # the others are given a sweep
         terms.check_sweep(setting.take)
     for done, method in enumerate(methods):

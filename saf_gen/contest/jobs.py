@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from saf_gen.contest.reach import in_recording, in_travel
+from saf_gen.contest.reach import in_recording, in_travel, until
 from saf_gen.contest.rig_code import rig_code
 from saf_gen.dataset import read_manifest
 from saf_gen.errors import BadInput, unknown
@@ -114,10 +114,21 @@ def light_of(counts: Counts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def given(
-    job: Job, stream: SpikeStream, rate: np.ndarray, track: Literal["recorded", "closed_loop"]
+    job: Job,
+    stream: SpikeStream,
+    light: tuple[np.ndarray, np.ndarray],
+    track: Literal["recorded", "closed_loop"],
+    *,
+    frames: int | None = None,
 ) -> dict[str, Any]:
-    """What a record says of the sequence, the rig and the machine, whatever the method."""
-    truth = stream.truth
+    """What a record says of the sequence, the rig and the machine, whatever the method.
+
+    ``light``: see :func:`light_of`. ``frames``: of the recording from its beginning; None is all.
+    """
+    truth, gain = until(stream.truth, frames or stream.shape[0]), stream.metadata.gain
+    centres, rate = light
+    if frames is not None:
+        gain, rate = None if gain is None else gain[:frames], rate[: max(1, int((centres < frames).sum()))]
     place, off = in_recording(truth, stream.focus_position) if track == "recorded" else in_travel(truth)
     return {
         "track": track,
@@ -128,7 +139,7 @@ def given(
         "focus_place": place,
         "focus_off_dof": off,
         "mean_rate": float(rate.mean()),
-        "light_ratio": light_ratio(stream.metadata.gain),
+        "light_ratio": light_ratio(gain),
         "machine": describe(),
         "rig": rig_code(track),
     }

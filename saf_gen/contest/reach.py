@@ -1,13 +1,14 @@
 """Where the focus of a sequence lies, and whether the lens comes to it: whatever a method answers."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from saf_gen.metadata import Truth
 from saf_gen.scores import WITHIN, depth_of_focus, pass_nearest
 
-__all__ = ["in_recording", "in_travel"]
+__all__ = ["in_recording", "in_travel", "until"]
 
 SUCCESS = WITHIN[1]
 """Depths of focus: the lens comes to the focus where it comes as near, and there an answer can be right."""
@@ -38,8 +39,7 @@ def in_recording(truth: Truth, focus_position: np.ndarray | None) -> tuple[float
 def in_travel(truth: Truth) -> tuple[float | None, float | None]:
     """The same for a lens that may go anywhere: where in the travel, and how far beyond its ends.
 
-    Where the scene moves, the place is that at which the recorded lens met the focus, and how far the least
-    of all times.
+    Where the scene moves, the place is ``truth.position``, and how far the least of all times.
     """
     best = _best(truth)
     if best is None:
@@ -47,6 +47,17 @@ def in_travel(truth: Truth) -> tuple[float | None, float | None]:
     least = _in_dof(float(np.maximum(0.0, np.maximum(-best, best - 1)).min()), truth)
     place = None if least is None or least > SUCCESS else min(max(truth.position, 0.0), 1.0)
     return place, least
+
+
+def until(truth: Truth, frames: int) -> Truth:
+    """The truth of a recording's first ``frames``.
+
+    Where the scene moves and the recorded lens met the focus later, the position is that of the last of them.
+    """
+    if truth.track is None or frames >= len(truth.track):
+        return truth
+    track = truth.track[:frames]
+    return replace(truth, track=track, position=truth.position if truth.frame < frames else float(track[-1]))
 
 
 def _best(truth: Truth) -> np.ndarray | None:

@@ -68,10 +68,12 @@ def recorded_sequence(
     step: Callable[[int, str], None],
     predictions: Predictions | None = None,
     *,
+    light_in: str | None = None,
     film: bool = False,
 ) -> tuple[list[Record], Sweep]:
     """The records of a sequence, of all methods and then of all predictions, and what its figures need.
 
+    ``light_in`` is the region whose mean counts are told of the sequence, by default ``region``.
     ``film``: with small pictures of the sweep.
 
     Whatever a method raises or answers is in its record. Raises BadInput for a stream that cannot be read or
@@ -83,7 +85,10 @@ def recorded_sequence(
         box, seen_region = box_of(stream, region)
         counts = rig.Counts(stream, region=box)
         light = light_of(counts)
-        said = {"region": seen_region, **given(job, stream, light[1], "recorded")}
+        told = light
+        if light_in is not None and light_in != region:
+            told = light_of(rig.Counts(stream, region=box_of(stream, light_in)[0]))
+        said = {"region": seen_region, **given(job, stream, told, "recorded")}
         for done, method in enumerate(methods):
             watched = _Watched(counts, method.measure)
             attempt = _attempt(method, watched, str(stream.path))

@@ -40,7 +40,7 @@ class Terms:
                 )
 
     def frames(self, take: Take) -> tuple[int, int]:
-        """Frames of the budget and of a sweep. Raises BadInput for more than the recording has.
+        """Frames of the budget and of a sweep. Raises BadInput for more than can be filmed.
 
         Whether the drive gets from end to end in a sweep is another matter: see ``check_sweep``.
         """

@@ -34,7 +34,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     ----------
     dataset : a dataset folder, or one of its streams; its stacks must hold every position.
     split, sequences : which of its sequences; None: all.
-    terms : what moves the lens, and how long; None: a voice coil, as long as was recorded.
+    terms : what moves the lens, and how long; None: a voice coil, as long as can be filmed.
     region : ``target``, the box round the target, or ``frame``.
     control_s : a control period, seconds; rounded up to whole packets of 8 readouts.
     pixels : rows and columns of the image.

@@ -66,7 +66,8 @@ def rollout(
     for job in inner.jobs:
         setting = inner.setting(job)
         with open_stream(job.path) as stream:
-            said = given(job, stream, light_of(Counts(stream, region=setting.box))[1], "closed_loop")
+            light = light_of(Counts(stream, region=setting.box))
+            said = given(job, stream, light, "closed_loop", frames=inner.terms.frames(setting.take)[0])
         run = _run(env, inner, make_policy, job.id)
         records.append(
             setting.record(run, inner.terms, method=method, code=code, parameters=inner.parameters, said=said)

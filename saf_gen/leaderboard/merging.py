@@ -14,7 +14,7 @@ _RULES = {
     "track": "one track in a table",
     "rig": "one version of the rig in a table",
     "data": "one content_sha256 a sequence",
-    "region": "one region a sequence",
+    "region": "one region a sequence, but of methods that name theirs",
     "terms": "one budget and one lens drive for all methods of a sequence",
     "code": "one version of a method in a table",
 }
@@ -28,6 +28,7 @@ _KNOWN = {
     "truth_first": "truth",
     "focus_place": "place of the focus",
     "focus_off_dof": "way to the focus",
+    "mean_rate": "photon budget",
 }
 """What a record tells of its sequence, and its name: tables weigh and sort by it."""
 
