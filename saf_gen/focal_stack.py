@@ -4,7 +4,7 @@ On disk a stack is a folder of OpenEXR files named by its content (scene, lens, 
 so that every sequence that needs it finds it and nothing is rendered twice. Reading one needs no renderer.
 
 A scene at rest is stored as float32. Time slices, of which a scene that moves has hundreds, are half floats:
-a rounding of at most 0.05 %, some hundredth of their noise at 16 samples, for half of the disk.
+a rounding of at most 0.05 %, far below their noise, for half of the disk.
 """
 
 import hashlib
