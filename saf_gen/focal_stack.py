@@ -128,6 +128,10 @@ class StackStore:
         """Names of the pieces still to be rendered. A damaged one counts as missing."""
         return [name for name in self.pieces if not self._is_whole(name)]
 
+    def is_noted(self) -> bool:
+        """Whether all pieces have their notes; the pieces themselves are looked at when they are read."""
+        return all(self._note(name) for name in self.pieces)
+
     def digest(self) -> str:
         """SHA-256 over the pieces' own: what sequences made from this very stack are made from."""
         digests = json.dumps([self._note(name).get("sha256") for name in self.pieces])

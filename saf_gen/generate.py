@@ -93,14 +93,16 @@ def generate(
         for s in films:
             yield RecordJob(recorder, s, reel, stacks, folder / s.file, fingerprint(work, s, digest), threads)
 
+    recordings = work.reels()
+
     def then(job: Job, result: Any) -> Iterable[Job]:
-        return record_jobs(job.reel, to_render[job.reel]) if isinstance(job, RenderJob) else ()
+        return record_jobs(job.reel, recordings.get(job.reel, [])) if isinstance(job, RenderJob) else ()
 
     at_once: list[Job] = [
-        RenderJob(films[0].take, work.member(films[0]), reel, stacks, chosen, cores())
+        RenderJob(work.name_of(reel, films), work.member(films[0]), reel, stacks, chosen, cores())
         for reel, films in to_render.items()
     ]
-    for reel, films in work.reels().items():
+    for reel, films in recordings.items():
         if reel not in to_render:
             at_once += record_jobs(reel, films)
     rendered: list[str] = []

@@ -85,8 +85,8 @@ class Render(Frozen):
 
     A scene that moves is rendered in time slices: ``slice_samples`` a pixel each (a quarter of ``samples``
     where not given) and ``slices_per_s`` in place of what the scene's card says. A slice holds the positions
-    that the recorded lens passes then; with ``whole_slices`` all of them, which the closed-loop track needs:
-    at any time (true), or for as many seconds from the beginning, which the closed loop then has.
+    that the recorded lens passes then. The closed-loop track needs all positions: ``whole_slices`` has them
+    for the whole recording (true), or beside the others for as many seconds from the beginning.
     """
 
     samples: int = Field(ge=1, le=65_536)

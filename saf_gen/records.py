@@ -64,7 +64,7 @@ class Record:
     note: str
     region: str
     data: str
-    """content_sha256 of the stream."""
+    """content_sha256 of the stream; where a closed loop has time slices of its own, digest of both."""
     code: str
     """Method.code."""
     track: Literal["recorded", "closed_loop"] = "recorded"

@@ -8,7 +8,7 @@ this is exact at every readout.
 
 import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, takewhile
 from pathlib import Path
 
@@ -36,16 +36,18 @@ class Reel:
         """Whether the scene moves."""
         return len(self.specs) > 1
 
-    @property
-    def whole_frames(self) -> int | None:
-        """Frames from the beginning in which all focus positions can be seen; None where nothing moves.
+    def whole(self) -> "Reel":
+        """The same moments at all focus positions."""
+        return Reel(self.frames, tuple(replace(s, window=(0, s.positions - 1)) for s in self.specs))
 
-        Those before the last of the stacks that, one after the other, hold all positions.
-        """
-        if not self.moves:
-            return None
-        whole = takewhile(lambda spec: spec.rendered == spec.positions, self.specs)
-        return self.frames[max(sum(1 for _ in whole) - 1, 0)]
+    def until(self, frames: float) -> "Reel":
+        """The stacks of the first ``frames`` readouts, the one after them too: pictures go over to it."""
+        count = 1 + sum(frame < frames for frame in self.frames)
+        return Reel(self.frames[:count], self.specs[:count])
+
+    def there(self, root: Path) -> int:
+        """How many of the first stacks lie under ``root``, to its notes."""
+        return sum(1 for _ in takewhile(lambda spec: StackStore(root, spec).is_noted(), self.specs))
 
     def missing(self, root: Path) -> list[StackSpec]:
         """The stacks that are not whole under ``root``."""

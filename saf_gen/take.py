@@ -29,7 +29,7 @@ class Take:
 
     ``gain`` float32 (T, G): the light of each readout; ``exposure`` multiplies it. ``seed`` names the noise
     of the recording, ``device_seed`` the fixed pattern. ``frames``: so many readouts can be filmed, all of
-    them or fewer, since time slices may hold all focus positions in the beginning only.
+    them or fewer, since time slices at all focus positions may be there for the beginning only.
     """
 
     footage: Footage
@@ -40,13 +40,15 @@ class Take:
     device_seed: int
     truth: Truth
     frames: int
+    slices: str = ""
+    """Digest of the time slices, where the recording was not made of these."""
 
     @classmethod
     def of(cls, stream: SpikeStream, stacks: Path) -> "Take":
         """The take behind a stream, from the stacks that it was made of.
 
         Raises BadInput where the stream was not made by `saf-gen generate`, or the stacks are gone, are
-        others, or hold only the positions that the recorded sweep passed.
+        others, or none is at all focus positions.
         """
         said, where = stream.metadata.provenance, str(stream.path)
         try:
@@ -65,21 +67,25 @@ class Take:
         specs = tuple(StackSpec.stored(stacks, key) for key in keys)
         moments = (0,) if len(specs) == 1 else tuple(round(s.time_s * stream.readout_hz) for s in specs)
         reel = Reel(moments, specs)
-        frames = len(gain) if reel.whole_frames is None else min(len(gain), reel.whole_frames)
-        if frames < 2 * GRAIN:
-            raise BadInput(
-                "its time slices hold only the positions that the recorded sweep passed",
-                where=where,
-                hint="set render: {whole_slices: SECONDS} in the recipe and generate it into another folder",
-            )
-        footage = Footage.stored(reel, stacks)
+        footage, frames, slices = Footage.stored(reel, stacks), len(gain), ""
         if footage.digest != said["stack_digest"]:
             raise BadInput(
                 f"the focal stacks under {stacks} are not those it was made from",
                 where=where,
                 hint="run saf-gen generate again",
             )
-        return cls(footage, sensor, gain, scale, seed, device, stream.truth, frames)
+        if reel.moves and reel.whole() != reel:
+            there = reel.whole().there(stacks)
+            frames = min(frames, moments[max(there - 1, 0)])
+            if frames < 2 * GRAIN:
+                raise BadInput(
+                    "its time slices hold only the positions that the recorded sweep passed",
+                    where=where,
+                    hint="set render: {whole_slices: SECONDS} in the recipe and run saf-gen generate again",
+                )
+            footage = Footage.stored(reel.until(frames).whole(), stacks)
+            slices = footage.digest
+        return cls(footage, sensor, gain, scale, seed, device, stream.truth, frames, slices)
 
     @property
     def rows_step(self) -> int:

@@ -54,15 +54,23 @@ class Work:
         a_second = self.recipe.render.slices_per_s or card.slices_per_s or 0.0
         position = readout_positions(sequence.motion, self.recipe.camera.frames, hz)
         at = moments(position.size, hz, a_second)
-        samples, whole_s = self.recipe.render.samples_a_slice, self.recipe.render.whole_s
-        passed, every = windows(position, at, spec.positions), (0, spec.positions - 1)
-        # The slice after the last whole moment too: until then the picture goes over to it.
-        whole = [whole_s > 0 and at[max(j - 1, 0)] < whole_s * hz for j in range(len(at))]
-        slices = [
-            replace(spec, samples=samples, time_s=at[j] / hz, window=every if whole[j] else passed[j])
-            for j in range(len(at))
-        ]
-        return Reel(at, tuple(slices))
+        slices = (
+            replace(spec, samples=self.recipe.render.samples_a_slice, time_s=frame / hz, window=window)
+            for frame, window in zip(at, windows(position, at, spec.positions), strict=True)
+        )
+        reel = Reel(at, tuple(slices))
+        return reel.whole() if self.recipe.render.whole_s * hz >= position.size else reel
+
+    def live_reel(self, sequence: Sequence) -> Reel | None:
+        """The focal stacks that the closed loop films, where the recording is not made of them.
+
+        Not one reel for both, whole in the beginning and not after it: of paths that are spread over all
+        positions more noise is left, and where it changes focus measures see an edge.
+        """
+        reel, frames = self.reel(sequence), self.recipe.render.whole_s * self.sensor.readout_hz
+        if not reel.moves or frames == 0 or frames >= self.recipe.camera.frames:
+            return None
+        return reel.until(frames).whole()
 
     def reels(self) -> dict[Reel, list[Sequence]]:
         """Every reel that the sequences film, each once, with those that film it."""
@@ -72,8 +80,17 @@ class Work:
         return found
 
     def to_render(self, folder: Path) -> dict[Reel, list[Sequence]]:
-        """The reels of which something is still to be rendered in this dataset folder."""
-        return {reel: films for reel, films in self.reels().items() if reel.missing(folder / "stacks")}
+        """The reels of which something is still to be rendered in this dataset folder; the recorded first."""
+        reels = self.reels()
+        for sequence in self.sequences:
+            if (live := self.live_reel(sequence)) is not None:
+                reels.setdefault(live, []).append(sequence)
+        return {reel: films for reel, films in reels.items() if reel.missing(folder / "stacks")}
+
+    def name_of(self, reel: Reel, films: list[Sequence]) -> str:
+        """What people call the stacks of a reel."""
+        every = reel.moves and reel == reel.whole()
+        return f"{films[0].take}{', all positions' if every else ''}"
 
     def bytes_expected(self, folder: Path) -> int:
         """Disk that the work still to do will take, about, a little on the safe side."""

@@ -9,6 +9,7 @@ from saf_gen.generate import generate
 from saf_gen.render import variant
 from saf_gen.work import prepare
 
+VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
 MOTION = """
 motion:
   plane: {keyframes: [{time_s: 0}, {time_s: 0.04, translate_m: [0.002, 0, -0.04]}]}
@@ -38,8 +39,6 @@ def make(folder: Path, monkeypatch, recipe: str = RECIPE) -> Path:
     path = folder / "takes.yaml"
     path.write_text(recipe)
     monkeypatch.setenv("SAF_GEN_SCENES", str(scenes))
-    outcome = generate(
-        prepare(path), folder / "takes", variant="llvm" if variant.probe().llvm_usable else "scalar"
-    )
+    outcome = generate(prepare(path), folder / "takes", variant=VARIANT)
     assert outcome.failed == {}
     return outcome.folder

@@ -285,34 +285,30 @@ def test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track(tmp_pa
     assert rate == pytest.approx(0.25, rel=0.1)  # the light itself changes over 40 frames
 
 
-@pytest.mark.parametrize(
-    ("windows", "frames"),
-    [
-        ([(0, 8)] * 4, 480),
-        ([(0, 8), (0, 8), (0, 8), (2, 8)], 320),
-        ([(0, 8), (0, 7), (0, 8), (0, 8)], 0),  # between the first two a position may be missing
-        ([(0, 7), (0, 8), (0, 8), (0, 8)], 0),
-    ],
-)
-def test_how_long_any_position_can_be_seen(windows, frames):
-    specs = tuple(replace(SPEC, window=window, time_s=n * 0.008) for n, window in enumerate(windows))
-    assert Reel((0, 160, 320, 480), specs).whole_frames == frames
-
-
-def test_of_a_scene_at_rest_any_position_can_be_seen_at_any_time():
-    assert Reel((0,), (SPEC,)).whole_frames is None
+def test_the_stacks_of_the_first_readouts_and_the_one_after_them():
+    specs = tuple(replace(SPEC, window=(n, n + 1), time_s=n * 0.008) for n in range(4))
+    reel = Reel((0, 160, 320, 480), specs)
+    assert [reel.until(frames).frames[-1] for frames in (1, 160, 160.5, 320, 470, 9000)] == [
+        *(160, 160, 320, 320, 480, 480)
+    ]
+    assert reel.until(200).specs == specs[:3]
+    assert {spec.rendered for spec in reel.whole().specs} == {9}
+    assert reel.whole().whole() == reel.whole() != reel
+    assert [spec.time_s for spec in reel.whole().specs] == [spec.time_s for spec in specs]
 
 
 def test_a_reel_on_disk_knows_what_it_lacks(tmp_path):
     made = stacks()
     reel = footage(made).reel
     assert reel.missing(tmp_path) == list(reel.specs)
+    assert reel.there(tmp_path) == 0
     for stack in made:
         store = StackStore(tmp_path, stack.spec)
         store.put_geometry(stack.depth, stack.target, "llvm")
         for group, radiance in zip(SPEC.groups, stack.radiance, strict=True):
             store.put_group(group, radiance, "llvm")
     assert reel.missing(tmp_path) == []
+    assert (reel.there(tmp_path), reel.whole().there(tmp_path)) == (4, 0)
     film = Footage.stored(reel, tmp_path)
     stored = film.planes(2, 0, made[2].spec.rendered)
     assert stored == pytest.approx(made[2].radiance, rel=2**-11)  # time slices are half floats

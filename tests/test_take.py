@@ -10,12 +10,16 @@ import take_dataset
 
 import saf_gen
 from saf_gen.actuators import get_actuator
+from saf_gen.contest.jobs import jobs_of
+from saf_gen.contest.setting import Setting
 from saf_gen.contest.terms import Terms
 from saf_gen.errors import BadInput
+from saf_gen.generate import generate
 from saf_gen.motions import readout_positions
 from saf_gen.rig import Counts
 from saf_gen.rig.film import Film, rows_of
 from saf_gen.take import Take
+from saf_gen.work import prepare
 
 
 @pytest.fixture(scope="module")
@@ -103,42 +107,56 @@ def test_slices_of_the_passed_positions_alone_are_refused(tmp_path, monkeypatch)
         Take.of(stream, folder / "stacks")
 
 
-def test_whole_slices_in_the_beginning_can_be_filmed_so_long(tmp_path, monkeypatch):
-    """20 of 40 ms; the sweep sees the spikes of the recording until then."""
-    recipe = take_dataset.RECIPE.replace("whole_slices: true", "whole_slices: 0.02")
-    recipe = recipe.replace(
-        "[constant, lamp_only], scene_motion: [static, dynamic]", "[lamp_only], scene_motion: [dynamic]"
-    )
-    folder = take_dataset.make(tmp_path, monkeypatch, recipe)
-    with saf_gen.open_stream(folder / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
+BEGINNING = take_dataset.RECIPE.replace("[static, dynamic]", "[dynamic]").replace(
+    "lights: [constant, lamp_only]", "lights: [lamp_only]"
+)
+
+
+def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
+    """20 of 40 ms. The recording is that of a recipe without them; they may be rendered later."""
+    without = BEGINNING.replace(", whole_slices: true", "")
+    folder = take_dataset.make(tmp_path, monkeypatch, without)
+    path = folder / "test" / "plane-dynamic-lamp_only-00.h5"
+    before = path.read_bytes()
+    (tmp_path / "takes.yaml").write_text(BEGINNING.replace("whole_slices: true", "whole_slices: 0.02"))
+    outcome = generate(prepare(tmp_path / "takes.yaml"), folder, variant=take_dataset.VARIANT)
+    assert (outcome.kept, outcome.recorded) == (["plane-dynamic-lamp_only-00"], [])
+    assert len(outcome.rendered) == 6 * 3
+    assert all("plane, dynamic, all positions" in piece for piece in outcome.rendered)
+    assert path.read_bytes() == before
+    region = slice(0, 40), slice(0, 64)
+    with saf_gen.open_stream(path) as stream:
         take = Take.of(stream, folder / "stacks")
         assert (take.frames, len(take.gain)) == (400, 800)
-        held = [spec.rendered for spec in take.footage.reel.specs]
-        assert held[:6] == [9] * 6
-        assert max(held[6:]) < 9
-        region = slice(0, 40), slice(0, 64)
+        assert [spec.rendered for spec in take.footage.reel.specs] == [9] * 6
         film = Film(take, take.exposed(), region)
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
         film.develop(400, readout_positions(motion, 800, stream.readout_hz))
-        assert np.array_equal(film.window(0, 400), stream.counts(0, 400, region))
+        # The same light, through other paths: as many spikes, not the same ones.
+        assert film.window(0, 400).mean() == pytest.approx(stream.counts(0, 400, region).mean(), rel=0.01)
         assert Terms(get_actuator("voice_coil")).frames(take)[0] == 400
-        with pytest.raises(
-            BadInput,
-            match=r"a budget of 30 ms.*0\.8 to 20 ms, as long as its time slices hold all focus positions",
-        ):
+        allowed = r"0\.8 to 20 ms, as long as its time slices hold all focus positions"
+        with pytest.raises(BadInput, match=f"a budget of 30 ms.*{allowed}"):
             Terms(get_actuator("voice_coil"), budget_s=0.03).frames(take)
+        (job,) = jobs_of(folder, None, None)
+        setting = Setting.of(job, stream, "target")
+        assert setting.data != stream.content_sha256
+        note = next((folder / "stacks" / take.footage.reel.specs[0].key).glob("lamp.json"))
+        note.write_text(note.read_text().replace('"sha256": "', '"sha256": "0'))
+        assert Setting.of(job, stream, "target").data != setting.data
+        shutil.rmtree(folder / "stacks" / take.footage.reel.specs[3].key)
+        assert Take.of(stream, folder / "stacks").frames == 160
 
 
 @pytest.mark.parametrize(
-    ("whole_s", "frames"),
-    [(0.0399, 800), (9.0, 800), (1e-4, 80)],  # slices every 80 frames
+    ("whole_s", "frames", "stacks"),
+    [(0.0399, 800, 22), (9.0, 800, 11), (1e-4, 80, 13)],  # slices every 80 frames
 )
-def test_no_more_is_filmed_than_was_recorded(tmp_path, monkeypatch, whole_s, frames):
-    recipe = take_dataset.RECIPE.replace("whole_slices: true", f"whole_slices: {whole_s}")
-    recipe = recipe.replace("lights: [constant, lamp_only]", "lights: [constant]")
-    recipe = recipe.replace("[static, dynamic]", "[dynamic]").replace("slice_samples: 16", "slice_samples: 1")
-    folder = take_dataset.make(tmp_path, monkeypatch, recipe)
-    with saf_gen.open_stream(folder / "test" / "plane-dynamic-constant-00.h5") as stream:
+def test_no_more_is_filmed_than_was_recorded(tmp_path, monkeypatch, whole_s, frames, stacks):
+    recipe = BEGINNING.replace("whole_slices: true", f"whole_slices: {whole_s}")
+    folder = take_dataset.make(tmp_path, monkeypatch, recipe.replace("slice_samples: 16", "slice_samples: 1"))
+    assert len(list((folder / "stacks").iterdir())) == stacks
+    with saf_gen.open_stream(folder / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
         assert Take.of(stream, folder / "stacks").frames == frames
 
 

@@ -76,7 +76,7 @@ def _print_plan(work: "Work", target: Path) -> None:
         there = "yes" if (target / s.file).exists() else "no"
         table.add_row(s.id, s.split, str(work.recipe.camera.frames), str(s.seed), there)
     out.print(table)
-    missing = [films[0].take for films in work.to_render(target).values()]
+    missing = [work.name_of(reel, films) for reel, films in work.to_render(target).items()]
     out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all are there'}")
     seconds, needed = work.seconds_expected(target), work.bytes_expected(target)
     out.print(

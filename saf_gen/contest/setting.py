@@ -1,5 +1,6 @@
 """One sequence of the closed loop, ready to be filmed again, and the record of a run on it."""
 
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,8 @@ __all__ = ["Setting"]
 class Setting:
     """What was in front of the camera, and where methods look: the same for all of them.
 
-    ``box`` has both ends filled in; ``region`` is its name in records, ``data`` the content_sha256.
+    ``box`` has both ends filled in; ``region`` is its name in records, ``data`` the content_sha256,
+    and where the time slices are others than those of the recording, a digest of that and theirs.
     ``exposed`` is of the rows that the box needs. Nothing of it holds the stream open.
     """
 
@@ -38,9 +40,12 @@ class Setting:
         cannot be filmed again."""
         check_digest(job, stream)
         take = Take.of(stream, job.path.parent.parent / "stacks")
+        data = stream.content_sha256
+        if take.slices:
+            data = hashlib.sha256(f"{data} {take.slices}".encode()).hexdigest()
         found, seen = box_of(stream, region)
         box = checked_region(found, stream.shape[1:])
-        return cls(job, take, box, seen, take.exposed(rows_of(take, box)), stream.content_sha256)
+        return cls(job, take, box, seen, take.exposed(rows_of(take, box)), data)
 
     def record(
         self,
