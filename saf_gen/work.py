@@ -23,8 +23,8 @@ __all__ = ["Work", "fingerprint", "prepare", "reel_digests"]
 
 STREAM_BITS = 0.4  # a pixel and frame of a stream, on the safe side
 # Two cores of 2.8 GHz with LLVM: paths traced and splatted; pixel·frames encoded, stored and verified;
-# seconds to load a scene, each light group of each stack.
-PATHS_A_SECOND, SPIKES_A_SECOND, LOAD_SECONDS = 2.5e6, 0.7e9, 0.3
+# seconds to load a scene, each light group of each stack; to sum and store a pixel at a position.
+PATHS_A_SECOND, SPIKES_A_SECOND, LOAD_SECONDS, PLANE_SECONDS = 2.5e6, 0.7e9, 0.3, 8e-8
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,11 @@ class Work:
         """Time that the work still to do will take, roughly, on two cores with LLVM."""
         pixels = self.sensor.rows * self.sensor.columns
         specs = self._missing(folder)
-        rendering = sum(len(s.groups) * (s.samples * pixels / PATHS_A_SECOND + LOAD_SECONDS) for s in specs)
+        rendering = sum(
+            len(s.groups)
+            * (LOAD_SECONDS + pixels * (s.samples / PATHS_A_SECOND + s.rendered * PLANE_SECONDS))
+            for s in specs
+        )
         to_record = sum(not (folder / s.file).exists() for s in self.sequences)
         return rendering + to_record * pixels * self.recipe.camera.frames / SPIKES_A_SECOND
 
