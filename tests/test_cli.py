@@ -17,7 +17,7 @@ import pytest
 from small import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
-from saf_gen.cli import main
+from saf_gen.cli import _terminal, main
 from saf_gen.dataset import read_manifest, write_manifest
 from saf_gen.files import replaced
 from saf_gen.methods import DEFAULT_METHODS, listed_methods
@@ -190,6 +190,19 @@ def test_evaluate_does_what_its_options_say(call, dataset, tmp_path):
     assert {r["method"] for r in records(out)} == {"sd+argmax", "sd_code+sgfs_code:dt=50"}
     assert {r["region"] for r in records(out)} == {"frame"}
     assert "sd_code+sgfs_code:dt=50" in shown
+
+
+def test_a_log_file_hears_of_long_evaluations(call, dataset, tmp_path, monkeypatch):
+    """A line every half minute, and none of what is over sooner."""
+    clock = iter(range(0, 1000, 20))  # seconds, a step later each time it is read
+    monkeypatch.setattr(_terminal, "monotonic", lambda: next(clock))
+    code, _, told = call("evaluate", dataset, "--method", "sd+argmax", "--out", tmp_path / "long")
+    lines = [line for line in told.splitlines() if line.startswith("evaluate ")]
+    assert code == 0
+    assert lines[0].split(": ")[0] in ("evaluate 50%", "evaluate 67%", "evaluate 100%")
+    assert lines[0].endswith("sd+argmax")
+    monkeypatch.setattr(_terminal, "monotonic", lambda: 0.0)
+    assert "%" not in call("evaluate", dataset, "--method", "sd+argmax", "--out", tmp_path / "short")[2]
 
 
 def test_methods_are_named_in_a_file_too(call, dataset, tmp_path):

@@ -1,9 +1,10 @@
-"""What all commands share: the two consoles, the line of an error, bars of progress."""
+"""What all commands share: the two consoles, the line of an error, bars and lines of progress."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import Annotated
 
 import typer
@@ -11,12 +12,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-__all__ = ["OutFolder", "err", "fail", "out", "progress_bars"]
+__all__ = ["OutFolder", "err", "fail", "out", "progress_bars", "steps_of"]
 
 # Names are printed as they are: brackets in a path are no markup.
 out = Console(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
 err = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
+LOG_EVERY_S = 30.0
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
 
 
@@ -37,3 +39,17 @@ def progress_bars() -> Iterator[Progress]:
     )
     with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
         yield progress
+
+
+def steps_of(verb: str, bars: Progress) -> Callable[[int, int, str], None]:
+    """Tells (steps done, steps in all, what was done) on a bar; in a log file, which has none, by lines."""
+    task, told = bars.add_task(verb, total=1), monotonic()
+
+    def step(done: int, total: int, what: str) -> None:
+        nonlocal told
+        bars.update(task, completed=done, total=total, description=f"{verb} {what}")
+        if not err.is_terminal and monotonic() - told >= LOG_EVERY_S:
+            told = monotonic()
+            err.print(f"{verb} {done / total:.0%}: {what}")
+
+    return step

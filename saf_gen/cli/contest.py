@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from saf_gen.cli._board import show_board, show_written
-from saf_gen.cli._terminal import OutFolder, fail, out, progress_bars
+from saf_gen.cli._terminal import OutFolder, fail, out, progress_bars, steps_of
 from saf_gen.errors import BadInput, unknown
 
 if TYPE_CHECKING:
@@ -63,11 +63,6 @@ def evaluate(
     target = folder or _beside(source, track)
     check_writable(target)
     with progress_bars() as bars:
-        task = bars.add_task("evaluate", total=1)
-
-        def step(done: int, total: int, what: str) -> None:
-            bars.update(task, completed=done, total=total, description=f"evaluate {what}")
-
         result = run(
             source,
             methods=named or None,
@@ -76,7 +71,7 @@ def evaluate(
             region=region,
             terms=terms,
             predictions=predictions,
-            progress=step,
+            progress=steps_of("evaluate", bars),
         )
     rows = table(result.records)
     sequences = len({record.sequence for record in result.records})

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._board import show_board
-from saf_gen.cli._terminal import out, progress_bars
+from saf_gen.cli._terminal import out, progress_bars, steps_of
 from saf_gen.cli.contest import terms_of
 from saf_gen.errors import BadInput
 
@@ -40,11 +40,6 @@ def tune(
         values[key] = rest.split(",")
     check_writable(file.parent)
     with progress_bars() as bars:
-        task = bars.add_task("tune", total=1)
-
-        def step(done: int, total: int, what: str) -> None:
-            bars.update(task, completed=done, total=total, description=f"tune {what}")
-
         tuned, rows = run(
             dataset,
             method,
@@ -52,7 +47,7 @@ def tune(
             split=split,
             region=region,
             terms=terms_of(track, actuator, budget, sweep),
-            progress=step,
+            progress=steps_of("tune", bars),
         )
     show_board(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
     with replaced(file) as part:
