@@ -86,6 +86,7 @@ def promises_kept(name, figures):
 
 
 @pytest.mark.parametrize("name", ["encode", "stream", "score", pytest.param("stack", marks=needs_llvm)])
+@pytest.mark.slow
 def test_a_bench_gives_every_figure_promised(name):
     found, stages = measured(name)
     promises_kept(name, [f for f in found if isinstance(f, Figure)])
@@ -101,6 +102,7 @@ def test_the_whole_job_renders_nothing_for_another_light(test_scenes, small_reci
     assert any("record" in stage for stage, _ in stages)
 
 
+@pytest.mark.slow
 def test_benches_run_in_processes_of_their_own_and_one_that_fails_leaves_the_others():
     held = np.ones(1 << 29, np.uint8)
     stages = []

@@ -22,6 +22,8 @@ from saf_gen.render import variant
 from saf_gen.scene import find_scene
 from saf_gen.skeleton import new_scene
 
+pytestmark = pytest.mark.slow
+
 VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
 
 

@@ -55,6 +55,7 @@ def place(curve):
 @pytest.mark.parametrize(
     "name", ["gradient_code", "tenengrad", "brenner", "mfdct_lee", "variance", "squared_gradient"]
 )
+@pytest.mark.slow
 def test_divided_by_brightness_the_baselines_stand_a_fourfold_ramp_as_sd_does(name, ramp):
     """25 counts a window: the twins stay within 0.03 of the sweep, as SD; the measures follow the light."""
     windows = halves_of(0.25, ramp, contrast=0.3, width=0.25).sum(axis=1)

@@ -13,6 +13,8 @@ from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
 from saf_gen.records import read_records
 from saf_gen.stream import write_stream
 
+pytestmark = pytest.mark.slow
+
 FILES = ["axes.csv", "index.html", "leaderboard.csv", "leaderboard.json", "leaderboard.md", "leaderboard.tex"]
 
 

@@ -154,6 +154,7 @@ def test_what_follows_from_a_job_runs_after_it():
     assert order.index(("square 3", 9)) < order.index(("square 9", 81))
 
 
+@pytest.mark.slow
 def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another():
     """The light one ends although the heavy ones, one after the other, are still at it."""
     heavy = [Heavy(1.0, "one"), Heavy(1.0, "two")]
@@ -163,6 +164,7 @@ def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_anot
     assert ended[-1][0].name != "square 1"
 
 
+@pytest.mark.slow
 def test_a_job_that_follows_a_dead_process_fails_with_that_cause():
     """Its pool is broken by then: what should run next is named too, nothing hangs."""
     ended = run_jobs(

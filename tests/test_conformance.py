@@ -94,6 +94,7 @@ def test_a_registered_measure_conforms_on_textures(name):
 
 
 @pytest.mark.parametrize("name", search_names())
+@pytest.mark.slow
 def test_a_registered_search_conforms(name):
     found = amiss(check_search(get_search(name)))
     assert [f for f in found if f.level == "fail"] == []

@@ -406,6 +406,7 @@ WITH_LENS = [
 
 
 @pytest.mark.parametrize(("name", "words", "part"), WITH_LENS, ids=[f"{n}: {w}" for n, w, _ in WITH_LENS])
+@pytest.mark.slow
 def test_a_broken_search_with_the_lens_is_caught(name, words, part):
     assert_caught(check_search(part, SOON), name, "fail", words)
 
@@ -460,6 +461,7 @@ METHODS = [
 
 
 @pytest.mark.parametrize(("name", "words", "part"), METHODS, ids=[f"{n}: {w}" for n, w, _ in METHODS])
+@pytest.mark.slow
 def test_a_broken_method_is_caught(name, words, part):
     found = assert_caught(check_method(method_of(part)), name, "fail", words)
     assert {f.level for f in found if f.part != "method"} == {"pass"}
@@ -469,6 +471,7 @@ def tenth(view):
     return lambda frame: Answer(view.frames // 10)
 
 
+@pytest.mark.slow
 def test_a_method_that_misses_the_focus_of_a_sweep_is_warned_of():
     part = search_of(lambda s, v: best_block(s, v, answer=Answer if isinstance(v, Drawn) else tenth(v)))
     found = assert_caught(check_method(method_of(part)), "recordings", "warn", "swept 0.100; focus at 0.4")
@@ -483,6 +486,7 @@ def test_a_method_is_not_tried_where_a_half_of_it_fails():
 @pytest.mark.parametrize(
     "name", ["sd+argmax", "gradient_code_n_tfi+sgfs_causal", "sd_debiased+coarse_to_fine"]
 )
+@pytest.mark.slow
 def test_methods_of_ours_conform(name):
     found = list(check(name))
     assert {f.part for f in found} == {"measure", "search", "method"}

@@ -32,6 +32,8 @@ from saf_gen.figures import errors as errors_room
 from saf_gen.figures._style import VARIABLES, first_of, shortened
 from saf_gen.figures.against import bins
 
+pytestmark = pytest.mark.slow
+
 LOOKS = looks(["sd", "sd_code", "er_count"])
 RATIO, BUDGET = CONDITIONS
 

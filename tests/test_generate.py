@@ -94,11 +94,13 @@ def test_light_schedules_are_stored_a_group_a_column(made):
         assert stream.gain[:, 0] == pytest.approx(np.repeat([1.0, 0.4, 2.0, 1.0], 100), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_one_and_two_workers_give_the_same_digests(work, made, tmp_path):
     other = generate(work, tmp_path / "other", workers=2, variant=VARIANT)
     assert digests(other.folder) == digests(made.folder)
 
 
+@pytest.mark.slow
 def test_shards_make_the_same_dataset_together(small_recipe, made, tmp_path):
     for i in (1, 2):
         part = generate(prepare(small_recipe, part=(i, 2)), tmp_path / "shards", variant=VARIANT)
@@ -124,6 +126,7 @@ def test_a_damaged_sequence_is_made_again_alone(work, made):
     assert digests(again.folder) == before
 
 
+@pytest.mark.slow
 def test_another_seed_records_anew_and_renders_nothing(small_recipe, made):
     small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
     again = generate(prepare(small_recipe), made.folder, variant=VARIANT)
@@ -131,6 +134,7 @@ def test_another_seed_records_anew_and_renders_nothing(small_recipe, made):
     assert len(again.recorded) == 3
 
 
+@pytest.mark.slow
 def test_a_shard_after_a_change_of_recipe_lists_nothing_of_the_old_one(small_recipe, made):
     small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
     part = generate(prepare(small_recipe, part=(1, 3)), made.folder, variant=VARIANT)
@@ -143,6 +147,7 @@ def spec_of(work):
     return spec
 
 
+@pytest.mark.slow
 def test_another_stack_records_anew(small_recipe, work, made):
     for path in made.folder.glob("stacks/*/lamp.*"):
         path.unlink()

@@ -85,6 +85,7 @@ def with_truth(env, **changes):
 # --- Gymnasium --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_gymnasiums_own_checker_has_nothing_to_say(dataset):
     """Warnings are errors here, so its recommendations count too."""
     check_env(gymnasium.make(ID, dataset=dataset, terms=TERMS, render_mode="rgb_array").unwrapped)

@@ -40,6 +40,7 @@ def raw_file(path, layout, frames, seed=0):
 
 @pytest.mark.parametrize("layout", sorted(LAYOUTS))
 @pytest.mark.parametrize("flip", [None, False, True])
+@pytest.mark.slow
 def test_a_plain_decoder_agrees(tmp_path, layout, flip):
     raw = raw_file(tmp_path / "a.dat", layout, 11)
     import_file(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout, flip=flip)
@@ -184,6 +185,7 @@ class LiteralView:
 
 
 @pytest.mark.parametrize("measure", LITERAL_MEASURES)
+@pytest.mark.slow
 def test_a_foreign_file_is_searched_as_the_released_code_would_to_the_last_frame(
     tmp_path, monkeypatch, measure
 ):

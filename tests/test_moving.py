@@ -20,6 +20,7 @@ from saf_gen.reel import Footage
 from saf_gen.render import one_pass, render_missing, variant
 from saf_gen.work import prepare
 
+pytestmark = pytest.mark.slow
 VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
 DRIVE = ImageDistance(0.025, 2.0, (0.60, 0.42))
 COMES_NEARER = 2.0  # m/s

@@ -39,6 +39,7 @@ def grey(path):
 
 
 @pytest.mark.parametrize("kind", DRIVES)
+@pytest.mark.slow
 def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
     """With each drive: the same words fit."""
     write_preview(stack_of(*DRIVES[kind]), SENSOR, tmp_path / "preview" / "plane.png")

@@ -11,6 +11,8 @@ from saf_gen.render import variant
 from saf_gen.render.film import Film, Setup
 from saf_gen.render.received import irradiance
 
+pytestmark = pytest.mark.slow
+
 DRIVE = ImageDistance(0.025, 2.0, (0.6, 0.4))
 FILM = Film(12, 16, 1e-4)
 WHOLE = np.ones((12, 16), dtype=bool)

@@ -29,6 +29,7 @@ def plane(test_scenes):
 
 @needs_llvm
 @every_drive
+@pytest.mark.slow
 def test_one_pass_agrees_with_mitsubas_thin_lens(plane, drive):
     """Welch's t in every pixel of four positions, 8 + 8 renders of 64 samples, fixed seeds.
 
@@ -69,6 +70,7 @@ def test_every_position_gets_the_samples_asked_for(plane, drive):
 
 @needs_llvm
 @pytest.mark.parametrize("samples", [32, 128])
+@pytest.mark.slow
 def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, samples):
     """From 0.5 m to 36 mm the samples of a pixel go from 4.2 to 0.4 times those asked for."""
     setup = loaded(plane, drive=ImageDistance(0.025, 2.0, (0.5, 0.036)))
@@ -115,6 +117,7 @@ CARDS = {
 
 @needs_llvm
 @pytest.mark.parametrize("kind", CARDS)
+@pytest.mark.slow
 def test_an_edge_is_blurred_and_placed_by_the_closed_forms(tmp_path, monkeypatch, kind):
     """Width c within 2 %; seen at -v·h/(d - z), within 0.05 pixel; narrowest at best focus, within ½ step.
 
@@ -137,6 +140,7 @@ def test_an_edge_is_blurred_and_placed_by_the_closed_forms(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+@pytest.mark.slow
 def test_a_sweep_shows_no_beat_with_the_positions(plane, name):
     """Half way between two positions SD is as large as at them, to 0.1 %.
 

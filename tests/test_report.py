@@ -20,6 +20,8 @@ from saf_gen.report.facts import STEPS
 from saf_gen.report.pictures import SEARCHES, SEQUENCES
 from saf_gen.report.recount import RULES, brief
 
+pytestmark = pytest.mark.slow
+
 ASSETS = Path(__file__).parent.parent / "saf_gen/report/assets"
 VOID = {"meta", "img", "br", "input"}
 NASTY = "<script>alert('$x')</script>&\"{}/../ü"

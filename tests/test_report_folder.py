@@ -15,6 +15,8 @@ from saf_gen.records import read_records
 from saf_gen.report import folder as room
 from saf_gen.report import write_evaluation
 
+pytestmark = pytest.mark.slow
+
 TABLES = {
     "axes.csv",
     "index.html",

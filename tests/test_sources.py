@@ -120,6 +120,7 @@ def test_helpers_of_a_package_are_behind_its_parts_and_no_other_package(folder):
     [("src_e.py", "src_f.py", "src_e.py:Mine"), ("src_p/e.py", "src_p/f.py", "src_p.e:Mine")],
     ids=["file", "package"],
 )
+@pytest.mark.slow
 def test_the_digest_follows_a_helper_and_not_the_place(tmp_path, part, helper, spec):
     imports = "from src_f import SCALE" if part == "src_e.py" else "from .f import SCALE"
     files = {part: mine(imports, "SCALE"), helper: "SCALE = 2.0\n"}

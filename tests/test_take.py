@@ -21,6 +21,8 @@ from saf_gen.rig.film import Film, rows_of
 from saf_gen.take import Take
 from saf_gen.work import prepare
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
