@@ -33,6 +33,7 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
 
 $(BROWSER): $(STAMP) tools/install-chromium.sh
 	@sh tools/install-chromium.sh

@@ -22,10 +22,10 @@ import h5py
 import numpy as np
 from isal import isal_zlib
 
-from saf_gen.bench import workload
 from saf_gen.camera import get_sensor
-from saf_gen.files import replaced
-from saf_gen.host import cores
+from saf_gen.core.cores import usable_cores
+from saf_gen.core.files import write_atomically
+from saf_gen.speed import synthetic_recording
 
 HERE = Path(__file__).resolve().parent
 WINDOW = 13  # bytes: 104 frames
@@ -107,7 +107,7 @@ def measured(spikes: np.ndarray, chunk: tuple[int, int, int], folder: Path) -> d
             slice(0, length),
         ),
     }
-    with ThreadPoolExecutor(cores()) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         out = {"write": _median(lambda: store(path, spikes, chunk, pool))}
         for name, box in ways.items():
             out[name] = _median(lambda box=box: counts(path, box, pool))  # type: ignore[misc]
@@ -133,8 +133,8 @@ def main() -> None:
     parser.add_argument("--sensor", default="vidar_400x250")
     options = parser.parse_args()
     sensor = get_sensor(options.sensor)
-    charge = workload.charge(sensor, 129)
-    spikes = np.concatenate(list(workload.blocks(sensor, charge, options.frames)), axis=2)
+    charge = synthetic_recording.make_charge(sensor, 129)
+    spikes = np.concatenate(list(synthetic_recording.encode_blocks(sensor, charge, options.frames)), axis=2)
     found = {}
     print(f"{'rows, columns, bytes':24}{'bit':>7}{'write':>9}{'sweep':>9}{'window':>9}{'region':>9}  seconds")
     with TemporaryDirectory() as folder:
@@ -145,7 +145,7 @@ def main() -> None:
             times = "".join(f"{one[k]:9.4f}" for k in ("write", "all windows", "one window", "one region"))
             print(f"{chunk!s:24}{one['bits']:7.3f}{times}")
     options.out.mkdir(parents=True, exist_ok=True)
-    with replaced(options.out / "chunks.json") as part:
+    with write_atomically(options.out / "chunks.json") as part:
         part.write_text(json.dumps(found, indent=1) + "\n")
 
 

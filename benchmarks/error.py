@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from drawing import BLUE, GREY, ORANGE, log_log, panels, save, slope
 
-from saf_gen.bench import stack
-from saf_gen.bench.child import timed
-from saf_gen.machine import facts
+from saf_gen.speed import bench_stack
+from saf_gen.speed.fresh_process import time_call
+from saf_gen.speed.machine_check import describe_installation
 
 HERE = Path(__file__).resolve().parent
 
@@ -41,11 +41,13 @@ SMALL = Plan(positions=9, samples=(4, 8, 16), reference=64, batch=16)
 
 def measure(plan: Plan, scene: str) -> dict[str, Any]:
     """Error and time of both ways at every number of samples, as they go into error.json."""
-    setup, variant = stack.set_up(plan.sensor, scene)
-    places = stack.places(plan.positions)
+    setup, variant = bench_stack.set_up_scene(plan.sensor, scene)
+    places = bench_stack.nearest_positions(plan.positions)
     references = []
     for place in places:
-        references.append(stack.reference(setup, place, samples=plan.reference, batch=plan.batch)[0])
+        references.append(
+            bench_stack.render_reference(setup, place, samples=plan.reference, batch=plan.batch)[0]
+        )
         print(f"reference at {place:.2f}: noise {100 * _share(references[-1]):.3g} %", flush=True)
     found: dict[str, Any] = {
         "scene": scene,
@@ -58,7 +60,7 @@ def measure(plan: Plan, scene: str) -> dict[str, Any]:
     for name, way in ways.items():
         rows = [way(setup, plan, samples, places) for samples in plan.samples]
         errors = [
-            [reference.error(image) for reference, image in zip(references, images, strict=True)]
+            [reference.relative_rms_error(image) for reference, image in zip(references, images, strict=True)]
             for images, _ in rows
         ]
         peak = np.array([np.quantile(r.radiance, 0.999) / r.radiance.mean() for r in references])
@@ -77,20 +79,20 @@ def measure(plan: Plan, scene: str) -> dict[str, Any]:
     return found
 
 
-def _share(reference: stack.Reference) -> float:
+def _share(reference: bench_stack.ReferenceRender) -> float:
     return math.sqrt(reference.noise) / float(reference.radiance.mean())
 
 
 def _one_pass(setup: Any, plan: Plan, samples: int, places: list[float]) -> tuple[list[np.ndarray], float]:
     """Pictures at the places, and the time of the stack, after one that compiles."""
-    stack.one_pass(setup, plan.positions, samples)
-    whole, took = timed(stack.one_pass, setup, plan.positions, samples)
+    bench_stack.render_one_pass(setup, plan.positions, samples)
+    whole, took = time_call(bench_stack.render_one_pass, setup, plan.positions, samples)
     return [whole[round(place * (plan.positions - 1))] for place in places], took
 
 
 def _thin_lens(setup: Any, plan: Plan, samples: int, places: list[float]) -> tuple[list[np.ndarray], float]:
-    stack.thin_lens(setup, places[0], samples, 0)
-    done = [timed(stack.thin_lens, setup, place, samples, 0) for place in places]
+    bench_stack.render_thin_lens(setup, places[0], samples, 0)
+    done = [time_call(bench_stack.render_thin_lens, setup, place, samples, 0) for place in places]
     return [image for image, _ in done], plan.positions * float(np.mean([took for _, took in done]))
 
 
@@ -132,12 +134,12 @@ def main(argv: list[str] | None = None, *, plan: Plan | None = None) -> None:
     """Measure and write; ``plan`` replaces what the command line says, for tests."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
-    parser.add_argument("--scene", default=stack.SCENE)
+    parser.add_argument("--scene", default=bench_stack.SCENE)
     parser.add_argument("--small", action="store_true", help="few samples: only to see that it runs")
     given = parser.parse_args(argv)
     found = measure(plan or (SMALL if given.small else Plan()), given.scene)
     given.out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"machine": facts()[0], **found}, indent=1, ensure_ascii=False)
+    text = json.dumps({"machine": describe_installation()[0], **found}, indent=1, ensure_ascii=False)
     (given.out / "error.json").write_text(text + "\n")
     draw(found, given.out / "error.png")
 

@@ -18,15 +18,15 @@ from typing import Any
 
 from drawing import BLUE, ORANGE, log_log, panels, save, slope, wide
 
-from saf_gen.bench import stack, workload
-from saf_gen.bench.child import alone, peak_gib, timed
+from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import get_sensor
-from saf_gen.cluster import Tell
-from saf_gen.evaluate import evaluate
-from saf_gen.generate import generate
-from saf_gen.machine import facts
-from saf_gen.recipe import read_recipe
-from saf_gen.work import prepare
+from saf_gen.generate.executor import ReportProgress
+from saf_gen.generate.recipe import read_recipe
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.speed import bench_stack, synthetic_recording
+from saf_gen.speed.fresh_process import peak_memory_gib, run_in_fresh_process, time_call
+from saf_gen.speed.machine_check import describe_installation
 
 HERE = Path(__file__).resolve().parent
 CURVES = ("positions", "samples", "frames", "pixels", "sequences")
@@ -62,32 +62,34 @@ SMALL = Plan(
 )
 
 
-def render(sensor: str, positions: int, samples: int, tell: Tell) -> Measured:
+def render(sensor: str, positions: int, samples: int, report: ReportProgress) -> Measured:
     """A focal stack in one pass, after one that compiles."""
-    setup, _ = stack.set_up(sensor)
-    stack.one_pass(setup, positions, samples)
-    _, took = timed(stack.one_pass, setup, positions, samples)
-    return took, peak_gib()
+    setup, _ = bench_stack.set_up_scene(sensor)
+    bench_stack.render_one_pass(setup, positions, samples)
+    _, took = time_call(bench_stack.render_one_pass, setup, positions, samples)
+    return took, peak_memory_gib()
 
 
-def record(sensor: str, shape: tuple[int, int], positions: int, frames: int, tell: Tell) -> Measured:
+def record(
+    sensor: str, shape: tuple[int, int], positions: int, frames: int, report: ReportProgress
+) -> Measured:
     """One sequence, encoded with all noise and stored; the charge of all positions is in memory."""
     camera = replace(get_sensor(sensor), rows=shape[0], columns=shape[1])
-    charge = workload.charge(camera, positions)
+    charge = synthetic_recording.make_charge(camera, positions)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sequence.h5"
-        workload.record(path, camera, charge, 16)  # compiles
-        _, took = timed(workload.record, path, camera, charge, frames)
-    return took, peak_gib()
+        synthetic_recording.record_sweep(path, camera, charge, 16)  # compiles
+        _, took = time_call(synthetic_recording.record_sweep, path, camera, charge, frames)
+    return took, peak_memory_gib()
 
 
-def dataset(recipe: str, stacks: str, sequences: int, tell: Tell) -> Measured:
+def dataset(recipe: str, stacks: str, sequences: int, report: ReportProgress) -> Measured:
     """A dataset whose stacks are there, generated and evaluated; memory of the largest process."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "dataset"
         shutil.copytree(stacks, folder / "stacks")
-        _, took = timed(_dataset, recipe, sequences, folder)
-    return took, peak_gib()
+        _, took = time_call(_dataset, recipe, sequences, folder)
+    return took, peak_memory_gib()
 
 
 def _dataset(recipe: str, sequences: int, folder: Path) -> None:
@@ -100,7 +102,7 @@ def _dataset(recipe: str, sequences: int, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "recipe.yaml"
     path.write_text(json.dumps(data))
-    outcome = generate(prepare(path), folder)
+    outcome = generate(resolve_recipe(path), folder)
     for error in outcome.failed.values():
         raise error
     evaluate(folder)
@@ -160,7 +162,10 @@ def draw(found: dict[str, Any], path: Path) -> None:
 
 
 def main(
-    argv: list[str] | None = None, *, plan: Plan | None = None, one: Callable[..., Measured] = alone
+    argv: list[str] | None = None,
+    *,
+    plan: Plan | None = None,
+    one: Callable[..., Measured] = run_in_fresh_process,
 ) -> None:
     """Measure and write; ``plan`` and ``one`` replace what the command line says, for tests."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -172,7 +177,7 @@ def main(
     curves = given.only or list(CURVES)
     found = measure(chosen, curves, one)
     given.out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"machine": facts()[0], "curves": found}, indent=1, ensure_ascii=False)
+    text = json.dumps({"machine": describe_installation()[0], "curves": found}, indent=1, ensure_ascii=False)
     (given.out / "growth.json").write_text(text + "\n")
     draw(found, given.out / "growth.png")
 

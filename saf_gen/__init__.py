@@ -9,8 +9,8 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "open_stream": "stream",
-    "write_stream": "stream",
+    "open_stream": "stream.stream_file",
+    "write_stream": "stream.stream_file",
     "get_measure": "measures",
     "get_search": "searches",
     "get_light": "lights",

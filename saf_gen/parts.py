@@ -28,7 +28,8 @@ __all__ = [
 class Light(Protocol):
     """A light schedule: the gain of a light over time, in its own unit of time, the second.
 
-    Two fields mean something to a recipe (:mod:`saf_gen.schedules`). ``seed``, a whole number: names the
+    Two fields mean something to a recipe (:mod:`saf_gen.lights._schedule`). ``seed``, a whole number: names
+    the
     part's random stream; a sequence fills in one of its own. ``file``: a path in the recipe, which reads it
     and hands over ``{"path": ..., "text": ...}``.
     """

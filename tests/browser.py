@@ -19,7 +19,7 @@ from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
-MISSING = "no Chromium here: apt install chromium (tools/install-chromium.sh does it where it may)"
+NO_CHROMIUM = "no Chromium here: apt install chromium (tools/install-chromium.sh does it where it may)"
 SECONDS = 120
 OUTER = """<!doctype html><meta charset="utf-8"><body style="margin:0">
 <iframe id="page" src="index.html" %(sandbox)s style="border:0;width:%(width)dpx;height:900px"></iframe>
@@ -45,7 +45,7 @@ class _Quiet(SimpleHTTPRequestHandler):
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[ThreadingHTTPServer]:
+def serve_folder(folder: Path) -> Iterator[ThreadingHTTPServer]:
     """The folder at http://127.0.0.1:PORT/; ``asked`` lists the paths that were asked for."""
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(folder))) as server:
         server.asked = []
@@ -56,7 +56,7 @@ def served(folder: Path) -> Iterator[ThreadingHTTPServer]:
             server.shutdown()
 
 
-def chromium(*options: str, profile: Path) -> str:
+def run_chromium(*options: str, profile: Path) -> str:
     """What Chromium prints with these options, without any other host to reach."""
     always = [
         "--headless",
@@ -78,7 +78,7 @@ def chromium(*options: str, profile: Path) -> str:
     return done.stdout
 
 
-def told(
+def run_in_page(
     folder: Path, script: str, *, profile: Path, width: int = 1200, scripts: bool = True, flags: tuple = ()
 ) -> Any:
     """What ``script`` returns of the page in ``folder``, where it knows it as ``page`` and ``window``.
@@ -89,10 +89,12 @@ def told(
     sandbox = "" if scripts else 'sandbox="allow-same-origin"'
     outer = folder / "outer.html"
     outer.write_text(OUTER % {"sandbox": sandbox, "width": width, "script": script}, encoding="utf-8")
-    with served(folder) as server:
+    with serve_folder(folder) as server:
         address = f"http://127.0.0.1:{server.server_address[1]}/outer.html"
         size = f"--window-size={max(width, 500)},1000"
-        shown = chromium("--dump-dom", "--virtual-time-budget=20000", size, *flags, address, profile=profile)
+        shown = run_chromium(
+            "--dump-dom", "--virtual-time-budget=20000", size, *flags, address, profile=profile
+        )
         asked = [path for path in server.asked if path != "/favicon.ico"]
     found = re.search(r'<pre id="told">(.*?)</pre>', shown, flags=re.DOTALL)
     assert found is not None, shown[-2000:]

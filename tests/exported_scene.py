@@ -110,7 +110,7 @@ SCENE = """\
 """
 
 
-def make(folder: Path) -> None:
+def write_exported_scene(folder: Path) -> None:
     """Write what the add-on would: scene.xml, meshes/ and textures/."""
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
     (folder / "textures").mkdir(exist_ok=True)
@@ -179,4 +179,4 @@ def write_ply(path: Path, points, normals, uv, faces) -> None:
 
 
 if __name__ == "__main__":
-    make(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "scenes" / "workbench")
+    write_exported_scene(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "scenes" / "workbench")

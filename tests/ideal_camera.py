@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.seeds import generator
 
 
 class IdealCamera:
@@ -15,7 +15,7 @@ class IdealCamera:
     where the lens was, plus noise of the window's own. Its sensor reads with the rms ``sensor``, NaN where it
     is ``blind``, and says that it does not see a motion that falls to 1/e in ``lag_s``. Time passes in
     packets of 8 frames. ``others`` are the curves of named measures.
-    ``positions`` is where the lens was at each frame so far, ``looks`` what was scored.
+    ``positions`` is where the lens was at each frame so far, ``scored`` what was scored.
     """
 
     def __init__(
@@ -37,9 +37,9 @@ class IdealCamera:
         self.lag_s = lag_s
         self._step, self._backlash, self._blind = speed / self.readout_hz, backlash, blind
         self._command = start
-        self._drawn = generator("ideal_camera")
+        self._drawn = make_generator("ideal_camera")
         self._noise, self._sensor = noise, sensor
-        self.positions, self._read, self.looks, self.commands = [], [], [], []
+        self.positions, self._read, self.scored, self.commands = [], [], [], []
         self._here, self._way = start, 1
 
     @property
@@ -79,11 +79,11 @@ class IdealCamera:
         self.wait(max(stop - self.now, 0))
         curve = self._curve if measure is None else self._others[measure]
         places = self.positions[first:stop]
-        self.looks.append((first, stop, measure))
+        self.scored.append((first, stop, measure))
         return math.fsum(curve(p) for p in places) / len(places) + self._noise * self._drawn.normal()
 
 
-def bell(peak, *, width=0.1, floor=0.3):
+def bell_curve(peak, *, width=0.1, floor=0.3):
     """A focus curve: 1 at ``peak`` over a floor, width to 1/e; its tails still fall, however little."""
     return lambda p: (
         floor

@@ -5,15 +5,15 @@ import itertools
 import numpy as np
 from test_leaderboard import failed, record
 
-from saf_gen.contest.results import Curve, Evaluation, Failure, LensPath, Sweep
-from saf_gen.rig.thumbnails import Thumbnails
+from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SequenceFailure, SweepSummary
+from saf_gen.benchmark.thumbnails import Thumbnails
 
 LENS = np.linspace(0, 1, 800, dtype=np.float32)
 CENTRES = np.arange(0, 800, 50) + 24.5
 LIGHTS = {"constant": 1.0, "ramp": 4.0, "steps": 2.5}
 
 
-def sweep(
+def make_sweep(
     light="constant",
     *,
     scene="camel",
@@ -25,7 +25,7 @@ def sweep(
     bump = np.exp(-(((CENTRES - 300) / 90) ** 2))
     scores = {"sd": bump, "sd_code": 1e5 * bump, "er_count": np.linspace(1, 2, CENTRES.size)}
     known = {"truth": 0.375, "depth_of_focus": (0.33, 0.42), "truth_frame": 300.0}
-    return Sweep(
+    return SweepSummary(
         sequence=f"{scene}-{light}",
         split=split,
         scene=scene,
@@ -33,12 +33,12 @@ def sweep(
         focus_position=lens,
         frames=CENTRES,
         rate=np.full(CENTRES.size, 0.2),
-        curves=tuple(Curve(m, CENTRES, scores[m], float(CENTRES[scores[m].argmax()])) for m in measures),
+        curves=tuple(FocusCurve(m, CENTRES, scores[m], float(CENTRES[scores[m].argmax()])) for m in measures),
         **{**known, **more},
     )
 
 
-def pictures(count=16, *, rows=20, columns=32):
+def make_thumbnails(count=16, *, rows=20, columns=32):
     """Pictures whose brightness tells which one it is."""
     grey = np.linspace(1, 60, count).astype(np.uint32)
     images = np.broadcast_to(grey[:, None, None], (count, rows, columns)).copy()
@@ -46,7 +46,7 @@ def pictures(count=16, *, rows=20, columns=32):
     return Thumbnails(images, frames, 800 // count, 1, (0.25, 0.125, 0.75, 0.875))
 
 
-def path(method, light="constant", *, scene="camel", problem=""):
+def make_lens_path(method, light="constant", *, scene="camel", problem=""):
     seconds = np.linspace(0.0, 0.04, 50)
     return LensPath(
         method=method,
@@ -62,7 +62,7 @@ def path(method, light="constant", *, scene="camel", problem=""):
     )
 
 
-def recorded(*, seed=5):
+def make_records(*, seed=5):
     """Four methods on three scenes in two splits, under three lights, two repeats of one of them."""
     random = np.random.default_rng(seed)
     methods = ("sd+argmax", "sd+egs_code", "er_count+argmax", "er_count+egs_code")
@@ -93,11 +93,11 @@ def recorded(*, seed=5):
     return records
 
 
-def evaluation():
+def make_evaluation():
     """A whole one: pictures of one sweep, a failure, scenes with and without curves."""
     sweeps = (
-        sweep("constant", thumbnails=pictures()),
-        sweep("ramp"),
-        sweep("steps", scene="fan", split="train"),
+        make_sweep("constant", thumbnails=make_thumbnails()),
+        make_sweep("ramp"),
+        make_sweep("steps", scene="fan", split="train"),
     )
-    return Evaluation(tuple(recorded()), sweeps, (Failure("bad", "truncated"),))
+    return Evaluation(tuple(make_records()), sweeps, (SequenceFailure("bad", "truncated"),))

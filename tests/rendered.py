@@ -3,30 +3,32 @@
 import numpy as np
 import pytest
 
-from saf_gen.render import one_pass, variant, world
-from saf_gen.render.film import Film, Setup
-from saf_gen.scene import find_scene
+from saf_gen.render import backend, mitsuba_scene, one_pass
+from saf_gen.render.render_setup import RenderSetup, SensorGrid
+from saf_gen.scene.scene_folder import find_scene
 
-FILM = Film(rows=40, columns=64, pitch_m=60e-6)
-needs_llvm = pytest.mark.skipif(not variant.probe().llvm_usable, reason=variant.probe().llvm_in_words)
+SENSOR_GRID = SensorGrid(rows=40, columns=64, pitch_m=60e-6)
+needs_llvm = pytest.mark.skipif(
+    not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description
+)
 
 
-def loaded(scene, burning=("lamp", "room"), *, name="llvm", film=FILM, drive=None):
+def load_setup(scene, burning=("lamp", "room"), *, name="llvm", film=SENSOR_GRID, drive=None):
     """A scene ready to render, with its own drive or another."""
-    variant.use(name)
-    lit, integrator = world.load(world.build(scene), burning, 3)
-    to_world, unit = world.camera_to_world(scene), scene.card.unit_m
-    return Setup(lit, integrator, to_world, drive or scene.drive(), film, unit)
+    backend.activate_backend(name)
+    lit, integrator = mitsuba_scene.load_lit_scene(mitsuba_scene.build_scene_dict(scene), burning, 3)
+    to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
+    return RenderSetup(lit, integrator, to_world, drive or scene.build_drive(), film, unit)
 
 
-def one_pass_stack(setup, **options):
+def render_stack_once(setup, **options):
     """The stack alone; none of these scenes has a firefly."""
     stack, clipped = one_pass.render_stack(setup, **options)
     assert clipped == 0
     return stack
 
 
-def made_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target, unit_m=1.0):
+def write_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target, unit_m=1.0):
     """A scene on the spot, of one light; the lens stands ``distance_m`` before the origin and looks along +z.
 
     lens : the card's words. shapes : the dictionary that build() gives, as text; lengths in it are in metres
@@ -49,7 +51,7 @@ def made_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target, 
     return find_scene("made")
 
 
-def edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_m=1.0):
+def write_edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_m=1.0):
     """A bright half plane beside the dark: the camera sees one straight edge, ``edge_m`` off the axis."""
     half = 0.5 * distance_m
     shapes = (
@@ -57,7 +59,7 @@ def edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_m=1.0)
         f" 'to_world': t.translate([{edge_m + half} * m, 0, 0]).rotate([0, 1, 0], 180).scale({half} * m),"
         " 'emitter': {'type': 'area', 'radiance': {'type': 'rgb', 'value': 1.0}}}}"
     )
-    return made_scene(
+    return write_scene(
         folder,
         monkeypatch,
         lens=lens,
@@ -69,7 +71,7 @@ def edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_m=1.0)
     )
 
 
-def edge_of(image, pitch_m):
+def measure_edge(image, pitch_m):
     """Width (m) and place (m from the middle) of a blurred edge along the columns.
 
     The profile of an edge blurred by a disc of diameter c has a derivative of standard deviation c/4; a pixel
@@ -90,7 +92,7 @@ def dispersion(stack):
     return stack.var(axis=(1, 2)) / stack.mean(axis=(1, 2)) ** 2
 
 
-def peak(curve, around=4):
+def find_peak(curve, around=4):
     """Where a focus curve has its top, in steps: of a parabola through the places round the largest."""
     k = int(curve.argmax())
     near = slice(max(k - around, 0), k + around + 1)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from saf_gen.plan import Sequence
+from saf_gen.generate.plan import PlannedSequence
 
 HERE = Path(__file__).parent
 SCENES = HERE / "scenes"
@@ -23,7 +23,7 @@ splits:
 """
 
 
-def sequence_of(**changes: Any) -> Sequence:
+def make_sequence(**changes: Any) -> PlannedSequence:
     """A sequence of a still plane under constant light, the lens in one sweep, but for these changes."""
     usual: dict[str, Any] = {
         "id": "s",
@@ -39,4 +39,4 @@ def sequence_of(**changes: Any) -> Sequence:
         "motion": {"kind": "sweep"},
         "mean_rate": 0.2,
     }
-    return Sequence(**{**usual, **changes})
+    return PlannedSequence(**{**usual, **changes})

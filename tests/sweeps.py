@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.stream import Truth, write_stream
+from saf_gen.stream.stream_file import Truth, write_stream
 
 SHAPE = (800, 48, 64)
 
 
-def spikes(peak: float, *, gain: np.ndarray | float = 1.0, shape: tuple[int, int, int] = SHAPE) -> np.ndarray:
+def make_spikes(
+    peak: float, *, gain: np.ndarray | float = 1.0, shape: tuple[int, int, int] = SHAPE
+) -> np.ndarray:
     """Frames uint8 (T, H, W): a checkerboard whose contrast is largest at frame ``peak``.
 
     Pixels integrate without noise from random phases, so counts differ from the light by less than one spike.
@@ -24,7 +26,7 @@ def spikes(peak: float, *, gain: np.ndarray | float = 1.0, shape: tuple[int, int
     return np.diff(total, axis=0, prepend=0.0).clip(0, 1).astype(np.uint8)
 
 
-def truth_at(peak: float, *, frames: int = SHAPE[0], dof: float = 0.1, **more) -> Truth:
+def make_truth(peak: float, *, frames: int = SHAPE[0], dof: float = 0.1, **more) -> Truth:
     """The truth of a sweep whose lens stands at t / (frames - 1)."""
     position = peak / (frames - 1)
     return Truth(
@@ -34,6 +36,6 @@ def truth_at(peak: float, *, frames: int = SHAPE[0], dof: float = 0.1, **more) -
 
 def write_sweep(path: Path, peak: float, *, known: bool = True, gain: np.ndarray | float = 1.0) -> str:
     """A stream file of such a sweep; returns its content_sha256."""
-    optional = {"truth": truth_at(peak)} if known else {}
+    optional = {"truth": make_truth(peak)} if known else {}
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
-    return write_stream(path, spikes(peak, gain=gain), focus_position=lens, **optional)
+    return write_stream(path, make_spikes(peak, gain=gain), focus_position=lens, **optional)

@@ -12,11 +12,11 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 from small import HERE
 
-import saf_gen.actuators.actuator as actuator_module
-from saf_gen.actuators import Actuator, Lens, actuator_names, get_actuator, is_actuator_file
-from saf_gen.actuators.course import at, to_rest_at
-from saf_gen.actuators.response import turn
+import saf_gen.optics.actuators.actuator as actuator_module
 from saf_gen.errors import BadInput
+from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator, is_actuator_file
+from saf_gen.optics.actuators.oscillator import propagator
+from saf_gen.optics.actuators.trajectory import plan_move, state_at
 
 HZ = 20_000.0
 VOICE_COIL = actuator_module._FOLDER / "voice_coil.yaml"
@@ -24,7 +24,7 @@ SIGNIFICANCE = 1e-3
 
 
 def lens(name="ideal", *, start=0.5, hz=HZ, seed=3, **changes):
-    return Lens(get_actuator(name, **changes), start=start, readout_hz=hz, seed=seed)
+    return ActuatedLens(get_actuator(name, **changes), start=start, readout_hz=hz, seed=seed)
 
 
 def middles(frames, hz=HZ, first=0):
@@ -67,7 +67,7 @@ def test_derived_numbers_follow_from_their_sources():
 def settling_s(name, *, start=0.1, to=0.9, within=0.02):
     moved = lens(name, start=start, place_rms=0, latency_s=0)
     moved.command(to)
-    off = abs(moved.run(60_000) - moved.resting_place())
+    off = abs(moved.run(60_000) - moved.resting_position())
     return (np.nonzero(off > within * abs(to - start))[0][-1] + 1) / HZ
 
 
@@ -100,7 +100,7 @@ def test_a_lens_trails_a_steady_sweep_by_the_closed_form(name, times, reaches):
 def led(name, frames):
     """Where the lens is after so many frames of a sweep that is led from 0 to 1."""
     moved = lens(name, start=0.0, place_rms=0)
-    course = get_actuator(name).led_s(frames / HZ) * HZ
+    course = get_actuator(name).command_sweep_s(frames / HZ) * HZ
     for frame in range(0, frames, 8):
         moved.command(min((frame + 8) / course, 1.0))
         place = moved.run(8)[-1]
@@ -115,9 +115,9 @@ def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
     frames = round(times * drive.end_to_end_s * HZ)
     assert led(name, frames) == pytest.approx(1 - drive.backlash / 2, abs=1.5e-3)
     if times == 1:
-        shortest = drive.led_s(drive.end_to_end_s)
+        shortest = drive.command_sweep_s(drive.end_to_end_s)
         assert 1 / drive.speed < shortest < 1 / drive.speed + 1 / drive.resonance_hz
-        assert drive.led_s(drive.end_to_end_s / 3) == shortest
+        assert drive.command_sweep_s(drive.end_to_end_s / 3) == shortest
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
 def test_a_lens_on_a_spring_is_left_to_itself_for_6_zeta_over_omega_at_the_end(name, frames, reaches):
     """The oscillator, in steady pursuit until the commands stop, then free: its matrix exponential."""
     drive = get_actuator(name)
-    natural, speed = 2 * pi * drive.resonance_hz, 1 / drive.led_s(frames / HZ)
+    natural, speed = 2 * pi * drive.resonance_hz, 1 / drive.command_sweep_s(frames / HZ)
     behind = 2 * drive.damping / natural
     free = expm(np.array([[0, 1], [-(natural**2), -2 * drive.damping * natural]]) * 3 * behind)
     off = (free @ [-speed * behind, speed])[0]
@@ -142,7 +142,7 @@ def test_what_a_sensor_at_the_motor_does_not_see_falls_to_1_e_in_its_time(dampin
     moved = lens("voice_coil", start=0.1, **drive)
     lag = get_actuator("voice_coil", **drive).lag_s
     moved.command(0.9)
-    off = abs(moved.run(round(12 * lag * HZ)) - moved.resting_place())
+    off = abs(moved.run(round(12 * lag * HZ)) - moved.resting_position())
     cycle = round(HZ / 50 * (1 / sqrt(1 - damping**2) if damping < 1 else 1))  # the two peaks are in phase
     later = round(6 * lag * HZ / cycle) * cycle if damping < 1 else round(6 * lag * HZ)
     first = round(3 * lag * HZ)
@@ -272,7 +272,7 @@ def test_times_that_make_no_sense_are_refused():
     still = lens()
     still.run(10)
     with pytest.raises(BadInput, match=r"frames 5 to 11 were asked for; allowed: .* <= 10"):
-        still.sensed(5, 11)
+        still.read_sensor(5, 11)
 
 
 # --- the oscillator ----------------------------------------------------------------------------------
@@ -289,7 +289,7 @@ def step_response(seconds, hz, damping):
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.03, 2.0, 40.0])
 def test_the_turn_of_the_oscillator_is_the_matrix_exponential(angle, damping):
     system = np.array([[0.0, 1.0], [-1.0, -2 * damping]])
-    assert np.reshape(turn(angle, damping), (2, 2)) == pytest.approx(expm(system * angle), abs=1e-12)
+    assert np.reshape(propagator(angle, damping), (2, 2)) == pytest.approx(expm(system * angle), abs=1e-12)
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.3, 1.0, 1.9])
@@ -389,9 +389,9 @@ def test_a_move_takes_the_time_of_its_trapezoid(distance, way):
 def test_a_move_of_nothing_takes_no_time():
     assert get_actuator("hand").move_s(0) == 0
     moved = lens("stepper", start=0.5)
-    before = moved.resting_place()
+    before = moved.resting_position()
     moved.command(0.5)
-    assert abs(moved.resting_place() - before) < moved.actuator.step
+    assert abs(moved.resting_position() - before) < moved.actuator.step
     assert (abs(moved.run(200) - 0.5) < moved.actuator.step).all()
 
 
@@ -402,7 +402,7 @@ def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded()
     for _ in range(200):
         moved.command(rng.random())
         moved.run(int(rng.integers(1, 800)))
-    places = moved.sensed(0, moved.frames)
+    places = moved.read_sensor(0, moved.frames)
     speed = np.diff(places) * HZ
     assert abs(speed).max() == pytest.approx(7, rel=1e-9)
     assert abs(np.diff(speed) * HZ).max() == pytest.approx(300, rel=1e-6)
@@ -412,11 +412,11 @@ def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded()
 
 def test_a_motor_on_the_move_brakes_before_it_turns():
     """At speed 1 away from its new place it needs 1/a to stop, 1/(2a) further on, and comes from there."""
-    course = to_rest_at(0.2, 5.0, 0.5, 1.0, 100.0, 10.0)
-    assert at(course, 5.1) == pytest.approx((0.55, 0.0))
+    course = plan_move(0.2, 5.0, 0.5, 1.0, 100.0, 10.0)
+    assert state_at(course, 5.1) == pytest.approx((0.55, 0.0))
     assert course[-1] == (pytest.approx(5.1 + 2 * sqrt(0.35 / 10)), 0.2, 0.0, 0.0)
-    nearer = to_rest_at(0.52, 5.0, 0.5, 1.0, 100.0, 10.0)  # ahead, but too near to stop there
-    assert at(nearer, 5.1) == pytest.approx((0.55, 0.0))
+    nearer = plan_move(0.52, 5.0, 0.5, 1.0, 100.0, 10.0)  # ahead, but too near to stop there
+    assert state_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
     assert nearer[-1] == (pytest.approx(5.1 + 2 * sqrt(0.03 / 10)), 0.52, 0.0, 0.0)
 
 
@@ -428,7 +428,7 @@ def test_a_command_is_in_force_after_the_latency_to_the_microsecond(begin):
     moved.command(0.9)
     moved.run(100)
     s = np.maximum(middles(100, first=begin) - begin / HZ - 1.23e-3, 0)
-    read = moved.sensed(begin, begin + 100)
+    read = moved.read_sensor(begin, begin + 100)
     assert (read[:25] == 0.2).all()
     assert read[25] > 0.2
     assert read == pytest.approx(0.2 + 1e3 * s**2, abs=1e-12)
@@ -459,7 +459,7 @@ def test_of_two_commands_at_once_the_last_holds():
 def test_places_are_whole_steps_within_the_travel(step):
     moved = lens(step=step)
     for to in (0.0, 0.2345, 0.5, 0.99, 1.0):
-        place = moved.resting_place(to)
+        place = moved.resting_position(to)
         assert place / step == pytest.approx(round(place / step), abs=1e-9)
         assert 0 <= place <= 1
         assert abs(place - to) <= (step / 2 if to < 0.99 else step)
@@ -471,7 +471,7 @@ def test_places_are_whole_steps_within_the_travel(step):
 def test_the_lens_rests_half_the_play_short_on_the_side_it_came_from():
     moved = lens(start=0.1, backlash=0.04)
     for to, rest in [(0.6, 0.58), (0.9, 0.88), (0.3, 0.32), (0.2, 0.22), (0.5, 0.48)]:
-        assert moved.resting_place(to) == pytest.approx(rest, abs=1e-12)
+        assert moved.resting_position(to) == pytest.approx(rest, abs=1e-12)
         moved.command(to)
         assert moved.run(2_000)[-1] == pytest.approx(rest, abs=1e-9)
 
@@ -483,7 +483,7 @@ def test_a_reversal_within_the_play_does_not_move_the_lens():
     for to in (0.561, 0.599, 0.57):
         moved.command(to)
         assert moved.run(500) == pytest.approx(np.full(500, 0.58), abs=1e-9)
-        assert moved.sensed(moved.frames - 1, moved.frames)[0] == pytest.approx(to)
+        assert moved.read_sensor(moved.frames - 1, moved.frames)[0] == pytest.approx(to)
     moved.command(0.559)
     assert moved.run(500)[-1] == pytest.approx(0.579, abs=1e-9)
 
@@ -495,7 +495,7 @@ def test_the_loop_of_hysteresis_is_as_wide_as_the_play():
     for to in (1.0, 0.0):
         moved.command(to)
         places = moved.run(3_000)
-        ways.append((moved.sensed(moved.frames - 3_000, moved.frames), places))
+        ways.append((moved.read_sensor(moved.frames - 3_000, moved.frames), places))
     (up_motor, up), (down_motor, down) = ways
     motor = np.linspace(0.1, 0.9, 50)
     width = np.interp(motor, down_motor[::-1], down[::-1]) - np.interp(motor, up_motor, up)
@@ -529,7 +529,7 @@ def test_a_lens_sent_to_a_stop_stays_there():
     there = int(np.argmax(places > 1 - 1e-9))
     assert 0 < there < 100
     assert (places[there:] > 1 - 1e-9).all()
-    assert moved.settled(1e-9)
+    assert moved.is_settled(1e-9)
 
 
 # --- noise -------------------------------------------------------------------------------------------
@@ -540,7 +540,7 @@ def test_the_position_sensor_has_white_noise_of_its_rms():
     moved = lens("voice_coil_hall", start=0.2, seed=11, position_noise_rms=0.01)
     moved.command(0.7)
     places = moved.run(20_000)
-    noise = moved.sensed(0, 20_000) - places
+    noise = moved.read_sensor(0, 20_000) - places
     assert within_chance(np.square(noise / 0.01).sum(), 20_000)
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 3.29 / sqrt(20_000)
     assert abs(noise.mean()) < 3.29 * 0.01 / sqrt(20_000)
@@ -553,17 +553,17 @@ def test_a_reading_is_the_same_whenever_it_is_taken():
     early = []
     for frames in (1, 4_095, 4_904):
         again.run(frames)
-        early.append(again.sensed(again.frames - frames, again.frames))
-    assert (moved.sensed(0, 9_000) == np.concatenate(early)).all()
-    assert (moved.sensed(4_000, 4_200) == moved.sensed(0, 9_000)[4_000:4_200]).all()
-    assert (other.sensed(0, 9_000) != moved.sensed(0, 9_000)).all()
+        early.append(again.read_sensor(again.frames - frames, again.frames))
+    assert (moved.read_sensor(0, 9_000) == np.concatenate(early)).all()
+    assert (moved.read_sensor(4_000, 4_200) == moved.read_sensor(0, 9_000)[4_000:4_200]).all()
+    assert (other.read_sensor(0, 9_000) != moved.read_sensor(0, 9_000)).all()
 
 
 def test_a_sensor_on_the_motor_knows_nothing_of_play_and_ringing():
     moved = lens("voice_coil", start=0.2)
     moved.command(0.7)
     places = moved.run(3_000)
-    read = moved.sensed(0, 3_000)
+    read = moved.read_sensor(0, 3_000)
     assert read[10:] == pytest.approx(np.full(2_990, round(0.7 * 1023) / 1023), abs=1e-6)
     assert places.max() > 0.9
     assert places[-1] == pytest.approx(read[-1] - 0.005, abs=1e-4)
@@ -574,7 +574,7 @@ def test_moves_miss_by_a_fraction_of_their_length():
     moved, missed = lens(start=0.5, place_rms=0.002), [0.0]
     for n in range(1_000):
         moved.command((0.3, 0.5, 0.4, 0.5)[n % 4])
-        missed.append(moved.resting_place() - moved.target)
+        missed.append(moved.resting_position() - moved.target)
     lengths = np.tile([0.2, 0.2, 0.1, 0.1], 250)
     errors = np.diff(missed) / (0.002 * lengths)
     assert within_chance(np.square(errors).sum(), 1_000)
@@ -585,18 +585,18 @@ def test_moves_miss_by_a_fraction_of_their_length():
 def test_the_same_command_again_corrects_no_miss_and_an_end_of_the_travel_does():
     moved = lens(start=0.5, place_rms=0.1)
     moved.command(0.9)
-    missed = moved.resting_place()
+    missed = moved.resting_position()
     assert missed != 0.9
     moved.command(0.9)
-    assert moved.resting_place() == missed
+    assert moved.resting_position() == missed
     homed = 0
     for seed in range(40):
         moved = lens(start=0.1, place_rms=0.1, seed=seed)
         moved.command(1.0)
-        if moved.resting_place() == 1:  # about every other one comes to the stop: no miss is left
+        if moved.resting_position() == 1:  # about every other one comes to the stop: no miss is left
             homed += 1
             moved.command(0.999)
-            assert abs(moved.resting_place() - 0.999) < 5 * 0.1 * 0.001
+            assert abs(moved.resting_position() - 0.999) < 5 * 0.1 * 0.001
     assert 10 < homed < 30
 
 
@@ -628,7 +628,7 @@ def test_cutting_time_into_pieces_changes_no_bit(name):
             got.append(cut.run(n))
             left -= n
     assert np.concatenate(got).tobytes() == places.tobytes()
-    assert cut.sensed(0, cut.frames).tobytes() == whole.sensed(0, whole.frames).tobytes()
+    assert cut.read_sensor(0, cut.frames).tobytes() == whole.read_sensor(0, whole.frames).tobytes()
 
 
 @pytest.mark.parametrize("name", actuator_names())
@@ -647,16 +647,16 @@ def test_a_lens_stays_in_its_travel_and_comes_to_rest_where_it_said(name):
     assert places.dtype == np.float64
     assert (places >= 0).all()
     assert (places <= 1).all()
-    foreseen = moved.resting_place(0.25)
+    foreseen = moved.resting_position(0.25)
     assert moved.run(0).shape == (0,)
     moved.command(0.25)
-    assert moved.resting_place() == foreseen
-    assert not moved.settled(1e-6)
+    assert moved.resting_position() == foreseen
+    assert not moved.is_settled(1e-6)
     part = moved.actuator
     spare = part.backlash / 2 + part.step / 2 + 5 * part.place_rms * 12
     assert abs(foreseen - 0.25) <= spare + 1e-12
     moved.run(int(1.5 * HZ))
-    while not moved.settled(1e-7):
+    while not moved.is_settled(1e-7):
         moved.run(2_000)
         assert moved.frames < 10 * HZ
     assert moved.run(1)[0] == pytest.approx(foreseen, abs=1e-7)
@@ -670,12 +670,12 @@ def test_settled_is_a_promise_that_holds(name):
     said, places = [], []
     for _ in range(300):
         places.append(moved.run(100))
-        said.append(moved.settled(1e-3))
-    off = abs(np.concatenate(places) - moved.resting_place())
+        said.append(moved.is_settled(1e-3))
+    off = abs(np.concatenate(places) - moved.resting_position())
     first = said.index(True)
     assert all(said[first:])
     assert off[(first + 1) * 100 :].max() <= 1e-3
-    assert lens(name).settled(0)
+    assert lens(name).is_settled(0)
 
 
 def test_seeds_and_names_make_the_bits_the_same_everywhere():

@@ -4,11 +4,11 @@ import json
 import pytest
 from test_leaderboard import failed, record
 
-from saf_gen.leaderboard import AXES, by_axis, table, write_files
+from saf_gen.leaderboard import AXES, rank_methods, tabulate_by_axis, write_leaderboard
 
 
 def axis(records, name, methods=("a+s",)):
-    (found,) = (t for t in by_axis(records, methods) if t.axis.name == name)
+    (found,) = (t for t in tabulate_by_axis(records, methods) if t.axis.name == name)
     return found
 
 
@@ -71,7 +71,7 @@ def test_bins_of_numbers_stand_in_their_order_and_only_where_there_is_something(
 
 def test_an_axis_of_which_nothing_is_known_has_no_table_and_an_unknown_sequence_no_bin():
     some = [one(0), one(1, scene_motion="static")]
-    assert {t.axis.name for t in by_axis(some, ["a+s"])} == {"light", "scene", "scene_motion"}
+    assert {t.axis.name for t in tabulate_by_axis(some, ["a+s"])} == {"light", "scene", "scene_motion"}
     assert axis(some, "scene_motion").sequences == (1,)
 
 
@@ -87,14 +87,14 @@ def test_a_bin_weighs_scenes_and_lights_as_the_whole_table_does():
     assert (found.scenes, found.sequences) == ((1, 2), (1, 5))
     dynamic, still = found.cells["a+s"]
     assert (dynamic.success_1dof, dynamic.median_error_dof) == (0, 2)
-    assert still.success_1dof == pytest.approx(table(static)[0].success_1dof) == pytest.approx(0.75)
+    assert still.success_1dof == pytest.approx(rank_methods(static)[0].success_1dof) == pytest.approx(0.75)
     assert still.median_error_dof == 0
 
 
 def test_bins_of_light_agree_with_the_columns_of_light():
     some = [one(0), one(1, 9.0, light="ramp"), one(2, light="ramp", scene="fan")]
     found = axis(some, "light")
-    by_column = dict(table(some)[0].success_by_light)
+    by_column = dict(rank_methods(some)[0].success_by_light)
     assert dict(zip(found.bins, (c.success_1dof for c in found.cells["a+s"]), strict=True)) == by_column
 
 
@@ -139,7 +139,7 @@ def test_the_files_tell_every_axis(tmp_path):
         for m, errors in {"a+s": (0.0, 0.4, 3.0), "b|c+s": (5.0, 5.0, 5.0)}.items()
         for i, (e, place) in enumerate(zip(errors, places, strict=True))
     ]
-    write_files(tmp_path, rows=table(some), records=some)
+    write_leaderboard(tmp_path, rows=rank_methods(some), records=some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     by_name = {a["axis"]: a for a in document["axes"]}
     assert [b["bin"] for b in by_name["focus_position"]["bins"]] == ["first 10 %", "middle", "outside"]

@@ -12,15 +12,27 @@ import numpy as np
 import pytest
 from small import HERE
 
-from saf_gen import bench
-from saf_gen.bench import BENCHES, Figure, Results, Size, child, encode, job, run, stack, stream, workload
+from saf_gen import speed
 from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.errors import BadInput, SafGenError
-from saf_gen.render import variant
+from saf_gen.render import backend
+from saf_gen.speed import (
+    BENCHES,
+    BenchFigure,
+    BenchResults,
+    BenchSize,
+    bench_encode,
+    bench_job,
+    bench_stack,
+    bench_stream,
+    fresh_process,
+    run_benches,
+    synthetic_recording,
+)
 
 BENCHMARKS = HERE.parent / "benchmarks"
-SMALL = Size(
+SMALL = BenchSize(
     sensor=str(HERE / "small_sensor.yaml"),
     frames=400,
     positions=(5, 9),
@@ -63,14 +75,18 @@ PROMISED = {
         "pieces of stacks rendered for them": 0.0,
     },
 }
-needs_llvm = pytest.mark.skipif(not variant.probe().llvm_usable, reason=variant.probe().llvm_in_words)
+needs_llvm = pytest.mark.skipif(
+    not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description
+)
 
 
 def measured(name, size=SMALL):
     """All that a bench yields, in this process, and the stages it told."""
     stages = []
     found = list(
-        importlib.import_module(f"saf_gen.bench.{name}").measure(size, lambda *told: stages.append(told))
+        importlib.import_module(f"saf_gen.speed.bench_{name}").run_bench(
+            size, lambda *told: stages.append(told)
+        )
     )
     return found, stages
 
@@ -89,14 +105,14 @@ def promises_kept(name, figures):
 @pytest.mark.slow
 def test_a_bench_gives_every_figure_promised(name):
     found, stages = measured(name)
-    promises_kept(name, [f for f in found if isinstance(f, Figure)])
+    promises_kept(name, [f for f in found if isinstance(f, BenchFigure)])
     assert [f for f in found if isinstance(f, str)] == []
     assert {done for _, done in stages} >= {0.0, 1.0}
 
 
 @pytest.mark.slow
 def test_the_whole_job_renders_nothing_for_another_light(test_scenes, small_recipe):
-    found, stages = measured("job", Size(recipe=str(small_recipe)))
+    found, stages = measured("job", BenchSize(recipe=str(small_recipe)))
     promises_kept("job", found)
     assert [f.value for f in found if f.unit == "pieces"] == [0]
     assert any("record" in stage for stage, _ in stages)
@@ -106,13 +122,13 @@ def test_the_whole_job_renders_nothing_for_another_light(test_scenes, small_reci
 def test_benches_run_in_processes_of_their_own_and_one_that_fails_leaves_the_others():
     held = np.ones(1 << 29, np.uint8)
     stages = []
-    missing = Size(**{**vars(SMALL), "recipe": "missing.yaml"})
-    results = run(["stream", "job"], missing, tell=lambda stage, done: stages.append(stage))
+    missing = BenchSize(**{**vars(SMALL), "recipe": "missing.yaml"})
+    results = run_benches(["stream", "job"], missing, report=lambda stage, done: stages.append(stage))
     peak = results.figures[-1]
     assert peak.what == "peak memory of a process"
     assert peak.target == 2.0
     assert 0 < peak.value < held.nbytes / 2**30, "the child's memory is its own, not its parent's"
-    assert child.peak_gib() > 0.5
+    assert fresh_process.peak_memory_gib() > 0.5
     assert stages[0].startswith("stream: ")
     assert isinstance(results.failed["job"], BadInput)
     assert "missing.yaml does not exist" in str(results.failed["job"])
@@ -122,51 +138,51 @@ def test_an_unknown_bench_is_told_with_the_nearest():
     with pytest.raises(
         BadInput, match=r"unknown bench 'steam'; allowed: encode, .*; did you mean 'stream'\?"
     ):
-        run(["encode", "steam"], SMALL)
+        run_benches(["encode", "steam"], SMALL)
 
 
 def test_every_bench_is_a_room_of_its_own():
-    files = {p.stem for p in Path(bench.__file__).parent.glob("*.py")}
+    files = {p.stem for p in Path(speed.__file__).parent.glob("*.py")}
     assert set(BENCHES) == set(PROMISED)
-    assert set(BENCHES) <= files
+    assert {f"bench_{name}" for name in BENCHES} <= files
 
 
 def test_a_target_is_met_on_its_own_side():
-    assert Figure("b", "speed", 3.0, "x/s", 2.5).met is True
-    assert Figure("b", "speed", 2.0, "x/s", 2.5).met is False
-    assert Figure("b", "time", 0.4, "s", 0.5, at_most=True).met is True
-    assert Figure("b", "size", 0.4, "bit").met is None
+    assert BenchFigure("b", "speed", 3.0, "x/s", 2.5).met is True
+    assert BenchFigure("b", "speed", 2.0, "x/s", 2.5).met is False
+    assert BenchFigure("b", "time", 0.4, "s", 0.5, at_most=True).met is True
+    assert BenchFigure("b", "size", 0.4, "bit").met is None
 
 
 def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
-    monkeypatch.setattr(encode.saf_gen, "__file__", "/nowhere/saf_gen/__init__.py")
-    monkeypatch.setattr(job, "PAPERS_SET", Path("/nowhere/recipes/sad_core.yaml"))
-    monkeypatch.setattr(stream, "read_bytes", lambda: None)
-    assert encode.public_encoders() is None
+    monkeypatch.setattr(bench_encode.saf_gen, "__file__", "/nowhere/saf_gen/__init__.py")
+    monkeypatch.setattr(bench_job, "PAPERS_SET", Path("/nowhere/recipes/sad_core.yaml"))
+    monkeypatch.setattr(bench_stream, "bytes_read", lambda: None)
+    assert bench_encode.load_public_encoders() is None
     remarks = [f for f in measured("stream")[0] if isinstance(f, str)]
     assert len(remarks) == 3
     assert all("the system does not count" in remark for remark in remarks)
     assert measured("job")[0] == ["job: left out: recipes/ is not beside the package"]
-    monkeypatch.setattr(encode, "_memory", lambda size, tell: iter(()))
+    monkeypatch.setattr(bench_encode, "_memory", lambda size, report: iter(()))
     remarks = [f for f in measured("encode")[0] if isinstance(f, str)]
     assert remarks == ["encode: the public encoders are left out: benchmarks/ is not beside the package"]
 
 
 def test_without_llvm_the_stack_bench_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(variant, "probe", lambda: variant.Probe(None, False))
+    monkeypatch.setattr(backend, "probe_backends", lambda: backend.BackendProbe(None, False))
     with pytest.raises(BadInput, match="needs a JIT variant; install LLVM"):
-        stack.set_up(SMALL.sensor)
+        bench_stack.set_up_scene(SMALL.sensor)
 
 
-RESULTS = Results(
-    (Figure("stream", "size", 0.25, "bit", 0.32, at_most=True), Figure("stream", "read", 3.0, "s")),
+RESULTS = BenchResults(
+    (BenchFigure("stream", "size", 0.25, "bit", 0.32, at_most=True), BenchFigure("stream", "read", 3.0, "s")),
     ("stream: a thing is left out",),
     {},
 )
 
 
 def command(capsys, monkeypatch, results, *arguments):
-    monkeypatch.setattr(bench, "run", lambda names, size, tell: results)
+    monkeypatch.setattr(speed, "run_benches", lambda names, size, report: results)
     with pytest.raises(SystemExit) as ended:
         main(["bench", *arguments])
     return ended.value.code, *capsys.readouterr()
@@ -189,12 +205,12 @@ def test_the_table_has_the_target_beside_the_figure(capsys, monkeypatch):
 
 
 def test_a_failed_bench_is_named_after_the_figures_of_the_others(capsys, monkeypatch):
-    failed = Results(RESULTS.figures, (), {"job": SafGenError("it broke")})
+    failed = BenchResults(RESULTS.figures, (), {"job": SafGenError("it broke")})
     code, out, err = command(capsys, monkeypatch, failed)
     assert code == 1
     assert "size" in out
     assert "bench job failed: it broke" in err
-    code, _, err = command(capsys, monkeypatch, Results((), (), {"stack": BadInput("no LLVM")}), "stack")
+    code, _, err = command(capsys, monkeypatch, BenchResults((), (), {"stack": BadInput("no LLVM")}), "stack")
     assert code == 2
 
 
@@ -203,7 +219,7 @@ def test_a_failed_bench_is_named_after_the_figures_of_the_others(capsys, monkeyp
 
 @pytest.fixture(scope="module")
 def public():
-    return encode.public_encoders()
+    return bench_encode.load_public_encoders()
 
 
 def test_every_public_encoder_gives_a_spike_or_none_at_our_rate(public):
@@ -312,8 +328,8 @@ def test_the_slope_is_the_exponent(script):
 def test_every_chunk_shape_counts_the_same_spikes(script, tmp_path):
     chunks = script("chunks")
     camera = replace(get_sensor("vidar_400x250"), rows=90, columns=90)
-    charge = workload.charge(camera, 5)
-    spikes = np.concatenate(list(workload.blocks(camera, charge, 2_080)), axis=2)
+    charge = synthetic_recording.make_charge(camera, 5)
+    spikes = np.concatenate(list(synthetic_recording.encode_blocks(camera, charge, 2_080)), axis=2)
     box = (slice(3, 67), slice(20, 84), slice(13, 156))
     ones = np.unpackbits(spikes[box], axis=2)
     expected = ones.reshape(64, 64, -1, 8 * chunks.WINDOW).sum(axis=3).transpose(2, 0, 1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saf_gen import bits
+from saf_gen.core import bits
 
 
 def random_frames(count, rows=5, columns=7, seed=0):
@@ -49,8 +49,8 @@ def test_counts_add_up_and_take_views():
 @pytest.mark.parametrize("count", [1, 8, 13, 16])
 def test_turning_a_bit_matrix_is_a_transpose(count):
     rows = np.random.default_rng(1).integers(0, 256, (count, 3), np.uint8)
-    tracks = bits.rows_to_tracks(rows)
+    tracks = bits.frames_to_spike_trains(rows)
     expected = np.unpackbits(rows, axis=1, bitorder="little").T
     assert np.array_equal(np.unpackbits(tracks, axis=1, bitorder="little")[:, :count], expected)
     assert not np.unpackbits(tracks, axis=1, bitorder="little")[:, count:].any()
-    assert np.array_equal(bits.tracks_to_rows(tracks, count), rows)
+    assert np.array_equal(bits.spike_trains_to_frames(tracks, count), rows)

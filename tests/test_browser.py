@@ -4,16 +4,16 @@ import math
 from dataclasses import replace
 
 import pytest
-from browser import CHROMIUM, MISSING, chromium, told
-from pages import evaluation, recorded
+from browser import CHROMIUM, NO_CHROMIUM, run_chromium, run_in_page
+from pages import make_evaluation, make_records
 
-from saf_gen.leaderboard import AXES, columns, table
-from saf_gen.leaderboard.columns import percent
-from saf_gen.records import record_to_json
-from saf_gen.report import write_report
-from saf_gen.report.recount import RULES
+from saf_gen.benchmark.records import record_to_json
+from saf_gen.leaderboard import AXES, list_shown_columns, rank_methods
+from saf_gen.leaderboard.columns import format_percent
+from saf_gen.leaderboard.report import write_report
+from saf_gen.leaderboard.report.page_data import AGGREGATION_RULES
 
-pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason=MISSING)]
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)]
 
 READ = """
 const read = () => [...page.getElementById("board").tBodies[0].rows]
@@ -35,27 +35,29 @@ const head = (text) => [...page.querySelectorAll("#board thead tr:last-child th"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("page")
-    made = evaluation()
-    write_report(out, evaluation=made, rows=table(made.records), title="small")
+    made = make_evaluation()
+    write_report(out, evaluation=made, rows=rank_methods(made.records), title="small")
     return out
 
 
 @pytest.fixture(scope="module")
 def ask(folder, tmp_path_factory):
     def asked(script, **options):
-        return told(folder, READ + script, profile=tmp_path_factory.mktemp("profile"), **options)
+        return run_in_page(folder, READ + script, profile=tmp_path_factory.mktemp("profile"), **options)
 
     return asked
 
 
 def shown_as(record_filter):
     """The leaderboard's lines for some of the records, as Python has them; intervals are left out."""
-    records = recorded()
-    shown = columns(table(records))
+    records = make_records()
+    shown = list_shown_columns(rank_methods(records))
     lines = []
-    for row in table([r for r in records if record_filter(r)]):
+    for row in rank_methods([r for r in records if record_filter(r)]):
         held = [
-            column.text(row) if column.name in ("rank", "method", *RULES) or column.share else "–"
+            column.format_value(row)
+            if column.name in ("rank", "method", *AGGREGATION_RULES) or column.share
+            else "–"
             for column in shown
         ]
         lines.append([held[0].rstrip("~"), *held[1:]])
@@ -71,7 +73,7 @@ def test_the_page_loads_alone_and_its_policy_lets_its_script_run(ask):
       };
     """)
     assert answer["loaded"] == []
-    assert answer["sorts"] == len(columns(table(recorded())))
+    assert answer["sorts"] == len(list_shown_columns(rank_methods(make_records())))
     assert answer["status"] == "4 of 4 methods, 12 of 12 sequences."
 
 
@@ -170,7 +172,10 @@ def test_the_leaderboard_of_some_sequences_is_that_of_python(ask):
         for choice in CHOICES
     )
     answer = ask(f"const out = [read()]; {steps} await reset(); out.push(read()); return out;")
-    whole = [[c.text(row) for c in columns(table(recorded()))] for row in table(recorded())]
+    whole = [
+        [c.format_value(row) for c in list_shown_columns(rank_methods(make_records()))]
+        for row in rank_methods(make_records())
+    ]
     assert answer[0] == whole
     assert answer[-1] == whole
     for choice, lines in zip(CHOICES[:-1], answer[1:-2], strict=True):
@@ -215,7 +220,7 @@ def test_single_answers_are_the_worst_first_with_their_lines(ask):
       choose("split", "train"); choose("measure", "sd");
       return { all, some: lines(), said: page.querySelector("#answers [role=status]").textContent };
     """)
-    records = recorded()
+    records = make_records()
     worst = sorted(range(len(records)), key=lambda i: -abs(records[i].error_dof or math.inf))
     assert [line[3] for line in answer["all"]] == [f"line {i + 1}" for i in worst]
     for line in answer["all"]:
@@ -234,7 +239,7 @@ ANSWERS_TABLE = """[...page.querySelectorAll("#answers tbody tr")].map((row) => 
 
 def test_the_answers_of_the_script_are_those_that_are_there_without_it(ask):
     of_script, plain = (ask(f"return {ANSWERS_TABLE};", scripts=scripts) for scripts in (True, False))
-    assert len(plain) == len(recorded())
+    assert len(plain) == len(make_records())
     for one, other in zip(of_script, plain, strict=True):
         for (text, kind, value), (plain_text, plain_kind, plain_value) in zip(one, other, strict=True):
             assert (text, kind) == (plain_text, plain_kind)
@@ -262,7 +267,7 @@ def test_a_line_s_number_opens_its_record_and_sorting_shuts_it(ask):
       return { place, said, seen, opened, shut, sorted,
         all: Array.from({ length: 5 }, (_, r) => window.recordOf(r)) };
     """)
-    records = recorded()
+    records = make_records()
     assert (answer["seen"], answer["opened"]) == (True, "true")
     assert answer["shut"] == answer["sorted"] == [0, "false"]
     full = record_to_json(records[answer["place"]])
@@ -385,7 +390,7 @@ def test_without_script_the_tables_and_figures_are_there_and_nothing_dead(ask):
         scripts=False,
     )
     assert answer["rows"]
-    assert answer["answers"] == ["records.jsonl"] * len(recorded())
+    assert answer["answers"] == ["records.jsonl"] * len(make_records())
     assert answer["figures"]
     assert answer["sheet"] == pytest.approx([8 * 32 / (2 * 20)], rel=0.01)  # all pictures, as a sheet
     assert answer["dead"] == 0
@@ -419,18 +424,18 @@ def test_on_paper_there_are_no_controls_and_nothing_scrolls(ask, folder, tmp_pat
     assert answer["figures"]
     assert answer["wide"] <= 980
     paper = tmp_path / "page.pdf"
-    chromium(f"--print-to-pdf={paper}", (folder / "index.html").as_uri(), profile=tmp_path / "profile")
+    run_chromium(f"--print-to-pdf={paper}", (folder / "index.html").as_uri(), profile=tmp_path / "profile")
     assert paper.read_bytes().startswith(b"%PDF-")
     assert paper.stat().st_size > 20_000
 
 
 def test_long_and_hostile_names_neither_run_nor_widen_the_page(tmp_path):
     nasty = "<img src=x onerror=ran=1>" + "long" * 40
-    records = tuple(replace(r, scene=nasty + r.scene, sequence=nasty + r.sequence) for r in recorded())
-    made = replace(evaluation(), records=records)
+    records = tuple(replace(r, scene=nasty + r.scene, sequence=nasty + r.sequence) for r in make_records())
+    made = replace(make_evaluation(), records=records)
     out = tmp_path / "page"
-    write_report(out, evaluation=made, rows=table(records), title=nasty)
-    answer = told(
+    write_report(out, evaluation=made, rows=rank_methods(records), title=nasty)
+    answer = run_in_page(
         out,
         "return { wide: page.documentElement.scrollWidth, ran: window.ran === 1, title: page.title };",
         profile=tmp_path / "profile",
@@ -444,4 +449,4 @@ def test_long_and_hostile_names_neither_run_nor_widen_the_page(tmp_path):
 def test_shares_are_printed_as_python_prints_them(ask):
     shares = [n / 8 for n in range(9)] + [n / 200 for n in range(201)] + [1 / 3, 2 / 3, 0.125 - 1e-16]
     answer = ask(f"return {shares}.map((share) => window.inWords({{ digits: -1, rule: 'mean' }}, share));")
-    assert answer == [percent(share) for share in shares]
+    assert answer == [format_percent(share) for share in shares]

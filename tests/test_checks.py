@@ -6,32 +6,32 @@ import shutil
 
 import numpy as np
 import pytest
-from rendered import made_scene, needs_llvm
+from rendered import needs_llvm, write_scene
 from scipy.special import j1
 from small import SCENES
 
-from saf_gen import checks
+from saf_gen.authoring import checks
+from saf_gen.authoring.checks import SceneUnderTest, check_scene
+from saf_gen.authoring.checks.licence import check_licence
+from saf_gen.authoring.checks.target_detail import measure_detail
+from saf_gen.authoring.checks.target_motion import find_fastest_shape
+from saf_gen.authoring.template import create_scene
 from saf_gen.camera import get_sensor
-from saf_gen.checks import Trial, check_scene
-from saf_gen.checks.detail import detail_of
-from saf_gen.checks.motion import fastest
-from saf_gen.checks.paper import check_paper
-from saf_gen.focal_stack import FocalStack, StackSpec
-from saf_gen.optics import ImageDistance
-from saf_gen.render import variant
-from saf_gen.scene import find_scene
-from saf_gen.skeleton import new_scene
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.render import backend
+from saf_gen.scene.scene_folder import find_scene
+from saf_gen.stack.focal_stack import FocalStack, StackSpec
 
 pytestmark = pytest.mark.slow
 
-VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 
 
 @pytest.fixture
 def skeleton(tmp_path, monkeypatch):
     """The skeleton of a script, no family, as ``mine``; gives a function that edits it and finds it."""
     monkeypatch.chdir(tmp_path)
-    new_scene("mine", tmp_path / "scenes")
+    create_scene("mine", tmp_path / "scenes")
     folder = tmp_path / "scenes/mine"
     card = folder / "scene.yaml"
     text = re.sub(r"tilt_deg: .*", "tilt_deg: 0", card.read_text())
@@ -69,7 +69,7 @@ def sensor_file(tmp_path, small_sensor):
 def found(scene, sensor, check):
     """Level and text of one check's findings."""
     run = getattr(checks, f"check_{check}")
-    return [(f.level, f.text) for f in run(Trial(scene, sensor, VARIANT))]
+    return [(f.level, f.text) for f in run(SceneUnderTest(scene, sensor, VARIANT))]
 
 
 def ends_with(scene, sensor):
@@ -99,7 +99,7 @@ def only(scene, sensor, check):
     ],
 )
 def test_the_licence_is_one_that_lets_others_use_the_scene(skeleton, licence, level, told):
-    finding = next(check_paper(skeleton(("licence: CC-BY-4.0", f"licence: {licence}"))))
+    finding = next(check_licence(skeleton(("licence: CC-BY-4.0", f"licence: {licence}"))))
     assert finding.level == level
     assert told in finding.text
 
@@ -117,7 +117,7 @@ def test_the_licence_is_one_that_lets_others_use_the_scene(skeleton, licence, le
 def test_the_source_is_told(skeleton, source, words, level, told):
     scene = skeleton(("source: SOURCE.md", f"source: {source}"))
     (scene.folder / "SOURCE.md").write_text(words)
-    finding = list(check_paper(scene))[1]
+    finding = list(check_licence(scene))[1]
     assert finding.level == level
     assert told in finding.text
 
@@ -125,7 +125,7 @@ def test_the_source_is_told(skeleton, source, words, level, told):
 def test_a_picture_that_nobody_explains_is_told(skeleton):
     scene = skeleton(("source: SOURCE.md", "source: made here"))
     shutil.copy(SCENES / "workbench/textures/print.png", scene.folder / "photo.png")
-    assert "photo.png is not explained" in list(check_paper(scene))[1].text
+    assert "photo.png is not explained" in list(check_licence(scene))[1].text
 
 
 # --- geometry and units -------------------------------------------------------------------------------
@@ -209,8 +209,8 @@ def test_the_positions_that_recipes_need_are_told(skeleton, sensor):
     scene = skeleton()
     ((_, text),) = found(scene, sensor, "reach")
     positions = int(re.search(r"focus.positions: (\d+)", text)[1])
-    trial = Trial(scene, sensor, VARIANT)
-    low, high = trial.depth_of_focus
+    subject = SceneUnderTest(scene, sensor, VARIANT)
+    low, high = subject.depth_of_focus
     assert 1 / (positions - 1) <= (high - low) / 2 < 2 / (positions - 1)
 
 
@@ -294,7 +294,7 @@ def planted(signal, noise, seed):
     random = np.random.default_rng(seed)
     picture = np.random.default_rng(1).standard_normal((200, 200))
     radiance = np.array([3 + s * picture + noise * random.standard_normal((200, 200)) for s in signal])
-    drive = ImageDistance(0.025, 2.0, (0.6, 0.42))
+    drive = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
     spec = StackSpec("plane", "0" * 64, ("all",), drive, 200, 200, 2e-5, 5, 16, 4)
     everywhere = np.ones((200, 200), dtype=bool)
     return FocalStack(spec, radiance[None].astype(np.float32), np.ones((200, 200)), everywhere, "none")
@@ -303,14 +303,14 @@ def planted(signal, noise, seed):
 def test_loss_and_noise_are_those_that_were_planted():
     """40,000 pixels: noise and loss are known to half a per cent at one sigma; four are allowed."""
     signal = (0.5, 0.8, 1.0, 0.9, 0.6)
-    shown = detail_of(planted(signal, 0.3, 2), planted(signal, 0.3, 3), 0.5, 0.25)
-    assert shown.loss == pytest.approx(1 - 0.8**2, abs=0.02)
+    shown = measure_detail(planted(signal, 0.3, 2), planted(signal, 0.3, 3), 0.5, 0.25)
+    assert shown.blur_loss == pytest.approx(1 - 0.8**2, abs=0.02)
     assert shown.noise == pytest.approx(0.3, rel=0.02)
     assert shown.contrast == pytest.approx(1 / 3, rel=0.02)
 
 
 def test_a_picture_of_noise_alone_has_no_detail():
-    shown = detail_of(planted((0,) * 5, 0.3, 2), planted((0,) * 5, 0.3, 5), 0.5, 0.25)
+    shown = measure_detail(planted((0,) * 5, 0.3, 2), planted((0,) * 5, 0.3, 5), 0.5, 0.25)
     assert shown.contrast < 0.01  # 0.3/3 of noise, squared, over the root of 40,000: 0.007 at one sigma
 
 
@@ -318,7 +318,7 @@ def test_a_picture_of_noise_alone_has_no_detail():
 def test_the_loss_of_stripes_is_that_of_the_discs_transfer(tmp_path, monkeypatch, sensor):
     """Stripes of eight pixels a period, aslant, blurred by a disc of three: harmonic k falls by 2·J1(x)/x,
     x = 3π·k/8; a pixel takes its own sinc of each first."""
-    drive = ImageDistance(0.025, 2.0, (0.6, 0.42))
+    drive = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
     footprint_m = 20e-6 * 0.5 / float(drive.image_distance(drive.best_position(0.5)))
     period, slant, periods = 8, np.radians(10), 50
     texture = f"mi.Bitmap(np.tile(np.array([0.2, 0.8], dtype='float32'), (2, {periods})))"
@@ -329,11 +329,11 @@ def test_the_loss_of_stripes_is_that_of_the_discs_transfer(tmp_path, monkeypatch
         " 'sky': {'type': 'constant', 'radiance': 1.0}}"
     )
     lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
-    scene = made_scene(
+    scene = write_scene(
         tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="plane"
     )
-    trial = Trial(scene, sensor, "llvm")
-    loss = detail_of(*trial.near, trial.truth, 3 * trial.half_depth).loss
+    subject = SceneUnderTest(scene, sensor, "llvm")
+    loss = measure_detail(*subject.near_stacks, subject.true_focus, 3 * subject.half_depth_of_focus).blur_loss
     k = np.arange(1, 400, 2) / period
     weight = (np.sinc(k * np.cos(slant)) * np.sinc(k * np.sin(slant)) / k) ** 2
     left = (2 * j1(3 * np.pi * k) / (3 * np.pi * k)) ** 2
@@ -374,17 +374,17 @@ def moving(skeleton, way, slices=500):
 
 def test_the_speed_of_a_shift_is_the_closed_form(skeleton, sensor):
     """0.1 m/s across at 0.5 m: v/u of it on the sensor, over the pitch."""
-    trial = Trial(moving(skeleton, "[0.1, 0, 0]"), sensor, VARIANT)
-    name, speed = fastest(trial, [0.0, 0.5])
+    subject = SceneUnderTest(moving(skeleton, "[0.1, 0, 0]"), sensor, VARIANT)
+    name, speed = find_fastest_shape(subject, [0.0, 0.5])
     assert name == "card"
-    assert speed == pytest.approx(0.1 / trial.footprint_m, rel=1e-3)
+    assert speed == pytest.approx(0.1 / subject.pixel_footprint_m, rel=1e-3)
 
 
 def test_the_speed_of_a_turn_is_that_of_the_corners(skeleton, sensor):
     card = MOVES.replace("translate_m: %s", "rotate_deg: %s")
-    trial = Trial(skeleton(("target: [card]", card % (90, 500))), sensor, VARIANT)
-    _, speed = fastest(trial, [0.5])
-    assert speed == pytest.approx(np.pi / 2 * 0.05 * np.sqrt(2) / trial.footprint_m, rel=1e-3)
+    subject = SceneUnderTest(skeleton(("target: [card]", card % (90, 500))), sensor, VARIANT)
+    _, speed = find_fastest_shape(subject, [0.5])
+    assert speed == pytest.approx(np.pi / 2 * 0.05 * np.sqrt(2) / subject.pixel_footprint_m, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -437,7 +437,7 @@ def lit_by(tmp_path, monkeypatch):
             f" 'bsdf': {{'type': 'diffuse', 'reflectance': {chequers}}}}}, 'lamp': {{{lamp}}}}}"
         )
         lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
-        made = made_scene(
+        made = write_scene(
             tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="lamp", target="plane"
         )
         with (made.folder / "scene.yaml").open("a") as card:
@@ -469,8 +469,11 @@ def test_the_fastest_of_a_lamp_and_a_shape_is_the_shape(lit_by, sensor):
     both = "motion: {lamp: {keyframes: %s}, plane: {keyframes: %s}}\n"
     moves = "[{time_s: 0}, {time_s: 1, translate_m: [%s, 0, 0]}]"
     scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", both % (moves % 3, moves % 0.01))
-    trial = Trial(scene, sensor, VARIANT)
-    assert fastest(trial, [0.5]) == ("plane", pytest.approx(0.01 / trial.footprint_m, rel=1e-3))
+    subject = SceneUnderTest(scene, sensor, VARIANT)
+    assert find_fastest_shape(subject, [0.5]) == (
+        "plane",
+        pytest.approx(0.01 / subject.pixel_footprint_m, rel=1e-3),
+    )
 
 
 def test_a_scene_in_the_dark_goes_through_all_checks(lit_by, sensor):
@@ -539,7 +542,7 @@ def test_one_scene_with_a_broken_card_does_not_stop_the_others(call, skeleton, m
     broken = scene.folder.parent / "broken"
     broken.mkdir()
     (broken / "scene.yaml").write_text("id: broken\n")
-    monkeypatch.setattr("saf_gen.scene.scene_names", lambda: ["broken", "mine"])
+    monkeypatch.setattr("saf_gen.scene.scene_folder.scene_names", lambda: ["broken", "mine"])
     code, out, _ = call("scenes", "check", "--sensor", sensor_file, "--variant", VARIANT)
     assert code == 1
     assert "broken error card: " in out

@@ -9,19 +9,19 @@ import pytest
 from scipy.special import j1
 
 from saf_gen import encode, get_measure, get_search, get_sensor
-from saf_gen.actuators import get_actuator
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.tracks.closed_loop_run import finish_run
+from saf_gen.benchmark.view.captured_frames import CapturedFrames
+from saf_gen.benchmark.view.running_camera import RunningCamera
+from saf_gen.benchmark.view.sweep_view import SweepView
 from saf_gen.cli import main
-from saf_gen.contest.loop import ended
-from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
-from saf_gen.evaluate import evaluate
-from saf_gen.focal_stack import FocalStack, StackSpec
-from saf_gen.optics import ImageDistance
-from saf_gen.reel import Footage
-from saf_gen.rig.film import Film
-from saf_gen.rig.live import Live
-from saf_gen.rig.sweep import Sweep
-from saf_gen.stream import Truth, write_stream
-from saf_gen.take import Take
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.optics.actuators import get_actuator
+from saf_gen.stack.capture import Capture
+from saf_gen.stack.focal_stack import FocalStack, StackSpec
+from saf_gen.stack.time_resolved import PlaneSource
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.stream_file import Truth, write_stream
 
 SHAPE = (160, 200)
 FRAMES, BLOCK = 8_000, 100
@@ -93,28 +93,30 @@ def planted_take(frames):
     x = np.maximum(2 * np.pi * 20 * np.abs(2 * places - 1)[:, None, None] * frequency, 1e-6)
     pictures = np.fft.ifft2(texture * 2 * j1(x) / x).real
     radiance = (1 + 0.2 * pictures / pictures[64].std()).clip(0).astype(np.float32)
-    drive = ImageDistance(0.05, 2.8, (2.0, 1.0))
+    drive = ImageDistanceDrive(0.05, 2.8, (2.0, 1.0))
     spec = StackSpec("planted", "", ("lamp",), drive, size, size, 20e-6, places.size, 1, 1)
     stack = FocalStack(spec, radiance[None], np.ones((size, size)), np.ones((size, size), bool), "none")
     sensor = replace(get_sensor("ideal"), rows=size, columns=size)
     gain, truth = np.ones((frames, 1), np.float32), Truth(0.5, (0.48, 0.52), None)
-    take = Take(Footage.of(stack), sensor, gain, 1.0, 1, 1, truth, len(gain))
-    return replace(take, exposure=0.3 * sensor.threshold_e / float(take.exposed().picture(0, 0.5).mean()))
+    take = Capture(PlaneSource.from_stack(stack), sensor, gain, 1.0, 1, 1, truth, len(gain))
+    return replace(
+        take, exposure=0.3 * sensor.threshold_e / float(take.open_charge_source().charge_image(0, 0.5).mean())
+    )
 
 
 def time_to_focus(take, search, sweep):
     """Frames from the start of a sweep to the lens, as fast as the sweep, back at the answer; the answer."""
-    exposed = take.exposed()
+    exposed = take.open_charge_source()
     whole = (slice(0, take.sensor.rows), slice(0, take.sensor.columns))
     drive = get_actuator("ideal", speed=take.sensor.readout_hz / sweep)
-    live = Live(
-        Film(take, exposed, whole), get_measure("sd"), drive,
+    live = RunningCamera(
+        CapturedFrames(take, exposed, whole), get_measure("sd"), drive,
         start=0.0, seed=1, budget=take.frames, readout_hz=take.sensor.readout_hz,
     )  # fmt: skip
-    view = Sweep(live, 0.0, 1.0, frames=sweep)
+    view = SweepView(live, 0.0, 1.0, frames=sweep)
     answer = search(view)
-    live.course = None
-    run = ended(live, answer, view.position_at(answer.frame), budget=take.frames)
+    live.commanded_trajectory = None
+    run = finish_run(live, answer, view.position_at(answer.frame), budget=take.frames)
     assert run.path[-1] == pytest.approx(0.5, abs=0.02)
     return int(np.flatnonzero(np.abs(run.path - run.path[-1]) > 1e-3)[-1]) + 1, answer
 

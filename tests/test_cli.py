@@ -17,13 +17,13 @@ import pytest
 from small import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, read_method_list
 from saf_gen.cli import _terminal, main
-from saf_gen.dataset import read_manifest, write_manifest
-from saf_gen.files import replaced
-from saf_gen.methods import DEFAULT_METHODS, listed_methods
-from saf_gen.render import variant
+from saf_gen.core.files import write_atomically
+from saf_gen.render import backend
+from saf_gen.stream.manifest import read_manifest, write_manifest
 
-VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 STREAM = "test/plane-constant-00.h5"
 # A test run started in the background inherits "ignore Ctrl-C", and would hand it on.
 ENTRY = """
@@ -164,7 +164,7 @@ def test_a_dry_run_of_a_shard_lists_its_sequences_only(call, small_recipe, test_
 def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy):
     code, out, err = call("evaluate", copy)
     assert (code, err) == (0, "")
-    for method in DEFAULT_METHODS:
+    for method in DEFAULT_RECORDED_METHODS:
         assert method in out
     written = copy / "evaluation"
     names = ["leaderboard.json", "leaderboard.csv", "leaderboard.md", "index.html", "records.jsonl"]
@@ -173,7 +173,7 @@ def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy):
         assert str(written / name) in out.splitlines()
     for name in ("curves-plane-constant-00", "steps-plane-continuous-00", "errors-plane_test"):
         assert (written / f"figures/{name}.svg").stat().st_size > 0
-    assert len(records(written)) == 3 * len(DEFAULT_METHODS)
+    assert len(records(written)) == 3 * len(DEFAULT_RECORDED_METHODS)
     keys = {"method", "sequence", "position", "frame", "truth", "error"}
     keys |= {"trace", "frames_seen", "lens_travel", "seconds"}
     assert keys <= set(records(written)[0])
@@ -234,7 +234,7 @@ def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp
 
 def test_the_lists_of_the_contest_name_methods():
     for name in ("recorded", "closed_loop"):
-        assert len(listed_methods(HERE.parent / f"benchmarks/contest/{name}.txt")) > 10
+        assert len(read_method_list(HERE.parent / f"benchmarks/contest/{name}.txt")) > 10
 
 
 def test_a_lone_stream_is_evaluated_beside_itself(call, dataset, tmp_path):
@@ -333,7 +333,7 @@ def test_verify_names_what_is_damaged_and_what_is_missing(call, copy):
 def test_methods_lists_every_measure_and_search(call):
     code, out, _ = call("methods")
     assert code == 0
-    for spec in DEFAULT_METHODS:
+    for spec in DEFAULT_RECORDED_METHODS:
         for name in spec.split("+"):
             assert f"│ {name.removesuffix('_n')} " in out
 
@@ -747,8 +747,8 @@ def test_the_next_run_clears_what_a_killed_one_left_half_written(copy, small_rec
     """What another process is writing at that moment stays."""
     begin = """
 import os, sys
-from saf_gen.files import replaced
-left = [replaced(path) for path in sys.argv[1:]]
+from saf_gen.core.files import write_atomically
+left = [write_atomically(path) for path in sys.argv[1:]]
 for one in left:
     one.__enter__().write_bytes(b"half")
 os._exit(9)
@@ -756,7 +756,7 @@ os._exit(9)
     stack = next(copy.glob("stacks/*"))
     subprocess.run([sys.executable, "-c", begin, stack / "lamp.exr", copy / STREAM], check=False)
     assert len(list(copy.rglob(".*"))) == 2
-    with replaced(copy / STREAM) as part:
+    with write_atomically(copy / STREAM) as part:
         shutil.copy(copy / STREAM, part)
         assert call("generate", small_recipe, "--out", copy)[0] == 0
         assert list(copy.rglob(".*")) == [part]

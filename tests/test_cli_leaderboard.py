@@ -6,12 +6,12 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from sweeps import SHAPE, spikes, truth_at, write_sweep
+from sweeps import SHAPE, make_spikes, make_truth, write_sweep
 
+from saf_gen.benchmark.records import read_records
 from saf_gen.cli import main
-from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
-from saf_gen.records import read_records
-from saf_gen.stream import write_stream
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.stream_file import write_stream
 
 pytestmark = pytest.mark.slow
 
@@ -48,9 +48,9 @@ def dataset(tmp_path_factory):
         name, brightness = f"{scene}-{light}-00", gain if light == "ramp" else np.ones(SHAPE[0])
         digest = write_stream(
             folder / f"test/{name}.h5",
-            spikes(peak, gain=brightness),
+            make_spikes(peak, gain=brightness),
             focus_position=lens,
-            truth=truth_at(peak),
+            truth=make_truth(peak),
             gain=brightness[:, None].astype(np.float32),
             light_names=("all",),
         )
@@ -215,7 +215,7 @@ def test_a_stream_made_elsewhere_with_gaps_is_evaluated_with_what_is_known(call,
     path = tmp_path / "gaps.h5"
     track = np.full(SHAPE[0], 300 / 799, np.float32)
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
-    write_stream(path, spikes(300.0), focus_position=lens, truth=truth_at(300.0, track=track))
+    write_stream(path, make_spikes(300.0), focus_position=lens, truth=make_truth(300.0, track=track))
     with h5py.File(path, "r+") as file:
         file[name][600:603] = np.nan
     code, _, err = call("evaluate", path, "--method", "sd+argmax", "--method", "er_count+sgfs_causal")
@@ -236,14 +236,14 @@ AGAIN = "nothing was written: the same command starts from the beginning"
 
 
 def test_ctrl_c_in_an_evaluation_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.evaluate.evaluate", interrupted)
+    monkeypatch.setattr("saf_gen.benchmark.evaluate.evaluate", interrupted)
     code, printed, err = call("evaluate", dataset, "--out", tmp_path / "out")
     assert (code, printed, err) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
     assert not (tmp_path / "out").exists()
 
 
 def test_ctrl_c_while_tuning_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.tune.tune", interrupted)
+    monkeypatch.setattr("saf_gen.leaderboard.tuning.tune", interrupted)
     file = tmp_path / "cen.json"
     call_ = ("tune", dataset, "--method", "cen+argmax", "--try", "measure.highest=0.1,0.2", "--out", file)
     assert call(*call_) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
@@ -251,5 +251,5 @@ def test_ctrl_c_while_tuning_says_that_nothing_is_kept(call, dataset, tmp_path, 
 
 
 def test_ctrl_c_in_a_command_that_writes_nothing_says_no_more_than_that(call, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.inspection.check_dataset", interrupted)
+    monkeypatch.setattr("saf_gen.stream.inspection.verify_dataset", interrupted)
     assert call("verify", tmp_path) == (130, "", "saf-gen: stopped\n")

@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from saf_gen import registry
 from saf_gen.cli import main
+from saf_gen.core.config import registry
 from saf_gen.measures import measure_names
 
 OWN = '''\
@@ -161,7 +161,7 @@ def test_every_part_of_ours_is_shown_with_its_options_and_its_source(call, name)
     page, room = things(out), "measures" if name in registry.names("measures") else "searches"
     part = registry.build(room, name)
     assert [line.partition("=")[0] for line in page["options"].splitlines()] == (
-        list(registry.keys(room, name)) or ["none"]
+        list(registry.option_fields(room, name)) or ["none"]
     )
     assert "default:" not in page["options"]
     assert " ".join(page["source"].split()) == part.source
@@ -233,7 +233,7 @@ def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hide
         code, out, _ = call("methods")
     finally:
         registry._offered.cache_clear()
-        registry.part_class.cache_clear()
+        registry.plugin_class.cache_clear()
         sys.modules.pop("somebody", None)
     assert code == 0
     assert row(out, "marked")[1:4] == ["1", "-", "_n _tfi"]

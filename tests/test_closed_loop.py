@@ -4,27 +4,27 @@ import math
 from contextlib import suppress
 from dataclasses import replace
 
+import capture_dataset
 import numpy as np
 import pytest
-import take_dataset
 
 import saf_gen
-from saf_gen import evaluate as referee
-from saf_gen.actuators import get_actuator
+from saf_gen.benchmark import evaluate as evaluate_module
+from saf_gen.benchmark.method_spec import Method
+from saf_gen.benchmark.tracks.closed_loop_judgement import count_reversals, judge_closed_loop_run
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_to_encode
+from saf_gen.benchmark.view.running_camera import BudgetSpentError, RunningCamera
+from saf_gen.benchmark.view.sweep_view import SweepView
 from saf_gen.cli import main
-from saf_gen.contest.loop import Run, run_method
-from saf_gen.contest.terms import Terms
-from saf_gen.contest.verdict import judge_run, reversals
 from saf_gen.errors import BadInput
-from saf_gen.exposed import Exposed
 from saf_gen.measures import get_measure
-from saf_gen.methods import Method
+from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer, View
-from saf_gen.rig.film import Film, rows_of
-from saf_gen.rig.live import BudgetSpentError, Live
-from saf_gen.rig.sweep import Sweep
-from saf_gen.stream import Truth
-from saf_gen.take import Take
+from saf_gen.stack.capture import Capture
+from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stream.stream_file import Truth
 
 IDEAL = get_actuator(
     "voice_coil", speed=1e4, acceleration=1e9, resonance_hz=1e5, damping=1.0, backlash=0, step=0, place_rms=0,
@@ -36,19 +36,19 @@ WHOLE = (slice(0, 40), slice(0, 64))
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-        yield take_dataset.make(tmp_path_factory.mktemp("loop"), patch)
+        yield capture_dataset.make_dataset(tmp_path_factory.mktemp("loop"), patch)
 
 
 @pytest.fixture
 def take(dataset):
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
-        yield Take.of(stream, dataset / "stacks")
+        yield Capture.from_stream(stream, dataset / "stacks")
 
 
 def live_of(take, *, start=0.0, budget=800, actuator=IDEAL):
-    exposed = take.exposed(rows_of(take, WHOLE))
-    return Live(
-        Film(take, exposed, WHOLE), get_measure("sd"), actuator,
+    exposed = take.open_charge_source(rows_to_encode(take, WHOLE))
+    return RunningCamera(
+        CapturedFrames(take, exposed, WHOLE), get_measure("sd"), actuator,
         start=start, seed=1, budget=budget, readout_hz=take.sensor.readout_hz,
     )  # fmt: skip
 
@@ -106,15 +106,17 @@ def method(search, measure=None):
 
 def run(take, search, **terms):
     terms = {"actuator": IDEAL, **terms}
-    return run_method(take, take.exposed(), WHOLE, method(search), Terms(**terms))
+    return run_closed_loop_method(
+        take, take.open_charge_source(), WHOLE, method(search), ClosedLoopProtocol(**terms)
+    )
 
 
 def test_what_is_seen_is_the_stack_at_the_place_of_the_lens(take):
     """At rest at the truth and off it: SD of 320 frames, against a recording made at that place."""
     sharp = live_of(take, start=take.truth.position).score(0, 320)
     blurred = live_of(take, start=0.0).score(0, 320)
-    film = Film(take, take.exposed(), WHOLE)
-    film.develop(320, np.full(800, take.truth.position))
+    film = CapturedFrames(take, take.open_charge_source(), WHOLE)
+    film.encode_until(320, np.full(800, take.truth.position))
     assert sharp == get_measure("sd")(film.window(0, 320))
     assert blurred < 0.9 * sharp
 
@@ -160,7 +162,7 @@ def test_the_lens_is_not_sent_out_of_its_travel(take, to):
 def test_a_search_that_commands_ends_where_it_says(take):
     done = run(take, GoTo(0.625))
     assert done.problem == ""
-    assert done.answered == 120
+    assert done.answer_frame == 120
     assert done.path[-1] == pytest.approx(0.625, abs=1e-4)
 
 
@@ -168,9 +170,9 @@ def test_a_search_that_commands_ends_where_it_says(take):
 def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(take, frame):
     done = run(take, At(frame), sweep_s=0.016)
     assert done.problem == ""
-    way = np.diff(done.path[: done.answered])
-    begin = int(np.argmax(np.abs(done.path - done.path[done.answered - 1]) > 0.02))
-    assert done.answered < 450
+    way = np.diff(done.path[: done.answer_frame])
+    begin = int(np.argmax(np.abs(done.path - done.path[done.answer_frame - 1]) > 0.02))
+    assert done.answer_frame < 450
     assert (np.sign(way[begin + 60 :]) != -np.sign(way[begin + 60 :].sum())).all()
     swept = (frame + 0.5) / 320
     assert done.path[-1] == pytest.approx(swept, abs=0.03) or done.path[-1] == pytest.approx(
@@ -205,7 +207,7 @@ def test_a_broken_method_fails_and_says_why(take, search, problem):
     done = run(take, search)
     assert problem in done.problem
     assert len(done.problem.splitlines()) == 1
-    verdict = judge_run(done, take.truth, 20_000)
+    verdict = judge_closed_loop_run(done, take.truth, 20_000)
     assert verdict["status"] == "failed"
     assert verdict["success_2dof"] is False
     assert "error" not in verdict
@@ -223,7 +225,7 @@ def test_an_exception_that_cannot_be_told_is_named(take):
 @pytest.mark.parametrize("search", [GoTo(0.5), At(200.0)], ids=["commands", "estimates"])
 def test_a_broken_measure_is_told_like_a_broken_search(take, search):
     broken = method(search, Raises(RuntimeError("no light")))
-    done = run_method(take, take.exposed(), WHOLE, broken, Terms(IDEAL))
+    done = run_closed_loop_method(take, take.open_charge_source(), WHOLE, broken, ClosedLoopProtocol(IDEAL))
     assert done.problem == "RuntimeError: no light"
 
 
@@ -242,8 +244,10 @@ def test_broken_methods_take_no_other_along(dataset, monkeypatch):
         "sd+sound": GoTo(0.5),
         "sd+disk": Raises(OSError("no weights")),
     }
-    monkeypatch.setattr(referee, "parse_method", lambda name: replace(method(searches[name]), name=name))
-    result = referee.evaluate(dataset, methods=list(searches), terms=Terms(IDEAL))
+    monkeypatch.setattr(
+        evaluate_module, "parse_method", lambda name: replace(method(searches[name]), name=name)
+    )
+    result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)
     for record in result.records:
@@ -261,39 +265,39 @@ def looks_and_goes_on(view):
 @pytest.mark.parametrize("search", [GoTo(0.5), At(200.0), Commands(looks_and_goes_on)])
 @pytest.mark.parametrize("error", [BadInput("is cut short", where="a.exr"), OSError("no such disk")])
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(take, monkeypatch, search, error):
-    exposed = take.exposed()
-    monkeypatch.setattr(exposed, "lights", lambda *given: Raises(error)(given))
+    exposed = take.open_charge_source()
+    monkeypatch.setattr(exposed, "encoder_inputs", lambda *given: Raises(error)(given))
     with pytest.raises(type(error), match=str(error)):
-        run_method(take, exposed, WHOLE, method(search), Terms(IDEAL))
+        run_closed_loop_method(take, exposed, WHOLE, method(search), ClosedLoopProtocol(IDEAL))
 
 
 def test_both_regions_are_seen(dataset):
     steps = []
-    terms = Terms(IDEAL, budget_s=0.02)
-    found = referee.evaluate(
-        dataset, methods=["sd+golden_section", "sd+argmax:window=20@frame"], terms=terms, region="both",
+    terms = ClosedLoopProtocol(IDEAL, budget_s=0.02)
+    found = evaluate_module.evaluate(
+        dataset, methods=["sd+golden_section", "sd+argmax:window=20@frame"], protocol=terms, region="both",
         scene_motion="static", progress=lambda *told: steps.append(told),
     )  # fmt: skip
     assert found.failures == ()
     names = ["sd+golden_section", "sd+golden_section@frame", "sd+argmax:window=20@frame"]
     assert sorted({r.method for r in found.records}) == sorted(names)
     assert {r.method: r.region for r in found.records}["sd+golden_section@frame"] == "frame"
-    assert [path.method for path in found.paths] == [r.method for r in found.records]
+    assert [path.method for path in found.lens_paths] == [r.method for r in found.records]
     assert len({(r.sequence, r.mean_rate) for r in found.records}) == 2
     assert [done for done, _, _ in steps] == [1, 2, 3, 4, 5, 6]
 
 
 def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, monkeypatch):
-    lights = Exposed.lights
+    lights = ChargeSource.encoder_inputs
 
     def torn(self, *given):
-        if self.reel.moves:
+        if self.time_stack.is_moving:
             raise BadInput("is cut short", where="a.exr")
         return lights(self, *given)
 
-    monkeypatch.setattr(Exposed, "lights", torn)
-    monkeypatch.setattr(referee, "parse_method", lambda _: method(GoTo(0.5)))
-    result = referee.evaluate(dataset, methods=["sd+x"], terms=Terms(IDEAL))
+    monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
+    monkeypatch.setattr(evaluate_module, "parse_method", lambda _: method(GoTo(0.5)))
+    result = evaluate_module.evaluate(dataset, methods=["sd+x"], protocol=ClosedLoopProtocol(IDEAL))
     assert [failure.problem for failure in result.failures] == ["a.exr: is cut short"] * 2
     assert {record.scene_motion for record in result.records} == {"static"}
     assert {record.status for record in result.records} == {"answered"}
@@ -321,7 +325,7 @@ def test_a_search_holds_what_a_view_promises_and_can_set_none_of_it(take, kind):
 def test_a_window_that_is_not_of_the_sweep_is_refused_as_a_recording_does(take, window):
     live = live_of(take)
     live.wait(80)
-    view = Sweep(live, 0.0, 1.0, frames=320)
+    view = SweepView(live, 0.0, 1.0, frames=320)
     told = r"frames \S+ to \S+ were asked for; allowed: whole numbers, 0 <= first < stop <= 320"
     with pytest.raises(BadInput, match=told):
         view.score(*window)
@@ -331,7 +335,7 @@ def test_a_window_that_is_not_of_the_sweep_is_refused_as_a_recording_does(take, 
 def test_the_lens_before_a_sweep_is_not_of_it(take):
     live = live_of(take)
     live.wait(80)
-    view = Sweep(live, 0.0, 1.0, frames=320)
+    view = SweepView(live, 0.0, 1.0, frames=320)
     with pytest.raises(BadInput, match="frame 0 has not passed; allowed: none before the first"):
         view.position(0)
     view.score(0, 40)
@@ -345,7 +349,7 @@ def test_the_lens_before_a_sweep_is_not_of_it(take):
 def test_a_sweep_ends_where_the_lens_is_at_the_far_end(take, name, budget):
     """One that is led at its own speed ends 3 and 12 % short of it."""
     live = live_of(take, actuator=get_actuator(name, position_noise_rms=0), budget=budget)
-    view = Sweep(live, 0.0, 1.0, frames=budget)
+    view = SweepView(live, 0.0, 1.0, frames=budget)
     view.wait(budget)
     assert live.path[-1] == pytest.approx(1, abs=0.01)
     assert live.path[budget // 2] == pytest.approx(0.5, abs=0.1)
@@ -355,7 +359,7 @@ def test_an_answer_is_the_place_of_the_lens_where_the_sensor_is_at_the_motor(tak
     """A liquid lens trails its current by 4 ms: 13 % of the travel in this sweep. After its first 12 ms."""
     drive = get_actuator("liquid_lens", position_noise_rms=0, place_rms=0)
     live = live_of(take, actuator=drive)
-    view = Sweep(live, 0.0, 1.0, frames=800)
+    view = SweepView(live, 0.0, 1.0, frames=800)
     view.wait(800)
     for frame in (300, 400.5, 500):
         truly = float(np.interp(frame, np.arange(800), live.path))
@@ -374,17 +378,17 @@ def test_a_wait_is_never_shorter_than_was_asked(take, frames, passed):
 def test_an_answer_without_a_look_is_where_the_lens_stands(take, before):
     live = live_of(take)
     live.wait(before)
-    assert Sweep(live, 0.0, 1.0, frames=320).position_at(100.0) == pytest.approx(0, abs=1e-6)
+    assert SweepView(live, 0.0, 1.0, frames=320).position_at(100.0) == pytest.approx(0, abs=1e-6)
 
 
 def test_the_same_method_twice_gives_the_same_run(take):
     first, second = (run(take, At(200.0), actuator=get_actuator("voice_coil")) for _ in range(2))
     assert np.array_equal(first.path, second.path)
-    assert first.answered == second.answered
+    assert first.answer_frame == second.answer_frame
 
 
 def ran(path, *, answered=0, answer=None):
-    return Run(answer or Answer(position=0.5), "", answered, np.asarray(path, float), 800, 1, 0.0)
+    return ClosedLoopRun(answer or Answer(position=0.5), "", answered, np.asarray(path, float), 800, 1, 0.0)
 
 
 TRUTH = Truth(position=0.5, depth_of_focus=(0.48, 0.52))
@@ -393,7 +397,10 @@ TRUTH = Truth(position=0.5, depth_of_focus=(0.48, 0.52))
 def test_the_verdict_is_of_the_last_place_against_the_truth_of_then():
     moving = Truth(0.5, (0.48, 0.52), track=np.linspace(0.4, 0.6, 800))
     path = np.concatenate([np.linspace(0, 0.53, 100), np.full(300, 0.53)])
-    still, then = judge_run(ran(path), TRUTH, 20_000), judge_run(ran(path), moving, 20_000)
+    still, then = (
+        judge_closed_loop_run(ran(path), TRUTH, 20_000),
+        judge_closed_loop_run(ran(path), moving, 20_000),
+    )
     assert still["error_dof"] == pytest.approx(0.75)
     assert still["blur_px"] == pytest.approx(1.5)
     assert (still["success_half_dof"], still["success_1dof"], still["success_2dof"]) == (False, True, True)
@@ -404,20 +411,20 @@ def test_the_verdict_is_of_the_last_place_against_the_truth_of_then():
 def test_time_to_focus_is_when_the_lens_is_in_its_last_place_for_good():
     """Within a quarter of the depth of focus, 0.01: from 0.2 to 0.5 in 100 frames it is there at 97."""
     path = np.concatenate([np.full(100, 0.2), np.linspace(0.2, 0.5, 101), np.full(99, 0.5)])
-    verdict = judge_run(ran(path, answered=100), TRUTH, 20_000)
+    verdict = judge_closed_loop_run(ran(path, answered=100), TRUTH, 20_000)
     assert verdict["time_to_focus_s"] == pytest.approx((100 + 97) / 20_000, abs=1.5 / 20_000)
 
 
 @pytest.mark.parametrize(("best", "right"), [(0.5, False), (1.01, False), (1.2, True), (-0.5, True)])
 def test_an_abstention_is_right_where_the_focus_is_out_of_reach(best, right):
     truth = Truth(best, (best - 0.02, best + 0.02))
-    verdict = judge_run(ran(np.full(10, 0.3), answer=Answer()), truth, 20_000)
+    verdict = judge_closed_loop_run(ran(np.full(10, 0.3), answer=Answer()), truth, 20_000)
     assert verdict["status"] == "abstained"
     assert verdict["success_1dof"] is right
 
 
 def test_without_a_truth_nothing_is_said_of_it():
-    verdict = judge_run(ran(np.full(10, 0.3)), Truth(), 20_000)
+    verdict = judge_closed_loop_run(ran(np.full(10, 0.3)), Truth(), 20_000)
     assert verdict["truth"] is None
     assert verdict["success_1dof"] is None
     assert verdict["position"] == pytest.approx(0.3)
@@ -427,7 +434,7 @@ def test_without_a_truth_nothing_is_said_of_it():
     ("places", "turns"), [([], 0), ([0.5], 0), ([0.5, 0.0, 0.2, 1.0, 1.0, 0.6], 2), ([0.1, 0.1, 0.3, 0.2], 1)]
 )
 def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(places, turns):
-    assert reversals(places) == turns
+    assert count_reversals(places) == turns
 
 
 @pytest.mark.parametrize(
@@ -466,4 +473,4 @@ def test_terms_that_no_sequence_can_keep_write_nothing(dataset, tmp_path, capsys
 
 
 def test_the_terms_are_told_in_one_line(take):
-    assert Terms(get_actuator("voice_coil")).describe(take) == "voice_coil, 40 ms, sweep 10 ms"
+    assert ClosedLoopProtocol(get_actuator("voice_coil")).describe(take) == "voice_coil, 40 ms, sweep 10 ms"

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from saf_gen.cluster import run_jobs
 from saf_gen.errors import BadInput
+from saf_gen.generate.executor import run_jobs
 
 
 class Light:
@@ -34,9 +34,9 @@ class Square(Light):
     def name(self) -> str:
         return f"square {self.number}"
 
-    def run(self, tell):
-        tell(self.name, 0.5)
-        tell(self.name, 1.0)
+    def run(self, report):
+        report(self.name, 0.5)
+        report(self.name, 1.0)
         return self.number**2, os.getpid()
 
 
@@ -50,7 +50,7 @@ class Raises(Light):
     def name(self) -> str:
         return f"raises {type(self.error).__name__}"
 
-    def run(self, tell):
+    def run(self, report):
         raise self.error
 
 
@@ -60,7 +60,7 @@ class Dies(Light):
 
     name: str = "dies"
 
-    def run(self, tell):
+    def run(self, report):
         os._exit(9)
 
 
@@ -72,7 +72,7 @@ class Sleeps(Light):
     seconds: float = 60.0
     name: str = "sleeps"
 
-    def run(self, tell):
+    def run(self, report):
         half = self.note.with_suffix(".half")
         half.write_text(str(os.getpid()))
         half.replace(self.note)
@@ -80,7 +80,7 @@ class Sleeps(Light):
 
 
 def done(jobs, **options):
-    options = {"workers": 1, "tell": lambda name, done: None} | options
+    options = {"workers": 1, "report": lambda name, done: None} | options
     ended = run_jobs(jobs, **options)
     return {job.name: (result, "" if error is None else str(error)) for job, result, error in ended}
 
@@ -116,7 +116,7 @@ def test_each_job_gives_its_result_from_another_process():
 def test_all_that_jobs_tell_is_heard_in_order():
     """Also what the last job told just before it ended."""
     heard = []
-    done([Square(n) for n in range(6)], workers=2, tell=lambda name, done: heard.append((name, done)))
+    done([Square(n) for n in range(6)], workers=2, report=lambda name, done: heard.append((name, done)))
     for n in range(6):
         assert [share for name, share in heard if name == f"square {n}"] == [0.5, 1.0]
 
@@ -147,7 +147,7 @@ def followers(job, result):
 def test_what_follows_from_a_job_runs_after_it():
     order = []
     for job, result, error in run_jobs(
-        [Square(3), Raises(MemoryError())], workers=1, tell=lambda name, done: None, then=followers
+        [Square(3), Raises(MemoryError())], workers=1, report=lambda name, done: None, follow_up=followers
     ):
         order.append((job.name, error is None and result[0]))
     assert set(order) == {("square 3", 9), ("square 9", 81), ("raises MemoryError", False)}
@@ -158,7 +158,7 @@ def test_what_follows_from_a_job_runs_after_it():
 def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another():
     """The light one ends although the heavy ones, one after the other, are still at it."""
     heavy = [Heavy(1.0, "one"), Heavy(1.0, "two")]
-    ended = list(run_jobs([*heavy, Square(1)], workers=1, tell=lambda name, done: None))
+    ended = list(run_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None))
     first, second = sorted(result for job, result, _ in ended if isinstance(job, Heavy))
     assert first[1] <= second[0]
     assert ended[-1][0].name != "square 1"
@@ -168,7 +168,10 @@ def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_anot
 def test_a_job_that_follows_a_dead_process_fails_with_that_cause():
     """Its pool is broken by then: what should run next is named too, nothing hangs."""
     ended = run_jobs(
-        [Heavy(), Dies()], workers=1, tell=lambda name, done: None, then=lambda job, result: [Square(2)]
+        [Heavy(), Dies()],
+        workers=1,
+        report=lambda name, done: None,
+        follow_up=lambda job, result: [Square(2)],
     )
     results = {job.name: error for job, _, error in ended}
     assert results["heavy"] is None
@@ -177,7 +180,7 @@ def test_a_job_that_follows_a_dead_process_fails_with_that_cause():
 
 def test_bad_input_is_told_apart_from_other_failures():
     jobs = [Raises(BadInput("gain -1")), Raises(ZeroDivisionError("division by zero"))]
-    errors = {job.name: error for job, _, error in run_jobs(jobs, workers=1, tell=lambda name, done: None)}
+    errors = {job.name: error for job, _, error in run_jobs(jobs, workers=1, report=lambda name, done: None)}
     assert errors["raises BadInput"].exit_code == 2
     assert errors["raises ZeroDivisionError"].exit_code == 1
 
@@ -198,7 +201,7 @@ def test_a_job_whose_process_dies_is_named_with_what_to_do():
 
 def test_workers_end_when_the_caller_stops_listening(tmp_path):
     note = tmp_path / "pid"
-    jobs = run_jobs([Square(1), Sleeps(note)], workers=2, tell=lambda name, done: None)
+    jobs = run_jobs([Square(1), Sleeps(note)], workers=2, report=lambda name, done: None)
     next(jobs)
     deadline = time.monotonic() + 30
     while not note.exists() and time.monotonic() < deadline:
@@ -219,12 +222,12 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
             """
             import sys
             from pathlib import Path
-            from saf_gen.cluster import run_jobs
+            from saf_gen.generate.executor import run_jobs
             from test_cluster import Sleeps
             if __name__ == "__main__":
                 notes = [Path(n) for n in sys.argv[1:]]
                 jobs = [Sleeps(note, name=note.name) for note in notes]
-                list(run_jobs(jobs, workers=len(jobs), tell=lambda name, done: None))
+                list(run_jobs(jobs, workers=len(jobs), report=lambda name, done: None))
             """
         )
     )
@@ -258,7 +261,7 @@ class Heavy:
     name: str = "heavy"
     takes_all_cores: bool = True
 
-    def run(self, tell):
+    def run(self, report):
         begin = time.monotonic()  # one clock for all processes of a machine
         time.sleep(self.seconds)
         return begin, time.monotonic()
@@ -318,7 +321,7 @@ def test_a_cluster_gives_results_and_names_what_failed(fake_dask):
     results = done(
         [Square(2), Raises(BadInput("no such group")), Square(3)],
         address="tcp://here:8786",
-        tell=lambda name, done: heard.append((name, done)),
+        report=lambda name, done: heard.append((name, done)),
     )
     assert results["square 2"][0][0] == 4
     assert results["square 3"][0][0] == 9
@@ -327,7 +330,7 @@ def test_a_cluster_gives_results_and_names_what_failed(fake_dask):
 
 
 def test_what_follows_from_a_job_runs_on_the_cluster_too(fake_dask):
-    results = done([Square(3)], address="tcp://here:8786", then=followers)
+    results = done([Square(3)], address="tcp://here:8786", follow_up=followers)
     assert {name: result[0] for name, (result, _) in results.items()} == {"square 3": 9, "square 9": 81}
 
 

@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saf_gen import get_measure, get_motion, get_search, registry
-from saf_gen.conformance import check_measure, check_search
-from saf_gen.conformance._described import check_class
-from saf_gen.conformance._drawn import Drawn, peak
-from saf_gen.conformance._finding import Fault
+from saf_gen import get_measure, get_motion, get_search
+from saf_gen.benchmark.conformance import check_measure, check_search
+from saf_gen.benchmark.conformance._check_result import CheckFailure
+from saf_gen.benchmark.conformance._declaration_checks import check_class
+from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, gaussian_curve
+from saf_gen.core.config import registry
 from saf_gen.errors import BadInput
 from saf_gen.measures import measure_names
 from saf_gen.motions import readout_positions
@@ -144,10 +145,10 @@ def package_of_the_page(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     importlib.invalidate_caches()
     registry._offered.cache_clear()
-    registry.part_class.cache_clear()
+    registry.plugin_class.cache_clear()
     yield
     registry._offered.cache_clear()
-    registry.part_class.cache_clear()
+    registry.plugin_class.cache_clear()
     for name in modules:
         sys.modules.pop(name, None)
 
@@ -161,7 +162,10 @@ def test_the_files_shown_are_complete_short_and_conform(package_of_the_page):
         assert get_measure(name, apart=2) != get_measure(name)
     for name in ("my_search", "my_lens_search"):
         assert amiss(check_search(get_search(name))) == []
-    assert abs(get_search("my_search", window=50)(Drawn(peak(5000, 0.3))).frame - 1500) <= 25
+    assert (
+        abs(get_search("my_search", window=50)(SyntheticRecording(gaussian_curve(5000, 0.3))).frame - 1500)
+        <= 25
+    )
 
 
 def test_a_package_that_cannot_be_loaded_is_told_and_breaks_no_other(package_of_the_page, tmp_path):
@@ -212,5 +216,5 @@ def test_the_motion_that_the_broken_ones_are_made_of_conforms():
 
 @pytest.mark.parametrize("fault", BROKEN_MOTIONS)
 def test_a_broken_motion_is_caught(fault):
-    with pytest.raises((AssertionError, Fault), match=fault):
+    with pytest.raises((AssertionError, CheckFailure), match=fault):
         check_motion(BROKEN_MOTIONS[fault], first=0)

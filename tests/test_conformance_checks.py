@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 from saf_gen import get_measure, get_search
-from saf_gen.conformance import Limits, check, check_measure, check_method, check_search
-from saf_gen.conformance._drawn import Drawn, peak
-from saf_gen.conformance._pictures import texture
-from saf_gen.conformance._stage import BEST, RATE, write_recordings
-from saf_gen.conformance.named import named
+from saf_gen.benchmark.conformance import CheckLimits, check_measure, check_method, check_named, check_search
+from saf_gen.benchmark.conformance._sample_counts import natural_texture
+from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, gaussian_curve
+from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, TARGET_RATE, write_recordings
+from saf_gen.benchmark.conformance.name_resolution import resolve_name
+from saf_gen.benchmark.method_spec import Method, parse_method
+from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method
 from saf_gen.errors import BadInput
-from saf_gen.methods import Method, parse_method
 from saf_gen.parts import Answer
-from saf_gen.stream import open_stream
-from saf_gen.tuned import Trial, Tuned, tuned_text
+from saf_gen.stream.stream_file import open_stream
 
-SOON = Limits(scores=50_000)  # ten times what a sound search of these asks for
-BRIEF = Limits(seconds=0.5)  # for parts that idle for ever
+SOON = CheckLimits(scores=50_000)  # ten times what a sound search of these asks for
+BRIEF = CheckLimits(seconds=0.5)  # for parts that idle for ever
 
 
 def sum_of_squares(self, counts):
@@ -450,7 +450,7 @@ CALLS = []
 def first_then_other(self, view):
     """Like best_block on drawn curves; on anything else, every call one frame on."""
     CALLS.append(1)
-    return best_block(self, view) if isinstance(view, Drawn) else Answer(len(CALLS))
+    return best_block(self, view) if isinstance(view, SyntheticRecording) else Answer(len(CALLS))
 
 
 METHODS = [
@@ -473,7 +473,9 @@ def tenth(view):
 
 @pytest.mark.slow
 def test_a_method_that_misses_the_focus_of_a_sweep_is_warned_of():
-    part = search_of(lambda s, v: best_block(s, v, answer=Answer if isinstance(v, Drawn) else tenth(v)))
+    part = search_of(
+        lambda s, v: best_block(s, v, answer=Answer if isinstance(v, SyntheticRecording) else tenth(v))
+    )
     found = assert_caught(check_method(method_of(part)), "recordings", "warn", "swept 0.100; focus at 0.4")
     assert_caught(found, "running camera", "warn", "ends at a usual light: 0.(09|10)")
 
@@ -488,7 +490,7 @@ def test_a_method_is_not_tried_where_a_half_of_it_fails():
 )
 @pytest.mark.slow
 def test_methods_of_ours_conform(name):
-    found = list(check(name))
+    found = list(check_named(name))
     assert {f.part for f in found} == {"measure", "search", "method"}
     assert {f.level for f in found} == {"pass"}, found
 
@@ -507,15 +509,15 @@ def test_recordings_of_the_stage_show_what_they_say(tmp_path):
             if name == "swept":
                 windows = [stream.counts(a, a + 200) for a in range(0, 2000, 200)]
                 sharpness = [w.var() / w.mean() ** 2 for w in windows]
-                assert abs(np.argmax(sharpness) * 0.1 + 0.05 - BEST) <= 0.1
+                assert abs(np.argmax(sharpness) * 0.1 + 0.05 - BEST_FOCUS) <= 0.1
     assert rates["empty"] == 0
     assert rates["full"] == 1
     assert rates["saturated"] > 0.95
-    assert rates["swept"] == pytest.approx(RATE, rel=0.05)
+    assert rates["swept"] == pytest.approx(TARGET_RATE, rel=0.05)
 
 
 def test_amplitudes_of_the_texture_fall_as_one_over_frequency():
-    picture = texture(256, 256)
+    picture = natural_texture(256, 256)
     assert picture.mean() == pytest.approx(1, abs=0.01)
     assert picture.min() >= 0.05
     frequency = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256))
@@ -526,8 +528,8 @@ def test_amplitudes_of_the_texture_fall_as_one_over_frequency():
 
 
 def test_a_drawn_recording_scores_the_mean_of_its_curve_and_named_measures_by_a_picture():
-    view = Drawn(peak(1000, 0.4), unit=2.0)
-    assert view.score(100, 500) == pytest.approx(2 * peak(1000, 0.4)[100:500].mean(), rel=1e-12)
+    view = SyntheticRecording(gaussian_curve(1000, 0.4), unit=2.0)
+    assert view.score(100, 500) == pytest.approx(2 * gaussian_curve(1000, 0.4)[100:500].mean(), rel=1e-12)
     assert (view.now, view.scores) == (500, 1)
     assert view.score(350, 450, "sd") > 5 * view.score(600, 700, "sd")
     assert view.score(0, 200, "er_count") == pytest.approx(2 * view.score(0, 100, "er_count"), rel=0.01)
@@ -551,7 +553,7 @@ def test_a_part_that_hangs_is_stopped_by_the_clock(findings, name):
 
 
 def test_a_search_that_looks_at_the_past_for_ever_is_stopped():
-    findings = check_search(commanding(in_the_past), Limits(scores=1000))
+    findings = check_search(commanding(in_the_past), CheckLimits(scores=1000))
     assert_caught(findings, "stays in travel and budget", "fail", "did not end within 1,000 scores")
 
 
@@ -570,19 +572,21 @@ def test_a_loop_without_end_is_stopped_by_the_number_of_scores_in_a_thread_too()
 def test_a_name_is_a_method_or_a_half_of_one(tmp_path):
     own = tmp_path / "own.py"
     own.write_text(OWN)
-    assert named("sd+argmax") == parse_method("sd+argmax")
-    assert named("argmax:window=50") == ("searches", get_search("argmax", window=50))
-    assert named("sd") == ("measures", get_measure("sd"))
-    assert named("variance_n_tfi") == ("measures", get_measure("variance_n_tfi"))
+    assert resolve_name("sd+argmax") == parse_method("sd+argmax")
+    assert resolve_name("argmax:window=50") == ("searches", get_search("argmax", window=50))
+    assert resolve_name("sd") == ("measures", get_measure("sd"))
+    assert resolve_name("variance_n_tfi") == ("measures", get_measure("variance_n_tfi"))
     for suffix in ("", "_n", "_tfi"):
-        assert named(f"{own}:Total{suffix}")[0] == "measures"
-    assert named(f"{own}:Middle")[0] == "searches"
+        assert resolve_name(f"{own}:Total{suffix}")[0] == "measures"
+    assert resolve_name(f"{own}:Middle")[0] == "searches"
     tuned = tmp_path / "best.json"
-    trial = Trial("sd+argmax:window=50", 1.0, 0.1)
+    trial = TuningTrial("sd+argmax:window=50", 1.0, 0.1)
     tuned.write_text(
-        tuned_text(Tuned(trial.method, "d", "train", "recorded", "", "target", 1, "0", "0", (trial,)))
+        format_tuned_method(
+            TunedMethod(trial.method, "d", "train", "recorded", "", "target", 1, "0", "0", (trial,))
+        )
     )
-    assert named(f"@{tuned}").search.window == 50
+    assert resolve_name(f"@{tuned}").search.window == 50
 
 
 OWN = """\
@@ -629,4 +633,4 @@ class Nothing:
 def test_a_name_that_is_neither_is_told_in_one_line(tmp_path, name, message):
     (tmp_path / "own.py").write_text(OWN)
     with pytest.raises(BadInput, match=message):
-        check(name.format(own=tmp_path / "own.py"))
+        check_named(name.format(own=tmp_path / "own.py"))

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from saf_gen.curve_quality import RISE, curve_quality
-from saf_gen.seeds import generator
+from saf_gen.core.seeds import make_generator
+from saf_gen.leaderboard.curve_quality import MIN_PROMINENCE, assess_focus_curve
 
 X = np.linspace(0, 1, 201)
 
@@ -17,7 +17,7 @@ def lorentzian(centre=0.4, half=0.03):
 
 def test_a_gaussian_has_the_widths_of_its_formula():
     """σ·2√(2 ln(1/L)); straight lines between blocks of 0.1 σ miss it by less than a thousandth."""
-    found = curve_quality(X, 7 + 3 * gaussian(), truth=0.41, depth=0.02)
+    found = assess_focus_curve(X, 7 + 3 * gaussian(), truth=0.41, depth=0.02)
     assert found.peak == pytest.approx(0.4)
     assert found.accuracy == pytest.approx(0.01)
     assert found.accuracy_dof == pytest.approx(0.5)
@@ -31,7 +31,7 @@ def test_a_lorentzian_is_wide_below_and_narrow_above():
     """Half width·2√(1/L − 1), of the height over the lowest place of the sweep."""
     y = lorentzian()
     floor = y.min()
-    found = curve_quality(X, y, truth=0.4)
+    found = assess_focus_curve(X, y, truth=0.4)
     for level, width in ((0.5, found.width_50), (0.8, found.width_80)):
         height = floor + level * (1 - floor)
         assert width == pytest.approx(0.03 * 2 * np.sqrt(1 / height - 1), rel=1e-2)
@@ -43,9 +43,9 @@ def test_a_ripple_makes_false_maxima_and_a_large_one_ends_the_range():
     """A cosine on two slopes has a maximum a period, and one at each end: ten beside the peak."""
     base = 1 - np.abs(X - 0.5) / 0.5
     ripple = np.cos(2 * np.pi * (X - 0.5) / 0.1)
-    small = curve_quality(X, base + 0.04 * ripple)
+    small = assess_focus_curve(X, base + 0.04 * ripple)
     assert (small.false_maxima, small.false_peaks, small.range) == (8 + 2, 0, 1)
-    large = curve_quality(X, base + 0.15 * ripple)
+    large = assess_focus_curve(X, base + 0.15 * ripple)
     assert large.false_maxima == large.false_peaks == 8 + 2
     # Where the slope 2 meets that of the ripple, 0.15·2π/0.1·sin: the minimum beside the peak.
     phase = np.pi + np.arcsin(2 / (0.15 * 2 * np.pi / 0.1))
@@ -54,21 +54,21 @@ def test_a_ripple_makes_false_maxima_and_a_large_one_ends_the_range():
 
 def test_a_second_peak_is_false_and_the_valley_between_them_ends_the_range():
     y = gaussian(0.3, 0.03) + 0.6 * gaussian(0.7, 0.03)
-    found = curve_quality(X, y)
+    found = assess_focus_curve(X, y)
     assert (found.false_maxima, found.false_peaks) == (1, 1)
     valley = X[np.abs(X - 0.5) < 0.1][y[np.abs(X - 0.5) < 0.1].argmin()]
     assert found.range == pytest.approx(valley, abs=1e-9)
 
 
 def test_an_end_that_rises_is_a_false_maximum():
-    found = curve_quality(X, gaussian() + 0.3 * (X > 0.9) * (X - 0.9) / 0.1)
+    found = assess_focus_curve(X, gaussian() + 0.3 * (X > 0.9) * (X - 0.9) / 0.1)
     assert (found.false_maxima, found.false_peaks) == (1, 1)
     assert found.range == pytest.approx(0.9, abs=0.02)
-    assert curve_quality(X, X**2).false_maxima == 0
+    assert assess_focus_curve(X, X**2).false_maxima == 0
 
 
 def test_a_curve_that_follows_a_brightening_light_is_wide_and_far_from_the_truth():
-    found = curve_quality(X, 1 + X, truth=0.4, depth=0.05)
+    found = assess_focus_curve(X, 1 + X, truth=0.4, depth=0.05)
     assert (found.peak, found.width_50) == (1, None)
     assert found.accuracy_dof == pytest.approx(12)
 
@@ -76,20 +76,20 @@ def test_a_curve_that_follows_a_brightening_light_is_wide_and_far_from_the_truth
 @pytest.mark.parametrize("sigma", [0.01, 0.03])
 def test_noise_is_the_standard_deviation_of_what_was_added(sigma):
     """3,500 second differences, correlated (Σρ² = 1.94): the estimate has an sd of 1.7 %; four, one seed."""
-    random = generator("test_curve_quality", "noise", int(1000 * sigma))
+    random = make_generator("test_curve_quality", "noise", int(1000 * sigma))
     x = np.linspace(0, 1, 4001)
     y = np.exp(-(((x - 0.4) / 0.05) ** 2) / 2) + sigma * random.standard_normal(x.size)
-    found = curve_quality(x, y)
+    found = assess_focus_curve(x, y)
     assert found.noise == pytest.approx(sigma / (y.max() - y.min()), rel=0.068)
     assert found.false_maxima > 1000
     assert (found.false_peaks == 0) == (sigma == 0.01)
 
 
 def test_neither_direction_nor_scale_nor_offset_matters():
-    random = generator("test_curve_quality", "scale")
+    random = make_generator("test_curve_quality", "scale")
     y = gaussian() + 0.02 * random.standard_normal(X.size)
-    there, back = curve_quality(X, y, truth=0.4), curve_quality(X[::-1], y[::-1], truth=0.4)
-    scaled = curve_quality(X, 1e6 * y - 3e5, truth=0.4)
+    there, back = assess_focus_curve(X, y, truth=0.4), assess_focus_curve(X[::-1], y[::-1], truth=0.4)
+    scaled = assess_focus_curve(X, 1e6 * y - 3e5, truth=0.4)
     assert there == back
     for name, value in vars(there).items():
         known = value if value is None else pytest.approx(value, rel=1e-6)
@@ -98,15 +98,15 @@ def test_neither_direction_nor_scale_nor_offset_matters():
 
 def test_a_plateau_is_one_maximum():
     y = np.array([0, 1, 1, 0, 0.5, 0.5, 0.2, 0.0])
-    found = curve_quality(np.linspace(0, 1, 8), y)
+    found = assess_focus_curve(np.linspace(0, 1, 8), y)
     assert (found.false_maxima, found.false_peaks) == (1, 1)
 
 
 def test_a_rise_of_just_less_than_the_limit_is_passed_over():
     x = np.arange(5.0)
-    below, above = 0.2 + RISE - 1e-6, 0.2 + RISE + 1e-6
-    assert curve_quality(x, np.array([1, 0.2, below, 0.1, 0])).range == 4
-    assert curve_quality(x, np.array([1, 0.2, above, 0.1, 0])).range == 1
+    below, above = 0.2 + MIN_PROMINENCE - 1e-6, 0.2 + MIN_PROMINENCE + 1e-6
+    assert assess_focus_curve(x, np.array([1, 0.2, below, 0.1, 0])).range == 4
+    assert assess_focus_curve(x, np.array([1, 0.2, above, 0.1, 0])).range == 1
 
 
 @pytest.mark.parametrize(
@@ -120,8 +120,8 @@ def test_a_rise_of_just_less_than_the_limit_is_passed_over():
     ids=["short", "flat", "at rest", "comes back"],
 )
 def test_where_there_is_no_curve_there_is_no_quality(position, scores):
-    assert curve_quality(np.array(position), np.array(scores)) is None
+    assert assess_focus_curve(np.array(position), np.array(scores)) is None
 
 
 def test_few_blocks_have_no_noise():
-    assert curve_quality(np.linspace(0, 1, 5), np.array([0, 1, 3, 1, 0])).noise is None
+    assert assess_focus_curve(np.linspace(0, 1, 5), np.array([0, 1, 3, 1, 0])).noise is None

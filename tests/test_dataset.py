@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saf_gen.dataset import (
-    MANIFEST,
+from saf_gen.errors import BadInput
+from saf_gen.stream.manifest import (
+    MANIFEST_NAME,
     Manifest,
     SequenceEntry,
     read_manifest,
     verify_entry,
     write_manifest,
-    write_text,
+    write_text_atomically,
 )
-from saf_gen.errors import BadInput
-from saf_gen.stream import write_stream
+from saf_gen.stream.stream_file import write_stream
 
 ENTRY = SequenceEntry(
     "a-1",
@@ -41,16 +41,16 @@ MANIFEST_ = Manifest(
 def changed(folder, change):
     """Write the manifest, change its document, and read it again."""
     write_manifest(folder, MANIFEST_)
-    document = json.loads((folder / MANIFEST).read_text())
+    document = json.loads((folder / MANIFEST_NAME).read_text())
     change(document)
-    (folder / MANIFEST).write_text(json.dumps(document))
+    (folder / MANIFEST_NAME).write_text(json.dumps(document))
     return read_manifest(folder)
 
 
 def test_a_manifest_comes_back_as_it_was_written(tmp_path):
     write_manifest(tmp_path / "new", MANIFEST_)
     assert read_manifest(tmp_path / "new") == MANIFEST_
-    assert [p.name for p in (tmp_path / "new").iterdir()] == [MANIFEST]
+    assert [p.name for p in (tmp_path / "new").iterdir()] == [MANIFEST_NAME]
 
 
 def test_splits_are_listed_in_the_order_of_the_sequences():
@@ -76,14 +76,14 @@ def test_a_file_is_no_dataset_folder(tmp_path):
 
 @pytest.mark.parametrize("text", ["", "{", "\x00"])
 def test_broken_json_is_told(tmp_path, text):
-    (tmp_path / MANIFEST).write_text(text)
+    (tmp_path / MANIFEST_NAME).write_text(text)
     with pytest.raises(BadInput, match="no readable JSON"):
         read_manifest(tmp_path)
 
 
 @pytest.mark.parametrize("text", ["[]", "{}", '{"format": "else"}'])
 def test_json_of_another_kind_is_told(tmp_path, text):
-    (tmp_path / MANIFEST).write_text(text)
+    (tmp_path / MANIFEST_NAME).write_text(text)
     with pytest.raises(BadInput, match="no manifest of a dataset"):
         read_manifest(tmp_path)
 
@@ -117,9 +117,9 @@ def test_a_manifest_that_points_outside_is_not_written(tmp_path):
 
 
 def test_a_failed_write_keeps_the_old_text_and_leaves_nothing(tmp_path):
-    write_text(tmp_path / "a.txt", "old")
+    write_text_atomically(tmp_path / "a.txt", "old")
     with pytest.raises(UnicodeEncodeError):
-        write_text(tmp_path / "a.txt", "new \ud800")
+        write_text_atomically(tmp_path / "a.txt", "new \ud800")
     assert (tmp_path / "a.txt").read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
@@ -127,7 +127,7 @@ def test_a_failed_write_keeps_the_old_text_and_leaves_nothing(tmp_path):
 def test_a_folder_that_cannot_be_made_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match=r"cannot be written: (Not a directory|File exists)"):
-        write_text(tmp_path / "file" / "a.txt", "x")
+        write_text_atomically(tmp_path / "file" / "a.txt", "x")
 
 
 def test_an_entry_is_verified_against_its_stream(tmp_path):

@@ -7,35 +7,35 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from rendered import loaded, needs_llvm
+from rendered import load_setup, needs_llvm
 from test_splat import paths, windows
 
-from saf_gen.optics import ImageDistance, Stage
-from saf_gen.render import device_splat, one_pass, variant
-from saf_gen.render.device_splat import DeviceSums
-from saf_gen.render.splat import COUNT_BITS, HostSums, Paths
-from saf_gen.scene import find_scene
+from saf_gen.optics import ImageDistanceDrive, Stage
+from saf_gen.render import backend, device_splat, one_pass
+from saf_gen.render.device_splat import DeviceAccumulator
+from saf_gen.render.host_splat import COUNT_BITS, HostAccumulator, TracedPaths
+from saf_gen.scene.scene_folder import find_scene
 
 SCALE, MOST = 1.2345e9, 0.9  # no power of two, so that products round; a tenth of radiances 0...1 is clipped
 
 
 @pytest.fixture
 def llvm():
-    variant.use("llvm")
+    backend.activate_backend("llvm")
 
 
 def traced(arrays, window=()):
-    return Paths(*map(mi.Float, arrays), *map(mi.Int32, window))
+    return TracedPaths(*map(mi.Float, arrays), *map(mi.Int32, window))
 
 
 def both(arrays, window, shape):
     """Sums (row, col, focus) of all workers together, stack and clipped, by the cores and by the device."""
     found = []
-    for kind in (HostSums, DeviceSums):
+    for kind in (HostAccumulator, DeviceAccumulator):
         sums = kind(shape, (0, shape[1]), SCALE, MOST)
         clipped = sums.add(traced(arrays, window))
-        whole = sums.sums.sum(axis=0) if kind is HostSums else sums.sums.numpy()
-        found.append((whole.reshape(*shape[1:], shape[0]), sums.stack(), clipped))
+        whole = sums.sums.sum(axis=0) if kind is HostAccumulator else sums.sums.numpy()
+        found.append((whole.reshape(*shape[1:], shape[0]), sums.mean_radiance(), clipped))
     return found
 
 
@@ -96,10 +96,10 @@ def test_bands_of_rows_are_the_rows_of_the_stack(llvm, monkeypatch):
     (_, whole, clipped), _ = both(arrays, (), shape)
     monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 17 * 13 * 4)
     parts = []
-    for band in DeviceSums.bands(shape):
-        sums = DeviceSums(shape, band, SCALE, MOST)
+    for band in DeviceAccumulator.split_into_bands(shape):
+        sums = DeviceAccumulator(shape, band, SCALE, MOST)
         assert sums.add(traced(arrays)) == clipped
-        parts.append(sums.stack())
+        parts.append(sums.mean_radiance())
     assert [part.shape for part in parts] == [(17, 3, 13)] * 3
     assert np.array_equal(np.concatenate(parts, axis=1), whole)
 
@@ -115,7 +115,7 @@ def test_bands_of_rows_are_the_rows_of_the_stack(llvm, monkeypatch):
     ],
 )
 def test_bands_cover_the_film_once_and_fit(shape, count):
-    bands = DeviceSums.bands(shape)
+    bands = DeviceAccumulator.split_into_bands(shape)
     assert len(bands) == count
     assert [0, *(end for _, end in bands)] == [*(begin for begin, _ in bands), shape[1]]
     assert all(8 * shape[0] * shape[2] * (b - a) <= device_splat.ACCUMULATOR_BYTES for a, b in bands)
@@ -123,7 +123,7 @@ def test_bands_cover_the_film_once_and_fit(shape, count):
 
 def test_a_band_has_a_row_at_least(monkeypatch):
     monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8)
-    assert DeviceSums.bands((17, 3, 13)) == [(0, 1), (1, 2), (2, 3)]
+    assert DeviceAccumulator.split_into_bands((17, 3, 13)) == [(0, 1), (1, 2), (2, 3)]
 
 
 @needs_llvm
@@ -136,9 +136,9 @@ def test_there_is_nothing_that_a_compiler_may_fuse_or_divide_in_single_precision
     shape = (17, 9, 13)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        sums = DeviceSums(shape, (0, 9), SCALE, MOST)
+        sums = DeviceAccumulator(shape, (0, 9), SCALE, MOST)
         sums.add(traced(paths(5, 3000, shape), windows(8, 3000, shape)))
-        sums.stack()
+        sums.mean_radiance()
         programs = [kernel["ir"].getvalue() for kernel in dr.kernel_history([dr.KernelType.JIT])]
     whole = "\n".join(programs)
     done = set(re.findall(r"= (f\w+) (?:<\d+ x )?(float|double)\b", whole))
@@ -148,7 +148,7 @@ def test_there_is_nothing_that_a_compiler_may_fuse_or_divide_in_single_precision
 
 
 DRIVES = {
-    "image_distance": ImageDistance(0.025, 2.0, (0.60, 0.42)),
+    "image_distance": ImageDistanceDrive(0.025, 2.0, (0.60, 0.42)),
     "stage": Stage(0.025, 2.0, 1 / 19, (-0.08, 0.10)),  # its paths have windows
 }
 
@@ -156,7 +156,7 @@ DRIVES = {
 @needs_llvm
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 def test_a_rendered_stack_is_that_of_the_cores(test_scenes, monkeypatch, drive):
-    setup = loaded(find_scene("plane"), drive=drive)
+    setup = load_setup(find_scene("plane"), drive=drive)
     asked = {"positions": 9, "samples": 16, "seed": 3}
     host, clipped = one_pass.render_stack(setup, **asked, on_device=False)
     device = one_pass.render_stack(setup, **asked, on_device=True)
@@ -174,18 +174,18 @@ def test_a_rendered_stack_is_that_of_the_cores(test_scenes, monkeypatch, drive):
 
 @needs_llvm
 def test_the_cores_splat_what_they_traced_and_a_card_what_it_traced(llvm, monkeypatch):
-    assert one_pass._kind(None) is HostSums
-    assert one_pass._kind(True) is DeviceSums
+    assert one_pass._kind(None) is HostAccumulator
+    assert one_pass._kind(True) is DeviceAccumulator
     monkeypatch.setattr(dr, "backend_v", lambda _: dr.JitBackend.CUDA)
-    assert one_pass._kind(None) is DeviceSums
-    assert one_pass._kind(False) is HostSums
+    assert one_pass._kind(None) is DeviceAccumulator
+    assert one_pass._kind(False) is HostAccumulator
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not variant.probe().cuda, reason="no NVIDIA card that Mitsuba can use")
+@pytest.mark.skipif(not backend.probe_backends().cuda, reason="no NVIDIA card that Mitsuba can use")
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 def test_a_card_makes_the_stack_that_cores_make_of_its_paths(test_scenes, drive):
-    setup = loaded(find_scene("plane"), name="cuda", drive=drive)
+    setup = load_setup(find_scene("plane"), name="cuda", drive=drive)
     asked = {"positions": 129, "samples": 64, "seed": 3}
     host, device = (one_pass.render_stack(setup, **asked, on_device=where) for where in (False, True))
     assert np.array_equal(host[0], device[0])

@@ -27,17 +27,17 @@ import yaml
 from pydantic import BaseModel, TypeAdapter
 from small import HERE, SCENES
 
-from saf_gen import registry, schedules
-from saf_gen import work as work_room
+from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.cli import app
-from saf_gen.lights import readout_gains
-from saf_gen.methods import DEFAULT_LIVE_METHODS, parse_method
-from saf_gen.optics.card import LensCard
+from saf_gen.core.config import registry
+from saf_gen.generate import resolve
+from saf_gen.generate.recipe import Recipe, read_recipe
+from saf_gen.lights import _schedule, readout_gains
+from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
-from saf_gen.recipe import Recipe, read_recipe
-from saf_gen.render import variant
-from saf_gen.scene import Card
+from saf_gen.render import backend
+from saf_gen.scene.scene_folder import SceneCard
 
 ROOT = HERE.parent
 FIRST = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "datasets/README.md")
@@ -148,14 +148,14 @@ def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
     """A recipe, a scene card, some keys of a card, or some keys of a recipe, put into the quickstart."""
     data = yaml.safe_load(block.text)
     if set(data) == {"lens"}:
-        TypeAdapter(LensCard).validate_python(data["lens"]).drive_with()
+        TypeAdapter(LensCard).validate_python(data["lens"]).build_drive()
         return
     if "lens" in data:
-        assert Card.model_validate(data).id == Path(block.path).parent.name
+        assert SceneCard.model_validate(data).id == Path(block.path).parent.name
         return
     if block.page.name == "add-a-scene.md" and "splits" not in data:
         whole = next(b for b in BLOCKS if b.path == "scenes/printed_card/scene.yaml")
-        Card.model_validate(yaml.safe_load(whole.text) | data)
+        SceneCard.model_validate(yaml.safe_load(whole.text) | data)
         return
     if "splits" not in data:
         assert set(data) <= set(Recipe.model_fields), "neither a recipe nor a part of one"
@@ -235,7 +235,7 @@ def leaves(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, bool
 
 @pytest.mark.parametrize(
     ("page", "heading", "model"),
-    [("docs/generate.md", "key", Recipe), ("docs/add-a-scene.md", "key", Card)],
+    [("docs/generate.md", "key", Recipe), ("docs/add-a-scene.md", "key", SceneCard)],
     ids=["recipe", "card"],
 )
 def test_the_table_of_keys_is_that_of_the_model(page, heading, model):
@@ -249,10 +249,10 @@ def test_the_table_of_drives_is_that_of_the_cards():
     for first, _, key, *_ in table("docs/add-a-scene.md", "drive"):
         drive = ticked(first)[0] if first else drive
         shown.setdefault(drive, []).append(ticked(key)[0])
-    common = {key for key, _ in leaves(Card)}
+    common = {key for key, _ in leaves(SceneCard)}
     real = {
-        kind.optics.kind: [f"lens.{k}" for k in kind.model_fields if f"lens.{k}" not in common]
-        for kind in kinds_of(Card.model_fields["lens"].annotation)
+        kind.drive_class.kind: [f"lens.{k}" for k in kind.model_fields if f"lens.{k}" not in common]
+        for kind in kinds_of(SceneCard.model_fields["lens"].annotation)
     }
     assert shown == real
 
@@ -265,7 +265,7 @@ def test_the_table_of_parts_is_that_of_the_registry(heading, room):
         kind = ticked(first)[0] if first else kind
         shown.setdefault(kind, {})[ticked(key)[0]] = default in NEEDED
     real = {
-        name: {f.name.rstrip("_"): f.default is MISSING for f in fields(registry.part_class(room, name))}
+        name: {f.name.rstrip("_"): f.default is MISSING for f in fields(registry.plugin_class(room, name))}
         for name in registry.names(room)
     }
     assert shown == real
@@ -273,7 +273,7 @@ def test_the_table_of_parts_is_that_of_the_registry(heading, room):
 
 def test_the_keys_of_every_light_schedule_are_those_of_the_code():
     shown = [ticked(row[0])[0] for row in table("docs/generate.md", "key of every kind")]
-    assert shown == list(schedules.COMMON)
+    assert shown == list(_schedule.COMMON_KEYS)
 
 
 def test_the_table_of_sensors_is_that_of_the_sensor_files():
@@ -288,7 +288,7 @@ def test_the_methods_that_run_in_the_closed_loop_are_those_of_the_code():
     shown = {}
     for searches, measures, how in table("docs/closed-loop.md", "search"):
         shown |= {f"{m}+{s}": how for s in ticked(searches) for m in ticked(measures)}
-    real = {name: commands_lens(parse_method(name).search) for name in DEFAULT_LIVE_METHODS}
+    real = {name: commands_lens(parse_method(name).search) for name in DEFAULT_CLOSED_LOOP_METHODS}
     assert shown == {name: "by its own commands" if own else "by a sweep" for name, own in real.items()}
 
 
@@ -325,9 +325,9 @@ def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
         apply(recipe)
         path = tmp_path / "recipe.yaml"
         path.write_text(yaml.safe_dump(recipe))
-        work = work_room.prepare(path)
-        stacks = {s.id: work.reel(s).specs[0].key for s in work.sequences}
-        made = {s.id: work_room.fingerprint(work, s, stacks[s.id]) for s in work.sequences}
+        work = resolve.resolve_recipe(path)
+        stacks = {s.id: work.time_stack(s).specs[0].key for s in work.sequences}
+        made = {s.id: resolve.sequence_fingerprint(work, s, stacks[s.id]) for s in work.sequences}
         return {s.scene: stacks[s.id] for s in work.sequences}, made
 
     stacks, before = fingerprints(lambda recipe: None)
@@ -434,7 +434,9 @@ def test_what_a_page_shows_runs_in_its_order(page, desk, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not variant.probe().llvm_usable, reason=variant.probe().llvm_in_words)
+@pytest.mark.skipif(
+    not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description
+)
 def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
     """The page's own claim, on noise-free sharpness, within one rendered position of nine."""
     import saf_gen

@@ -5,16 +5,16 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Discriminator, Field, Tag
 
-from saf_gen.documents import Frozen, read_as
+from saf_gen.core.config.yaml_document import FrozenModel, read_model
 from saf_gen.errors import BadInput
 
 
-class Inner(Frozen):
+class Inner(FrozenModel):
     size: int = Field(ge=1, le=9)
     kind: Literal["round", "square"] = "round"
 
 
-class Outer(Frozen):
+class Outer(FrozenModel):
     name: str
     inner: Inner
     many: dict[str, Inner] = Field(default_factory=dict)
@@ -23,7 +23,7 @@ class Outer(Frozen):
 def read(tmp_path, text):
     path = tmp_path / "doc.yaml"
     path.write_text(text)
-    return read_as(Outer, path)
+    return read_model(Outer, path)
 
 
 def complaint(tmp_path, text):
@@ -35,7 +35,7 @@ def complaint(tmp_path, text):
 def test_a_good_document_becomes_a_frozen_value_that_knows_its_lines(tmp_path):
     value, document = read(tmp_path, "name: x\ninner:\n  size: 3\n")
     assert value == Outer(name="x", inner=Inner(size=3))
-    assert document.where("inner", "size").endswith("doc.yaml:3")
+    assert document.locate("inner", "size").endswith("doc.yaml:3")
 
 
 @pytest.mark.parametrize(
@@ -73,12 +73,12 @@ def test_what_does_not_fit_is_told_in_one_line(tmp_path, text, told):
     assert complaint(tmp_path, text) == told
 
 
-class Disc(Frozen):
+class Disc(FrozenModel):
     shape: Literal["disc"]
     radius: float
 
 
-class Box(Frozen):
+class Box(FrozenModel):
     shape: Literal["box"] = "box"
     edges: tuple[float, float]
 
@@ -87,7 +87,7 @@ def shape(value):
     return value.get("shape", "box") if isinstance(value, dict) else "none"
 
 
-class Drawing(Frozen):
+class Drawing(FrozenModel):
     part: Annotated[Annotated[Disc, Tag("disc")] | Annotated[Box, Tag("box")], Discriminator(shape)]
 
 
@@ -114,20 +114,20 @@ def test_what_does_not_fit_one_of_several_kinds_is_told_by_that_kind(tmp_path, t
     path = tmp_path / "doc.yaml"
     path.write_text(text)
     with pytest.raises(BadInput) as caught:
-        read_as(Drawing, path)
+        read_model(Drawing, path)
     assert str(caught.value).replace(str(tmp_path) + "/", "") == told
 
 
 def test_a_missing_file_is_told_with_the_nearest_one(tmp_path):
     (tmp_path / "quickstart.yaml").write_text("name: x")
     with pytest.raises(BadInput, match=r"quickstrt.yaml does not exist; did you mean '.*quickstart.yaml'\?"):
-        read_as(Outer, tmp_path / "quickstrt.yaml")
+        read_model(Outer, tmp_path / "quickstrt.yaml")
 
 
 def test_a_file_that_is_not_text_is_told(tmp_path):
     (tmp_path / "doc.yaml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(BadInput, match="doc.yaml cannot be read"):
-        read_as(Outer, tmp_path / "doc.yaml")
+        read_model(Outer, tmp_path / "doc.yaml")
 
 
 TOO_MANY = "1" * 5000  # digits: more than Python takes

@@ -9,7 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from scipy import stats
-from twin_encoder import twin_frames
+from twin_encoder import encode_reference
 
 from saf_gen.camera import Encoder, encode, get_sensor, knot_weights
 from saf_gen.errors import BadInput
@@ -64,7 +64,7 @@ def test_the_bits_are_those_of_the_scalar_twin(changes):
     stack, index, fraction, gain = schedule()
     fast = Encoder(sensor, (5, 30), 11).encode(stack, index, fraction, gain)
     assert np.array_equal(
-        unpacked(fast, 404), twin_frames(stack, index, fraction, gain, sensor=sensor, seed=11)
+        unpacked(fast, 404), encode_reference(stack, index, fraction, gain, sensor=sensor, seed=11)
     )
 
 
@@ -75,7 +75,9 @@ def test_intervals_are_distributed_as_with_normal_noise():
     index, fraction, gain = np.zeros(124, int), np.zeros(124), np.ones((124, 1))
     fast = unpacked(Encoder(sensor, (10, 100), 5).encode(stack, index, fraction, gain), 124)
     random = np.random.default_rng(5)
-    slow = twin_frames(stack, index, fraction, gain, sensor=sensor, seed=6, normal=random.standard_normal)
+    slow = encode_reference(
+        stack, index, fraction, gain, sensor=sensor, seed=6, normal=random.standard_normal
+    )
     found = []
     for frames in (fast, slow):
         pixels, times = np.nonzero(frames.reshape(124, -1).T)

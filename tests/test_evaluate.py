@@ -5,21 +5,21 @@ from fractions import Fraction
 import h5py
 import numpy as np
 import pytest
-from sweeps import SHAPE, spikes, truth_at, write_sweep
+from sweeps import SHAPE, make_spikes, make_truth, write_sweep
 
-from saf_gen import evaluate as referee
-from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
+from saf_gen.benchmark import evaluate as evaluate_module
+from saf_gen.benchmark.evaluate import evaluate, score_blocks
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
+from saf_gen.benchmark.records import record_to_json
+from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import evaluate, score_curve
-from saf_gen.leaderboard import table
+from saf_gen.leaderboard import rank_methods
 from saf_gen.measures import get_measure
-from saf_gen.methods import DEFAULT_METHODS, parse_method
 from saf_gen.motions import readout_positions
 from saf_gen.parts import Answer, View
-from saf_gen.passes import passes
-from saf_gen.records import record_to_json
-from saf_gen.seeds import generator
-from saf_gen.stream import open_stream, write_stream
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.stream_file import open_stream, write_stream
 
 PEAK = 300.0
 BRIGHTENING = np.linspace(0.4, 2.0, SHAPE[0])
@@ -83,7 +83,11 @@ def test_a_method_is_a_measure_a_search_and_their_options():
 
 
 def test_every_default_method_exists():
-    assert len({parse_method(spec).name for spec in DEFAULT_METHODS}) == len(DEFAULT_METHODS) == 21
+    assert (
+        len({parse_method(spec).name for spec in DEFAULT_RECORDED_METHODS})
+        == len(DEFAULT_RECORDED_METHODS)
+        == 21
+    )
 
 
 def test_the_code_digest_follows_options_and_parts_and_nothing_else():
@@ -150,9 +154,9 @@ def moving(path, lens, *, dof=0.1):
     contrast = 0.05 + 0.9 * np.exp(-(((lens - 0.4) / 0.11) ** 2))
     board = np.where(np.add.outer(np.arange(48) // 4, np.arange(64) // 4) % 2, 1.0, -1.0)
     rate = 0.25 * (1 + contrast[:, None, None] * board)
-    phase = generator("moving").random((48, 64))
+    phase = make_generator("moving").random((48, 64))
     frames = np.diff(np.floor(phase + np.cumsum(rate, axis=0)), axis=0, prepend=0.0).astype(np.uint8)
-    passed = passes(lens, 0.4)
+    passed = find_crossings(lens, 0.4)
     frame = passed[0] if passed.size else float("nan")
     truth = {"position": 0.4, "depth_of_focus": (0.4 - dof / 2, 0.4 + dof / 2), "frame": frame}
     write_stream(path, frames, focus_position=lens, truth=truth)
@@ -179,8 +183,10 @@ def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, i
     """
     lens = readout_positions(motion, 800, 20_000).astype(np.float32)
     moving(tmp_path / "s.h5", lens)
-    (*records,) = evaluate(tmp_path / "s.h5", methods=[*DEFAULT_METHODS, "sd+argmax:window=20"]).records
-    when = passes(lens, 0.4)
+    (*records,) = evaluate(
+        tmp_path / "s.h5", methods=[*DEFAULT_RECORDED_METHODS, "sd+argmax:window=20"]
+    ).records
+    when = find_crossings(lens, 0.4)
     for record in records:
         if record.method.endswith("photon_aware") and motion["kind"] == "hold" and record.frame is None:
             continue
@@ -203,7 +209,7 @@ def test_a_stream_without_truth_is_searched_with_null_errors(tmp_path):
 
 
 def test_a_stream_without_a_lens_record_is_searched_too(tmp_path):
-    write_stream(tmp_path / "bare.h5", spikes(PEAK))
+    write_stream(tmp_path / "bare.h5", make_spikes(PEAK))
     record = one(tmp_path / "bare.h5", "sd+argmax:window=50")
     assert abs(record.frame - PEAK) <= 25.5
     assert (record.position, record.error, record.lens_travel) == (None, None, None)
@@ -225,13 +231,13 @@ def test_numpy_numbers_become_plain_ones(stream_file):
 @pytest.fixture(scope="module")
 def two_depths(tmp_path_factory):
     """The target, in the left half, is in focus early; all the rest later."""
-    frames = spikes(PEAK)
-    frames[:, :, 32:] = spikes(600.0)[:, :, 32:]
+    frames = make_spikes(PEAK)
+    frames[:, :, 32:] = make_spikes(600.0)[:, :, 32:]
     target = np.zeros(SHAPE[1:], dtype=bool)
     target[8:40, 36:60] = True
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
     path = tmp_path_factory.mktemp("depths") / "two.h5"
-    write_stream(path, frames, focus_position=lens, truth=truth_at(600.0, target=target))
+    write_stream(path, frames, focus_position=lens, truth=make_truth(600.0, target=target))
     return path
 
 
@@ -254,7 +260,7 @@ def test_both_regions_are_two_methods_each(two_depths):
     # What a table sorts by is of the sequence, not of where a method looks.
     assert alone["target"].mean_rate != alone["frame"].mean_rate
     assert {record.mean_rate for record in both.records} == {alone["target"].mean_rate}
-    assert {row.method for row in table(both.records)} == set(names)
+    assert {row.method for row in rank_methods(both.records)} == set(names)
     (sweep,) = both.sweeps
     assert [curve.measure for curve in sweep.curves] == ["sd", "cen"]
 
@@ -272,14 +278,14 @@ def test_a_method_may_say_where_it_looks(two_depths):
 
 
 def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monkeypatch):
-    run = referee.recorded_sequence
+    run = evaluate_module.run_recorded_sequence
 
     def breaks(job, methods, region, *rest, **more):
         if region == "frame" and job.light == "ramp":
             raise OSError("the disk is gone")
         return run(job, methods, region, *rest, **more)
 
-    monkeypatch.setattr(referee, "recorded_sequence", breaks)
+    monkeypatch.setattr(evaluate_module, "run_recorded_sequence", breaks)
     steps = []
     found = evaluate(dataset, methods=["sd+argmax"], region="both", progress=lambda *told: steps.append(told))
     assert [failure.problem for failure in found.failures] == ["the disk is gone"]
@@ -348,7 +354,7 @@ def raising(error):
 def with_search(monkeypatch, search, **more):
     spec = parse_method("sd+argmax")
     monkeypatch.setattr(
-        referee, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more)
+        evaluate_module, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more)
     )
 
 
@@ -398,7 +404,7 @@ def test_whatever_a_method_raises_or_answers_is_its_failure_alone(dataset, monke
     """A dataset, where an OSError of the data would be a failure of the sequence."""
     sound = parse_method("sd+argmax")
     broken = replace(sound, name="sd+mine", search=search)
-    monkeypatch.setattr(referee, "parse_method", lambda name: broken if name == "sd+mine" else sound)
+    monkeypatch.setattr(evaluate_module, "parse_method", lambda name: broken if name == "sd+mine" else sound)
     result = evaluate(dataset, methods=["sd+mine", "sd+argmax"], split="test")
     assert result.failures == ()
     assert [r.status for r in result.records] == ["failed", "answered"] * 2
@@ -429,9 +435,9 @@ def test_a_recording_that_is_damaged_where_only_a_method_looks_is_no_fault_of_th
     tmp_path, monkeypatch
 ):
     """The last chunk, 50 frames, is too short for the light to be read in it; no pictures are kept of it."""
-    monkeypatch.setattr(referee, "FILMS", 0)
+    monkeypatch.setattr(evaluate_module, "THUMBNAIL_SEQUENCES", 0)
     path = tmp_path / "torn.h5"
-    write_stream(path, spikes(20, shape=(20_050, 8, 8)))
+    write_stream(path, make_spikes(20, shape=(20_050, 8, 8)))
     with h5py.File(path) as file:
         chunk = file["spikes"].id.get_chunk_info_by_coord((0, 0, 2500))
     with path.open("r+b") as raw:
@@ -459,7 +465,7 @@ def test_a_search_on_a_recording_holds_what_a_view_promises(stream_file, monkeyp
 
 def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, monkeypatch):
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
-    write_stream(tmp_path / "out.h5", spikes(1200.0), focus_position=lens, truth=truth_at(1200.0))
+    write_stream(tmp_path / "out.h5", make_spikes(1200.0), focus_position=lens, truth=make_truth(1200.0))
     with_search(monkeypatch, Breaks())
     assert one(tmp_path / "out.h5", "sd+mine").success_1dof is False
     with_search(monkeypatch, Abstains())
@@ -467,7 +473,7 @@ def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, mon
 
 
 def test_two_windows_too_long_for_a_recording_fail_by_name(tmp_path):
-    write_stream(tmp_path / "short.h5", spikes(20, shape=(40, 8, 8)))
+    write_stream(tmp_path / "short.h5", make_spikes(20, shape=(40, 8, 8)))
     record = one(tmp_path / "short.h5", "sd+argmax")
     assert record.status == "failed"
     assert "shorter than one window" in record.note
@@ -509,7 +515,7 @@ def test_the_curves_are_what_argmax_looked_at(dataset):
     (sweep,) = evaluate(dataset, methods=["sd+argmax:window=50", "sd+egs_code"], split="train").sweeps
     (curve,) = sweep.curves
     with open_stream(dataset / "train" / "board-constant-0.h5") as stream:
-        first, scores = score_curve(stream, "sd", window=50)
+        first, scores = score_blocks(stream, "sd", window=50)
     np.testing.assert_array_equal(curve.frames, first + 24.5)
     np.testing.assert_array_equal(curve.scores, scores)
     assert curve.answer == curve.frames[np.argmax(scores)]
@@ -577,7 +583,7 @@ def test_a_split_of_a_single_stream_is_refused(stream_file):
 
 def test_a_score_curve_is_the_measure_of_consecutive_blocks(stream_file):
     with open_stream(stream_file) as stream:
-        first, scores = score_curve(stream, "sd", window=150)
+        first, scores = score_blocks(stream, "sd", window=150)
         assert first.tolist() == [0, 150, 300, 450, 600]  # the last 50 frames fill no block
         sd = get_measure("sd")
         assert scores.tolist() == [sd(stream.counts(a, a + 150)) for a in first]
@@ -589,4 +595,4 @@ def test_a_window_that_fits_no_block_is_refused(stream_file, window):
         open_stream(stream_file) as stream,
         pytest.raises(BadInput, match=f"window {window}; allowed: 1 to the stream's 800"),
     ):
-        score_curve(stream, "sd", window=window)
+        score_blocks(stream, "sd", window=window)

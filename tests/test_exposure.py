@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saf_gen.camera import Encoder, charge_stack, encode, exposure_scale, get_sensor
-from saf_gen.camera.exposure import electrons_per_irradiance, irradiance_per_radiance, mean_rate_of
+from saf_gen.camera.exposure import electrons_per_irradiance, irradiance_per_radiance, mean_firing_rate
 from saf_gen.errors import BadInput
 
 VIDAR = get_sensor("vidar_400x250")
@@ -109,9 +109,11 @@ def test_an_empty_target_is_refused():
 
 
 def test_the_law_of_rates_is_capped():
-    assert mean_rate_of(np.array([0.0, 0.25, 9.0]) * IDEAL.threshold_e, IDEAL) == pytest.approx([0, 0.25, 1])
+    assert mean_firing_rate(np.array([0.0, 0.25, 9.0]) * IDEAL.threshold_e, IDEAL) == pytest.approx(
+        [0, 0.25, 1]
+    )
     dead = get_sensor("ideal", saturation="dead_readout")
-    rates = mean_rate_of(np.array([1.0, 1e9]) * dead.threshold_e, dead)
+    rates = mean_firing_rate(np.array([1.0, 1e9]) * dead.threshold_e, dead)
     assert rates == pytest.approx([0.5, 16 / 17])
     spikes = encode(np.full((1, 8, 8), 1e9, np.float32), dead, 1_700, 1)
     assert np.bitwise_count(spikes).sum(axis=-1).mean() / 1_700 == pytest.approx(16 / 17, rel=1e-3)

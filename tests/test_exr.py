@@ -5,7 +5,7 @@ import OpenEXR
 import pytest
 
 from saf_gen.errors import BadInput
-from saf_gen.exr import read_planes, write_planes
+from saf_gen.stack.exr import read_planes, write_planes
 
 
 def test_planes_and_attributes_come_back_bit_for_bit(tmp_path):

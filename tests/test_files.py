@@ -4,12 +4,12 @@ import socket
 
 import pytest
 
+from saf_gen.core.files import check_writable, remove_stale_temporaries, write_atomically
 from saf_gen.errors import BadInput
-from saf_gen.files import check_writable, clear_abandoned, replaced
 
 
 def test_a_file_appears_when_it_is_whole(tmp_path):
-    with replaced(tmp_path / "new" / "a.txt") as part:
+    with write_atomically(tmp_path / "new" / "a.txt") as part:
         part.write_text("whole")
         assert not (tmp_path / "new" / "a.txt").exists()
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["a.txt"]
@@ -20,7 +20,7 @@ def test_an_error_leaves_the_old_file_and_no_temporary(tmp_path):
     (tmp_path / "a.txt").write_text("old")
 
     def half_written():
-        with replaced(tmp_path / "a.txt") as part:
+        with write_atomically(tmp_path / "a.txt") as part:
             part.write_text("half")
             raise ValueError
 
@@ -32,7 +32,7 @@ def test_an_error_leaves_the_old_file_and_no_temporary(tmp_path):
 
 def test_two_may_write_the_same_file_and_the_last_one_wins_whole(tmp_path):
     """As two containers with the same number of process do."""
-    with replaced(tmp_path / "a.txt") as one, replaced(tmp_path / "a.txt") as other:
+    with write_atomically(tmp_path / "a.txt") as one, write_atomically(tmp_path / "a.txt") as other:
         one.write_text("one")
         other.write_text("other")
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
@@ -43,11 +43,11 @@ def test_what_the_dead_of_this_machine_left_is_cleared_and_nothing_else(tmp_path
     monkeypatch.setattr(socket, "gethostname", lambda: "node.7")
     dead = 2**22 + 1  # above the largest number of a process
     names = [f".a.h5.0f.{host}.{dead}.part" for host in ("node-7", "node-8")] + ["part"]
-    with replaced(tmp_path / "b.txt") as part:
+    with write_atomically(tmp_path / "b.txt") as part:
         for name in names:
             (tmp_path / name).write_text("")
         part.write_text("living")
-        clear_abandoned(tmp_path)
+        remove_stale_temporaries(tmp_path)
         assert {p.name for p in tmp_path.iterdir()} == {*names[1:], part.name}
 
 
@@ -55,7 +55,7 @@ def test_a_folder_in_the_way_is_told_in_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(BadInput, match=r"file/a.txt cannot be written: .*; choose another folder"),
-        replaced(tmp_path / "file" / "a.txt"),
+        write_atomically(tmp_path / "file" / "a.txt"),
     ):
         pass
 

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saf_gen import exr
 from saf_gen.errors import BadInput
-from saf_gen.focal_stack import StackSpec, StackStore
-from saf_gen.optics import FocalLength, ImageDistance, Stage
+from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
+from saf_gen.stack import exr
+from saf_gen.stack.focal_stack import StackSpec, StackStore
 
 SPEC = StackSpec(
     scene="plane",
     scene_digest="0" * 64,
     groups=("lamp", "room"),
-    drive=ImageDistance(0.025, 2.0, (0.6, 0.42)),
+    drive=ImageDistanceDrive(0.025, 2.0, (0.6, 0.42)),
     rows=4,
     columns=6,
     pitch_m=20e-6,
@@ -32,8 +32,8 @@ def filled(root):
     depth = random.random((4, 6), dtype=np.float32)
     target = depth > 0.5
     for g, group in enumerate(SPEC.groups):
-        store.put_group(group, radiance[g], "llvm")
-    store.put_geometry(depth, target, "llvm")
+        store.write_group(group, radiance[g], "llvm")
+    store.write_geometry(depth, target, "llvm")
     return store, radiance, depth, target
 
 
@@ -43,7 +43,7 @@ def test_what_is_stored_comes_back(tmp_path):
     assert np.array_equal(stack.radiance, radiance)
     assert np.array_equal(stack.depth, depth)
     assert np.array_equal(stack.target, target)
-    assert stack.variant == "llvm"
+    assert stack.backend == "llvm"
 
 
 SLICE = replace(SPEC, window=(1, 2), time_s=0.5)
@@ -57,9 +57,9 @@ def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
     radiance[0, 0, :3] = brightest, brightest * 1e-11, 0
     store = StackStore(tmp_path, SLICE)
     for group in SLICE.groups:
-        store.put_group(group, radiance, "llvm")
-    store.put_geometry(np.ones((4, 6)), np.ones((4, 6), bool), "llvm")
-    back = store.planes(0, 2)
+        store.write_group(group, radiance, "llvm")
+    store.write_geometry(np.ones((4, 6)), np.ones((4, 6), bool), "llvm")
+    back = store.load_planes(0, 2)
     assert back.dtype == np.float32
     for stored in back:
         np.testing.assert_allclose(stored, radiance, rtol=2.0**-11, atol=brightest * 2.0**-39)
@@ -72,9 +72,9 @@ def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
 def test_a_black_time_slice_stays_black(tmp_path):
     store = StackStore(tmp_path, SLICE)
     for group in SLICE.groups:
-        store.put_group(group, np.zeros((2, 4, 6), np.float32), "llvm")
-    store.put_geometry(np.ones((4, 6)), np.ones((4, 6), bool), "llvm")
-    assert not store.planes(0, 2).any()
+        store.write_group(group, np.zeros((2, 4, 6), np.float32), "llvm")
+    store.write_geometry(np.ones((4, 6)), np.ones((4, 6), bool), "llvm")
+    assert not store.load_planes(0, 2).any()
 
 
 def test_a_piece_says_which_drive_it_was_seen_through(tmp_path):
@@ -87,9 +87,9 @@ def test_a_piece_says_which_drive_it_was_seen_through(tmp_path):
 
 def test_pieces_are_missing_until_they_are_there(tmp_path):
     store = StackStore(tmp_path, SPEC)
-    assert store.missing() == ["geometry", "lamp", "room"]
-    store.put_group("lamp", np.zeros((3, 4, 6)), "llvm")
-    assert StackStore(tmp_path, SPEC).missing() == ["geometry", "room"]
+    assert store.missing_pieces() == ["geometry", "lamp", "room"]
+    store.write_group("lamp", np.zeros((3, 4, 6)), "llvm")
+    assert StackStore(tmp_path, SPEC).missing_pieces() == ["geometry", "room"]
 
 
 def test_a_damaged_piece_counts_as_missing(tmp_path):
@@ -98,9 +98,9 @@ def test_a_damaged_piece_counts_as_missing(tmp_path):
     content = bytearray(path.read_bytes())
     content[-3] ^= 1
     path.write_bytes(content)
-    assert store.missing() == ["lamp"]
+    assert store.missing_pieces() == ["lamp"]
     path.write_bytes(content[:100])
-    assert store.missing() == ["lamp"]
+    assert store.missing_pieces() == ["lamp"]
 
 
 def test_a_stack_that_lacks_a_piece_is_told(tmp_path):
@@ -112,7 +112,7 @@ def test_a_stack_that_lacks_a_piece_is_told(tmp_path):
 
 def test_some_positions_of_a_stack(tmp_path):
     store, radiance, *_ = filled(tmp_path)
-    assert np.array_equal(store.planes(1, 3), radiance[:, 1:3])
+    assert np.array_equal(store.load_planes(1, 3), radiance[:, 1:3])
 
 
 def test_damaged_geometry_is_not_read(tmp_path):
@@ -122,28 +122,28 @@ def test_damaged_geometry_is_not_read(tmp_path):
     content[28] = 255  # in its header: OpenEXR itself might not survive it
     path.write_bytes(content)
     with pytest.raises(BadInput, match=r"lacks geometry; run saf-gen generate again"):
-        store.geometry()
+        store.load_geometry()
 
 
 def test_a_piece_with_half_its_note_is_not_whole(tmp_path):
     store, *_ = filled(tmp_path)
     note = store.folder / "room.json"
     note.write_text(note.read_text()[:50])
-    assert store.missing() == ["room"]
+    assert store.missing_pieces() == ["room"]
 
 
 def test_the_digest_sees_the_values_of_a_piece(tmp_path):
     store, *_ = filled(tmp_path)
     before = store.digest()
     assert StackStore(tmp_path, SPEC).digest() == before
-    store.put_group("lamp", np.ones((3, 4, 6)), "llvm")
+    store.write_group("lamp", np.ones((3, 4, 6)), "llvm")
     assert store.digest() != before
 
 
 def test_a_stack_made_by_two_variants_says_so(tmp_path):
     store, radiance, *_ = filled(tmp_path)
-    store.put_group("lamp", radiance[0], "scalar")
-    assert store.load().variant == "llvm, scalar"
+    store.write_group("lamp", radiance[0], "scalar")
+    assert store.load().backend == "llvm, scalar"
 
 
 @pytest.mark.parametrize(
@@ -153,8 +153,8 @@ def test_a_stack_made_by_two_variants_says_so(tmp_path):
         {"samples": 17},
         {"positions": 4},
         {"pitch_m": 10e-6},
-        {"drive": ImageDistance(0.025, 2.8, (0.6, 0.42))},
-        {"drive": FocalLength(0.025, 2.0, (0.6, 0.42))},  # the same numbers, another drive
+        {"drive": ImageDistanceDrive(0.025, 2.8, (0.6, 0.42))},
+        {"drive": FocalLengthDrive(0.025, 2.0, (0.6, 0.42))},  # the same numbers, another drive
         {"drive": Stage(0.025, 2.0, 0.05, (0.0, 0.1))},
         {"groups": ("lamp",)},
         {"window": (0, 2)},  # the same positions, as half floats

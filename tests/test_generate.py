@@ -16,16 +16,16 @@ import pytest
 from small import SCENES, SMALL_RECIPE
 
 import saf_gen
-from saf_gen.dataset import read_manifest
 from saf_gen.errors import BadInput
-from saf_gen.exr import read_planes
-from saf_gen.focal_stack import StackStore
-from saf_gen.generate import generate
-from saf_gen.record import group_gains
-from saf_gen.render import variant
-from saf_gen.work import prepare
+from saf_gen.generate.recorder import group_gains
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.render import backend
+from saf_gen.stack.exr import read_planes
+from saf_gen.stack.focal_stack import StackStore
+from saf_gen.stream.manifest import read_manifest
 
-VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 
 
 def digests(folder):
@@ -40,12 +40,12 @@ def first(tmp_path_factory):
     recipe.write_text(SMALL_RECIPE)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SAF_GEN_SCENES", str(SCENES))
-        return generate(prepare(recipe), folder / "made", variant=VARIANT)
+        return generate(resolve_recipe(recipe), folder / "made", variant=VARIANT)
 
 
 @pytest.fixture
 def work(test_scenes, small_recipe):
-    return prepare(small_recipe)
+    return resolve_recipe(small_recipe)
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_one_and_two_workers_give_the_same_digests(work, made, tmp_path):
 @pytest.mark.slow
 def test_shards_make_the_same_dataset_together(small_recipe, made, tmp_path):
     for i in (1, 2):
-        part = generate(prepare(small_recipe, part=(i, 2)), tmp_path / "shards", variant=VARIANT)
+        part = generate(resolve_recipe(small_recipe, part=(i, 2)), tmp_path / "shards", variant=VARIANT)
         assert part.failed == {}
     assert digests(tmp_path / "shards") == digests(made.folder)
 
@@ -129,7 +129,7 @@ def test_a_damaged_sequence_is_made_again_alone(work, made):
 @pytest.mark.slow
 def test_another_seed_records_anew_and_renders_nothing(small_recipe, made):
     small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
-    again = generate(prepare(small_recipe), made.folder, variant=VARIANT)
+    again = generate(resolve_recipe(small_recipe), made.folder, variant=VARIANT)
     assert again.rendered == []
     assert len(again.recorded) == 3
 
@@ -137,13 +137,13 @@ def test_another_seed_records_anew_and_renders_nothing(small_recipe, made):
 @pytest.mark.slow
 def test_a_shard_after_a_change_of_recipe_lists_nothing_of_the_old_one(small_recipe, made):
     small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
-    part = generate(prepare(small_recipe, part=(1, 3)), made.folder, variant=VARIANT)
+    part = generate(resolve_recipe(small_recipe, part=(1, 3)), made.folder, variant=VARIANT)
     assert [e.id for e in part.manifest.sequences] == part.recorded == ["plane-constant-00"]
 
 
 def spec_of(work):
     """The one stack of the small dataset."""
-    ((spec,),) = (reel.specs for reel in work.reels())
+    ((spec,),) = (time_stack.specs for time_stack in work.sequences_by_stack())
     return spec
 
 
@@ -152,7 +152,7 @@ def test_another_stack_records_anew(small_recipe, work, made):
     for path in made.folder.glob("stacks/*/lamp.*"):
         path.unlink()
     store = StackStore(made.folder / "stacks", spec_of(work))
-    store.put_group("lamp", store_radiance(made.folder, work) * 2, VARIANT)
+    store.write_group("lamp", store_radiance(made.folder, work) * 2, VARIANT)
     again = generate(work, made.folder, variant=VARIANT)
     assert again.rendered == []
     assert len(again.recorded) == 3
@@ -194,13 +194,13 @@ def test_a_group_that_the_scene_lacks_is_told_before_anything_is_made(small_reci
     with pytest.raises(
         BadInput, match=r"light 'lamp_only' on plane: the scene has no light group 'lmap'; allowed"
     ):
-        prepare(small_recipe)
+        resolve_recipe(small_recipe)
 
 
 def test_a_scene_that_is_nowhere_is_told(small_recipe, test_scenes):
     small_recipe.write_text(small_recipe.read_text().replace("[plane]", "[plain]"))
     with pytest.raises(BadInput, match=r"unknown scene 'plain'; .*did you mean 'plane'\?"):
-        prepare(small_recipe)
+        resolve_recipe(small_recipe)
 
 
 def test_a_folder_that_cannot_be_written_is_told(work, tmp_path):
@@ -215,7 +215,7 @@ def test_the_folder_of_another_dataset_is_not_touched(work, made, small_recipe):
     with pytest.raises(
         BadInput, match=r"holds the dataset 'small', the recipe makes 'other'; give another folder"
     ):
-        generate(prepare(small_recipe), made.folder, variant=VARIANT)
+        generate(resolve_recipe(small_recipe), made.folder, variant=VARIANT)
     assert sorted(made.folder.rglob("*")) == before
 
 
@@ -234,7 +234,7 @@ def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(
     script = tmp_path / "scenes" / "plane" / "scene.py"
     script.write_text(script.read_text().replace("return {", "return 1/0, {"))
     monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path / "scenes"))
-    outcome = generate(prepare(small_recipe), tmp_path / "ds", variant=VARIANT)
+    outcome = generate(resolve_recipe(small_recipe), tmp_path / "ds", variant=VARIANT)
     assert list(outcome.failed) == ["render plane"]
     assert "ZeroDivisionError: division by zero" in str(outcome.failed["render plane"])
     assert outcome.exit_code == 2

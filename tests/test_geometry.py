@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from rendered import FILM, loaded, made_scene
+from rendered import SENSOR_GRID, load_setup, write_scene
 
+from saf_gen.authoring.checks import check_scene
 from saf_gen.camera import get_sensor
-from saf_gen.checks import check_scene
 from saf_gen.errors import BadInput
-from saf_gen.optics import ImageDistance, Stage
-from saf_gen.render import geometry
+from saf_gen.optics import ImageDistanceDrive, Stage
+from saf_gen.render import depth_and_target
 
-HALF_M = FILM.columns * FILM.pitch_m / 2
-MACRO = ImageDistance(0.05, 4.0, (1.0, 0.12))  # its picture grows by 1.6
+HALF_M = SENSOR_GRID.columns * SENSOR_GRID.pitch_m / 2
+MACRO = ImageDistanceDrive(0.05, 4.0, (1.0, 0.12))  # its picture grows by 1.6
 STAGE = Stage(0.025, 2.0, 1 / 19, (-0.08, 0.10))
 
 
@@ -32,10 +32,10 @@ def patch(tmp_path, monkeypatch):
             f".rotate([0, 1, 0], 180).scale({0.02 * across})}}}}"
         )
         lens = "{focal_length_mm: 25, f_number: 2, focus_range_m: [0.6, 0.42]}"  # another is put in its place
-        scene = made_scene(
+        scene = write_scene(
             tmp_path, monkeypatch, lens=lens, distance_m=depth_m, shapes=shapes, light="glow", target="glow"
         )
-        return loaded(scene, ("glow",), name="scalar", drive=drive)
+        return load_setup(scene, ("glow",), name="scalar", drive=drive)
 
     return placed
 
@@ -45,7 +45,7 @@ def same(one, other):
 
 
 def at(setup, position):
-    return geometry._look_at(setup, ("glow",), position)
+    return depth_and_target._look_at(setup, ("glow",), position)
 
 
 @pytest.mark.parametrize("aside", [0.82, 0.9, 0.96])
@@ -55,11 +55,11 @@ def test_a_target_that_is_in_the_frame_only_where_it_is_in_focus_is_seen(patch, 
     best = float(MACRO.best_position(0.9))
     setup = patch(MACRO, 0.9, aside, best)
     assert not at(setup, 0.5).target.any()
-    seen = geometry.look(setup, ("glow",), passing=passing)
+    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
     columns = np.flatnonzero(seen.target.any(axis=0))
-    assert columns.mean() + 0.5 == pytest.approx(FILM.columns / 2 * (1 - aside), abs=0.5)
+    assert columns.mean() + 0.5 == pytest.approx(SENSOR_GRID.columns / 2 * (1 - aside), abs=0.5)
     assert seen.depth[seen.target] == pytest.approx(0.9, rel=1e-5)
-    assert same(seen, at(setup, MACRO.truth(seen.depth[seen.target])))
+    assert same(seen, at(setup, MACRO.true_focus(seen.depth[seen.target])))
 
 
 OUT = [
@@ -76,7 +76,7 @@ def test_a_target_that_has_left_the_frame_where_it_is_in_focus_is_told(patch, dr
     assert 0 < best < 1
     assert at(setup, seen_at).target.any()
     with pytest.raises(BadInput) as told:
-        geometry.look(setup, ("glow",))
+        depth_and_target.trace_depth_and_target(setup, ("glow",))
     assert str(told.value) == (
         f"the target (glow) is out of the frame where it is in focus, at {best:.3f} of the travel: the "
         "picture's scale changes on the way; allowed: a target shape that at least one pixel sees there; "
@@ -87,24 +87,24 @@ def test_a_target_that_has_left_the_frame_where_it_is_in_focus_is_told(patch, dr
 @pytest.mark.parametrize(("drive", "depth_m", "aside", "seen_at"), OUT)
 def test_a_moment_at_which_it_has_left_the_frame_has_an_empty_mask(patch, drive, depth_m, aside, seen_at):
     setup = patch(drive, depth_m, aside, seen_at)
-    seen = geometry.look(setup, ("glow",), passing=True)
+    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=True)
     assert not seen.target.any()
     where = float(drive.best_position(depth_m)) if seen_at == 0.5 else 0.5
-    assert seen.depth.shape == (FILM.rows, FILM.columns)
+    assert seen.depth.shape == (SENSOR_GRID.rows, SENSOR_GRID.columns)
     assert same(seen, at(setup, where))
 
 
 @pytest.mark.parametrize("passing", [False, True])
 def test_a_target_in_sight_all_the_way_is_looked_at_twice(patch, passing, monkeypatch):
     """At the middle of the travel and where it is in focus: the mask is that of the second."""
-    setup, places, look_at = patch(MACRO, 0.5, 0.3, 0.5), [], geometry._look_at
+    setup, places, look_at = patch(MACRO, 0.5, 0.3, 0.5), [], depth_and_target._look_at
 
     def counted(setup, shapes, position):
         places.append(position)
         return look_at(setup, shapes, position)
 
-    monkeypatch.setattr(geometry, "_look_at", counted)
-    seen = geometry.look(setup, ("glow",), passing=passing)
+    monkeypatch.setattr(depth_and_target, "_look_at", counted)
+    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
     assert places == [0.5, pytest.approx(float(MACRO.best_position(0.5)), abs=1e-5)]
     assert same(seen, look_at(setup, ("glow",), places[1]))
 
@@ -114,15 +114,17 @@ def test_a_target_that_is_in_no_frame_is_told(patch):
     with pytest.raises(
         BadInput, match=r"the target \(glow\) is not visible to the camera; .*check camera and"
     ):
-        geometry.look(setup, ("glow",))
-    assert not geometry.look(setup, ("glow",), passing=True).target.any()
+        depth_and_target.trace_depth_and_target(setup, ("glow",))
+    assert not depth_and_target.trace_depth_and_target(
+        setup, ("glow",), allow_unseen_target=True
+    ).target.any()
 
 
 def test_a_target_with_an_id_of_its_own_is_told_by_the_checks(tmp_path, monkeypatch, small_sensor):
     """And no unit is guessed for it: nobody knows its size."""
     lens = "{focal_length_mm: 25, f_number: 2, focus_range_m: [0.6, 0.42]}"
     shapes = "{'card': {'type': 'rectangle', 'id': 'printed'}, 'sky': {'type': 'constant'}}"
-    scene = made_scene(
+    scene = write_scene(
         tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="card"
     )
     last = list(check_scene(scene, get_sensor(str(small_sensor)), variant="scalar"))[-1]

@@ -5,20 +5,20 @@ It takes minutes: `make test-long` runs it, `make test` does not.
 
 import pytest
 
-from saf_gen.dataset import read_manifest, verify_entry
-from saf_gen.evaluate import evaluate
-from saf_gen.generate import generate
-from saf_gen.render import variant
-from saf_gen.work import prepare
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.render import backend
+from saf_gen.stream.manifest import read_manifest, verify_entry
 
 METHODS = ["sd+argmax", "sd_code+sgfs_code", "sd_calibrated+photon_aware", "er_count+argmax"]
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.skipif(not variant.probe().llvm_usable, reason="half an hour without LLVM")
+@pytest.mark.skipif(not backend.probe_backends().llvm_usable, reason="half an hour without LLVM")
 def test_a_tenth_of_the_grid_is_made_whole_and_shows_what_the_paper_claims(tmp_path):
     """SD is at most one depth of focus off in every sequence, and the count of spikes is fooled in some."""
-    work = prepare("recipes/sad_synthetic.yaml", part=(1, 10))
+    work = resolve_recipe("recipes/sad_synthetic.yaml", part=(1, 10))
     assert len(work.sequences) == 4
     assert any(s.scene_motion == "dynamic" for s in work.sequences)
     outcome = generate(work, tmp_path / "grid")

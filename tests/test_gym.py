@@ -8,28 +8,28 @@ import weakref
 from dataclasses import replace
 from pathlib import Path
 
+import capture_dataset
 import gymnasium
 import numpy as np
 import pytest
-import take_dataset
 from gymnasium.utils.env_checker import check_env
 from typer.testing import CliRunner
 
-from saf_gen.actuators import get_actuator
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
+from saf_gen.benchmark.gym.observation_images import average_areas, render_grey
+from saf_gen.benchmark.method_spec import Method
+from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop_method
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.cli import app
-from saf_gen.contest.loop import run_method
-from saf_gen.contest.terms import Terms
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import evaluate
-from saf_gen.exposed import Exposed
-from saf_gen.gym import ID, AutofocusEnv, rollout
-from saf_gen.gym.pictures import area_means, to_grey
-from saf_gen.leaderboard import merged
-from saf_gen.methods import Method
+from saf_gen.leaderboard import merge_records
+from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
-from saf_gen.records import read_records, records_to_text
+from saf_gen.stack.charge_source import ChargeSource
 
-TERMS = Terms(get_actuator("voice_coil_hall"), budget_s=0.04, sweep_s=0.02)
+TERMS = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.04, sweep_s=0.02)
 PLANE = "plane-constant-00"
 STILL = 104  # frames of a control period
 
@@ -37,11 +37,11 @@ STILL = 104  # frames of a control period
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-        yield take_dataset.make(tmp_path_factory.mktemp("gym"), patch)
+        yield capture_dataset.make_dataset(tmp_path_factory.mktemp("gym"), patch)
 
 
 def env_of(dataset, **more):
-    return AutofocusEnv(dataset, **{"terms": TERMS, "pixels": 16, **more})
+    return AutofocusEnv(dataset, **{"protocol": TERMS, "pixels": 16, **more})
 
 
 def goes_to(*places):
@@ -75,8 +75,8 @@ def same(rows, others):
 
 def with_truth(env, **changes):
     """The environment, with another truth of the still plane."""
-    job = next(job for job in env.jobs if job.id == PLANE)
-    setting = env.setting(job)
+    job = next(job for job in env.tasks if job.id == PLANE)
+    setting = env.load_sequence(job)
     truth = replace(setting.take.truth, **changes)
     env._settings[job.id] = replace(setting, take=replace(setting.take, truth=truth))
     return env
@@ -88,7 +88,9 @@ def with_truth(env, **changes):
 @pytest.mark.slow
 def test_gymnasiums_own_checker_has_nothing_to_say(dataset):
     """Warnings are errors here, so its recommendations count too."""
-    check_env(gymnasium.make(ID, dataset=dataset, terms=TERMS, render_mode="rgb_array").unwrapped)
+    check_env(
+        gymnasium.make(ENVIRONMENT_ID, dataset=dataset, protocol=TERMS, render_mode="rgb_array").unwrapped
+    )
 
 
 def test_a_seed_names_an_episode_bit_for_bit(dataset):
@@ -114,7 +116,7 @@ def test_episodes_after_a_seed_are_named_by_it_too(dataset):
 def test_seeds_draw_every_sequence_and_places_of_the_whole_travel(dataset):
     env = env_of(dataset)
     drawn = [env.reset(seed=seed) for seed in range(40)]
-    assert {info["sequence"] for _, info in drawn} == {job.id for job in env.jobs}
+    assert {info["sequence"] for _, info in drawn} == {job.id for job in env.tasks}
     lens = [float(seen["lens"][0]) for seen, info in drawn if info["sequence"] == PLANE]
     assert len(lens) >= 5
     assert len(set(lens)) == len(lens)
@@ -124,18 +126,18 @@ def test_seeds_draw_every_sequence_and_places_of_the_whole_travel(dataset):
 def test_sequences_can_be_chosen(dataset):
     env = env_of(dataset, sequences=[PLANE, PLANE], split="test")
     assert {env.reset(seed=seed)[1]["sequence"] for seed in range(5)} == {PLANE}
-    assert [job.id for job in env.jobs] == [PLANE]
+    assert [job.id for job in env.tasks] == [PLANE]
 
 
 def test_memory_stays_flat_over_resets(dataset):
     """Of all the sequences that were filmed, those to keep are alive."""
     env = env_of(dataset, keep=1)
-    settings = [weakref.ref(env.setting(job)) for job in env.jobs]
+    settings = [weakref.ref(env.load_sequence(job)) for job in env.tasks]
     for seed in range(4):
         env.reset(seed=seed)
         env.step(np.array([0.5, 0.0], np.float32))
     gc.collect()
-    settings += [weakref.ref(env.setting(job)) for job in env.jobs]
+    settings += [weakref.ref(env.load_sequence(job)) for job in env.tasks]
     gc.collect()
     assert sum(setting() is not None for setting in settings) == 1
     env.close()
@@ -175,17 +177,17 @@ def test_a_named_sequence_is_that_of_the_contest_bit_for_bit(dataset):
     """The same places at the same times: the same way of the lens, the same spikes, the same verdict."""
     env = env_of(dataset)
     rows = walked(env, 0.25, 0.75, 0.5, options={"sequence": PLANE})
-    setting = env.setting(next(job for job in env.jobs if job.id == PLANE))
+    setting = env.load_sequence(next(job for job in env.tasks if job.id == PLANE))
     search = Peek(0.25, 0.75, 0.5)
     method = Method("sd+x", search.measure, search, "0" * 12)
-    run = run_method(setting.take, setting.exposed, setting.box, method, TERMS)
+    run = run_closed_loop_method(setting.take, setting.exposed, setting.box, method, TERMS)
     assert np.array_equal(env.episode.run.path, run.path)
-    assert env.episode.run.answered == run.answered
+    assert env.episode.run.answer_frame == run.answer_frame
     for (seen, _, _), counts in zip(rows, search.counts, strict=False):
-        expected = (area_means(counts, 16, 16) / STILL).astype(np.float32)
+        expected = (average_areas(counts, 16, 16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     said = rows[-1][2]
-    verdict = setting.record(run, TERMS, method="m", code="", parameters="", said={})
+    verdict = setting.make_record(run, TERMS, method="m", code="", parameters="", said={})
     assert said["error"] == verdict.error
     assert said["success_1dof"] == verdict.success_1dof
 
@@ -201,7 +203,7 @@ def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
 def test_the_truth_is_out_of_reach_before_the_end(dataset):
     """With another truth all that a policy sees is the same to the bit, and only the reward differs."""
     honest, moved = env_of(dataset), env_of(dataset)
-    truth = honest.setting(next(job for job in honest.jobs if job.id == PLANE)).take.truth
+    truth = honest.load_sequence(next(job for job in honest.tasks if job.id == PLANE)).take.truth
     with_truth(moved, position=truth.position + 0.3, depth_of_focus=(0.1, 0.9))
     places = (0.2, 0.9, 0.4)
     ours, theirs = (walked(env, *places, options={"sequence": PLANE}) for env in (honest, moved))
@@ -232,7 +234,11 @@ def test_the_picture_shows_the_box_as_it_was_seen(dataset):
 
 
 def test_grey_values_are_those_of_the_rate():
-    assert to_grey(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [0, round(255 * 0.2 ** (1 / 2.2)), 255]
+    assert render_grey(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [
+        0,
+        round(255 * 0.2 ** (1 / 2.2)),
+        255,
+    ]
 
 
 @pytest.mark.parametrize("shape", [(6, 9), (5, 7), (2, 3), (40, 31)])
@@ -242,10 +248,10 @@ def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
     image = np.random.default_rng(1).integers(0, 105, shape)
     fine = np.repeat(np.repeat(image, rows, axis=0), columns, axis=1)
     twin = fine.reshape(rows, shape[0], columns, shape[1]).mean(axis=(1, 3))
-    found = area_means(image, rows, columns)
+    found = average_areas(image, rows, columns)
     assert found == pytest.approx(twin, abs=1e-9)
     assert found.mean() == pytest.approx(image.mean(), abs=1e-9)
-    assert (area_means(np.full(shape, 7), rows, columns) == 7).all()
+    assert (average_areas(np.full(shape, 7), rows, columns) == 7).all()
 
 
 # --- what it earns ----------------------------------------------------------------------------------
@@ -257,7 +263,7 @@ def test_rewards_are_errors_over_time_and_a_bonus(dataset, sequence):
     env = env_of(dataset)
     rows = walked(env, 0.2, 0.6, options={"sequence": sequence})
     run = env.episode.run
-    truth = env.setting(next(j for j in env.jobs if j.id == sequence)).take.truth
+    truth = env.load_sequence(next(j for j in env.tasks if j.id == sequence)).take.truth
     best = np.full(800, truth.position) if truth.track is None else truth.track
     away = np.abs(run.path - best[: len(run.path)])
     left = (800 - len(run.path)) / 800
@@ -334,9 +340,9 @@ def climber():
 def runs(dataset, tmp_path_factory):
     """Folders with the records of two searches, and of a policy."""
     ours, theirs = (tmp_path_factory.mktemp(name) for name in ("searches", "policy"))
-    result = evaluate(dataset, methods=["sd+argmax", "sd+golden_section"], terms=TERMS)
-    (ours / "records.jsonl").write_text(records_to_text(result.records))
-    rollout(env_of(dataset), climber, "climber", out=theirs)
+    result = evaluate(dataset, methods=["sd+argmax", "sd+golden_section"], protocol=TERMS)
+    (ours / "records.jsonl").write_text(format_records(result.records))
+    evaluate_policy(env_of(dataset), climber, "climber", out=theirs)
     return ours, theirs
 
 
@@ -366,23 +372,23 @@ def test_the_record_of_a_policy_says_what_that_of_a_search_says(runs):
 
 
 def test_a_rollout_is_the_same_again_but_for_the_seconds(dataset, runs):
-    again = rollout(env_of(dataset), climber, "climber")
+    again = evaluate_policy(env_of(dataset), climber, "climber")
     before = read_records(runs[1])
     assert [replace(r, seconds=0.0) for r in again] == [replace(r, seconds=0.0) for r in before]
 
 
 def test_other_terms_do_not_merge(dataset, runs):
-    shorter = env_of(dataset, terms=replace(TERMS, budget_s=0.03))
-    records = rollout(shorter, climber, "climber")
+    shorter = env_of(dataset, protocol=replace(TERMS, budget_s=0.03))
+    records = evaluate_policy(shorter, climber, "climber")
     with pytest.raises(BadInput, match="the terms of plane-constant-00 differ"):
-        merged({"searches": read_records(runs[0]), "policy": records})
+        merge_records({"searches": read_records(runs[0]), "policy": records})
 
 
 def test_what_a_policy_sees_is_part_of_its_code(dataset, runs):
-    (finer, *_) = rollout(env_of(dataset, pixels=24), climber, "climber")
+    (finer, *_) = evaluate_policy(env_of(dataset, pixels=24), climber, "climber")
     (usual, *_) = read_records(runs[1])
     assert finer.code != usual.code
-    (named, *_) = rollout(env_of(dataset, sequences=[PLANE]), climber, "climber", code="epoch 12")
+    (named, *_) = evaluate_policy(env_of(dataset, sequences=[PLANE]), climber, "climber", code="epoch 12")
     assert named.code == "epoch 12"
 
 
@@ -397,8 +403,8 @@ def test_a_policy_sees_and_acts_through_wrappers(dataset):
         inner = goes_to(0.25, 0.75)()
         return lambda seen: 2 * inner(None) - 1 if seen.shape == (16 * 16 + 2,) else None
 
-    (through,) = rollout(wrapped, made, "m", code="1")
-    (plain,) = rollout(env, goes_to(0.25, 0.75), "m", code="1")
+    (through,) = evaluate_policy(wrapped, made, "m", code="1")
+    (plain,) = evaluate_policy(env, goes_to(0.25, 0.75), "m", code="1")
     assert replace(through, seconds=0.0) == replace(plain, seconds=0.0)
 
 
@@ -419,7 +425,7 @@ def test_a_policy_sees_and_acts_through_wrappers(dataset):
 )
 def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, policy, status, note):
     with np.errstate(invalid="ignore"):
-        (record,) = rollout(env_of(dataset, sequences=[PLANE]), lambda: policy, "m", code="1")
+        (record,) = evaluate_policy(env_of(dataset, sequences=[PLANE]), lambda: policy, "m", code="1")
     assert record.status == status
     assert note in record.note
     assert record.position is None
@@ -427,25 +433,25 @@ def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, poli
 
 def test_who_stops_a_rollout_stops_it(dataset):
     with pytest.raises(SystemExit):
-        rollout(env_of(dataset, sequences=[PLANE]), lambda: lambda seen: sys.exit(3), "m", code="1")
+        evaluate_policy(env_of(dataset, sequences=[PLANE]), lambda: lambda seen: sys.exit(3), "m", code="1")
 
 
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):
-    lights = Exposed.lights
+    lights = ChargeSource.encoder_inputs
 
     def torn(self, begin, *given):
         if begin >= STILL:
             raise BadInput("is cut short", where="a.exr")
         return lights(self, begin, *given)
 
-    monkeypatch.setattr(Exposed, "lights", torn)
+    monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
     with pytest.raises(BadInput, match=r"a\.exr: is cut short"):
-        rollout(env_of(dataset, sequences=[PLANE]), goes_to(0.5), "m", code="1")
+        evaluate_policy(env_of(dataset, sequences=[PLANE]), goes_to(0.5), "m", code="1")
 
 
 def test_an_episode_that_a_wrapper_ends_is_a_failure(dataset):
     env = gymnasium.wrappers.TimeLimit(env_of(dataset, sequences=[PLANE]), 2)
-    (record,) = rollout(env, lambda: lambda seen: np.array([0.5, 0.0]), "m", code="1")
+    (record,) = evaluate_policy(env, lambda: lambda seen: np.array([0.5, 0.0]), "m", code="1")
     assert record.note == "a wrapper of the environment ended the episode"
 
 
@@ -457,11 +463,11 @@ def test_without_gymnasium_one_line_says_what_to_install():
         "import sys\n"
         "sys.modules['gymnasium'] = None\n"
         "from saf_gen.errors import BadInput\n"
-        "try: import saf_gen.gym\n"
+        "try: import saf_gen.benchmark.gym\n"
         "except BadInput as error: print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "saf_gen.gym needs the package gymnasium; pip install 'saf-gen[gym]'\n"
+    assert done.stdout == "saf_gen.benchmark.gym needs the package gymnasium; pip install 'saf-gen[gym]'\n"
 
 
 @pytest.mark.parametrize(
@@ -490,7 +496,7 @@ def test_an_environment_that_cannot_be_is_refused(dataset, more, message):
         ({}, {"options": {"sequence": "x"}}, "unknown sequence 'x'"),
         ({}, {"options": {"scene": "plane"}}, "unknown option 'scene'; allowed: sequence"),
         ({"control_s": 0.03}, {}, "a control period of 30 ms, with a budget of 40 ms; allowed: half"),
-        ({"terms": Terms(TERMS.actuator, budget_s=1.0)}, {}, "a budget of 1000 ms; allowed"),
+        ({"protocol": ClosedLoopProtocol(TERMS.actuator, budget_s=1.0)}, {}, "a budget of 1000 ms; allowed"),
     ],
 )
 def test_an_episode_that_cannot_be_is_refused(dataset, more, reset, message):
@@ -501,12 +507,12 @@ def test_an_episode_that_cannot_be_is_refused(dataset, more, reset, message):
 def test_a_rollout_that_cannot_be_is_refused(dataset, monkeypatch):
     env = env_of(dataset, sequences=[PLANE])
     with pytest.raises(BadInput, match="the method is called 'my policy'"):
-        rollout(env, climber, "my policy")
+        evaluate_policy(env, climber, "my policy")
     with pytest.raises(BadInput, match="the environment is .*; allowed: an AutofocusEnv"):
-        rollout(gymnasium.make("CartPole-v1"), climber, "m")
+        evaluate_policy(gymnasium.make("CartPole-v1"), climber, "m")
     monkeypatch.setattr(climber, "__module__", "typed_in")
     with pytest.raises(BadInput, match=r"cannot be read; say which version it is: code='1'"):
-        rollout(env, climber, "m")
+        evaluate_policy(env, climber, "m")
 
 
 def test_there_is_no_verdict_before_the_end(dataset):
@@ -515,4 +521,4 @@ def test_there_is_no_verdict_before_the_end(dataset):
         env.step(np.array([0.5, 0.0], np.float32))
     env.reset(seed=1)
     with pytest.raises(BadInput, match="the episode is still going on"):
-        env.episode.verdict()
+        env.episode.judge()

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from saf_gen import encode, get_measure, get_sensor, open_stream, write_stream
+from saf_gen.benchmark.evaluate import score_blocks
+from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import score_curve
-from saf_gen.measures import ByBrightness
-from saf_gen.rig import Counts, Recording
-from saf_gen.seeds import generator
+from saf_gen.measures import BrightnessNormalised
 
 DEBIASED, SD = get_measure("sd_debiased"), get_measure("sd")
 SIDE = 64
@@ -20,7 +20,7 @@ FRAMES = 20
 
 
 def halves_of(*shape, highest=60):
-    return generator("test_halves", *shape).integers(0, highest, (2, *shape), dtype=np.uint32)
+    return make_generator("test_halves", *shape).integers(0, highest, (2, *shape), dtype=np.uint32)
 
 
 @pytest.mark.parametrize("shape", [(24, 40), (3, 5), (1, 2)])
@@ -80,13 +80,13 @@ def test_a_measure_of_one_image_refuses_a_pair():
 
 # A still scene of 1 to 2 counts a half and pixel, 3 a window: the fractions of a count are all there.
 
-RATE = (1 + (generator("test_halves", "scene").permutation(SIDE**2) + 0.5) / SIDE**2).reshape(SIDE, SIDE)
+RATE = (1 + (make_generator("test_halves", "scene").permutation(SIDE**2) + 0.5) / SIDE**2).reshape(SIDE, SIDE)
 CONTRAST = float(RATE.var() / RATE.mean() ** 2)
 
 
 def integrate_and_fire(number):
     """Spikes (2·FRAMES, SIDE, SIDE) of pixels that start anywhere between two spikes, and lose no charge."""
-    phase = generator("test_halves", "phases", number).random((SIDE, SIDE))
+    phase = make_generator("test_halves", "phases", number).random((SIDE, SIDE))
     total = np.floor(phase + RATE * np.arange(2 * FRAMES + 1)[:, None, None] / FRAMES)
     return np.diff(total, axis=0).astype(np.uint8)
 
@@ -126,19 +126,19 @@ def test_at_three_counts_a_window_it_is_unbiased_where_raw_dispersion_is_not(rec
 
 
 def test_the_rig_counts_both_halves_of_any_window(tmp_path):
-    frames = generator("test_halves", "frames").integers(0, 2, (60, 6, 8)).astype(np.uint8)
+    frames = make_generator("test_halves", "frames").integers(0, 2, (60, 6, 8)).astype(np.uint8)
     write_stream(tmp_path / "s.h5", frames)
     with open_stream(tmp_path / "s.h5") as stream:
-        counts = Counts(stream, (slice(1, 5), slice(2, 8)))
+        counts = WindowCounts(stream, (slice(1, 5), slice(2, 8)))
         for first, stop, middle in [(0, 60, 30), (3, 17, 10), (3, 18, 10), (58, 60, 59)]:
             found = counts.halves(first, stop)
             assert found.dtype == np.uint32
             for half, (a, b) in zip(found, [(first, middle), (middle, stop)], strict=True):
                 np.testing.assert_array_equal(half, frames[a:b, 1:5, 2:8].sum(axis=0))
-            view = Recording(counts, DEBIASED)
+            view = RecordingView(counts, DEBIASED)
             assert view.score(first, stop) == DEBIASED(found)
             assert (view.frames_seen, view.windows) == (stop, 1)
-        first, scores = score_curve(stream, "sd_debiased", window=20)
+        first, scores = score_blocks(stream, "sd_debiased", window=20)
         pairs = frames.reshape(3, 2, 10, 6, 8).sum(axis=2)
         assert scores.tolist() == [DEBIASED(pair) for pair in pairs]
         with pytest.raises(
@@ -148,7 +148,7 @@ def test_the_rig_counts_both_halves_of_any_window(tmp_path):
         with pytest.raises(BadInput, match="frames 7 to 61 were asked for"):
             counts.halves(7, 61)
         with pytest.raises(BadInput, match="has no halves"):
-            score_curve(stream, "sd_debiased", window=1)
+            score_blocks(stream, "sd_debiased", window=1)
 
 
 @dataclass(frozen=True)
@@ -165,10 +165,10 @@ class Shared:
 
 
 def test_a_measure_of_halves_that_grows_with_the_light_has_a_twin_of_halves():
-    twin, pair = ByBrightness(Shared()), halves_of(6, 8)
+    twin, pair = BrightnessNormalised(Shared()), halves_of(6, 8)
     assert twin.halves
     assert twin(pair) == pytest.approx(Shared()(pair) / pair.mean() ** 2, rel=1e-12)
     assert twin(5 * pair) == pytest.approx(twin(pair), rel=1e-12)
     with pytest.raises(BadInput, match=r"allowed: \(2, rows, columns\)"):
         twin(pair[0])
-    assert not ByBrightness(get_measure("er_sumsq")).halves
+    assert not BrightnessNormalised(get_measure("er_sumsq")).halves

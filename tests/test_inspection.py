@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import saf_gen
-from saf_gen.inspection import describe
+from saf_gen.core.focus_crossings import find_crossings
 from saf_gen.motions import readout_positions
-from saf_gen.passes import passes
+from saf_gen.stream.inspection import describe_stream
 
 
 def test_a_stream_with_truth_is_described(tmp_path):
@@ -23,7 +23,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
         provenance={"variant": "llvm"},
     )
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe(stream)
+        facts = describe_stream(stream)
     assert facts["pixels"] == "6×4"
     assert facts["frames"] == "80 at 40000 Hz (0.002 s)"
     assert facts["mean rate"] == "0.2500 spikes a pixel and readout"
@@ -47,7 +47,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
 )
 def test_the_way_of_the_lens_is_told(tmp_path, motion, way, passed):
     lens = readout_positions(motion, 80, 80.0)
-    when = passes(lens, 0.25)
+    when = find_crossings(lens, 0.25)
     saf_gen.write_stream(
         tmp_path / "a.h5",
         np.zeros((80, 4, 6), dtype=np.uint8),
@@ -55,7 +55,7 @@ def test_the_way_of_the_lens_is_told(tmp_path, motion, way, passed):
         truth={"position": 0.25, "frame": when[0] if when.size else np.nan},
     )
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe(stream)
+        facts = describe_stream(stream)
     assert facts["focus"] == way
     assert facts["true focus"] == f"0.25000 of the travel, {passed}"
 
@@ -63,6 +63,6 @@ def test_the_way_of_the_lens_is_told(tmp_path, motion, way, passed):
 def test_a_stream_without_truth_says_so(tmp_path):
     saf_gen.write_stream(tmp_path / "a.h5", np.zeros((8, 2, 2), dtype=np.uint8))
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe(stream)
+        facts = describe_stream(stream)
     assert facts["true focus"] == "unknown"
     assert facts["focus"] == "not recorded"

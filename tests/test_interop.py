@@ -7,11 +7,11 @@ import pytest
 from scipy.ndimage import sobel
 from test_searches import literal_egs, literal_sgfs
 
-from saf_gen import slabs
+from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import evaluate
-from saf_gen.interop import LAYOUTS, export_file, import_file, raw_frames
-from saf_gen.stream import open_stream, write_stream
+from saf_gen.stream import time_blocks
+from saf_gen.stream.interop import RAW_LAYOUTS, export_raw_frames, import_raw_frames, raw_frames
+from saf_gen.stream.stream_file import open_stream, write_stream
 
 
 def decoded(raw, layout, t):
@@ -32,41 +32,43 @@ def decoded(raw, layout, t):
 def raw_file(path, layout, frames, seed=0):
     """Random bytes, the ignored ones too: a reader that looks at them is found out."""
     raw = (
-        np.random.default_rng(seed).integers(0, 256, frames * LAYOUTS[layout].frame_bytes, np.uint8).tobytes()
+        np.random.default_rng(seed)
+        .integers(0, 256, frames * RAW_LAYOUTS[layout].frame_bytes, np.uint8)
+        .tobytes()
     )
     path.write_bytes(raw)
     return raw
 
 
-@pytest.mark.parametrize("layout", sorted(LAYOUTS))
+@pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
 @pytest.mark.parametrize("flip", [None, False, True])
 @pytest.mark.slow
 def test_a_plain_decoder_agrees(tmp_path, layout, flip):
     raw = raw_file(tmp_path / "a.dat", layout, 11)
-    import_file(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout, flip=flip)
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout, flip=flip)
     bottom_first = layout == "dense" if flip is None else flip
     with open_stream(tmp_path / "a.h5") as stream:
-        assert stream.shape == (11, LAYOUTS[layout].rows, LAYOUTS[layout].columns)
+        assert stream.shape == (11, RAW_LAYOUTS[layout].rows, RAW_LAYOUTS[layout].columns)
         for t in (0, 7, 10):
             expected = np.array(decoded(raw, layout, t), np.uint8)
             found = stream.frames(t, t + 1)[0]
             assert np.array_equal(found, expected[::-1] if bottom_first else expected)
 
 
-@pytest.mark.parametrize("layout", sorted(LAYOUTS))
+@pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
 @pytest.mark.parametrize("flip", [None, True])
 def test_a_stream_goes_out_and_comes_back(tmp_path, layout, flip):
-    size = (LAYOUTS[layout].rows, LAYOUTS[layout].columns)
+    size = (RAW_LAYOUTS[layout].rows, RAW_LAYOUTS[layout].columns)
     frames = np.random.default_rng(1).integers(0, 2, (13, *size), np.uint8)
     digest = write_stream(tmp_path / "a.h5", frames)
-    written = export_file(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout, flip=flip)
-    assert (tmp_path / "a.dat").stat().st_size == written == 13 * LAYOUTS[layout].frame_bytes
-    assert import_file(tmp_path / "a.dat", tmp_path / "b.h5", layout=layout, flip=flip) == digest
+    written = export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout, flip=flip)
+    assert (tmp_path / "a.dat").stat().st_size == written == 13 * RAW_LAYOUTS[layout].frame_bytes
+    assert import_raw_frames(tmp_path / "a.dat", tmp_path / "b.h5", layout=layout, flip=flip) == digest
 
 
 def test_slabs_join_without_a_seam(tmp_path):
     raw = raw_file(tmp_path / "a.dat", "416", 2_003)
-    import_file(tmp_path / "a.dat", tmp_path / "a.h5", readout_hz=40_000)
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", readout_hz=40_000)
     with open_stream(tmp_path / "a.h5") as stream:
         assert stream.readout_hz == 40_000
         for t in (1_999, 2_000, 2_002):
@@ -74,7 +76,7 @@ def test_slabs_join_without_a_seam(tmp_path):
         assert json.loads(stream.metadata.provenance["import"]) == {
             "file": "a.dat", "layout": "416", "flip": False, "frames": 2_003,
         }  # fmt: skip
-    export_file(tmp_path / "a.h5", tmp_path / "b.dat")
+    export_raw_frames(tmp_path / "a.h5", tmp_path / "b.dat")
     rows = np.frombuffer((tmp_path / "b.dat").read_bytes(), np.uint8).reshape(2_003, 250, 52)
     assert np.array_equal(rows[:, :, :50], np.frombuffer(raw, np.uint8).reshape(2_003, 250, 52)[:, :, :50])
     assert not rows[:, :, 50:].any()
@@ -82,7 +84,7 @@ def test_slabs_join_without_a_seam(tmp_path):
 
 def test_fewer_frames_are_the_first_ones(tmp_path):
     raw = raw_file(tmp_path / "a.dat", "416", 5)
-    import_file(tmp_path / "a.dat", tmp_path / "a.h5", frames=3)
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", frames=3)
     with open_stream(tmp_path / "a.h5") as stream:
         assert stream.shape[0] == 3
         assert np.array_equal(stream.frames(2, 3)[0], decoded(raw, "416", 2))
@@ -92,7 +94,7 @@ def test_fewer_frames_are_the_first_ones(tmp_path):
 def test_more_frames_than_there_are_is_an_error(tmp_path, frames):
     raw_file(tmp_path / "a.dat", "416", 5)
     with pytest.raises(BadInput, match=f"{frames} frames were asked for; allowed: 1 to 5"):
-        import_file(tmp_path / "a.dat", tmp_path / "a.h5", frames=frames)
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", frames=frames)
     assert not (tmp_path / "a.h5").exists()
 
 
@@ -100,7 +102,7 @@ def test_a_remainder_is_told_with_the_layouts_that_fit(tmp_path):
     (tmp_path / "a.dat").write_bytes(bytes(12_500 * 3))
     message = r"37500 bytes are 2 frames of 13000 bytes and 11500 bytes more; .*fit: dense \(3 frames\)"
     with pytest.raises(BadInput, match=message):
-        import_file(tmp_path / "a.dat", tmp_path / "a.h5")
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
 
 
 def test_a_remainder_that_fits_no_layout_is_told(tmp_path):
@@ -108,24 +110,24 @@ def test_a_remainder_that_fits_no_layout_is_told(tmp_path):
     with pytest.raises(
         BadInput, match=r"0 frames of 13000 bytes and 12999 bytes more; .*no known layout fits"
     ):
-        import_file(tmp_path / "a.dat", tmp_path / "a.h5")
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
 
 
 def test_an_unknown_layout_names_the_nearest(tmp_path):
     with pytest.raises(
         BadInput, match="unknown layout 'dens'; allowed: 416, dense, sps1000; did you mean 'dense'"
     ):
-        import_file(tmp_path / "a.dat", tmp_path / "a.h5", layout="dens")
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout="dens")
 
 
 def test_missing_empty_and_folder_are_told(tmp_path):
     with pytest.raises(BadInput, match="cannot be read: No such file"):
-        import_file(tmp_path / "a.dat", tmp_path / "a.h5")
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
     (tmp_path / "a.dat").touch()
     with pytest.raises(BadInput, match="is empty"):
-        import_file(tmp_path / "a.dat", tmp_path / "a.h5")
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
     with pytest.raises(BadInput, match="this is a folder"):
-        import_file(tmp_path, tmp_path / "a.h5")
+        import_raw_frames(tmp_path, tmp_path / "a.h5")
 
 
 def test_a_stream_of_another_size_is_not_exported(tmp_path):
@@ -133,10 +135,10 @@ def test_a_stream_of_another_size_is_not_exported(tmp_path):
     with pytest.raises(
         BadInput, match=r"250 x 400 pixels; allowed: 1000 x 1000 .*layouts that fit: 416, dense"
     ):
-        export_file(tmp_path / "a.h5", tmp_path / "a.dat", layout="sps1000")
+        export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout="sps1000")
     (tmp_path / "file").touch()
     with pytest.raises(BadInput, match=r"cannot be written: (Not a directory|File exists)"):
-        export_file(tmp_path / "a.h5", tmp_path / "file" / "a.dat")
+        export_raw_frames(tmp_path / "a.h5", tmp_path / "file" / "a.dat")
     assert not (tmp_path / "a.dat").exists()
 
 
@@ -144,11 +146,11 @@ def test_a_file_is_not_written_over_itself(tmp_path):
     raw = raw_file(tmp_path / "a.dat", "416", 2)
     (tmp_path / "link.dat").symlink_to(tmp_path / "a.dat")
     with pytest.raises(BadInput, match=r"a\.dat: would be written over itself; choose another name"):
-        import_file(tmp_path / "a.dat", tmp_path / "link.dat")
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "link.dat")
     assert (tmp_path / "a.dat").read_bytes() == raw
-    import_file(tmp_path / "a.dat", tmp_path / "a.h5")
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
     with pytest.raises(BadInput, match=r"a\.h5: would be written over itself"):
-        export_file(tmp_path / "a.h5", tmp_path / "a.h5")
+        export_raw_frames(tmp_path / "a.h5", tmp_path / "a.h5")
 
 
 # -- from a foreign file to an answer --------------------------------------------------------------------
@@ -189,10 +191,10 @@ class LiteralView:
 def test_a_foreign_file_is_searched_as_the_released_code_would_to_the_last_frame(
     tmp_path, monkeypatch, measure
 ):
-    monkeypatch.setattr(slabs, "SLAB", 20)  # many seams in a short file
+    monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 20)  # many seams in a short file
     monkeypatch.setattr(raw_frames, "_FRAMES", 240)
     raw_file(tmp_path / "a.dat", "416", 403)
-    import_file(tmp_path / "a.dat", tmp_path / "a.h5")
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
     egs, sgfs = evaluate(
         tmp_path / "a.h5", methods=[f"{measure}+egs_code", f"{measure}+sgfs_code:dt=20"]
     ).records

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from saf_gen.keyframes import Keyframe, RigidMotion
+from saf_gen.scene.keyframes import Keyframe, RigidMotion
 
 POINT = np.array([0.3, -0.2, 0.5, 1.0])
 
@@ -15,9 +15,9 @@ def motion(*frames, **options):
 
 def test_a_shift_is_linear_in_time_and_holds_outside():
     car = motion({"time_s": 1.0}, {"time_s": 3.0, "translate_m": (4.0, 0.0, -2.0)})
-    assert np.allclose(car.pose(1.5) @ POINT - POINT, [1.0, 0, -0.5, 0])
-    assert np.array_equal(car.pose(-5), np.eye(4))
-    assert np.array_equal(car.pose(9), car.pose(3))
+    assert np.allclose(car.pose_at(1.5) @ POINT - POINT, [1.0, 0, -0.5, 0])
+    assert np.array_equal(car.pose_at(-5), np.eye(4))
+    assert np.array_equal(car.pose_at(9), car.pose_at(3))
 
 
 @pytest.mark.parametrize("axis", [(0, 0, 1), (0, 3, 0), (1, 2, -2)])
@@ -25,7 +25,7 @@ def test_a_shift_is_linear_in_time_and_holds_outside():
 def test_a_turn_keeps_lengths_its_axis_and_its_centre(axis, time_s):
     centre = (0.1, 0.2, 0.3)
     fan = motion({"time_s": 0}, {"time_s": 1, "rotate_deg": 3600}, axis=axis, centre_m=centre)
-    pose = fan.pose(time_s)
+    pose = fan.pose_at(time_s)
     turn = pose[:3, :3]
     assert np.allclose(turn @ turn.T, np.eye(3))
     assert np.linalg.det(turn) == pytest.approx(1)
@@ -36,14 +36,14 @@ def test_a_turn_keeps_lengths_its_axis_and_its_centre(axis, time_s):
 
 def test_a_turn_is_right_handed():
     fan = motion({"time_s": 0}, {"time_s": 1, "rotate_deg": 90})
-    assert np.allclose(fan.pose(1) @ [1, 0, 0, 1], [0, 1, 0, 1])
+    assert np.allclose(fan.pose_at(1) @ [1, 0, 0, 1], [0, 1, 0, 1])
 
 
 def test_a_turn_comes_before_the_shift():
     fan = motion(
         {"time_s": 0}, {"time_s": 1, "rotate_deg": 180, "translate_m": (0, 0, 1)}, centre_m=(1, 0, 0)
     )
-    assert np.allclose(fan.pose(1) @ [2, 0, 0, 1], [0, 0, 1, 1])
+    assert np.allclose(fan.pose_at(1) @ [2, 0, 0, 1], [0, 0, 1, 1])
 
 
 @pytest.mark.parametrize(

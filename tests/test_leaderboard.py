@@ -4,12 +4,20 @@ from dataclasses import replace
 
 import pytest
 
+from saf_gen.benchmark.evaluate import SequenceFailure
+from saf_gen.benchmark.records import Record
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import Failure
-from saf_gen.leaderboard import columns, latex, markdown, notes, numbers, table, write_files
-from saf_gen.leaderboard.columns import percent
-from saf_gen.leaderboard.texts import latex_text
-from saf_gen.records import Record
+from saf_gen.leaderboard import (
+    compose_notes,
+    format_latex,
+    format_markdown,
+    list_all_columns,
+    list_shown_columns,
+    rank_methods,
+    write_leaderboard,
+)
+from saf_gen.leaderboard.columns import format_percent
+from saf_gen.leaderboard.table_formats import escape_latex
 
 BLANK = Record(
     method="sd+argmax",
@@ -84,7 +92,7 @@ def records():
 
 
 def test_success_within_one_depth_of_focus_ranks(records):
-    rows = table(records)
+    rows = rank_methods(records)
     assert [(r.rank, r.method, r.success_1dof) for r in rows] == [
         (1, "sd+argmax", 1.0),
         (2, "er+argmax", 0.5),
@@ -93,7 +101,7 @@ def test_success_within_one_depth_of_focus_ranks(records):
 
 
 def test_errors_are_medians_of_what_was_answered_in_every_unit(records):
-    sd, er, odd = table(records)
+    sd, er, odd = rank_methods(records)
     assert sd.median_error_dof == pytest.approx(0.5)
     assert sd.median_error_travel == pytest.approx(0.05)
     assert sd.median_error_frames == pytest.approx(40)
@@ -102,16 +110,16 @@ def test_errors_are_medians_of_what_was_answered_in_every_unit(records):
 
 
 def test_abstentions_and_failures_are_counted_apart(records):
-    odd = table(records)[-1]
+    odd = rank_methods(records)[-1]
     assert (odd.abstained, odd.failed, odd.sequences) == (1, 1, 2)
 
 
 def test_each_light_has_its_success(records):
-    assert dict(table(records)[1].success_by_light) == {"constant": 1.0, "ramp": 0.0}
+    assert dict(rank_methods(records)[1].success_by_light) == {"constant": 1.0, "ramp": 0.0}
 
 
 def test_scenes_weigh_the_same_however_many_sequences_they_have():
-    rows = table(
+    rows = rank_methods(
         [
             *(record("m+s", f"a{i}", 0.0, scene="a") for i in range(9)),
             record("m+s", "b0", 9.0, scene="b"),
@@ -121,7 +129,7 @@ def test_scenes_weigh_the_same_however_many_sequences_they_have():
 
 
 def test_costs_weigh_scenes_and_lights_as_success_does():
-    rows = table(
+    rows = rank_methods(
         [
             *(record("m+s", f"a{i}", 0.0, scene="a", seconds=1.0, frames_seen=200) for i in range(3)),
             record("m+s", "a9", 0.0, scene="a", light="ramp", seconds=3.0, frames_seen=400, lens_travel=0.5),
@@ -134,7 +142,7 @@ def test_costs_weigh_scenes_and_lights_as_success_does():
 
 
 def test_lights_of_a_scene_weigh_the_same_however_many_repeats_they_have():
-    rows = table(
+    rows = rank_methods(
         [
             *(record("m+s", f"a{i}", 0.0, light="constant") for i in range(3)),
             record("m+s", "a9", 9.0, light="ramp"),
@@ -145,7 +153,7 @@ def test_lights_of_a_scene_weigh_the_same_however_many_repeats_they_have():
 
 
 def test_ties_share_a_rank_are_named_and_the_next_rank_counts_them():
-    rows = table(
+    rows = rank_methods(
         [
             record("a+s", "x", 0.9),
             record("b+s", "x", 0.1),
@@ -156,39 +164,41 @@ def test_ties_share_a_rank_are_named_and_the_next_rank_counts_them():
     assert [(r.rank, r.method) for r in rows] == [(1, "b+s"), (1, "c+s"), (1, "a+s"), (4, "d+s")]
     assert rows[0].tied == ("a+s", "c+s")
     assert rows[3].tied == ()
-    rank = columns(rows)[0]
-    assert [rank.text(r) for r in rows] == ["1=", "1=", "1=", "4"]
+    rank = list_shown_columns(rows)[0]
+    assert [rank.format_value(r) for r in rows] == ["1=", "1=", "1=", "4"]
 
 
 def test_equal_fractions_tie_whatever_their_last_bit():
     def spread(method, errors):
         return [record(method, f"{i}", e, scene=f"s{i}") for i, e in enumerate(errors)]
 
-    rows = table([*spread("a+s", [0, 0, 9, 9, 9, 0, 9]), *spread("b+s", [9, 9, 0, 9, 0, 9, 0])])
+    rows = rank_methods([*spread("a+s", [0, 0, 9, 9, 9, 0, 9]), *spread("b+s", [9, 9, 0, 9, 0, 9, 0])])
     assert [r.rank for r in rows] == [1, 1]
 
 
 def test_without_truth_nothing_ranks_and_costs_stand():
-    (row,) = table([record("a+s", "x", None)])
+    (row,) = rank_methods([record("a+s", "x", None)])
     assert (row.rank, row.success_1dof, row.median_error_dof) == (None, None, None)
     assert (row.frames_seen, row.lens_travel, row.seconds) == (1.0, 1.5, 0.25)
-    assert columns([row])[0].text(row) == "–"
+    assert list_shown_columns([row])[0].format_value(row) == "–"
 
 
 def test_methods_without_truth_come_after_those_that_rank():
-    rows = table([record("a+s", "x", None), record("b+s", "x", 9.0)])
+    rows = rank_methods([record("a+s", "x", None), record("b+s", "x", 9.0)])
     assert [r.method for r in rows] == ["b+s", "a+s"]
 
 
 def test_no_record_gives_an_empty_table(tmp_path):
-    assert table([]) == ()
-    write_files(tmp_path, rows=(), records=(), failures=[Failure("x", "cut short")])
+    assert rank_methods([]) == ()
+    write_leaderboard(tmp_path, rows=(), records=(), failures=[SequenceFailure("x", "cut short")])
     assert json.loads((tmp_path / "leaderboard.json").read_text())["failures"][0]["sequence"] == "x"
 
 
 def test_the_files_agree(tmp_path, records):
-    rows = table(records)
-    paths = write_files(tmp_path, rows=rows, records=records, failures=[Failure("bad", "truncated")])
+    rows = rank_methods(records)
+    paths = write_leaderboard(
+        tmp_path, rows=rows, records=records, failures=[SequenceFailure("bad", "truncated")]
+    )
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(p.name for p in paths)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     with (tmp_path / "leaderboard.csv").open(newline="") as file:
@@ -200,14 +210,14 @@ def test_the_files_agree(tmp_path, records):
         assert set(other) == set(one) - {"tied"}
         for name, cell in other.items():
             assert cell == ("" if one[name] is None else str(one[name]))
-    assert markdown(rows) in text
+    assert format_markdown(rows) in text
     assert "`bad`: truncated" in text
     assert [(r["method"], r["sequence"]) for r in lines] == [(r.method, r.sequence) for r in records]
     assert document["data"] == {"a": "sha-a", "b": "sha-b"}
 
 
 def test_a_record_line_has_the_keys_that_outsiders_read(tmp_path, records):
-    write_files(tmp_path, rows=table(records), records=records)
+    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
     line = json.loads((tmp_path / "records.jsonl").read_text().splitlines()[0])
     promised = [
         "method",
@@ -226,14 +236,14 @@ def test_a_record_line_has_the_keys_that_outsiders_read(tmp_path, records):
 
 def test_nan_never_appears_in_a_file(tmp_path):
     strange = [record("a+s", "x", None, seconds=0.0, truth=float("nan"), trace=(float("nan"),))]
-    write_files(tmp_path, rows=table(strange), records=strange)
+    write_leaderboard(tmp_path, rows=rank_methods(strange), records=strange)
     for path in tmp_path.iterdir():
         assert "nan" not in path.read_text().lower()
 
 
 def test_a_file_replaces_the_one_before_at_once(tmp_path, records):
     (tmp_path / "leaderboard.md").write_text("old")
-    write_files(tmp_path / ".", rows=table(records), records=records)
+    write_leaderboard(tmp_path / ".", rows=rank_methods(records), records=records)
     assert (tmp_path / "leaderboard.md").read_text().startswith("# Leaderboard")
     assert not list(tmp_path.glob(".*"))
 
@@ -241,26 +251,26 @@ def test_a_file_replaces_the_one_before_at_once(tmp_path, records):
 def test_a_folder_that_cannot_be_is_bad_input(tmp_path, records):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match="cannot be written"):
-        write_files(tmp_path / "file" / "out", rows=table(records), records=records)
+        write_leaderboard(tmp_path / "file" / "out", rows=rank_methods(records), records=records)
 
 
 def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
-    rows = table(records)
-    shown = columns(rows)
+    rows = rank_methods(records)
+    shown = list_shown_columns(rows)
     assert len({c.name for c in shown}) == len({c.header for c in shown}) == len(shown)
     for column in shown:
         assert column.meaning.endswith(".")
-        assert all(column.text(row) for row in rows)
-    assert {"rank", "method", "success_1dof", "failed"} <= {c.name for c in shown if not c.room}
-    every = numbers(rows)
+        assert all(column.format_value(row) for row in rows)
+    assert {"rank", "method", "success_1dof", "failed"} <= {c.name for c in shown if not c.min_terminal_width}
+    every = list_all_columns(rows)
     assert len({c.name for c in every}) == len(every)
     assert {c.name for c in shown} <= {c.name for c in every}
     assert all(c.meaning.endswith(".") for c in every)
 
 
 def test_a_pipe_in_a_name_does_not_break_the_markdown():
-    rows = table([record("a|b+s", "x", 0.0)])
-    assert r"a\|b+s" in markdown(rows)
+    rows = rank_methods([record("a|b+s", "x", 0.0)])
+    assert r"a\|b+s" in format_markdown(rows)
 
 
 # -- what the scenes can tell ---------------------------------------------------------------------------
@@ -279,7 +289,7 @@ def twelve():
 
 
 def test_rows_say_which_ranks_the_scenes_can_tell_apart(twelve):
-    good, near, bad = table(twelve)
+    good, near, bad = rank_methods(twelve)
     assert (good.rank, near.rank, bad.rank) == (1, 2, 3)
     assert (good.level_with_best, near.level_with_best, bad.level_with_best) == (True, True, False)
     assert (near.rank_best, near.rank_worst) == (1, 2)
@@ -288,22 +298,23 @@ def test_rows_say_which_ranks_the_scenes_can_tell_apart(twelve):
     assert near.success_1dof_low < 11 / 12 < near.success_1dof_high
     assert (bad.behind_best_low, bad.behind_best_high) == (1, 1)
     assert good.median_error_dof_low < good.median_error_dof == pytest.approx(0.155)
-    by_name = {c.name: c for c in columns([good, near, bad])}
-    assert [by_name["rank"].text(r) for r in (good, near, bad)] == ["1", "2~", "3"]
-    assert by_name["rank_best"].text(near) == "1–2"
-    assert by_name["success_1dof_low"].text(good) == "100%–100%"
+    by_name = {c.name: c for c in list_shown_columns([good, near, bad])}
+    assert [by_name["rank"].format_value(r) for r in (good, near, bad)] == ["1", "2~", "3"]
+    assert by_name["rank_best"].format_value(near) == "1–2"
+    assert by_name["success_1dof_low"].format_value(good) == "100%–100%"
 
 
 def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     some = [*over("a+s", [0, 0]), *over("b+s", [9, 9])]
-    rows = table(some)
+    rows = rank_methods(some)
     assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
-    assert rows[0].why == "2 of at least 3 scenes"
-    assert "rank_best" not in {c.name for c in columns(rows)}
+    assert rows[0].missing_reason == "2 of at least 3 scenes"
+    assert "rank_best" not in {c.name for c in list_shown_columns(rows)}
     assert any(
-        note.startswith("There are no intervals: 2 of at least 3 scenes") for note in notes(rows, some)
+        note.startswith("There are no intervals: 2 of at least 3 scenes")
+        for note in compose_notes(rows, some)
     )
-    write_files(tmp_path, rows=rows, records=some)
+    write_leaderboard(tmp_path, rows=rows, records=some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["intervals"]["unknown"] == "2 of at least 3 scenes"
     assert document["rows"][0]["success_1dof_low"] is None
@@ -311,33 +322,36 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
 
 
 def test_few_scenes_and_two_machines_are_said(twelve):
-    assert any("over 12 scenes." in note for note in notes(table(twelve), twelve))
+    assert any("over 12 scenes." in note for note in compose_notes(rank_methods(twelve), twelve))
     few = over("a+s", [0, 0, 0])
-    assert any("over 3 scenes; so few make them too narrow." in note for note in notes(table(few), few))
+    assert any(
+        "over 3 scenes; so few make them too narrow." in note
+        for note in compose_notes(rank_methods(few), few)
+    )
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
-    assert "Seconds do not compare, they come from 2 machines: x, 2 cores; y, 9 cores." in notes(
-        table(mixed), mixed
+    assert "Seconds do not compare, they come from 2 machines: x, 2 cores; y, 9 cores." in compose_notes(
+        rank_methods(mixed), mixed
     )
 
 
 def test_what_only_a_running_camera_knows_has_a_column_only_there():
     known = {"track": "closed_loop", "time_to_focus_s": 0.2, "error_frames": None}
     live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]
-    (row,) = rows = table(live)
+    (row,) = rows = rank_methods(live)
     assert (row.reversals, row.time_to_focus_s) == (2.5, 0.2)
-    shown = {c.name: c.text(row) for c in columns(rows)}
+    shown = {c.name: c.format_value(row) for c in list_shown_columns(rows)}
     assert (shown["reversals"], shown["time_to_focus_s"]) == ("2.5", "0.200")
     assert "median_error_frames" not in shown
-    (recorded,) = table([record("a+s", "x", 0.1)])
-    assert {"reversals", "time_to_focus_s"} & {c.name for c in columns([recorded])} == set()
-    assert {"reversals", "time_to_focus_s"} <= {c.name for c in numbers([recorded])}
+    (recorded,) = rank_methods([record("a+s", "x", 0.1)])
+    assert {"reversals", "time_to_focus_s"} & {c.name for c in list_shown_columns([recorded])} == set()
+    assert {"reversals", "time_to_focus_s"} <= {c.name for c in list_all_columns([recorded])}
 
 
 # -- LaTeX ----------------------------------------------------------------------------------------------
 
 
 def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
-    text = latex(table(twelve))
+    text = format_latex(rank_methods(twelve))
     lines = text.splitlines()
     spec = next(line for line in lines if line.startswith(r"\begin{tabular}"))
     wide = len(spec.split("{")[2].rstrip("}"))
@@ -363,11 +377,11 @@ def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
     ],
 )
 def test_latex_escapes_what_means_something_to_it(plain, set_):
-    assert latex_text(plain) == set_
+    assert escape_latex(plain) == set_
 
 
 def test_a_table_of_nothing_is_still_latex():
-    assert r"\bottomrule" in latex(())
+    assert r"\bottomrule" in format_latex(())
 
 
 def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
@@ -378,11 +392,11 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
         for scene in ("a", "b", "c")
         for light in lights
     ]
-    rows = table(records)
-    keys = [c.key for c in numbers(rows)]
+    rows = rank_methods(records)
+    keys = [c.key for c in list_all_columns(rows)]
     assert len(keys) == len(set(keys))
     assert {f"success_1dof_light_{light}" for light in lights} < set(keys)
-    write_files(tmp_path, rows=rows, records=records)
+    write_leaderboard(tmp_path, rows=rows, records=records)
     with (tmp_path / "leaderboard.csv").open(newline="") as file:
         header, line = csv.reader(file)
     assert header == keys
@@ -401,7 +415,7 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")],
 )
 def test_a_share_that_ends_in_a_half_goes_up(share, text):
-    assert percent(share) == percent(share - 1e-16) == text
+    assert format_percent(share) == format_percent(share - 1e-16) == text
 
 
 def test_the_shares_that_may_stand_the_other_way_round_say_so():
@@ -409,9 +423,9 @@ def test_the_shares_that_may_stand_the_other_way_round_say_so():
     beyond = {"success_half_dof": True, "success_1dof": False, "success_2dof": False}
     records = [replace(failed("m+s", f"s{i}", "abstained", scene=f"s{i}"), **beyond) for i in range(2)]
     records += [record("m+s", "s2", 0.1, scene="s2")]
-    (row,) = table(records)
+    (row,) = rank_methods(records)
     assert row.success_half_dof > row.success_1dof
-    meanings = {c.name: c.meaning for c in numbers([row])}
+    meanings = {c.name: c.meaning for c in list_all_columns([row])}
     rule = "An abstention is right where no answer could lie so near, so this can be"
     assert meanings["success_half_dof"].endswith(f"{rule} above ≤1 DoF.")
     assert meanings["success_2dof"].endswith(f"{rule} below ≤1 DoF.")

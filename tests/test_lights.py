@@ -5,18 +5,19 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 from scipy.signal import sawtooth
-from small import sequence_of
+from small import make_sequence
 from test_record import SPEC
 
 import saf_gen
-from saf_gen import get_light, registry
+from saf_gen import get_light
 from saf_gen.camera import get_sensor
+from saf_gen.core.config import registry
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.focal_stack import FocalStack
+from saf_gen.generate.recorder import Recorder, group_gains
 from saf_gen.lights import readout_gains
-from saf_gen.record import Recorder, group_gains
-from saf_gen.reel import Footage
-from saf_gen.seeds import generator
+from saf_gen.stack.focal_stack import FocalStack
+from saf_gen.stack.time_resolved import PlaneSource
 
 CSV = {"path": "lamp.csv", "text": "time_s,gain\n0.1,0.5\n0.4,2.0\n0.5,0.0\n0.9,1.0\n"}
 EXAMPLES = {
@@ -299,7 +300,7 @@ def test_a_walk_is_its_seed():
 
 def test_a_walk_takes_its_numbers_from_its_own_named_stream():
     """The first point of a returning walk is the first number of the stream."""
-    first = generator("random_walk", 7).standard_normal()
+    first = make_generator("random_walk", 7).standard_normal()
     gain = instantaneous(get_light("random_walk", sd=0.3, return_s=1.0, seed=7), [0.0])[0]
     assert gain == pytest.approx(np.exp(0.3 * first - 0.3**2 / 2), rel=1e-4)
 
@@ -362,7 +363,7 @@ def test_a_schedule_in_lux_is_divided_by_the_lux_of_gain_1(name):
 
 def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp_path):
     """Bit for bit the recording of a stack whose lamp is black: the sky stays as it was."""
-    random = generator("test_lights", "stack")
+    random = make_generator("test_lights", "stack")
     field = random.uniform(0.2, 1, (2, 9, 16, 24)).astype(np.float32) * 0.2
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6)
     recorder = Recorder(sensor, 400, device_seed=1, provenance={})
@@ -371,8 +372,8 @@ def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp
         stack = FocalStack(
             SPEC, radiance, np.full((16, 24), 0.5, np.float32), np.ones((16, 24), bool), "llvm"
         )
-        sequence = sequence_of(schedule=schedule, mean_rate=None)
-        recorder.record(sequence, Footage.of(stack), tmp_path / name, fingerprint="")
+        sequence = make_sequence(schedule=schedule, mean_rate=None)
+        recorder.record(sequence, PlaneSource.from_stack(stack), tmp_path / name, fingerprint="")
         with saf_gen.open_stream(tmp_path / name) as stream:
             return stream.frames(0, 400), stream.gain
 

@@ -8,10 +8,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from saf_gen import get_measure, registry
-from saf_gen.measures import ByBrightness, FromIntervals, _filters, _spectrum, gradient_code, measure_names
+from saf_gen import get_measure
+from saf_gen.core.config import registry
+from saf_gen.core.seeds import make_generator
+from saf_gen.measures import (
+    BrightnessNormalised,
+    IntervalTexture,
+    _filters,
+    _spectrum,
+    gradient_code,
+    measure_names,
+)
 from saf_gen.parts import wants_halves
-from saf_gen.seeds import generator
 
 OWN = sorted(registry._own("measures"))
 BEYOND = {"cen", "mid_band_power", "entropy"}
@@ -67,13 +75,13 @@ class Kept(np.ndarray):
 
 def counts_of(shape, kind):
     """Counts below 60 as numbers that count, any shape."""
-    values = generator("test_measure_costs").integers(1, 60, shape)
+    values = make_generator("test_measure_costs").integers(1, 60, shape)
     out = np.empty(shape, dtype=object)
     out.flat = [numbers[kind](kind(v)) for v in values.flat]
     return out.view(Kept)
 
 
-def correlated(image, down, across, stride, of=_filters.correlated.py_func):
+def correlated(image, down, across, stride, of=_filters.correlate_separable.py_func):
     return of(image, down.astype(object), across.astype(object), stride)  # numpy's floats would not ask ours
 
 
@@ -90,8 +98,8 @@ def bare(monkeypatch):
             for checked in ("as_numbers", "as_floats"):
                 if hasattr(module, checked):
                     monkeypatch.setattr(module, checked, lambda counts, halves=False: counts)
-            if hasattr(module, "correlated"):
-                monkeypatch.setattr(module, "correlated", correlated)
+            if hasattr(module, "correlate_separable"):
+                monkeypatch.setattr(module, "correlate_separable", correlated)
 
     def nothing(shape):
         return np.full(shape, numbers[float](0.0), dtype=object)
@@ -174,5 +182,5 @@ def test_a_measure_that_states_no_cost_has_twins_that_state_none():
     class Bare:
         degree = 1
 
-    assert ByBrightness(Bare()).cost is None
-    assert FromIntervals(Bare()).cost is None
+    assert BrightnessNormalised(Bare()).cost is None
+    assert IntervalTexture(Bare()).cost is None

@@ -10,8 +10,8 @@ from scipy.fft import dctn
 from scipy.ndimage import sobel
 
 from saf_gen import get_measure
+from saf_gen.core.seeds import make_generator
 from saf_gen.measures import wavelet_ratio
-from saf_gen.seeds import generator
 
 SHAPES = [(37, 51), (24, 40), (9, 8), (4, 4), (3, 5), (1, 6), (6, 1), (1, 1)]
 ROWS, COLS = 40, 60
@@ -294,19 +294,19 @@ TWINS = {
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("highest", [3, 60])
 def test_a_measure_is_its_slow_twin(name, shape, highest):
-    c = generator("forms", *shape, highest).integers(0, highest, shape, dtype=np.uint32)
+    c = make_generator("forms", *shape, highest).integers(0, highest, shape, dtype=np.uint32)
     assert score(name, c) == pytest.approx(TWINS[name](c.astype(float)), rel=1e-10, abs=1e-10)
 
 
 @pytest.mark.parametrize("orders", [1, 2, 7])
 def test_the_reduced_energy_ratio_is_that_of_the_lowest_orders(orders):
-    c = generator("forms", "orders").integers(0, 60, (24, 40))
+    c = make_generator("forms", "orders").integers(0, 60, (24, 40))
     expected = slow_dct_energy_ratio(c.astype(float), orders)
     assert score("dct_energy_ratio", c, highest_order=orders) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_whole_energy_ratio_is_the_spike_dispersion_of_tiles():
-    c = generator("forms", "tiles").integers(0, 60, (24, 40))
+    c = make_generator("forms", "tiles").integers(0, 60, (24, 40))
     tiles = [c[y : y + 8, x : x + 8] for y in range(0, 24, 8) for x in range(0, 40, 8)]
     expected = np.mean([score("sd", tile) for tile in tiles])
     assert score("dct_energy_ratio", c) == pytest.approx(expected, rel=1e-12)
@@ -340,13 +340,13 @@ def test_more_levels_hold_the_details_of_coarser_octaves():
 
 def test_all_frequencies_together_hold_the_variance():
     for shape in [(37, 51), (24, 40), (25, 16)]:
-        c = generator("forms", "power", *shape).integers(0, 60, shape)
+        c = make_generator("forms", "power", *shape).integers(0, 60, shape)
         found = score("mid_band_power", c, lowest=0.0, highest=0.75)
         assert found == pytest.approx(c.var(), rel=1e-12)
 
 
 def test_entropy_sees_levels_not_places():
-    c = generator("forms", "levels").integers(0, 9, 4096)
+    c = make_generator("forms", "levels").integers(0, 9, 4096)
     assert score("entropy", c.reshape(64, 64)) == score("entropy", np.sort(c).reshape(32, 128))
     assert score("entropy", np.arange(64).reshape(8, 8)) == 6.0
     assert score("entropy", np.arange(-32, 32).reshape(8, 8) * 2.0**60) == 6.0  # too far apart for a table
@@ -370,5 +370,5 @@ OF_NOISE = {
 def test_white_noise_scores_what_the_docstring_says(name):
     """504,000 normal numbers; a bound of six standard errors fails once in 10^8 seeds."""
     expected, bound = OF_NOISE[name]
-    noise = generator("forms", "noise").normal(size=(700, 720))
+    noise = make_generator("forms", "noise").normal(size=(700, 720))
     assert score(name, noise) == pytest.approx(expected, abs=bound)

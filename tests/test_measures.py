@@ -15,12 +15,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter, sobel
 from scipy.signal import convolve2d
 
-from saf_gen import get_measure, open_stream, registry, write_stream
+from saf_gen import get_measure, open_stream, write_stream
+from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.core.config import registry
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.measures import ByBrightness, FromIntervals, measure_names
+from saf_gen.measures import BrightnessNormalised, IntervalTexture, measure_names
 from saf_gen.parts import wants_halves, wants_intervals
-from saf_gen.rig import Counts, Recording
-from saf_gen.seeds import generator
 
 SHAPES = [(250, 400), (64, 64), (37, 51), (4, 4), (3, 5), (1, 1)]
 OF_IMAGES = [name for name in measure_names() if not wants_halves(get_measure(name))]
@@ -29,7 +30,7 @@ KERNEL = np.outer([1, 1, -1, -1], [1, 1, -1, -1])
 
 
 def counts_of(shape, *, highest=60):
-    return generator("test_measures", *shape).integers(0, highest, shape, dtype=np.uint32)
+    return make_generator("test_measures", *shape).integers(0, highest, shape, dtype=np.uint32)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -121,7 +122,7 @@ def test_counts_times_a_give_the_score_times_a_to_the_degree(name, factor):
 
 def scene():
     """Patches of seven pixels, their counts drawn: periodic, and sharp."""
-    patches = generator("test_measures", "scene").integers(5, 60, (14, 16))
+    patches = make_generator("test_measures", "scene").integers(5, 60, (14, 16))
     return np.kron(patches, np.ones((7, 7)))
 
 
@@ -167,7 +168,7 @@ SMALLEST = {
 @pytest.mark.parametrize("name", SMALLEST)
 def test_an_image_smaller_than_the_kernel_scores_nothing(name):
     measure, (rows, cols) = get_measure(name), SMALLEST[name]
-    c = generator("test_measures", "small").integers(1, 60, (rows, cols))
+    c = make_generator("test_measures", "small").integers(1, 60, (rows, cols))
     assert measure(c) != 0.0
     for small in (c[1:], c[:, 1:]):
         assert not small.size or measure(small) == 0.0
@@ -177,8 +178,8 @@ def test_an_image_smaller_than_the_kernel_scores_nothing(name):
 def test_a_measure_takes_a_region_of_a_recording_as_it_takes_an_image(name, recording):
     frames, path = recording
     with open_stream(path) as stream:
-        counts = Counts(stream, (slice(3, 21), slice(5, 30)))
-        found = Recording(counts, get_measure(name)).score(10, 70)
+        counts = WindowCounts(stream, (slice(3, 21), slice(5, 30)))
+        found = RecordingView(counts, get_measure(name)).score(10, 70)
     image = frames[10:70, 3:21, 5:30].sum(axis=0, dtype=np.uint32)
     assert found == get_measure(name)(image)
     assert found != 0.0 or get_measure(name)(image) == 0.0
@@ -186,7 +187,7 @@ def test_a_measure_takes_a_region_of_a_recording_as_it_takes_an_image(name, reco
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    chance = generator("test_measures", "recording").random((80, 24, 32))
+    chance = make_generator("test_measures", "recording").random((80, 24, 32))
     frames = (chance < 0.3).astype(np.uint8)
     path = tmp_path_factory.mktemp("recording") / "s.h5"
     write_stream(path, frames)
@@ -222,18 +223,18 @@ class Power:
 def test_a_measure_whose_degree_is_an_option_has_a_twin_by_its_default(monkeypatch):
     theirs = {"power": SimpleNamespace(value="theirs:Power", load=lambda: Power)}
     monkeypatch.setattr(registry, "_offered", lambda room: theirs if room == "measures" else {})
-    registry.part_class.cache_clear()
+    registry.plugin_class.cache_clear()
     try:
         assert {"power", "power_n"} <= set(measure_names())
         assert get_measure("power_n", power=3)(counts_of((20, 30))) == pytest.approx(1.0, rel=1e-12)
     finally:
-        registry.part_class.cache_clear()
+        registry.plugin_class.cache_clear()
 
 
 @pytest.mark.parametrize("name", [n for n in measure_names() if n.endswith("_n")])
 def test_a_twin_is_its_measure_over_the_mean_to_its_degree(name):
     measure, twin, c = get_measure(name.removesuffix("_n")), get_measure(name), counts_of((40, 60))
-    assert isinstance(twin, ByBrightness)
+    assert isinstance(twin, BrightnessNormalised)
     assert twin.degree == 0
     assert twin(c) == pytest.approx(measure(c) / c.mean(dtype=float) ** measure.degree, rel=1e-12)
     assert measure.source in twin.source
@@ -266,7 +267,7 @@ def test_any_measure_of_a_whole_window_takes_textures_by_its_name():
     c = counts_of((40, 60)) / 7
     for name in ("sd", "tenengrad", "tenengrad_n", "entropy"):
         inner, measure = get_measure(name), get_measure(f"{name}_tfi")
-        assert isinstance(measure, FromIntervals)
+        assert isinstance(measure, IntervalTexture)
         assert (measure(c), measure.degree, measure.score_range) == (
             inner(c),
             inner.degree,
@@ -275,7 +276,7 @@ def test_any_measure_of_a_whole_window_takes_textures_by_its_name():
         assert wants_intervals(measure)
         assert not wants_intervals(inner)
         assert measure.source.startswith(inner.source)
-    assert get_measure("cen_tfi", highest=0.2) == FromIntervals(get_measure("cen", highest=0.2))
+    assert get_measure("cen_tfi", highest=0.2) == IntervalTexture(get_measure("cen", highest=0.2))
     assert not [name for name in measure_names() if name.endswith("_tfi")]
 
 

@@ -4,27 +4,27 @@ import pytest
 from test_leaderboard import record
 
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard import merged, table
+from saf_gen.leaderboard import merge_records, rank_methods
 
 ONE = [record("a+s", "x", 0.1), record("a+s", "y", 0.2), record("b+s", "x", 0.3), record("b+s", "y", 3.0)]
 LATER = [record("c+s", "x", 0.1), record("c+s", "y", 9.0)]
 
 
 def test_a_method_that_ran_later_joins_the_others():
-    both = merged({"monday": ONE, "tuesday": LATER})
+    both = merge_records({"monday": ONE, "tuesday": LATER})
     assert [(r.sequence, r.method) for r in both] == [(s, m + "+s") for s in "xy" for m in "abc"]
-    assert [(r.rank, r.method) for r in table(both)] == [(1, "a+s"), (2, "b+s"), (2, "c+s")]
+    assert [(r.rank, r.method) for r in rank_methods(both)] == [(1, "a+s"), (2, "b+s"), (2, "c+s")]
 
 
 def test_merging_is_as_good_as_running_together():
-    assert table(merged({"monday": ONE, "tuesday": LATER})) == table([*ONE, *LATER])
+    assert rank_methods(merge_records({"monday": ONE, "tuesday": LATER})) == rank_methods([*ONE, *LATER])
 
 
 def test_a_stream_on_its_own_does_not_join_its_dataset():
     """It knows neither scene nor light: it would weigh by sequence what the dataset weighs by scene."""
     alone = [replace(r, scene=r.sequence, light=None, split=None) for r in LATER]
     with pytest.raises(BadInput) as caught:
-        merged({"runs/dataset": ONE, "runs/streams": alone})
+        merge_records({"runs/dataset": ONE, "runs/streams": alone})
     assert str(caught.value) == (
         "the scene of x differs: camel in runs/dataset, x in runs/streams; allowed: one scene a sequence; "
         "run saf-gen evaluate again, on the dataset, not on its streams one by one"
@@ -60,17 +60,17 @@ def test_a_stream_on_its_own_does_not_join_its_dataset():
 )
 def test_what_is_known_of_a_sequence_must_agree(known, message):
     with pytest.raises(BadInput, match=message):
-        merged({"runs/a": ONE, "runs/b": [LATER[0], replace(LATER[1], **known)]})
+        merge_records({"runs/a": ONE, "runs/b": [LATER[0], replace(LATER[1], **known)]})
 
 
 def test_a_method_that_names_its_region_may_look_elsewhere():
     elsewhere = [record(f"{m}@frame", s, 0, region="frame") for m in ("a+s", "b+s") for s in ("x", "y")]
-    assert len(merged({"target": ONE, "frame": elsewhere})) == 8
+    assert len(merge_records({"target": ONE, "frame": elsewhere})) == 8
 
 
 def test_what_two_runs_share_is_kept_once_the_first():
     slower = [replace(r, seconds=9.0, machine="another") for r in ONE]
-    both = merged({"monday": ONE, "tuesday": [*slower, *LATER]})
+    both = merge_records({"monday": ONE, "tuesday": [*slower, *LATER]})
     assert len(both) == 6
     assert {r.seconds for r in both} == {0.25}
 
@@ -99,7 +99,7 @@ def test_what_two_runs_share_is_kept_once_the_first():
 )
 def test_records_that_cannot_be_compared_are_refused(records, message):
     with pytest.raises(BadInput, match=message):
-        table(records)
+        rank_methods(records)
 
 
 @pytest.mark.parametrize(
@@ -130,5 +130,5 @@ def test_records_that_cannot_be_compared_are_refused(records, message):
 )
 def test_runs_that_cannot_be_compared_are_refused_by_name(later, message):
     with pytest.raises(BadInput, match=message) as caught:
-        merged({"runs/a": ONE, "runs/b": later})
+        merge_records({"runs/a": ONE, "runs/b": later})
     assert "\n" not in str(caught.value)

@@ -8,7 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
-from saf_gen import get_motion, motions, registry
+from saf_gen import get_motion, motions
+from saf_gen.core.config import registry
 from saf_gen.errors import BadInput
 from saf_gen.motions import readout_positions
 

@@ -10,19 +10,19 @@ import pytest
 from small import SCENES
 
 import saf_gen
-from saf_gen.dataset import read_manifest
 from saf_gen.errors import BadInput
-from saf_gen.exposed import Exposed
-from saf_gen.focal_stack import StackStore
-from saf_gen.generate import generate
-from saf_gen.optics import ImageDistance
-from saf_gen.reel import Footage
-from saf_gen.render import one_pass, render_missing, variant
-from saf_gen.work import prepare
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.render import backend, one_pass, render_missing
+from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.focal_stack import StackStore
+from saf_gen.stack.time_resolved import PlaneSource
+from saf_gen.stream.manifest import read_manifest
 
 pytestmark = pytest.mark.slow
-VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
-DRIVE = ImageDistance(0.025, 2.0, (0.60, 0.42))
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+DRIVE = ImageDistanceDrive(0.025, 2.0, (0.60, 0.42))
 COMES_NEARER = 2.0  # m/s
 CARD = """
 params: {contrast: {uniform: [0.4, 0.6]}}
@@ -71,7 +71,7 @@ def made(scenes, tmp_path_factory):
     path.write_text(RECIPE.format(sensor=SCENES.parent / "small_sensor.yaml"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SAF_GEN_SCENES", str(scenes))
-        work = prepare(path)
+        work = resolve_recipe(path)
         work = replace(work, sequences=[s for s in work.sequences if s.scene == "plane"])
         outcome = generate(work, folder / "made", variant=VARIANT)
         assert outcome.failed == {}
@@ -97,7 +97,7 @@ def test_members_of_a_family_have_parameters_and_stacks_of_their_own(made):
     with saf_gen.open_stream(outcome.folder / "test" / "plane-constant-01.h5") as stream:
         written = json.loads(stream.metadata.provenance["sequence"])
     assert written["params"] == {"contrast": contrasts["plane-constant-01"]}
-    assert len(work.reels()) == 4
+    assert len(work.sequences_by_stack()) == 4
 
 
 def test_the_truth_of_a_target_that_comes_nearer_is_the_closed_form(made):
@@ -117,10 +117,10 @@ def test_the_truth_of_a_target_that_comes_nearer_is_the_closed_form(made):
 
 def test_only_the_positions_that_the_lens_passes_are_rendered(made):
     _, work = made
-    dynamic = work.reel(work.sequences[-1])
+    dynamic = work.time_stack(work.sequences[-1])
     assert len(dynamic.specs) == 11
-    assert max(spec.rendered for spec in dynamic.specs) <= 4
-    assert dynamic.specs[0].first == 0
+    assert max(spec.rendered_count for spec in dynamic.specs) <= 4
+    assert dynamic.specs[0].first_index == 0
     assert dynamic.specs[-1].window[1] == 8
 
 
@@ -132,16 +132,18 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     outcome, work = made
     monkeypatch.setenv("SAF_GEN_SCENES", str(scenes))
     sequence = work.sequences[-1]
-    reel = work.reel(sequence)
-    footage = Footage.stored(reel, outcome.folder / "stacks")
+    time_stack = work.time_stack(sequence)
+    plane_source = PlaneSource.from_folder(time_stack, outcome.folder / "stacks")
     j, position = 5, 0.5
-    frame = (reel.frames[j] + reel.frames[j + 1]) / 2 - 0.5
-    blended = Exposed(footage, work.sensor).picture(frame, position)
-    middle = replace(reel.specs[j], time_s=(reel.specs[j].time_s + reel.specs[j + 1].time_s) / 2)
-    render_missing(work.member(sequence), [middle], tmp_path, variant_name=VARIANT)
+    frame = (time_stack.slice_frames[j] + time_stack.slice_frames[j + 1]) / 2 - 0.5
+    blended = ChargeSource(plane_source, work.sensor).charge_image(frame, position)
+    middle = replace(
+        time_stack.specs[j], time_s=(time_stack.specs[j].time_s + time_stack.specs[j + 1].time_s) / 2
+    )
+    render_missing(work.member(sequence), [middle], tmp_path, backend_name=VARIANT)
     stack = StackStore(tmp_path, middle).load()
-    rendered = Exposed(Footage.of(stack), work.sensor).picture(0, position)
-    before = Exposed(footage, work.sensor).picture(reel.frames[j] - 0.5, position)
+    rendered = ChargeSource(PlaneSource.from_stack(stack), work.sensor).charge_image(0, position)
+    before = ChargeSource(plane_source, work.sensor).charge_image(time_stack.slice_frames[j] - 0.5, position)
 
     def off(picture):
         return np.sqrt(np.mean((picture - rendered).sum(axis=0) ** 2)) / rendered.sum(axis=0).mean()
@@ -162,25 +164,25 @@ def test_dynamic_where_nothing_moves_is_refused(recipe):
     still = "scenes: [usaf_target], lights: [constant]"
     recipe.write_text(recipe.read_text().replace(still, still + ", scene_motion: [dynamic]"))
     with pytest.raises(BadInput, match="split 'train' asks for dynamic, and nothing moves in usaf_target"):
-        prepare(recipe)
+        resolve_recipe(recipe)
 
 
 def test_more_variants_than_repeats_are_refused(recipe):
     recipe.write_text(recipe.read_text().replace("variants: 2", "variants: 3"))
     with pytest.raises(BadInput, match="at most as many variants as repeats, which are 2"):
-        prepare(recipe)
+        resolve_recipe(recipe)
 
 
 def test_a_recipe_may_choose_parameters_by_name(recipe):
     text = recipe.read_text()
     recipe.write_text(text + "scene_params: {plane: {contrast: 0.5}}\n")
-    assert {s.params["contrast"] for s in prepare(recipe).sequences if s.scene == "plane"} == {0.5}
+    assert {s.params["contrast"] for s in resolve_recipe(recipe).sequences if s.scene == "plane"} == {0.5}
     recipe.write_text(text + "scene_params: {plane: {contrats: 0.5}}\n")
     with pytest.raises(BadInput, match=r"unknown parameter of scene 'plane': 'contrats'.*'contrast'"):
-        prepare(recipe)
+        resolve_recipe(recipe)
     recipe.write_text(text + "scene_params: {plain: {contrast: 0.5}}\n")
     with pytest.raises(BadInput, match=r"moving.yaml:\d+: unknown scene of scene_params 'plain'.*'plane'"):
-        prepare(recipe)
+        resolve_recipe(recipe)
 
 
 @pytest.mark.skipif(VARIANT == "scalar", reason="scalar writes no kernels")
@@ -190,8 +192,8 @@ def test_all_moments_are_traced_by_one_kernel_a_light(recipe, tmp_path, monkeypa
     scenes = "test: {scenes: [usaf_microscope], lights: [constant], scene_motion: [dynamic]}"
     text = recipe.read_text().replace("frames: 400", "frames: 8000").split("  train:")[0]
     recipe.write_text(f"{text}  {scenes}\n")
-    work = prepare(recipe)
-    moments = work.reel(work.sequences[0]).specs[::8]
+    work = resolve_recipe(recipe)
+    moments = work.time_stack(work.sequences[0]).specs[::8]
     assert len({moment.window for moment in moments}) == len(moments) == 5
     render, used = one_pass.render_stack, []
 
@@ -204,7 +206,7 @@ def test_all_moments_are_traced_by_one_kernel_a_light(recipe, tmp_path, monkeypa
 
     monkeypatch.setattr(one_pass, "render_stack", spied)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        render_missing(work.member(work.sequences[0]), moments, tmp_path, variant_name=VARIANT)
+        render_missing(work.member(work.sequences[0]), moments, tmp_path, backend_name=VARIANT)
     lights = len(moments[0].groups)
     assert len(used) == len(moments) * lights
     assert len(set(used[lights:])) <= lights  # the first moment also loads what stays

@@ -6,10 +6,10 @@ from scipy.optimize import minimize_scalar
 
 from saf_gen.camera.exposure import irradiance_per_radiance
 from saf_gen.errors import BadInput
-from saf_gen.optics import DRIVES, FocalLength, ImageDistance, Stage
+from saf_gen.optics import DRIVES, FocalLengthDrive, ImageDistanceDrive, Stage
 
-MACRO = ImageDistance(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
-LIQUID = FocalLength(image_distance_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
+MACRO = ImageDistanceDrive(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
+LIQUID = FocalLengthDrive(image_distance_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
 MICROSCOPE = Stage(focal_length_m=0.004, f_number=1.1, magnification=20, travel_m=(-30e-6, 30e-6))
 TABLE = Stage(focal_length_m=0.05, f_number=2.0, magnification=0.25, travel_m=(0.06, -0.04))
 LENSES = (MACRO, LIQUID, MICROSCOPE, TABLE)
@@ -53,7 +53,7 @@ def test_a_stage_keeps_the_lens_and_is_linear_in_z():
 )
 def test_the_ends_of_the_travel_focus_where_the_card_says(lens, ends):
     assert lens.focus_depth(np.array([0.0, 1.0])) == pytest.approx(ends, rel=1e-12)
-    assert lens.reach_m == pytest.approx(sorted(ends), rel=1e-12)
+    assert lens.focusing_range_m == pytest.approx(sorted(ends), rel=1e-12)
 
 
 @every_drive
@@ -85,7 +85,7 @@ def test_the_f_number_is_that_of_the_lens_at_infinity():
 @every_drive
 def test_the_truth_of_one_depth_is_its_best_position(lens):
     depth = float(lens.focus_depth(0.37))
-    assert lens.truth(np.full(10, depth)) == pytest.approx(float(lens.best_position(depth)), rel=1e-12)
+    assert lens.true_focus(np.full(10, depth)) == pytest.approx(float(lens.best_position(depth)), rel=1e-12)
 
 
 @every_drive
@@ -95,7 +95,7 @@ def test_the_truth_of_many_depths_minimises_the_mean_squared_blur(lens):
         lambda p: float(np.mean(lens.blur_diameter(p, depths) ** 2)) * 1e12, bounds=(0, 1), method="bounded",
         options={"xatol": 1e-10},
     )  # fmt: skip
-    assert lens.truth(depths) == pytest.approx(found.x, abs=1e-7)
+    assert lens.true_focus(depths) == pytest.approx(found.x, abs=1e-7)
 
 
 @pytest.mark.parametrize("counts", [(3, 6, 4), (1, 1, 1), (1, 50, 2000)])
@@ -107,14 +107,14 @@ def test_the_truth_of_a_deep_relief_on_a_stage_is_its_only_minimum(counts):
     mean = sum(n * lens.blur_diameter(p, d) ** 2 for n, d in zip(counts, (u, 2.2 * u, 5 * u), strict=True))
     assert (np.diff(np.sign(np.diff(mean))) != 0).sum() == 1
     depths = np.repeat([u, 2.2 * u, 5 * u], counts)
-    assert lens.truth(depths) == pytest.approx(p[mean.argmin()], abs=2 * (p[1] - p[0]))
+    assert lens.true_focus(depths) == pytest.approx(p[mean.argmin()], abs=2 * (p[1] - p[0]))
 
 
 @every_drive
 def test_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus(lens):
     depth = float(lens.focus_depth(0.4))
     low, high = lens.depth_of_focus(np.full(4, depth), PITCH)
-    assert low < lens.truth(np.full(4, depth)) < high
+    assert low < lens.true_focus(np.full(4, depth)) < high
     assert lens.blur_diameter(np.array([low, high]), depth) == pytest.approx(PITCH, rel=1e-6)
 
 
@@ -132,7 +132,7 @@ def test_a_pinhole_on_a_stage_has_no_far_end_of_focus():
 
 @every_drive
 def test_a_path_is_a_straight_line_through_the_stack(lens):
-    entries = lens.transfer(P)
+    entries = lens.ray_transfer(P)
     assert np.diff(entries, axis=0) == pytest.approx(np.broadcast_to(entries[1] - entries[0], (10, 2, 2)))
     assert entries[5] == pytest.approx(np.eye(2), abs=1e-15)
 
@@ -144,7 +144,7 @@ def test_the_transfer_is_the_ray_through_the_moved_lens(lens):
     s = (a - x) / lens.image_distance(0.5) - a * power(lens, 0.5)
     moved = a + s * (lens.shift(P) - lens.shift(0.5))
     expected = moved - lens.image_distance(P) * (s + moved * power(lens, P))
-    x_p, a_p = (lens.transfer(P) @ [x, a]).T
+    x_p, a_p = (lens.ray_transfer(P) @ [x, a]).T
     assert x_p == pytest.approx(expected, rel=1e-9)
     assert a_p == pytest.approx(moved, rel=1e-12)
 
@@ -158,7 +158,7 @@ def power(lens, position):
 def test_rays_spread_evenly_stay_spread_evenly(lens):
     """The determinant is that of the scale of the picture alone, 1 where v does not change (étendue)."""
     scale = lens.image_distance(P) / lens.image_distance(0.5)
-    assert np.linalg.det(lens.transfer(P)) == pytest.approx(scale, rel=1e-12)
+    assert np.linalg.det(lens.ray_transfer(P)) == pytest.approx(scale, rel=1e-12)
 
 
 @pytest.mark.parametrize("lens", [MICROSCOPE, TABLE], ids=("microscope", "table"))
@@ -170,7 +170,7 @@ def test_all_rays_from_a_point_on_the_stage_meet_where_it_is_in_focus(lens):
     for a in (-0.3 * lens.aperture_radius_m, 0.8 * lens.aperture_radius_m):
         s = (h - a) / from_lens
         x = -v * (s + a / u)
-        assert (lens.transfer(p) @ [x, a])[0] == pytest.approx(-v * h / u, rel=1e-9)
+        assert (lens.ray_transfer(p) @ [x, a])[0] == pytest.approx(-v * h / u, rel=1e-9)
 
 
 @every_drive
@@ -192,15 +192,15 @@ def test_a_drive_as_plain_data_makes_the_drive_again(lens):
     ("make", "told"),
     [
         (
-            lambda: ImageDistance(0.035, 2.0, (0.9, 0.03)),
+            lambda: ImageDistanceDrive(0.035, 2.0, (0.9, 0.03)),
             r"the lens of 35 mm cannot focus at 0.03 m; allowed: object distances beyond 0.035 m",
         ),
-        (lambda: ImageDistance(0.035, 2.0, (0.5, 0.5)), "does not move: both ends focus at 0.5 m"),
+        (lambda: ImageDistanceDrive(0.035, 2.0, (0.5, 0.5)), "does not move: both ends focus at 0.5 m"),
         (
-            lambda: FocalLength(0.035, 2.0, (0.5, -0.1)),
+            lambda: FocalLengthDrive(0.035, 2.0, (0.5, -0.1)),
             "cannot focus at -0.1 m; allowed: object distances in front of it",
         ),
-        (lambda: FocalLength(0.035, 2.0, (0.5, 0.5)), "does not change: both ends focus at 0.5 m"),
+        (lambda: FocalLengthDrive(0.035, 2.0, (0.5, 0.5)), "does not change: both ends focus at 0.5 m"),
         (
             lambda: Stage(0.004, 1.1, 20, (1e-5, 1e-5)),
             "stage does not move: both ends of the travel are 1e-05 m",

@@ -3,10 +3,10 @@
 import pytest
 from sweeps import write_sweep
 
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import evaluate
 from saf_gen.measures import get_measure
-from saf_gen.methods import parse_method
 
 PARTS = '''\
 from dataclasses import dataclass

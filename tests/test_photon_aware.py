@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from saf_gen import encode, get_measure, get_search, get_sensor
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.seeds import generator
 
 SHAPE = (64, 96)
 CONTRAST = 0.3
@@ -34,7 +34,7 @@ def test_by_hand():
 
 
 def test_without_the_length_of_the_window_it_is_the_debiased_dispersion():
-    counts = generator("calibrated").poisson(5, (2, 20, 30)).astype(np.uint32)
+    counts = make_generator("calibrated").poisson(5, (2, 20, 30)).astype(np.uint32)
     assert get_measure("sd_calibrated")(counts) == pytest.approx(
         get_measure("sd_debiased")(counts), rel=1e-12
     )
@@ -89,7 +89,7 @@ class Sweep:
         self.asked.append((first, stop, count))
         curve = self.broad if measure == "sd_calibrated" else self.curve
         value = float(np.average(curve[first:stop], weights=self.light[first:stop] + 1e-12))
-        return value + self.noise * float(generator("sweep", first, stop).standard_normal()) / np.sqrt(
+        return value + self.noise * float(make_generator("sweep", first, stop).standard_normal()) / np.sqrt(
             count + 1e-12
         )
 

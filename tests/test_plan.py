@@ -4,8 +4,8 @@ import pytest
 import yaml
 
 from saf_gen.errors import BadInput
-from saf_gen.plan import Family, make_plan, recipe_fingerprint, shard
-from saf_gen.recipe import Recipe, read_recipe
+from saf_gen.generate.plan import SceneFamily, make_plan, recipe_fingerprint, select_shard
+from saf_gen.generate.recipe import Recipe, read_recipe
 
 BASE = {
     "name": "tiny",
@@ -110,7 +110,7 @@ def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
 
 
 def test_shards_share_the_work_without_overlap():
-    parts = [shard(plan(), i, 3) for i in (1, 2, 3)]
+    parts = [select_shard(plan(), i, 3) for i in (1, 2, 3)]
     assert sorted(s.id for part in parts for s in part) == sorted(s.id for s in plan())
 
 
@@ -123,7 +123,7 @@ def test_two_sequences_of_one_id_are_refused_and_both_are_named():
     split = {"scenes": ["camel"], "lights": list(lights), "scene_motion": ["static", "dynamic"]}
     recipe = Recipe.model_validate(BASE | {"lights": lights, "splits": {"test": split}})
     with pytest.raises(BadInput) as caught:
-        make_plan(recipe, {"camel": Family(moves=True)})
+        make_plan(recipe, {"camel": SceneFamily(moves=True)})
     assert str(caught.value) == (
         "two sequences would have the id 'camel-dynamic-fixed-00': camel, static, under 'dynamic-fixed' in "
         "'test', and camel, dynamic, under 'fixed' in 'test'; allowed: each id once in a dataset; rename the "
@@ -146,7 +146,7 @@ CARD = {
 def member(**chosen):
     split = {"test": {"scenes": ["camel"], "lights": ["fixed"]}}
     recipe = Recipe.model_validate(BASE | {"splits": split, "scene_params": {"camel": chosen}})
-    (sequence,) = make_plan(recipe, {"camel": Family(CARD)})
+    (sequence,) = make_plan(recipe, {"camel": SceneFamily(CARD)})
     return sequence.params
 
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from sweeps import write_sweep
 
-from saf_gen import evaluate as referee
+from saf_gen.benchmark import evaluate as evaluate_module
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.benchmark.tracks.predictions import read_predictions
+from saf_gen.benchmark.tracks.sequence_tasks import list_sequence_tasks
 from saf_gen.cli import main
-from saf_gen.contest.jobs import jobs_of
-from saf_gen.contest.predictions import read_predictions
-from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import evaluate
-from saf_gen.records import read_records, records_to_text
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 
 
 @pytest.fixture(scope="module")
@@ -211,9 +211,9 @@ def test_no_more_can_be_seen_than_was_recorded(dataset, tmp_path):
 
 def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path, monkeypatch):
     def longer(*args):
-        return [replace(job, frames=900) for job in jobs_of(*args)]
+        return [replace(job, frames=900) for job in list_sequence_tasks(*args)]
 
-    monkeypatch.setattr(referee, "jobs_of", longer)
+    monkeypatch.setattr(evaluate_module, "list_sequence_tasks", longer)
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))
     ran, one, other, two = evaluate(dataset, methods=["sd+argmax"], predictions=path).records
     assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
@@ -228,7 +228,7 @@ def test_a_note_may_hold_what_ends_a_line_elsewhere(dataset, tmp_path, note):
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
     records = evaluate(dataset, methods=[], predictions=path).records
     assert [r.note for r in records] == [note, note]
-    (tmp_path / "records.jsonl").write_bytes(records_to_text(records).encode())
+    (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
     assert read_records(tmp_path) == list(records)
 
 

@@ -6,20 +6,29 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from saf_gen.authoring.preview import (
+    ContactSheet,
+    draw_contact_sheet,
+    encode_gamma,
+    make_contact_sheet,
+    preview_scene,
+    save_image_grid,
+    white_level,
+    write_preview,
+)
+from saf_gen.authoring.template import create_scene
 from saf_gen.camera import get_sensor
 from saf_gen.errors import BadInput
-from saf_gen.focal_stack import FocalStack, StackSpec
-from saf_gen.optics import FocalLength, ImageDistance, Stage
-from saf_gen.preview import Sheet, draw, encoded, preview_scene, save_grid, sheet_of, white_of, write_preview
-from saf_gen.render import variant
-from saf_gen.scene import find_scene
-from saf_gen.skeleton import new_scene
+from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
+from saf_gen.render import backend
+from saf_gen.scene.scene_folder import find_scene
+from saf_gen.stack.focal_stack import FocalStack, StackSpec
 
-VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 SENSOR = get_sensor("vidar_400x250", rows=20, columns=32, pitch_m=60e-6)
 DRIVES = {
-    "image_distance": (ImageDistance(0.025, 2.0, (0.6, 0.42)), 0.5),
-    "focal_length": (FocalLength(0.026, 2.0, (0.6, 0.42)), 0.5),
+    "image_distance": (ImageDistanceDrive(0.025, 2.0, (0.6, 0.42)), 0.5),
+    "focal_length": (FocalLengthDrive(0.026, 2.0, (0.6, 0.42)), 0.5),
     "stage": (Stage(0.004, 1.1, 20.0, (-30e-6, 30e-6)), 0.0042),
 }
 
@@ -52,7 +61,7 @@ def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_target_that_is_nowhere_or_everywhere_is_drawn_all_the_same(tmp_path, share):
     stack = stack_of(*DRIVES["image_distance"], target=np.full((20, 32), share > 0))
-    assert np.isnan(Sheet("it", stack, SENSOR).truth) is np.bool_(share == 0)
+    assert np.isnan(ContactSheet("it", stack, SENSOR).true_focus) is np.bool_(share == 0)
     write_preview(stack, SENSOR, tmp_path / "it.png")
     assert grey(tmp_path / "it.png")[1] == (1600, 720)
 
@@ -66,21 +75,23 @@ def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
 def test_glimpses_get_a_row_of_their_own(tmp_path):
     stack = stack_of(*DRIVES["image_distance"])
     pictures = [(f"member {n}", stack.radiance[0, 0]) for n in range(6)]
-    draw(Sheet("it", stack, SENSOR, stack.radiance[0, 2], pictures), tmp_path / "it.png")
+    draw_contact_sheet(ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures), tmp_path / "it.png")
     assert grey(tmp_path / "it.png")[1] == (1600, 960)
 
 
 def test_white_and_grey_are_for_the_eye():
     image = np.linspace(0, 2, 1001).reshape(7, 143)
-    white = white_of(image)
+    white = white_level(image)
     assert white == pytest.approx(1.99, abs=0.005)
-    assert encoded(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
-    assert white_of(np.zeros((3, 3))) == 1
+    assert encode_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx(
+        [0, 0.5 ** (1 / 2.2), 1, 1]
+    )
+    assert white_level(np.zeros((3, 3))) == 1
 
 
 def test_a_grid_is_as_small_as_asked_for(tmp_path):
     noise = 0.3 + 0.4 * np.random.default_rng(0).random((250, 400))
-    save_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", most_bytes=150_000)
+    save_image_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", max_bytes=150_000)
     assert (tmp_path / "it.jpg").stat().st_size < 150_000
     picture, size = grey(tmp_path / "it.jpg")
     assert size == (3 * 400 + 8, 2 * 250 + 4)
@@ -91,7 +102,7 @@ def test_a_grid_is_as_small_as_asked_for(tmp_path):
 def mine(tmp_path, monkeypatch):
     """The skeleton as ``mine``; gives a function that edits its card and finds it."""
     monkeypatch.chdir(tmp_path)
-    new_scene("mine", tmp_path / "scenes")
+    create_scene("mine", tmp_path / "scenes")
 
     def edit(old="", new=""):
         card = tmp_path / "scenes/mine/scene.yaml"
@@ -103,22 +114,22 @@ def mine(tmp_path, monkeypatch):
 
 
 def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
-    sheet = sheet_of(mine(), SENSOR, variant=VARIANT)
+    sheet = make_contact_sheet(mine(), SENSOR, variant=VARIANT)
     assert sheet.stack.spec.groups == ("lamp", "room")
-    assert [word for word, _ in sheet.glimpses] == ["member 1", "member 2"]
-    members = [picture for _, picture in sheet.glimpses]
+    assert [word for word, _ in sheet.small_pictures] == ["member 1", "member 2"]
+    members = [picture for _, picture in sheet.small_pictures]
     assert members[0].shape == (10, 16)
     assert np.abs(members[0] - members[1]).mean() > 0.05 * members[0].mean()
     assert sheet.sharp.shape == (20, 32)
-    assert 0.1 < sheet.truth < 0.9
+    assert 0.1 < sheet.true_focus < 0.9
 
 
 @pytest.mark.slow
 def test_a_sheet_of_a_scene_that_moves_shows_moments(mine):
     words = "motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.04, 0, 0]}]}}\nparams:"
     scene = mine("params:", words)
-    sheet = sheet_of(scene.with_params({"square_mm": 3}), SENSOR, variant=VARIANT)
-    moments = {word: picture for word, picture in sheet.glimpses if word.endswith(" s")}
+    sheet = make_contact_sheet(scene.with_params({"square_mm": 3}), SENSOR, variant=VARIANT)
+    moments = {word: picture for word, picture in sheet.small_pictures if word.endswith(" s")}
     assert list(moments) == ["0.00 s", "1.00 s"]
     assert np.abs(moments["0.00 s"] - moments["1.00 s"]).mean() > 0.05 * moments["0.00 s"].mean()
 

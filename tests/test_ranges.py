@@ -6,34 +6,34 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from saf_gen.core.config.ranges import check_parameter, draw_value, extreme_values, is_range
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.ranges import check, draw, ends, is_range
-from saf_gen.seeds import generator
 
 
 def test_a_fixed_value_is_drawn_as_itself():
-    assert draw(3.5, generator(0)) == 3.5
-    assert draw([1, 2], generator(0)) == [1, 2]
+    assert draw_value(3.5, make_generator(0)) == 3.5
+    assert draw_value([1, 2], make_generator(0)) == [1, 2]
     assert not is_range({"uniform": [0, 1], "choice": [1]})
 
 
 def test_uniform_draws_fill_their_range_evenly():
     """Kolmogorov–Smirnov at 1e-4, 2,000 draws, one fixed seed."""
-    random = generator("ranges")
-    draws = [draw({"uniform": [2, 6]}, random) for _ in range(2000)]
+    random = make_generator("ranges")
+    draws = [draw_value({"uniform": [2, 6]}, random) for _ in range(2000)]
     assert kstest((np.array(draws) - 2) / 4, "uniform").pvalue > 1e-4
 
 
 def test_log_uniform_draws_are_uniform_in_the_logarithm():
     """Kolmogorov–Smirnov at 1e-4, 2,000 draws, one fixed seed."""
-    random = generator("ranges")
-    draws = [draw({"log_uniform": [0.1, 10]}, random) for _ in range(2000)]
+    random = make_generator("ranges")
+    draws = [draw_value({"log_uniform": [0.1, 10]}, random) for _ in range(2000)]
     assert kstest((np.log10(draws) + 1) / 2, "uniform").pvalue > 1e-4
 
 
 def test_a_choice_draws_every_value():
-    random = generator("ranges")
-    assert {draw({"choice": ["a", "b"]}, random) for _ in range(50)} == {"a", "b"}
+    random = make_generator("ranges")
+    assert {draw_value({"choice": ["a", "b"]}, random) for _ in range(50)} == {"a", "b"}
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_a_choice_draws_every_value():
 )
 def test_a_degenerate_range_is_refused(value, told):
     with pytest.raises(BadInput, match=told):
-        ends(value)
+        extreme_values(value)
 
 
 @pytest.mark.parametrize(
@@ -69,9 +69,9 @@ def test_a_degenerate_range_is_refused(value, told):
 )
 def test_what_would_draw_no_finite_number_or_a_range_is_refused(value, told):
     with pytest.raises(BadInput, match=told):
-        ends(value)
+        extreme_values(value)
     with pytest.raises(BadInput, match=told):
-        draw(value, generator(0))
+        draw_value(value, make_generator(0))
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_what_would_draw_no_finite_number_or_a_range_is_refused(value, told):
     ids=str,
 )
 def test_a_parameter_is_plain_or_a_range_of_what_is_plain(value):
-    check(value)
+    check_parameter(value)
 
 
 DATE = datetime.date(2024, 5, 1)
@@ -108,5 +108,5 @@ DATE = datetime.date(2024, 5, 1)
 )
 def test_a_parameter_that_no_file_could_record_is_told(value, told):
     with pytest.raises(BadInput, match=told) as caught:
-        check(value, what="params.made", where="r.yaml:3")
+        check_parameter(value, what="params.made", where="r.yaml:3")
     assert "\n" not in str(caught.value)

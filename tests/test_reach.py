@@ -5,19 +5,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sweeps import spikes
+from sweeps import make_spikes
 
-from saf_gen.contest.jobs import given, jobs_of
-from saf_gen.contest.loop import Run
-from saf_gen.contest.reach import in_recording, in_travel, until
-from saf_gen.contest.verdict import judge_run
-from saf_gen.evaluate import evaluate
-from saf_gen.leaderboard import by_axis
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge_answer
+from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
+from saf_gen.benchmark.tracks.focus_place import (
+    locate_focus_in_recording,
+    locate_focus_in_travel,
+    truncate_truth,
+)
+from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, list_sequence_tasks
+from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.seeds import make_generator
+from saf_gen.leaderboard import tabulate_by_axis
 from saf_gen.parts import Answer
-from saf_gen.passes import passes
-from saf_gen.scores import WITHIN, judge
-from saf_gen.seeds import generator
-from saf_gen.stream import Truth, open_stream, write_stream
+from saf_gen.stream.stream_file import Truth, open_stream, write_stream
 
 FRAMES = 800
 UP = np.linspace(0, 1, FRAMES, dtype=np.float32)
@@ -28,7 +32,7 @@ THERE_AND_BACK = np.concatenate([UP[::2], UP[::-2]]) * np.float32(0.5)
 def truth(best, dof=0.02, *, lens=None, track=None):
     passed = math.nan
     if lens is not None:
-        found = passes(lens - (best if track is None else track), 0.0)
+        found = find_crossings(lens - (best if track is None else track), 0.0)
         passed = float(found[0]) if found.size else math.nan
     return Truth(position=best, depth_of_focus=(best - dof / 2, best + dof / 2), frame=passed, track=track)
 
@@ -51,7 +55,7 @@ PLANTED = [
 
 
 def binned(records):
-    (table,) = (t for t in by_axis(records, [records[0].method]) if t.axis.name == "focus_position")
+    (table,) = (t for t in tabulate_by_axis(records, [records[0].method]) if t.axis.name == "focus_position")
     (name,) = table.bins
     return name
 
@@ -60,7 +64,7 @@ def binned(records):
 def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, where):
     """Whatever is answered, and outside where an abstention succeeds."""
     known = truth(best, lens=lens)
-    write_stream(tmp_path / "a.h5", spikes(400, shape=(FRAMES, 8, 8)), focus_position=lens, truth=known)
+    write_stream(tmp_path / "a.h5", make_spikes(400, shape=(FRAMES, 8, 8)), focus_position=lens, truth=known)
     lines = (f'{{"method": "m{f}", "sequence": "a", "frame": {f}}}\n' for f in ("null", 5, 700))
     (tmp_path / "p.jsonl").write_text("".join(lines))
     abstained, *answered = evaluate(
@@ -87,11 +91,11 @@ def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, w
 def test_in_the_closed_loop_it_lies_in_the_travel_wherever_the_recording_went(best, where):
     """Out of the travel by more than 1 depth of focus is where the loop's abstention succeeds."""
     known = truth(best, lens=PART)
-    place, off = in_travel(known)
+    place, off = locate_focus_in_travel(known)
     assert (place, off) == (where[0], pytest.approx(where[1]))
-    run = Run(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
-    verdict = judge_run(run, known, 20_000)
-    assert tuple(off > limit for limit in WITHIN) == tuple(
+    run = ClosedLoopRun(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
+    verdict = judge_closed_loop_run(run, known, 20_000)
+    assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == tuple(
         verdict[f"success_{name}"] for name in ("half_dof", "1dof", "2dof")
     )
 
@@ -100,19 +104,19 @@ def test_a_focus_that_moves_lies_where_the_lens_first_meets_it():
     """It goes from 0.9 to 0.1 of the travel while the lens goes up: they meet in the middle."""
     track = np.linspace(0.9, 0.1, FRAMES)
     known = truth(0.5, lens=UP, track=track)
-    place, off = in_recording(known, UP)
+    place, off = locate_focus_in_recording(known, UP)
     assert place == pytest.approx(0.5, abs=1e-3)
     assert off == pytest.approx(0, abs=0.1)
-    assert in_travel(known) == (0.5, 0.0)
+    assert locate_focus_in_travel(known) == (0.5, 0.0)
     away = truth(1.5, lens=UP, track=np.linspace(1.6, 1.4, FRAMES))
-    assert in_recording(away, UP)[0] is None
-    assert in_travel(away) == (None, pytest.approx(20))
+    assert locate_focus_in_recording(away, UP)[0] is None
+    assert locate_focus_in_travel(away) == (None, pytest.approx(20))
 
 
 def test_the_pass_that_the_stream_names_is_the_first():
-    """Of a target that was out of sight before: see saf_gen.truth."""
+    """Of a target that was out of sight before: see saf_gen.stack.true_focus."""
     both = replace(truth(0.3), frame=700.0)
-    assert in_recording(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
+    assert locate_focus_in_recording(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
 
 
 @pytest.mark.parametrize(
@@ -127,36 +131,41 @@ def test_the_pass_that_the_stream_names_is_the_first():
     ids=["no truth", "no lens", "no frame", "a lens with gaps", "a track with gaps"],
 )
 def test_where_nobody_knows_nothing_is_said(known, lens):
-    assert in_recording(known, lens) == (None, None)
+    assert locate_focus_in_recording(known, lens) == (None, None)
 
 
 def test_without_a_truth_nothing_is_said_of_the_travel_either():
-    assert in_travel(Truth()) == in_travel(truth(0.5, track=np.full(9, np.nan))) == (None, None)
+    assert (
+        locate_focus_in_travel(Truth())
+        == locate_focus_in_travel(truth(0.5, track=np.full(9, np.nan)))
+        == (None, None)
+    )
 
 
 def test_without_a_depth_of_focus_only_what_is_met_is_known():
     met, never = Truth(position=0.75), Truth(position=0.2)
-    assert in_recording(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
-    assert in_recording(never, PART) == (None, None)
-    assert in_travel(met) == (0.75, 0.0)
-    assert in_travel(Truth(position=1.2)) == (None, None)
+    assert locate_focus_in_recording(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
+    assert locate_focus_in_recording(never, PART) == (None, None)
+    assert locate_focus_in_travel(met) == (0.75, 0.0)
+    assert locate_focus_in_travel(Truth(position=1.2)) == (None, None)
 
 
 def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
-    """300 random lenses, truths and tracks, seed named here: the rule of saf_gen.scores.judge, exactly."""
-    random, seen = generator("test_reach", "judge"), set()
+    """300 random lenses, truths and tracks, seed named here: the rule of saf_gen.benchmark.judgement.judge,
+    exactly."""
+    random, seen = make_generator("test_reach", "judge"), set()
     for _ in range(300):
         lens = np.cumsum(random.normal(0, 0.01, 60)) + random.uniform(0, 1)
         lens = lens.astype(np.float32)
         drift = np.linspace(0, random.uniform(-0.3, 0.3), 60)
         track = random.uniform(0, 1) + drift if random.random() < 0.3 else None
         known = truth(float(random.uniform(-0.3, 1.3)), dof=float(random.uniform(0.01, 0.2)), track=track)
-        place, off = in_recording(known, lens)
-        verdict = judge(
+        place, off = locate_focus_in_recording(known, lens)
+        verdict = judge_answer(
             None, frames_seen=60, focus_position=lens, truth=known.position, track=track,
             truth_frame=known.frame, ends=known.depth_of_focus,
         )  # fmt: skip
-        assert tuple(off > limit for limit in WITHIN) == verdict.success
+        assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == verdict.success
         assert (place is None) == verdict.success[1]
         seen.add(verdict.success)
     assert len(seen) == 4
@@ -166,10 +175,10 @@ def test_both_tracks_say_it_of_a_sequence(tmp_path):
     """The fields of a record, from the stream."""
     known = truth(0.52, lens=PART)
     write_stream(tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=PART, truth=known)
-    (job,) = jobs_of(tmp_path / "a.h5")
+    (job,) = list_sequence_tasks(tmp_path / "a.h5")
     with open_stream(job.path) as stream:
         recorded, live = (
-            given(job, stream, (np.zeros(1), np.ones(1)), t) for t in ("recorded", "closed_loop")
+            describe_sequence(job, stream, (np.zeros(1), np.ones(1)), t) for t in ("recorded", "closed_loop")
         )
     assert recorded["focus_place"] == pytest.approx(0.04, abs=2e-3)
     assert (live["focus_place"], live["focus_off_dof"]) == (0.52, 0.0)
@@ -184,10 +193,10 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
         tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=UP, truth=known,
         gain=ramp[:, None], light_names=("lamp",),
     )  # fmt: skip
-    (job,) = jobs_of(tmp_path / "a.h5")
+    (job,) = list_sequence_tasks(tmp_path / "a.h5")
     light = np.arange(FRAMES) + 0.5, ramp / 10
     with open_stream(job.path) as stream:
-        said, first = (given(job, stream, light, "closed_loop", frames=n) for n in (None, 200))
+        said, first = (describe_sequence(job, stream, light, "closed_loop", frames=n) for n in (None, 200))
     assert (said["focus_place"], said["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
     assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
     assert first["light_ratio"] == pytest.approx(ramp[199], rel=1e-3)
@@ -196,10 +205,10 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
 
 def test_a_focus_that_comes_into_reach_later_is_outside_until_then():
     comes = truth(0.9, track=np.linspace(1.3, 0.9, FRAMES))
-    assert in_travel(comes) == (0.9, 0.0)
-    place, off = in_travel(until(comes, 200))
+    assert locate_focus_in_travel(comes) == (0.9, 0.0)
+    place, off = locate_focus_in_travel(truncate_truth(comes, 200))
     assert place is None
-    assert off > WITHIN[1]
-    assert until(comes, FRAMES) is comes
+    assert off > SUCCESS_LIMITS_DOF[1]
+    assert truncate_truth(comes, FRAMES) is comes
     met = replace(comes, frame=100.0)
-    assert until(met, 200).position == 0.9
+    assert truncate_truth(met, 200).position == 0.9

@@ -6,23 +6,23 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from saf_gen.optics import ImageDistance
-from saf_gen.render import variant
-from saf_gen.render.film import Film, Setup
-from saf_gen.render.received import irradiance
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.render import backend
+from saf_gen.render.irradiance import estimate_irradiance
+from saf_gen.render.render_setup import RenderSetup, SensorGrid
 
 pytestmark = pytest.mark.slow
 
-DRIVE = ImageDistance(0.025, 2.0, (0.6, 0.4))
-FILM = Film(12, 16, 1e-4)
+DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.4))
+FILM = SensorGrid(12, 16, 1e-4)
 WHOLE = np.ones((12, 16), dtype=bool)
 
 
 @pytest.fixture(autouse=True, params=["scalar", "llvm"])
 def _variant(request):
-    if request.param == "llvm" and not variant.probe().llvm_usable:
-        pytest.skip(variant.probe().llvm_in_words)
-    variant.use(request.param)
+    if request.param == "llvm" and not backend.probe_backends().llvm_usable:
+        pytest.skip(backend.probe_backends().llvm_description)
+    backend.activate_backend(request.param)
 
 
 def received(shapes, *, depth=4, target=WHOLE, position=0.5):
@@ -30,7 +30,7 @@ def received(shapes, *, depth=4, target=WHOLE, position=0.5):
     down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5], target=[0, 0, 0], up=[0, 1, 0])
     loaded = mi.load_dict({"type": "scene", **shapes}, optimize=False)
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
-    return irradiance(Setup(loaded, integrator, down, DRIVE, FILM), position, target)
+    return estimate_irradiance(RenderSetup(loaded, integrator, down, DRIVE, FILM), position, target)
 
 
 def plane(**more):

@@ -7,9 +7,9 @@ from typing import get_args
 import pytest
 
 from saf_gen.errors import BadInput
+from saf_gen.generate.recipe import FocusSettings, read_recipe
+from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.optics import DRIVES
-from saf_gen.recipe import Focus, read_recipe
-from saf_gen.work import prepare
 
 GOOD = """\
 name: tiny
@@ -32,7 +32,7 @@ def read(tmp_path, text):
 
 
 def test_a_recipe_can_ask_for_every_drive_there_is():
-    asked, _none = get_args(Focus.model_fields["drive"].annotation)
+    asked, _none = get_args(FocusSettings.model_fields["drive"].annotation)
     assert get_args(asked) == tuple(DRIVES)
 
 
@@ -46,7 +46,7 @@ def test_a_recipe_is_read_whole(tmp_path):
 @pytest.mark.parametrize("path", sorted(Path("recipes").glob("*.yaml")), ids=lambda p: p.name)
 def test_every_recipe_of_the_project_is_right(path):
     assert read_recipe(path).name == path.stem
-    assert prepare(path).sequences
+    assert resolve_recipe(path).sequences
 
 
 @pytest.mark.parametrize(
@@ -153,7 +153,7 @@ def test_a_motion_that_does_not_fit_the_recording_is_told_before_anything_is_mad
     path = tmp_path / "r.yaml"
     path.write_text(GOOD.replace("positions: 5", f"positions: 5, motion: {motion}"))
     with pytest.raises(BadInput, match=told) as caught:
-        prepare(path)
+        resolve_recipe(path)
     assert str(caught.value).startswith(f"{path}: the lens motion of usaf_target-constant-00: ")
     assert "\n" not in str(caught.value)
 
@@ -196,7 +196,7 @@ def test_a_value_that_the_card_s_choice_does_not_have_is_told_before_anything_is
     text = GOOD.replace("[usaf_target]", "[two_planes]")
     path.write_text(f"{text}scene_params: {{two_planes: {{near_side: {value}}}}}\n")
     with pytest.raises(BadInput, match=told):
-        prepare(path)
+        resolve_recipe(path)
 
 
 @pytest.mark.parametrize("light", ["{kind: constant, level: 1.0e+39}", "{kind: constant, offset: 1.0e+300}"])
@@ -206,7 +206,7 @@ def test_a_gain_that_cannot_be_recorded_is_told_before_anything_is_made(tmp_path
     with pytest.raises(
         BadInput, match=r"light 'constant' on usaf_target: the gain of .* is too large"
     ) as caught:
-        prepare(path)
+        resolve_recipe(path)
     assert "\n" not in str(caught.value)
 
 
@@ -216,7 +216,7 @@ def test_a_gain_is_tried_over_the_whole_recording(tmp_path):
     late = "{kind: steps, every_s: 0.001, levels: [1, 1, 1, 1.0e+39, 1]}"
     path.write_text(GOOD.replace("{kind: constant}", late))
     with pytest.raises(BadInput, match=r"light 'constant' on usaf_target: the gain of .* is too large"):
-        prepare(path)
+        resolve_recipe(path)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_a_gain_is_tried_over_the_whole_recording(tmp_path):
 )
 def test_whole_slices_from_the_beginning_for_so_long(tmp_path, said, seconds):
     text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {said}}}")
-    assert read(tmp_path, text).render.whole_s == seconds
+    assert read(tmp_path, text).render.all_positions_s == seconds
 
 
 @pytest.mark.parametrize("said", ["0", "-0.3", "sometimes", ".inf"])

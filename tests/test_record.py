@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from small import sequence_of
+from small import make_sequence
 
 import saf_gen
 from saf_gen.camera import get_sensor
+from saf_gen.core.focus_crossings import find_crossings
 from saf_gen.errors import BadInput
-from saf_gen.focal_stack import FocalStack, StackSpec
+from saf_gen.generate.recorder import Recorder
 from saf_gen.motions import readout_positions
-from saf_gen.optics import ImageDistance
-from saf_gen.passes import passes
-from saf_gen.record import Recorder
-from saf_gen.reel import Footage
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.stack.focal_stack import FocalStack, StackSpec
+from saf_gen.stack.time_resolved import PlaneSource
 
-DRIVE = ImageDistance(0.025, 2.0, (0.6, 0.42))
+DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 SPEC = StackSpec("plane", "0" * 64, ("lamp", "room"), DRIVE, 16, 24, 60e-6, 9, 16, 4)
 SWITCHED_OFF = {name: False for name in ("shot", "dark", "response", "threshold_spread", "threshold_noise")}
 
@@ -36,8 +36,8 @@ CONSTANT = {"": {"kind": "constant"}}
 def record(tmp_path, schedule, *, motion=SWEEP, mean_rate=0.2, frames=2000, given=None, **laws):
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6, reset_loss=0.0, **laws)
     recorder = Recorder(sensor.with_noise(**SWITCHED_OFF), frames, device_seed=1, provenance={})
-    sequence = sequence_of(schedule=schedule, motion=motion, mean_rate=mean_rate)
-    recorder.record(sequence, Footage.of(given or stack()), tmp_path / "s.h5", fingerprint="f")
+    sequence = make_sequence(schedule=schedule, motion=motion, mean_rate=mean_rate)
+    recorder.record(sequence, PlaneSource.from_stack(given or stack()), tmp_path / "s.h5", fingerprint="f")
     return saf_gen.open_stream(tmp_path / "s.h5")
 
 
@@ -55,11 +55,11 @@ def test_the_mean_rate_is_that_of_this_very_device(tmp_path):
     Over so few pixels the device's own mean is a few percent off that of all devices.
     """
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6)
-    sequence = sequence_of()
+    sequence = make_sequence()
     for device in (1, 2, 3):
         path = tmp_path / f"{device}.h5"
         Recorder(sensor, 2000, device_seed=device, provenance={}).record(
-            sequence, Footage.of(stack()), path, fingerprint=""
+            sequence, PlaneSource.from_stack(stack()), path, fingerprint=""
         )
         with saf_gen.open_stream(path) as stream:
             frame = round(stream.truth.frame)
@@ -138,7 +138,7 @@ def test_the_lens_is_where_its_motion_says(tmp_path, motion):
 def test_the_frame_of_truth_is_the_first_pass(tmp_path):
     with record(tmp_path, CONSTANT, motion=MOTIONS["there and back"]) as stream:
         truth, lens = stream.truth, stream.focus_position
-    assert passes(lens, truth.position) == pytest.approx([truth.frame, 1999 - truth.frame], abs=1e-2)
+    assert find_crossings(lens, truth.position) == pytest.approx([truth.frame, 1999 - truth.frame], abs=1e-2)
     assert truth.frame == pytest.approx(truth.position * 800 - 0.5, abs=1e-2)  # 0.04 s there at 20 kHz
     assert np.interp(truth.frame, np.arange(2000), lens) == pytest.approx(truth.position, abs=1e-6)
 
@@ -154,7 +154,7 @@ def test_a_lens_that_holds_beside_the_focus_never_passes_it(tmp_path):
 def test_absolute_exposure_counts_the_scenes_own_electrons(tmp_path):
     """Q = τπR²/v²·L·A·FF·QE·λ/(hc)·t on the axis, here written out again."""
     sensor = get_sensor("vidar_400x250")
-    v = float(DRIVE.image_distance(DRIVE.truth(np.array([0.5]))))
+    v = float(DRIVE.image_distance(DRIVE.true_focus(np.array([0.5]))))
     flux = np.pi * DRIVE.aperture_radius_m**2 / v**2 * 60e-6**2 * sensor.fill_factor
     electrons = flux * sensor.quantum_efficiency * sensor.wavelength_m / (6.62607015e-34 * 299792458) / 20_000
     given = stack(radiance=0.2 * sensor.threshold_e / electrons)
@@ -167,7 +167,7 @@ def test_absolute_exposure_counts_the_scenes_own_electrons(tmp_path):
 def test_a_rate_below_the_dark_current_is_refused(tmp_path):
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6)
     recorder = Recorder(sensor, 200, device_seed=1, provenance={})
-    sequence = sequence_of(mean_rate=0.002)
+    sequence = make_sequence(mean_rate=0.002)
     with pytest.raises(BadInput, match="mean_rate"):
-        recorder.record(sequence, Footage.of(stack()), tmp_path / "s.h5", fingerprint="f")
+        recorder.record(sequence, PlaneSource.from_stack(stack()), tmp_path / "s.h5", fingerprint="f")
     assert not (tmp_path / "s.h5").exists()

@@ -8,21 +8,21 @@ import pytest
 from sweeps import write_sweep
 from test_leaderboard import BLANK
 
-from saf_gen.contest.loop import Run
-from saf_gen.contest.verdict import judge_run
-from saf_gen.errors import BadInput
-from saf_gen.evaluate import evaluate
-from saf_gen.parts import Answer
-from saf_gen.records import (
-    FORMAT,
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.records import (
+    RECORD_FORMAT,
     Record,
+    format_records,
+    parse_record,
     read_records,
-    record_from_json,
     record_to_json,
-    records_to_text,
 )
-from saf_gen.seeds import generator
-from saf_gen.stream import Truth
+from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
+from saf_gen.core.seeds import make_generator
+from saf_gen.errors import BadInput
+from saf_gen.parts import Answer
+from saf_gen.stream.stream_file import Truth
 
 FULL = replace(
     BLANK,
@@ -49,22 +49,22 @@ EMPTY = replace(
 
 @pytest.mark.parametrize("record", [BLANK, FULL, EMPTY], ids=["usual", "full", "empty"])
 def test_what_is_written_is_read_back(record):
-    assert record_from_json(json.loads(json.dumps(record_to_json(record)))) == record
+    assert parse_record(json.loads(json.dumps(record_to_json(record)))) == record
 
 
 def test_a_file_is_read_back_from_itself_or_from_its_folder(tmp_path):
-    (tmp_path / "records.jsonl").write_text(records_to_text([BLANK, FULL]))
+    (tmp_path / "records.jsonl").write_text(format_records([BLANK, FULL]))
     assert read_records(tmp_path) == read_records(tmp_path / "records.jsonl") == [BLANK, FULL]
 
 
 def test_every_line_says_its_format_first():
-    assert records_to_text([BLANK]).startswith(f'{{"format": "{FORMAT}", "method": "sd+argmax"')
+    assert format_records([BLANK]).startswith(f'{{"format": "{RECORD_FORMAT}", "method": "sd+argmax"')
 
 
 def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan():
     line = record_to_json(replace(FULL, time_to_focus_s=math.nan, trace=(1.0, math.inf)))
     assert (line["time_to_focus_s"], line["trace"]) == (None, [1.0, None])
-    back = record_from_json(line)
+    back = parse_record(line)
     assert back.time_to_focus_s is None
     assert back.trace[0] == 1
     assert math.isnan(back.trace[1])
@@ -72,14 +72,14 @@ def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan():
 
 def test_numpy_numbers_are_written_as_plain_ones():
     odd = replace(FULL, frame=np.float64(3.5), variant=np.int64(2), success_1dof=np.bool_(True))
-    assert record_from_json(json.loads(json.dumps(record_to_json(odd)))) == replace(FULL, frame=3.5)
+    assert parse_record(json.loads(json.dumps(record_to_json(odd)))) == replace(FULL, frame=3.5)
 
 
 def test_a_whole_number_will_do_for_a_float_and_true_will_not():
     line = record_to_json(FULL)
-    assert record_from_json({**line, "seconds": 1}).seconds == 1
+    assert parse_record({**line, "seconds": 1}).seconds == 1
     with pytest.raises(BadInput, match="seconds is True; allowed: a finite number"):
-        record_from_json({**line, "seconds": True})
+        parse_record({**line, "seconds": True})
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_a_whole_number_will_do_for_a_float_and_true_will_not():
     [
         (
             {"format": "saf-gen record 2"},
-            f"no record of this version: 'saf-gen record 2'.*{FORMAT}.*evaluate",
+            f"no record of this version: 'saf-gen record 2'.*{RECORD_FORMAT}.*evaluate",
         ),
         ({"status": "lost"}, "status is 'lost'; allowed: answered or abstained or failed"),
         ({"track": "live"}, "track is 'live'; allowed: recorded or closed_loop"),
@@ -116,19 +116,19 @@ def test_a_whole_number_will_do_for_a_float_and_true_will_not():
 )
 def test_a_line_that_is_not_right_is_refused_by_its_key(change, message):
     with pytest.raises(BadInput, match=message):
-        record_from_json({**record_to_json(FULL), **change})
+        parse_record({**record_to_json(FULL), **change})
 
 
 def test_a_missing_key_and_a_line_of_no_format_are_refused():
     line = record_to_json(FULL)
     del line["data"]
     with pytest.raises(BadInput, match="data is missing"):
-        record_from_json(line)
+        parse_record(line)
     del line["format"]
     with pytest.raises(BadInput, match="no record of this version: 'no format'"):
-        record_from_json(line)
+        parse_record(line)
     with pytest.raises(BadInput, match=r"no record of this version: \[1\]"):
-        record_from_json([1])
+        parse_record([1])
 
 
 ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | dict.fromkeys(
@@ -173,7 +173,7 @@ ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | di
     ],
 )
 def test_a_record_that_contradicts_itself_is_refused_with_its_line(tmp_path, change, message):
-    said = damaged(tmp_path, records_to_text([BLANK, replace(BLANK, **change)]))
+    said = damaged(tmp_path, format_records([BLANK, replace(BLANK, **change)]))
     assert "records.jsonl:2: contradicts itself: " in said
     assert re.search(message, said)
 
@@ -193,7 +193,7 @@ def test_whatever_the_recorded_track_writes_is_read_back(tmp_path, peak, known):
     )
     records = evaluate(tmp_path / "a.h5", methods=["sd+argmax"], predictions=tmp_path / "p.jsonl").records
     assert {r.status for r in records} == {"answered", "abstained", "failed"}
-    (tmp_path / "records.jsonl").write_text(records_to_text(records))
+    (tmp_path / "records.jsonl").write_text(format_records(records))
     assert read_records(tmp_path) == list(records)
     right = {r.method: (r.success_half_dof, r.success_1dof, r.success_2dof) for r in records}["m0"]
     expected = {300.0: (False, False, False), -400.0: (True, True, True), -40.0: (True, False, False)}
@@ -202,21 +202,27 @@ def test_whatever_the_recorded_track_writes_is_read_back(tmp_path, peak, known):
 
 def test_whatever_the_closed_loop_judges_is_read_back():
     """500 runs, seed named here: truths in and out of the travel and unknown, all three statuses."""
-    random, seen = generator("test_records", "closed loop"), set()
+    random, seen = make_generator("test_records", "closed loop"), set()
     for _ in range(500):
         best = float(random.choice([random.uniform(-0.5, 1.5), math.nan], p=[0.9, 0.1]))
         half = float(random.choice([random.uniform(0.01, 0.2), math.nan], p=[0.9, 0.1]))
         path = random.uniform(0, 1, 80)
         answer = Answer(position=float(path[-1])) if random.random() < 0.6 else Answer()
         problem = "the budget was spent" if random.random() < 0.2 else ""
-        run = Run(answer, problem, int(random.integers(0, 81)), path, 80, 3, 0.1, tuple(path[:5]))
-        verdict = judge_run(run, Truth(position=best, depth_of_focus=(best - half, best + half)), 20_000)
+        run = ClosedLoopRun(answer, problem, int(random.integers(0, 81)), path, 80, 3, 0.1, tuple(path[:5]))
+        verdict = judge_closed_loop_run(
+            run, Truth(position=best, depth_of_focus=(best - half, best + half)), 20_000
+        )
         none = dict.fromkeys(
             ("position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "truth_frame")
         )
-        said = {"frame": None if problem else float(run.answered), "frames": 80, "frames_seen": run.answered}
+        said = {
+            "frame": None if problem else float(run.answer_frame),
+            "frames": 80,
+            "frames_seen": run.answer_frame,
+        }
         record = replace(BLANK, track="closed_loop", **{**none, **said, **verdict})
-        assert record_from_json(json.loads(records_to_text([record]))) == record
+        assert parse_record(json.loads(format_records([record]))) == record
         seen.add((record.status, record.success_half_dof, record.success_2dof))
     assert len(seen) >= 10
 
@@ -231,7 +237,7 @@ def damaged(tmp_path, text):
 
 
 def test_a_damaged_file_is_one_line_that_names_the_place(tmp_path):
-    whole = records_to_text([BLANK, FULL])
+    whole = format_records([BLANK, FULL])
     assert "records.jsonl:2: is no JSON" in damaged(tmp_path, whole[:-30])
     assert "records.jsonl:1: is no record of this version" in damaged(tmp_path, '{"a": 1}\n' + whole)
     assert "records.jsonl:3: is no JSON: ''" in damaged(tmp_path, whole + "\n" + whole)
@@ -247,12 +253,12 @@ def test_a_damaged_file_is_one_line_that_names_the_place(tmp_path):
 @pytest.mark.parametrize("note", ["a\u2028b", "a\u0085b", "a\x1cb", "a\r\nb", "a\nb"])
 def test_a_note_may_hold_what_ends_a_line_elsewhere(tmp_path, note):
     records = [replace(BLANK, note=note), FULL]
-    (tmp_path / "records.jsonl").write_bytes(records_to_text(records).encode())
+    (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
     assert read_records(tmp_path) == records
 
 
 def test_a_file_without_its_last_line_end_or_with_those_of_windows_is_read(tmp_path):
-    text = records_to_text([BLANK, FULL])
+    text = format_records([BLANK, FULL])
     for other in (text.rstrip("\n"), text.replace("\n", "\r\n")):
         (tmp_path / "records.jsonl").write_bytes(other.encode())
         assert read_records(tmp_path) == [BLANK, FULL]

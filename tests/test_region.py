@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from saf_gen.core.region import target_bounding_box, validate_region, validate_window
 from saf_gen.errors import BadInput
-from saf_gen.region import checked_region, checked_window, target_box
 
 
 def mask(rows, columns, *pixels):
@@ -15,18 +15,18 @@ def mask(rows, columns, *pixels):
 
 
 def test_the_box_holds_every_target_pixel_and_touches_them():
-    assert target_box(mask(10, 20, (2, 5), (7, 3))) == (slice(2, 8), slice(3, 6))
+    assert target_bounding_box(mask(10, 20, (2, 5), (7, 3))) == (slice(2, 8), slice(3, 6))
 
 
 def test_a_mask_without_a_pixel_is_refused():
     with pytest.raises(
         BadInput, match="marks 0 pixels; allowed: .* at least one pixel marked; use the whole frame"
     ):
-        target_box(mask(4, 4))
+        target_bounding_box(mask(4, 4))
 
 
 def test_a_window_comes_back_in_plain_numbers():
-    assert checked_window(np.int64(3), np.uint8(7), 7) == range(3, 7)
+    assert validate_window(np.int64(3), np.uint8(7), 7) == range(3, 7)
 
 
 @pytest.mark.parametrize("window", [(0, 0), (5, 5), (6, 5), (-1, 4), (0, 101), (0.0, 4), (0, 4.5), (None, 4)])
@@ -36,12 +36,12 @@ def test_a_window_that_is_empty_outside_or_fractional_is_refused(window):
         f"a.h5: bytes {first} to {stop} were asked for; allowed: whole numbers, 0 <= first < stop <= 100"
     )
     with pytest.raises(BadInput, match=message):
-        checked_window(first, stop, 100, what="bytes", where="a.h5")
+        validate_window(first, stop, 100, what="bytes", where="a.h5")
 
 
 def test_open_ends_of_a_region_are_filled_in():
-    assert checked_region(None, (4, 6)) == (slice(0, 4), slice(0, 6))
-    assert checked_region((slice(1, None), slice(None, 3)), (4, 6)) == (slice(1, 4), slice(0, 3))
+    assert validate_region(None, (4, 6)) == (slice(0, 4), slice(0, 6))
+    assert validate_region((slice(1, None), slice(None, 3)), (4, 6)) == (slice(1, 4), slice(0, 3))
 
 
 @pytest.mark.parametrize(
@@ -55,4 +55,4 @@ def test_open_ends_of_a_region_are_filled_in():
 )
 def test_a_region_that_is_empty_outside_or_with_gaps_is_refused(region):
     with pytest.raises(BadInput, match=r"the region's (rows|columns) are slice\(.*; allowed: .*, step 1"):
-        checked_region(region, (6, 9))
+        validate_region(region, (6, 9))

@@ -5,24 +5,24 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from saf_gen import registry
 from saf_gen.cli import main
+from saf_gen.core.config import registry
 from saf_gen.errors import BadInput
 
 
 def test_listing_a_room_names_its_files_and_no_helpers():
     assert {"constant", "ramp", "steps", "sine"} <= set(registry.names("lights"))
-    assert not any(name.startswith("_") for room in registry.ROOMS for name in registry.names(room))
+    assert not any(name.startswith("_") for room in registry.PLUGIN_KINDS for name in registry.names(room))
 
 
 def test_every_registered_part_is_one_dataclass_with_a_docstring():
-    for room in registry.ROOMS:
+    for room in registry.PLUGIN_KINDS:
         for name in registry.names(room):
-            assert registry.part_class(room, name).__doc__, f"{room}/{name}"
+            assert registry.plugin_class(room, name).__doc__, f"{room}/{name}"
 
 
 def test_a_trailing_underscore_is_no_part_of_a_key():
-    assert registry.keys("lights", "ramp") == {"from": "from_", "to": "to", "over_s": "over_s"}
+    assert registry.option_fields("lights", "ramp") == {"from": "from_", "to": "to", "over_s": "over_s"}
 
 
 def test_an_unknown_part_is_told_with_the_nearest():
@@ -92,7 +92,7 @@ def test_a_package_that_breaks_as_it_is_loaded_hides_no_other(tmp_path, monkeypa
         with pytest.raises(
             BadInput, match=rf"search 'theirs' of the entry point .* cannot be loaded: {told}"
         ):
-            registry.part_class("searches", "theirs")
+            registry.plugin_class("searches", "theirs")
         with pytest.raises(SystemExit) as ended:
             main(["methods"])
     finally:

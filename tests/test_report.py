@@ -5,20 +5,20 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from pages import LIGHTS, evaluation, path, pictures, recorded, sweep
+from pages import LIGHTS, make_evaluation, make_lens_path, make_records, make_sweep, make_thumbnails
 from test_leaderboard import failed, record
 
-from saf_gen.contest.results import Evaluation, Failure
+from saf_gen.benchmark.records import format_records, record_to_json
+from saf_gen.benchmark.results import Evaluation, SequenceFailure
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard import columns, table
-from saf_gen.records import record_to_json, records_to_text
-from saf_gen.report import draw, page, write_report
-from saf_gen.report._html import embedded
-from saf_gen.report.answers import ANSWERS
-from saf_gen.report.board import lead
-from saf_gen.report.facts import STEPS
-from saf_gen.report.pictures import SEARCHES, SEQUENCES
-from saf_gen.report.recount import RULES, brief
+from saf_gen.leaderboard import list_shown_columns, rank_methods
+from saf_gen.leaderboard.report import build_page, plot_report_figures, write_report
+from saf_gen.leaderboard.report._html import embed_json
+from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES
+from saf_gen.leaderboard.report.compact_records import MAX_TRACE_STEPS
+from saf_gen.leaderboard.report.html_tables import compose_headline
+from saf_gen.leaderboard.report.page_data import AGGREGATION_RULES, build_page_data
+from saf_gen.leaderboard.report.worst_answers import MAX_ANSWERS
 
 pytestmark = pytest.mark.slow
 
@@ -68,8 +68,8 @@ def read(text):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    made = evaluation()
-    paths = write_report(folder, evaluation=made, rows=table(made.records), title="small")
+    made = make_evaluation()
+    paths = write_report(folder, evaluation=made, rows=rank_methods(made.records), title="small")
     return folder, paths, (folder / "index.html").read_text(encoding="utf-8")
 
 
@@ -135,11 +135,11 @@ def test_who_does_not_see_the_page_is_told(whole):
 
 
 def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole):
-    rows = table(recorded())
+    rows = rank_methods(make_records())
     text = whole[2]
     for row in rows:
         assert f'<td class="left method">{row.method}</td>' in text
-    for column in columns(rows):
+    for column in list_shown_columns(rows):
         assert column.header in text
         assert column.meaning.replace("'", "&#x27;") in text
     assert "sha-camel-ramp" in text
@@ -149,7 +149,7 @@ def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole
 
 
 def test_success_has_its_interval_drawn(whole):
-    row = next(r for r in table(recorded()) if 0 < r.success_1dof < 1)
+    row = next(r for r in rank_methods(make_records()) if 0 < r.success_1dof < 1)
     ends = f"--lo:{row.success_1dof_low:.4g};--hi:{row.success_1dof_high:.4g}"
     assert ends in whole[2]
 
@@ -183,13 +183,16 @@ def without_curves():
         for light in ("constant", "ramp")
         for m in ("sd+egs_code", "my_net")
     ]
-    sweeps = (sweep("constant", measures=(), thumbnails=pictures()), sweep("ramp", measures=()))
+    sweeps = (
+        make_sweep("constant", measures=(), thumbnails=make_thumbnails()),
+        make_sweep("ramp", measures=()),
+    )
     return Evaluation(tuple(records), sweeps, ())
 
 
 def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
     made = without_curves()
-    write_report(tmp_path, evaluation=made, rows=table(made.records), title="no argmax")
+    write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="no argmax")
     names = {p.stem for p in (tmp_path / "figures").iterdir()}
     for light in ("constant", "ramp"):
         assert {f"sweep-camel-{light}", f"steps-camel-{light}"} <= names
@@ -205,24 +208,27 @@ def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
 
 
 def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
-    searches = [f"s{i}" for i in range(SEARCHES + 2)]
+    searches = [f"s{i}" for i in range(MAX_SEARCHES + 2)]
     records = [
         record(f"sd+{search}", f"camel-{light}", 0.1, light=light, light_ratio=ratio)
         for search in searches
         for light, ratio in LIGHTS.items()
     ]
-    made = Evaluation(tuple(records), tuple(sweep(light) for light in LIGHTS), ())
-    monkeypatch.setattr("saf_gen.report.pictures.SEQUENCES", 2)
-    drawn = draw(made, table(records))
+    made = Evaluation(tuple(records), tuple(make_sweep(light) for light in LIGHTS), ())
+    monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 2)
+    drawn = plot_report_figures(made, rank_methods(records))
     shown = [p for p in drawn if p.kind == "light-ratio"]
-    assert len(shown) == SEARCHES
-    said = f"The first {SEARCHES} of {len(searches)} searches have a figure"
-    text = page(table(records), title="x", records=records, pictures=drawn)
+    assert len(shown) == MAX_SEARCHES
+    said = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure"
+    text = build_page(rank_methods(records), title="x", records=records, report_figures=drawn)
     assert text.count(said) == 1
     assert text.count("Drawn: 2 of the scene&#x27;s 3 sequences.") == 1
     few = [r for r in records if r.method == "sd+s0"]
-    text = page(
-        table(few), title="x", records=few, pictures=draw(replace(made, records=tuple(few)), table(few))
+    text = build_page(
+        rank_methods(few),
+        title="x",
+        records=few,
+        report_figures=plot_report_figures(replace(made, records=tuple(few)), rank_methods(few)),
     )
     assert "searches have a figure" not in text
 
@@ -232,8 +238,8 @@ def test_ways_of_the_lens_come_in_the_leaderboards_order():
     records = [
         record(m, "camel-constant", e, track="closed_loop") for m, e in zip(methods, (9.0, 0.0), strict=True)
     ]
-    made = Evaluation(tuple(records), (), (), tuple(path(m) for m in methods))
-    (lens,) = (p for p in draw(made, table(records)) if p.kind == "lens")
+    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(m) for m in methods))
+    (lens,) = (p for p in plot_report_figures(made, rank_methods(records)) if p.kind == "lens")
     assert lens.svg.index(">good<") < lens.svg.index(">bad<")
 
 
@@ -261,15 +267,15 @@ def in_full(held, place):
 
 
 def test_the_page_holds_every_key_of_every_record():
-    records = recorded()
-    records[3] = replace(records[3], trace=tuple(map(float, range(STEPS + 1))))
+    records = make_records()
+    records[3] = replace(records[3], trace=tuple(map(float, range(MAX_TRACE_STEPS + 1))))
     records[4] = replace(records[4], trace=(1.0, float("nan"), 3.25))
-    held = brief(table(records), records)
+    held = build_page_data(rank_methods(records), records)
     for place, told_of in enumerate(records):
         full, found = record_to_json(told_of), in_full(held, place)
         assert list(found) == list(full)
         trace, steps = full.pop("trace"), found.pop("trace")
-        assert steps == (pytest.approx(trace, nan_ok=True) if len(trace) <= STEPS else len(trace))
+        assert steps == (pytest.approx(trace, nan_ok=True) if len(trace) <= MAX_TRACE_STEPS else len(trace))
         for name, value in full.items():
             assert found[name] == (pytest.approx(value, rel=1e-8) if type(value) is float else value), name
     assert held["facts"]["data"]["by"] == "sequence"
@@ -279,24 +285,24 @@ def test_the_page_holds_every_key_of_every_record():
 
 def test_a_record_costs_the_page_little():
     """Eight thousand whole lines would be ten megabytes."""
-    records = recorded()
-    rows = table(records)
+    records = make_records()
+    rows = rank_methods(records)
     more = records + [replace(r, sequence=f"{r.sequence}-again") for r in records]
-    grown = len(embedded(brief(rows, more))) - len(embedded(brief(rows, records)))
-    assert grown / len(records) < 0.4 * len(records_to_text(records)) / len(records)
+    grown = len(embed_json(build_page_data(rows, more))) - len(embed_json(build_page_data(rows, records)))
+    assert grown / len(records) < 0.4 * len(format_records(records)) / len(records)
 
 
 def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
-    records = [record("a+s", f"s{i}", 0.1 * i, scene=f"s{i}") for i in range(ANSWERS + 5)]
+    records = [record("a+s", f"s{i}", 0.1 * i, scene=f"s{i}") for i in range(MAX_ANSWERS + 5)]
     records[7] = failed("a+s", "s7", "failed", scene="s7", note="<late>")
-    text = page(table(records), title="x", records=records)
+    text = build_page(rank_methods(records), title="x", records=records)
     rows = text.split('id="answers"')[1].split("<tbody>")[1].split("</tbody>")[0].strip().splitlines()
-    assert len(rows) == ANSWERS
+    assert len(rows) == MAX_ANSWERS
     assert 'data-v="8"><a href="records.jsonl">line 8</a></td><td class="left note">&lt;late&gt;' in rows[0]
     assert '<a href="records.jsonl">line 105</a>' in rows[1]
-    assert f"The {ANSWERS} worst of {ANSWERS + 5} answers." in text
+    assert f"The {MAX_ANSWERS} worst of {MAX_ANSWERS + 5} answers." in text
     script = (ASSETS / "answers.js").read_text()
-    assert f"const ANSWERS = {ANSWERS};" in script
+    assert f"const ANSWERS = {MAX_ANSWERS};" in script
 
 
 def test_text_from_files_cannot_break_the_page(tmp_path):
@@ -305,10 +311,10 @@ def test_text_from_files_cannot_break_the_page(tmp_path):
         for number in (1, 2)
         for light in (1, 2)
     ]
-    one = sweep(NASTY, scene=NASTY, split=NASTY, thumbnails=pictures())
-    ways = (path(f"{NASTY}+s", NASTY, scene=NASTY),)
-    made = Evaluation(tuple(records), (one,), (Failure(NASTY, NASTY),), ways)
-    write_report(tmp_path / "out", evaluation=made, rows=table(records), title=NASTY)
+    one = make_sweep(NASTY, scene=NASTY, split=NASTY, thumbnails=make_thumbnails())
+    ways = (make_lens_path(f"{NASTY}+s", NASTY, scene=NASTY),)
+    made = Evaluation(tuple(records), (one,), (SequenceFailure(NASTY, NASTY),), ways)
+    write_report(tmp_path / "out", evaluation=made, rows=rank_methods(records), title=NASTY)
     reader = read((tmp_path / "out/index.html").read_text(encoding="utf-8"))
     assert len(reader.of("script")) == 2
     assert json.loads(reader.held["script"].split('"use strict"')[0])["note"] == dict.fromkeys("0123", NASTY)
@@ -318,19 +324,21 @@ def test_text_from_files_cannot_break_the_page(tmp_path):
 
 def test_figures_whose_names_would_meet_are_files_of_their_own():
     records = [record("sd+argmax", "camel-a b", 0.1), record("sd+argmax", "camel-a_b", 0.1)]
-    drawn = draw(Evaluation(tuple(records), (sweep("a b"), sweep("a_b")), ()), table(records))
+    drawn = plot_report_figures(
+        Evaluation(tuple(records), (make_sweep("a b"), make_sweep("a_b")), ()), rank_methods(records)
+    )
     names = [p.name for p in drawn if p.kind == "curves"]
     assert names == ["curves-camel-a_b", "curves-camel-a_b-2"]
 
 
 def test_of_many_sequences_some_of_every_scene_are_drawn(monkeypatch):
-    monkeypatch.setattr("saf_gen.report.pictures.SEQUENCES", 4)
-    sweeps = tuple(sweep(light, scene=scene) for scene in ("camel", "fan") for light in ("a", "b", "c"))
+    monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 4)
+    sweeps = tuple(make_sweep(light, scene=scene) for scene in ("camel", "fan") for light in ("a", "b", "c"))
     records = [record("sd+argmax", s.sequence, 0.1, scene=s.scene) for s in sweeps]
-    drawn = draw(Evaluation(tuple(records), sweeps, ()), table(records))
+    drawn = plot_report_figures(Evaluation(tuple(records), sweeps, ()), rank_methods(records))
     shown = [p.scene for p in drawn if p.kind == "curves"]
     assert shown == ["camel (test)"] * 2 + ["fan (test)"] * 2
-    assert SEQUENCES >= 12
+    assert MAX_SEQUENCES >= 12
 
 
 def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
@@ -340,8 +348,8 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
             "er_count+hill_climb", "camel-constant", None, track="closed_loop", terms="voice_coil, 200 ms"
         ),
     ]
-    made = Evaluation(tuple(records), (), (), tuple(path(r.method) for r in records))
-    write_report(tmp_path, evaluation=made, rows=table(records), title="loop")
+    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(r.method) for r in records))
+    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="loop")
     assert (tmp_path / "figures/lens-camel-constant.svg").is_file()
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Way of the lens" in text
@@ -351,13 +359,13 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
 
 def test_a_page_without_truth_says_that_nothing_ranks():
     records = [record("a+s", "x", None)]
-    text = page(table(records), title="blind", records=records)
+    text = build_page(rank_methods(records), title="blind", records=records)
     assert "nothing is ranked" in text
     assert not re.search(r"\bnan\b", text.split("<script>")[0], re.IGNORECASE)
 
 
 def test_an_empty_evaluation_still_makes_a_page(tmp_path):
-    failures = (Failure("bad", "truncated"),)
+    failures = (SequenceFailure("bad", "truncated"),)
     paths = write_report(tmp_path, evaluation=Evaluation((), (), failures), rows=(), title="none")
     assert paths == [tmp_path / "index.html"]
     text = paths[0].read_text(encoding="utf-8")
@@ -366,25 +374,30 @@ def test_an_empty_evaluation_still_makes_a_page(tmp_path):
 
 
 def test_a_report_that_cannot_be_written_is_bad_input(tmp_path):
-    made = evaluation()
+    made = make_evaluation()
     (tmp_path / "figures").write_text("in the way")
     with pytest.raises(BadInput, match="cannot be written"):
-        write_report(tmp_path, evaluation=made, rows=table(made.records), title="small")
+        write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
 
 
 def test_the_script_has_a_rule_for_every_column_but_those_of_intervals():
-    records = recorded()
-    rows = table(records)
-    held = brief(rows, records)
-    without = {c.name for c, rule in zip(columns(rows), held["columns"], strict=True) if rule is None}
+    records = make_records()
+    rows = rank_methods(records)
+    held = build_page_data(rows, records)
+    without = {
+        c.name for c, rule in zip(list_shown_columns(rows), held["columns"], strict=True) if rule is None
+    }
     assert without == {"rank", "rank_best", "method", "success_1dof_low", "median_error_dof_low"}
-    assert set(RULES) - {c.name for c in columns(rows)} == {"reversals", "time_to_focus_s"}  # not known here
+    assert set(AGGREGATION_RULES) - {c.name for c in list_shown_columns(rows)} == {
+        "reversals",
+        "time_to_focus_s",
+    }  # not known here
     lights = [rule["light"] for rule in held["columns"] if rule and "light" in rule]
     assert lights == ["constant", "ramp", "steps"]
 
 
 def test_what_the_script_gets_is_json_that_cannot_end_its_element():
-    text = embedded({"a": "</script><!--\u2028", "b": 1.5, "c": None})
+    text = embed_json({"a": "</script><!--\u2028", "b": 1.5, "c": None})
     assert "<" not in text
     assert "\u2028" not in text
     assert json.loads(text) == {"a": "</script><!--\u2028", "b": 1.5, "c": None}
@@ -418,9 +431,9 @@ def test_text_and_lines_stand_out_in_both_schemes(scheme):
 def test_the_lead_and_the_table_say_the_same_share():
     """Five of eight scenes: 62.5 %."""
     records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
-    rows = table(records)
-    (share,) = (c.text(rows[0]) for c in columns(rows) if c.name == "success_1dof")
-    assert f"within one depth of focus on {share} of the scenes" in lead(rows)
+    rows = rank_methods(records)
+    (share,) = (c.format_value(rows[0]) for c in list_shown_columns(rows) if c.name == "success_1dof")
+    assert f"within one depth of focus on {share} of the scenes" in compose_headline(rows)
     assert share == "63%"
 
 
@@ -430,10 +443,12 @@ def test_the_page_has_a_head_for_lights_named_as_the_ends_of_an_interval():
         for scene in ("a", "b", "c")
         for light in ("low", "high")
     ]
-    rows = table(records)
+    rows = rank_methods(records)
     names = [
-        a["data-name"] for a in read(page(rows, title="x", records=records)).of("th") if "data-name" in a
+        a["data-name"]
+        for a in read(build_page(rows, title="x", records=records)).of("th")
+        if "data-name" in a
     ]
     assert len(names) == len(set(names))
-    held = [rule["light"] for rule in brief(rows, records)["columns"] if rule and "light" in rule]
+    held = [rule["light"] for rule in build_page_data(rows, records)["columns"] if rule and "light" in rule]
     assert held == ["high", "low"]

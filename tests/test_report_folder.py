@@ -5,15 +5,14 @@ import time
 from pathlib import Path
 
 import pytest
-from pages import sweep
+from pages import make_sweep
 from test_leaderboard import record
 
-from saf_gen.contest.results import Evaluation
+from saf_gen.benchmark.records import read_records
+from saf_gen.benchmark.results import Evaluation
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard import table
-from saf_gen.records import read_records
-from saf_gen.report import folder as room
-from saf_gen.report import write_evaluation
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.report import evaluation_folder, write_evaluation
 
 pytestmark = pytest.mark.slow
 
@@ -32,7 +31,7 @@ ERRORS = "figures/errors-camel_test.svg"
 
 def with_curves():
     records = tuple(record(m, "camel-constant", 0.1) for m in ("sd+argmax", "er_count+argmax"))
-    return Evaluation(records, (sweep(measures=("sd",)),), ())
+    return Evaluation(records, (make_sweep(measures=("sd",)),), ())
 
 
 def of_one_method(scene="camel"):
@@ -40,7 +39,7 @@ def of_one_method(scene="camel"):
 
 
 def write(folder, made):
-    return write_evaluation(folder, evaluation=made, rows=table(made.records), title="small")
+    return write_evaluation(folder, evaluation=made, rows=rank_methods(made.records), title="small")
 
 
 def held(folder):
@@ -102,7 +101,7 @@ def test_a_folder_half_replaced_is_no_evaluation_and_the_next_one_clears_it(tmp_
     replace, left = Path.replace, [moved]
 
     def until_killed(self, target):
-        if room.ASIDE in str(self) and room.ASIDE not in str(target):
+        if evaluation_folder.ASIDE in str(self) and evaluation_folder.ASIDE not in str(target):
             if not left[0]:
                 raise KeyboardInterrupt
             left[0] -= 1
@@ -125,7 +124,7 @@ def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tm
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(room, "draw", stopped)
+    monkeypatch.setattr(evaluation_folder, "plot_report_figures", stopped)
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path, of_one_method("fan"))
     assert {name: (tmp_path / name).read_bytes() for name in held(tmp_path)} == before
@@ -145,11 +144,11 @@ def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluatio
 
 
 def test_what_a_killed_run_wrote_aside_goes_after_a_day_and_a_neighbour_s_stays(tmp_path):
-    old, new = tmp_path / f"{room.ASIDE}old", tmp_path / f"{room.ASIDE}new"
+    old, new = tmp_path / f"{evaluation_folder.ASIDE}old", tmp_path / f"{evaluation_folder.ASIDE}new"
     for left in (old, new):
         left.mkdir()
         (left / "index.html").write_text("half")
-    os.utime(old, (time.time() - 2 * room.ABANDONED_S,) * 2)
+    os.utime(old, (time.time() - 2 * evaluation_folder.ABANDONED_S,) * 2)
     write(tmp_path, of_one_method())
     assert not old.exists()
     assert (new / "index.html").is_file()

@@ -7,7 +7,7 @@ import pytest
 from scipy.fft import dct
 
 from saf_gen.camera import get_sensor, sensor_names
-from saf_gen.camera.response import fixed_pattern
+from saf_gen.camera.fixed_pattern import draw_fixed_pattern
 
 VIDAR = get_sensor("vidar_400x250")
 SHAPE = (250, 400)
@@ -23,7 +23,7 @@ def test_every_sensor_has_the_response_map_of_its_numbers(name):
     """
     sensor = get_sensor(name)
     shape = (sensor.rows, sensor.columns)
-    response = fixed_pattern(sensor, shape, seed=3).response.astype(float)
+    response = draw_fixed_pattern(sensor, shape, seed=3).response.astype(float)
     if not sensor.noise.response:
         assert (response == 1).all()
         return
@@ -42,7 +42,7 @@ def test_every_sensor_has_the_response_map_of_its_numbers(name):
 
 @pytest.fixture(scope="module")
 def pattern():
-    return fixed_pattern(VIDAR, SHAPE, seed=1)
+    return draw_fixed_pattern(VIDAR, SHAPE, seed=1)
 
 
 def test_response_has_mean_one_and_the_measured_profiles(pattern):
@@ -71,7 +71,7 @@ def test_the_smooth_part_holds_77_percent_of_the_variance_of_rates(pattern):
 
 def test_dark_charge_is_log_normal_with_hot_pixels_and_the_stated_mean():
     """Four devices, 400,000 pixels: the mean within 1 %, 800 hot pixels within 5 sd; seeds 0 to 3."""
-    dark = np.stack([fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(4)]).astype(float)
+    dark = np.stack([draw_fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(4)]).astype(float)
     assert dark.mean() == pytest.approx(0.0045 * VIDAR.threshold_e, rel=0.01)
     logs = np.log(dark[dark < 3 * np.median(dark)])
     assert logs.std() == pytest.approx(0.43, rel=0.02)
@@ -100,7 +100,7 @@ def test_maps_lie_on_a_grid_far_coarser_than_the_last_digit(pattern):
     ("term", "map_name"), [("response", "response"), ("dark", "dark"), ("threshold_spread", "threshold")]
 )
 def test_a_switch_flattens_its_own_map_and_no_other(pattern, term, map_name):
-    switched = fixed_pattern(VIDAR.with_noise(**{term: False}), SHAPE, seed=1)
+    switched = draw_fixed_pattern(VIDAR.with_noise(**{term: False}), SHAPE, seed=1)
     for name in ("response", "dark", "threshold"):
         same = np.array_equal(getattr(switched, name), getattr(pattern, name))
         assert same is not (name == map_name)
@@ -108,13 +108,13 @@ def test_a_switch_flattens_its_own_map_and_no_other(pattern, term, map_name):
 
 
 def test_a_device_is_its_seed(pattern):
-    assert np.array_equal(pattern.response, fixed_pattern(VIDAR, SHAPE, seed=1).response)
-    assert not np.array_equal(pattern.response, fixed_pattern(VIDAR, SHAPE, seed=2).response)
+    assert np.array_equal(pattern.response, draw_fixed_pattern(VIDAR, SHAPE, seed=1).response)
+    assert not np.array_equal(pattern.response, draw_fixed_pattern(VIDAR, SHAPE, seed=2).response)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 5), (17, 64)])
 def test_any_shape_has_a_pattern(shape):
-    pattern = fixed_pattern(VIDAR, shape, seed=1)
+    pattern = draw_fixed_pattern(VIDAR, shape, seed=1)
     for map_ in (pattern.response, pattern.dark, pattern.threshold):
         assert map_.shape == shape
         assert map_.dtype == np.float32
@@ -122,8 +122,8 @@ def test_any_shape_has_a_pattern(shape):
 
 
 def test_no_dark_rate_and_no_spread_are_flat():
-    flat = fixed_pattern(replace(VIDAR, dark_rate=0, threshold_spread_rms=0), (5, 6), seed=1)
+    flat = draw_fixed_pattern(replace(VIDAR, dark_rate=0, threshold_spread_rms=0), (5, 6), seed=1)
     assert not flat.dark.any()
     assert (flat.threshold == np.float32(VIDAR.threshold_e)).all()
-    even = fixed_pattern(replace(VIDAR, dark_log_sd=0, dark_hot_fraction=0), (5, 6), seed=1)
+    even = draw_fixed_pattern(replace(VIDAR, dark_log_sd=0, dark_hot_fraction=0), (5, 6), seed=1)
     assert even.dark == pytest.approx(0.0045 * VIDAR.threshold_e, rel=1e-4)

@@ -6,10 +6,12 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from saf_gen import bits, get_measure, get_search, open_stream, rig, write_stream
+from saf_gen import get_measure, get_search, open_stream, write_stream
+from saf_gen.benchmark.view import RecordingView, WindowCounts, window_counts
+from saf_gen.core import bits
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.seeds import generator
-from saf_gen.stream import StreamWriter
+from saf_gen.stream.stream_file import StreamWriter
 
 
 class InMemory:
@@ -19,7 +21,7 @@ class InMemory:
 
     def __init__(self, frames, height, width, *, rate=0.3):
         self.shape = (frames, height, width)
-        chance = generator("test_rig", frames, height, width).random(self.shape, dtype=np.float32)
+        chance = make_generator("test_rig", frames, height, width).random(self.shape, dtype=np.float32)
         self.spikes = (chance < rate).astype(np.uint8)
         self.asked, self.read = [], []
 
@@ -34,7 +36,7 @@ class InMemory:
 
 def windows_of(frames):
     """Short, long, aligned and odd windows, and random ones."""
-    drawn = generator("windows", frames).integers(0, frames, (40, 2)).tolist()
+    drawn = make_generator("windows", frames).integers(0, frames, (40, 2)).tolist()
     edges = [(0, frames), (0, 1), (frames - 1, frames), (0, frames // 2), (frames // 3, frames)]
     eights = [(8 * (a // 8), 8 * (a // 8) + 8 * n) for a in (0, 63, 64, 65) for n in (1, 8, 9)]
     pairs = [*edges, *eights, *((min(a, b), max(a, b) + 1) for a, b in drawn)]
@@ -45,9 +47,9 @@ def windows_of(frames):
 @pytest.mark.parametrize("region", [None, (slice(1, 4), slice(2, 7)), (slice(None), slice(0, 1))])
 @pytest.mark.parametrize("knots", [256, 5, 1])
 def test_counts_are_the_frames_added_up(monkeypatch, frames, region, knots):
-    monkeypatch.setattr(rig.counts, "KNOTS", knots)
+    monkeypatch.setattr(window_counts, "KNOTS", knots)
     stream = InMemory(frames, 5, 8)
-    counts = rig.Counts(stream, region)
+    counts = WindowCounts(stream, region)
     part = stream.spikes[:, *(region or (slice(None), slice(None)))]
     for first, stop in windows_of(frames):
         found = counts.window(first, stop)
@@ -57,7 +59,7 @@ def test_counts_are_the_frames_added_up(monkeypatch, frames, region, knots):
 
 def test_long_windows_are_sums_of_knots_and_their_ends():
     stream = InMemory(20_480, 3, 4)
-    counts = rig.Counts(stream)
+    counts = WindowCounts(stream)
     counts.window(0, 20_480)
     assert sum(stop - first for first, stop in stream.asked) >= 20_000  # the knots, once
     stream.asked.clear()
@@ -68,7 +70,7 @@ def test_long_windows_are_sums_of_knots_and_their_ends():
 
 
 def test_a_window_counted_before_is_not_counted_again_and_cannot_be_changed():
-    counts = rig.Counts(InMemory(500, 3, 4))
+    counts = WindowCounts(InMemory(500, 3, 4))
     window = counts.window(10, 300)
     assert counts.window(10, 300) is window
     with pytest.raises(ValueError, match="read-only"):
@@ -76,8 +78,8 @@ def test_a_window_counted_before_is_not_counted_again_and_cannot_be_changed():
 
 
 def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
-    monkeypatch.setattr(rig.counts, "WINDOW_BYTES", 3 * 4 * 12)
-    counts = rig.Counts(InMemory(500, 3, 4))
+    monkeypatch.setattr(window_counts, "WINDOW_BYTES", 3 * 4 * 12)
+    counts = WindowCounts(InMemory(500, 3, 4))
     windows = [counts.window(first, first + 10) for first in (0, 10, 20)]
     assert counts.window(0, 10) is windows[0]
     counts.window(30, 40)
@@ -86,9 +88,9 @@ def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
 
 
 def test_sums_at_knots_stay_within_their_memory(monkeypatch):
-    monkeypatch.setattr(rig.counts, "KNOT_BYTES", 10 * 4 * 3600)
-    monkeypatch.setattr(rig.counts, "WINDOW_BYTES", 0)
-    counts = rig.Counts(InMemory(6400, 60, 60, rate=0.5))
+    monkeypatch.setattr(window_counts, "KNOT_BYTES", 10 * 4 * 3600)
+    monkeypatch.setattr(window_counts, "WINDOW_BYTES", 0)
+    counts = WindowCounts(InMemory(6400, 60, 60, rate=0.5))
     counts._stream.counts = lambda *_: np.ones((60, 60), np.uint32)  # what the stream needs is its own
     tracemalloc.start()
     counts.window(0, 6400)
@@ -98,7 +100,7 @@ def test_sums_at_knots_stay_within_their_memory(monkeypatch):
 
 
 def test_a_window_outside_the_recording_is_refused_and_not_billed():
-    recording = rig.Recording(rig.Counts(InMemory(100, 2, 2)), get_measure("sd"))
+    recording = RecordingView(WindowCounts(InMemory(100, 2, 2)), get_measure("sd"))
     with pytest.raises(BadInput, match=r"frames 0 to 101 were asked for; allowed: .* <= 100"):
         recording.score(0, 101)
     assert (recording.windows, recording.frames_seen) == (0, 0)
@@ -106,20 +108,20 @@ def test_a_window_outside_the_recording_is_refused_and_not_billed():
 
 def test_a_region_without_pixels_is_refused():
     with pytest.raises(BadInput, match="the region's rows are"):
-        rig.Counts(InMemory(10, 6, 9), (slice(5, 5), slice(None)))
+        WindowCounts(InMemory(10, 6, 9), (slice(5, 5), slice(None)))
 
 
 def test_a_recording_scores_the_counts_with_its_measure():
     stream = InMemory(300, 20, 30)
-    recording = rig.Recording(rig.Counts(stream), get_measure("sd_code"))
+    recording = RecordingView(WindowCounts(stream), get_measure("sd_code"))
     assert recording.frames == 300
     assert recording.score(17, 217) == get_measure("sd_code")(stream.spikes[17:217].sum(axis=0))
 
 
 def test_a_recording_keeps_the_bill():
     """What is on it is in test_seconds."""
-    counts = rig.Counts(InMemory(300, 4, 4))
-    recording, other = (rig.Recording(counts, get_measure("sd")) for _ in range(2))
+    counts = WindowCounts(InMemory(300, 4, 4))
+    recording, other = (RecordingView(counts, get_measure("sd")) for _ in range(2))
     for first, stop in [(0, 10), (100, 250), (5, 30), (100, 250)]:
         recording.score(first, stop)
     assert (recording.windows, recording.frames_seen) == (4, 250)
@@ -129,7 +131,7 @@ def test_a_recording_keeps_the_bill():
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
 def test_a_score_that_is_no_number_is_refused(wrong):
-    recording = rig.Recording(rig.Counts(InMemory(10, 2, 2)), lambda counts: wrong)
+    recording = RecordingView(WindowCounts(InMemory(10, 2, 2)), lambda counts: wrong)
     with pytest.raises(BadInput, match=r"scores frames 2 to 7 with (nan|inf); allowed: a finite number"):
         recording.score(2, 7)
 
@@ -138,7 +140,7 @@ def test_a_score_that_is_no_number_is_refused(wrong):
 @pytest.mark.parametrize("measure", ["sd", "sd_code", "er_sumsq_n", "gradient_code_n", "mfdct_lee"])
 @pytest.mark.parametrize("rate", [0.0, 1.0])
 def test_empty_and_saturated_streams_give_an_answer(search, measure, rate):
-    recording = rig.Recording(rig.Counts(InMemory(1000, 9, 11, rate=rate)), get_measure(measure))
+    recording = RecordingView(WindowCounts(InMemory(1000, 9, 11, rate=rate)), get_measure(measure))
     answer = get_search(search)(recording)
     assert 0 <= answer.frame <= 999
     assert answer == get_search(search)(recording)
@@ -149,7 +151,7 @@ def test_a_stream_file_gives_the_same_counts(tmp_path):
     write_stream(tmp_path / "made.h5", made.spikes)
     with open_stream(tmp_path / "made.h5") as stream:
         for region in (None, (slice(2, 9), slice(5, 17))):
-            counts = rig.Counts(stream, region)
+            counts = WindowCounts(stream, region)
             for first, stop in windows_of(2100):
                 part = made.spikes[first:stop, *(region or (slice(None), slice(None)))]
                 np.testing.assert_array_equal(counts.window(first, stop), part.sum(axis=0))
@@ -161,7 +163,9 @@ def test_two_hundred_blocks_and_a_fast_search_take_the_time_they_may(tmp_path):
 
     The aim is 0.5 s for argmax with two free cores; the limits leave room for others on them.
     """
-    packed = generator("test_rig", "speed").integers(0, 256, (250, 400, 250), dtype=np.uint8) & 0b0001_0001
+    packed = (
+        make_generator("test_rig", "speed").integers(0, 256, (250, 400, 250), dtype=np.uint8) & 0b0001_0001
+    )
     with StreamWriter(tmp_path / "a.h5", shape=(20_000, 250, 400)) as writer:
         for _ in range(10):
             writer.write(packed)
@@ -170,7 +174,7 @@ def test_two_hundred_blocks_and_a_fast_search_take_the_time_they_may(tmp_path):
     def seconds(search):
         start = time.perf_counter()
         with open_stream(tmp_path / "a.h5") as stream:
-            get_search(search)(rig.Recording(rig.Counts(stream), measure))
+            get_search(search)(RecordingView(WindowCounts(stream), measure))
         return time.perf_counter() - start
 
     assert min(seconds("argmax") for _ in range(3)) <= 2
@@ -182,7 +186,7 @@ def test_a_recording_says_what_time_it_is_and_where_the_lens_was(tmp_path):
     frames = np.zeros((400, 8, 8), np.uint8)
     write_stream(path, frames, readout_hz=10_000, focus_position=np.linspace(0, 1, 400, dtype=np.float32))
     with open_stream(path) as stream:
-        view = rig.Recording(rig.Counts(stream), get_measure("er_count"))
+        view = RecordingView(WindowCounts(stream), get_measure("er_count"))
         assert (view.frames, view.now, view.readout_hz) == (400, 0, 10_000)
         view.score(10, 40)
         view.score(0, 20)
@@ -200,12 +204,12 @@ def test_a_recording_says_what_time_it_is_and_where_the_lens_was(tmp_path):
 
 
 def test_a_recording_without_a_lens_does_not_know_where_it_was():
-    assert np.isnan(rig.Recording(rig.Counts(InMemory(8, 4, 4)), np.mean).position(3))
+    assert np.isnan(RecordingView(WindowCounts(InMemory(8, 4, 4)), np.mean).position(3))
 
 
 def test_a_search_may_look_through_another_measure_by_name():
     stream = InMemory(300, 20, 30)
-    recording = rig.Recording(rig.Counts(stream), get_measure("sd"))
+    recording = RecordingView(WindowCounts(stream), get_measure("sd"))
     counts = stream.spikes[17:217].sum(axis=0)
     assert recording.score(17, 217, "tenengrad_n") == get_measure("tenengrad_n")(counts)
     assert recording.score(17, 217) == get_measure("sd")(counts)
@@ -233,7 +237,7 @@ def plain_texture(spikes, first, stop):
 def test_texture_from_intervals_is_what_its_definition_says(frames, rate):
     stream = InMemory(frames, 5, 8, rate=rate)
     for region in (None, (slice(1, 4), slice(2, 7))):
-        counts = rig.Counts(stream, region)
+        counts = WindowCounts(stream, region)
         part = stream.spikes[:, *(region or (slice(None), slice(None)))]
         for first, stop in windows_of(frames):
             found = counts.intervals(first, stop)
@@ -246,7 +250,7 @@ def test_a_regular_train_gives_its_rate_exactly_wherever_the_window_lies():
     stream = InMemory(400, 4, 30)
     t, period = np.arange(400)[:, None, None], 1 + np.arange(30)
     stream.spikes = ((t + 3 * np.arange(4)[:, None]) % period == 0).astype(np.uint8)
-    counts = rig.Counts(stream)
+    counts = WindowCounts(stream)
     for first, stop in [(0, 100), (13, 90), (100, 163), (37, 399), (335, 400)]:
         rate = np.broadcast_to((stop - first) / period, (4, 30))
         np.testing.assert_array_equal(counts.intervals(first, stop), rate)
@@ -258,7 +262,7 @@ def test_light_that_changed_within_the_window_is_that_of_its_middle():
     stream = InMemory(200, 1, 1)
     stream.spikes = np.zeros((200, 1, 1), np.uint8)
     stream.spikes[0:60:4] = stream.spikes[60::10] = 1
-    counts = rig.Counts(stream)
+    counts = WindowCounts(stream)
     assert counts.intervals(0, 100) == 25
     assert counts.intervals(50, 150) == 10
     assert 10 < counts.window(0, 100) < 25
@@ -269,22 +273,22 @@ def test_the_interval_between_two_lone_spikes_is_found_over_any_distance():
     stream.spikes = np.zeros((20_000, 1, 3), np.uint8)
     stream.spikes[[3, 19_990], 0, 0] = 1
     stream.spikes[[3, 9000], 0, 1] = 1  # none after the middle
-    image = rig.Counts(stream).intervals(0, 20_000)
+    image = WindowCounts(stream).intervals(0, 20_000)
     np.testing.assert_array_equal(image, [[20_000 / 19_987, 0, 0]])
 
 
 def test_no_more_is_read_than_the_intervals_need():
     stream = InMemory(4000, 6, 6, rate=0.3)
     stream.spikes[:, 0] = 0  # pixels that never fire do not keep it reading
-    rig.Counts(stream).intervals(0, 4000)
+    WindowCounts(stream).intervals(0, 4000)
     assert sum(stop - first for first, stop in stream.read) <= 2 * 24
     stream.read.clear()
-    rig.Counts(stream).intervals(1003, 1017)
+    WindowCounts(stream).intervals(1003, 1017)
     assert all(1003 // 8 <= first < stop <= 1017 // 8 + 1 for first, stop in stream.read)
 
 
 def test_textures_are_kept_beside_counts_and_cannot_be_changed():
-    counts = rig.Counts(InMemory(500, 3, 4))
+    counts = WindowCounts(InMemory(500, 3, 4))
     image = counts.intervals(10, 300)
     assert counts.intervals(10, 300) is image
     assert counts.window(10, 300) is not image
@@ -296,8 +300,8 @@ def test_textures_are_kept_beside_counts_and_cannot_be_changed():
 
 def test_a_measure_of_textures_scores_what_the_intervals_say():
     stream = InMemory(300, 20, 30)
-    counts = rig.Counts(stream)
-    recording = rig.Recording(counts, get_measure("tenengrad_n_tfi"))
+    counts = WindowCounts(stream)
+    recording = RecordingView(counts, get_measure("tenengrad_n_tfi"))
     image = plain_texture(stream.spikes, 17, 217)
     assert recording.score(17, 217) == get_measure("tenengrad_n")(image)
     assert recording.score(17, 217, "sd") == get_measure("sd")(counts.window(17, 217))
@@ -311,5 +315,5 @@ def test_a_stream_file_gives_the_same_textures(tmp_path):
     with open_stream(tmp_path / "made.h5") as stream:
         region = (slice(2, 9), slice(5, 17))
         for first, stop in [(0, 4100), (1990, 2010), (7, 8), (1000, 3500)]:
-            found = rig.Counts(stream, region).intervals(first, stop)
+            found = WindowCounts(stream, region).intervals(first, stop)
             np.testing.assert_array_equal(found, plain_texture(made.spikes[:, *region], first, stop))

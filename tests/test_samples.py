@@ -7,15 +7,15 @@ import pytest
 from rendered import needs_llvm
 from scipy.stats import chi2
 
-from saf_gen.optics import FocalLength, ImageDistance, Stage
-from saf_gen.render import one_pass, variant
-from saf_gen.render.film import Film
-from saf_gen.render.samples import coverage
+from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
+from saf_gen.render import backend, one_pass
+from saf_gen.render.ray_sampling import compute_coverage
+from saf_gen.render.render_setup import SensorGrid
 
-FILM = Film(rows=12, columns=20, pitch_m=100e-6)
+FILM = SensorGrid(rows=12, columns=20, pitch_m=100e-6)
 DRIVES = {
-    "image_distance": ImageDistance(0.05, 2.0, (0.4, 0.25)),
-    "focal_length": FocalLength(0.06, 2.0, (0.4, 0.25)),
+    "image_distance": ImageDistanceDrive(0.05, 2.0, (0.4, 0.25)),
+    "focal_length": FocalLengthDrive(0.06, 2.0, (0.4, 0.25)),
     "stage": Stage(0.05, 2.0, 0.25, (0.06, -0.04)),
 }
 every_drive = pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
@@ -27,7 +27,7 @@ def on_a_disc(random, count, radius):
 
 
 def led(drive, position, x, a):
-    m = drive.transfer(position)
+    m = drive.ray_transfer(position)
     return m[0, 0] * x + m[0, 1] * a, m[1, 0] * x + m[1, 1] * a
 
 
@@ -36,11 +36,11 @@ def led(drive, position, x, a):
 def test_every_ray_of_a_position_is_covered(drive, position):
     """20,000 rays over film and aperture, led back to the reference: none lies outside, at any position."""
     random = np.random.default_rng(2)
-    covered = coverage(drive, FILM)
+    covered = compute_coverage(drive, FILM)
     half_x, half_y = FILM.columns / 2 * FILM.pitch_m, FILM.rows / 2 * FILM.pitch_m
     x, y = random.uniform(-half_x, half_x, 20_000), random.uniform(-half_y, half_y, 20_000)
     a, b = on_a_disc(random, 20_000, drive.aperture_radius_m)
-    back = np.linalg.inv(drive.transfer(position))
+    back = np.linalg.inv(drive.ray_transfer(position))
     (x, a), (y, b) = back @ np.array([x, a]), back @ np.array([y, b])
     assert np.abs(x).max() <= half_x + covered.columns * FILM.pitch_m
     assert np.abs(y).max() <= half_y + covered.rows * FILM.pitch_m
@@ -48,9 +48,12 @@ def test_every_ray_of_a_position_is_covered(drive, position):
 
 
 def test_a_lens_that_stays_in_the_rays_needs_no_more_than_its_aperture():
-    assert coverage(DRIVES["image_distance"], FILM).radius_m == DRIVES["image_distance"].aperture_radius_m
-    assert coverage(DRIVES["focal_length"], FILM).radius_m == DRIVES["focal_length"].aperture_radius_m
-    assert coverage(DRIVES["stage"], FILM).radius_m > DRIVES["stage"].aperture_radius_m
+    assert (
+        compute_coverage(DRIVES["image_distance"], FILM).radius_m
+        == DRIVES["image_distance"].aperture_radius_m
+    )
+    assert compute_coverage(DRIVES["focal_length"], FILM).radius_m == DRIVES["focal_length"].aperture_radius_m
+    assert compute_coverage(DRIVES["stage"], FILM).radius_m > DRIVES["stage"].aperture_radius_m
 
 
 @every_drive
@@ -62,7 +65,7 @@ def test_what_a_position_sees_is_even_over_film_and_aperture(drive, position):
     would differ by tens of percent; 1 % in one row of cells would be found.
     """
     random = np.random.default_rng(7)
-    covered, count = coverage(drive, FILM), 600_000
+    covered, count = compute_coverage(drive, FILM), 600_000
     half_x = (FILM.columns / 2 + covered.columns) * FILM.pitch_m
     half_y = (FILM.rows / 2 + covered.rows) * FILM.pitch_m
     x, y = random.uniform(-half_x, half_x, count), random.uniform(-half_y, half_y, count)
@@ -81,7 +84,7 @@ def test_what_a_position_sees_is_even_over_film_and_aperture(drive, position):
 @needs_llvm
 def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
     """4,000 lines across the lens against asking each of 33 positions; a border may round to either side."""
-    variant.use("llvm")
+    backend.activate_backend("llvm")
     drive, random = DRIVES["stage"], np.random.default_rng(3)
     radius = drive.aperture_radius_m
     first, step = random.normal(0, radius, (2, 4000)), random.normal(0, radius / 12, (2, 4000))

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from saf_gen import schedules
 from saf_gen.errors import BadInput
-from saf_gen.focal_stack import StackSpec, StackStore
-from saf_gen.optics import FocalLength, ImageDistance, Stage
-from saf_gen.scene import RESERVED_GROUPS, find_scene, scene_names
+from saf_gen.lights import _schedule
+from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
+from saf_gen.scene.scene_folder import RESERVED_GROUP_NAMES, find_scene, scene_names
+from saf_gen.stack.focal_stack import StackSpec, StackStore
 
 
 @pytest.fixture
@@ -74,18 +74,22 @@ STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, tr
 @pytest.mark.parametrize(
     ("lens", "drive", "words"),
     [
-        (MACRO, ImageDistance(0.025, 2.0, (0.6, 0.42)), "25 mm f/2"),
-        (MACRO.replace("drive: image_distance, ", ""), ImageDistance(0.025, 2.0, (0.6, 0.42)), "25 mm f/2"),
-        (LIQUID, FocalLength(0.026, 2.0, (0.6, 0.42)), "26 mm f/2, varifocal"),
+        (MACRO, ImageDistanceDrive(0.025, 2.0, (0.6, 0.42)), "25 mm f/2"),
+        (
+            MACRO.replace("drive: image_distance, ", ""),
+            ImageDistanceDrive(0.025, 2.0, (0.6, 0.42)),
+            "25 mm f/2",
+        ),
+        (LIQUID, FocalLengthDrive(0.026, 2.0, (0.6, 0.42)), "26 mm f/2, varifocal"),
         (STAGE, Stage(0.004, 1.1, 20.0, (-30e-6, 30e-6)), "4 mm f/1.1, 20×, stage"),
     ],
 )
 def test_a_card_has_the_words_of_its_drive(edited, lens, drive, words):
     edited(MACRO, lens)
     scene = find_scene("plane")
-    assert scene.drive() == drive
-    assert scene.drive(4.0) == replace(drive, f_number=4.0)
-    assert scene.card.lens.words == words
+    assert scene.build_drive() == drive
+    assert scene.build_drive(4.0) == replace(drive, f_number=4.0)
+    assert scene.card.lens.summary == words
 
 
 @pytest.mark.parametrize(
@@ -165,7 +169,7 @@ def family(test_scenes, tmp_path, monkeypatch):
 
 def test_open_parameters_are_drawn_by_name(family):
     scene = find_scene("plane")
-    one, same, other = (scene.drawn(7, "train", n) for n in (0, 0, 1))
+    one, same, other = (scene.draw_member(7, "train", n) for n in (0, 0, 1))
     assert one.params == same.params
     assert one.params["distance_m"] != other.params["distance_m"]
     assert 0.4 <= one.params["distance_m"] <= 0.5
@@ -215,7 +219,7 @@ def test_a_parameter_of_a_card_that_no_file_could_record_is_told(edited, params,
 # --- light groups -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", sorted(RESERVED_GROUPS))
+@pytest.mark.parametrize("name", sorted(RESERVED_GROUP_NAMES))
 def test_a_light_group_has_no_name_that_means_something_else(edited, name):
     edited("  room: [room]", f"  {name}: [room]")
     told = (
@@ -226,11 +230,11 @@ def test_a_light_group_has_no_name_that_means_something_else(edited, name):
 
 
 def test_the_reserved_names_are_a_stack_s_other_piece_and_what_begins_a_schedule(tmp_path):
-    drive = ImageDistance(0.025, 2.0, (0.6, 0.42))
+    drive = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
     spec = StackSpec("plane", "0" * 64, ("lamp",), drive, 2, 2, 60e-6, 2, 1, 2)
-    assert set(StackStore(tmp_path, spec).pieces) - {"lamp"} <= RESERVED_GROUPS
-    for name in RESERVED_GROUPS - {"geometry"}:
-        assert set(schedules.by_group({name: {"kind": "constant"}})) == {""}
+    assert set(StackStore(tmp_path, spec).pieces) - {"lamp"} <= RESERVED_GROUP_NAMES
+    for name in RESERVED_GROUP_NAMES - {"geometry"}:
+        assert set(_schedule.split_by_group({name: {"kind": "constant"}})) == {""}
 
 
 @pytest.mark.parametrize("name", ["../../../x", "''", "Lamp", "a b", "lamp.1", "-lamp", "lämp", '"lamp\\n"'])
@@ -322,7 +326,7 @@ def test_links_of_an_xml_scene_stay_in_its_folder(edited, tmp_path):
 
 def test_a_folder_of_more_files_than_a_scene_has_is_refused(edited, monkeypatch):
     edited("id: plane", "id: plane")
-    monkeypatch.setattr("saf_gen.scene_digest.MOST", 1)
+    monkeypatch.setattr("saf_gen.scene.scene_digest.MOST", 1)
     with pytest.raises(BadInput, match="plane holds more than 1 files"):
         find_scene("plane")
 

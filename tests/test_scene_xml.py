@@ -6,14 +6,14 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from exported_scene import make
+from exported_scene import write_exported_scene
 from small import SCENES
 
 from saf_gen.errors import BadInput
-from saf_gen.render import geometry, variant, world
-from saf_gen.render.film import Film, Setup
-from saf_gen.scene import find_scene, scene_at
-from saf_gen.scene_xml import PLUGINS, read_scene_xml
+from saf_gen.render import backend, depth_and_target, mitsuba_scene
+from saf_gen.render.render_setup import RenderSetup, SensorGrid
+from saf_gen.scene.scene_folder import find_scene, load_scene_folder
+from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
 
 HEAD = '<scene version="3.0.0">'
 
@@ -28,7 +28,7 @@ def exported(tmp_path):
         text = path.read_text()
         assert old in text
         path.write_text(text.replace(old, new, 1))
-        return scene_at(path.parent)
+        return load_scene_folder(path.parent)
 
     return edit
 
@@ -57,18 +57,20 @@ def refused(call, *args, **options):
 
 
 def test_the_exported_folder_is_what_its_script_makes(tmp_path):
-    make(tmp_path)
+    write_exported_scene(tmp_path)
     for path in (p for p in tmp_path.rglob("*") if p.is_file() and p.suffix != ".png"):
         assert (SCENES / "workbench" / path.relative_to(tmp_path)).read_bytes() == path.read_bytes(), path
     assert (SCENES / "workbench/textures/print.png").stat().st_size < 20_000
 
 
 def seen_of(scene, group):
-    variant.use("scalar")
-    loaded, integrator = world.load(world.build(scene), scene.card.lights[group], 3)
-    to_world, unit = world.camera_to_world(scene), scene.card.unit_m
-    setup = Setup(loaded, integrator, to_world, scene.drive(), Film(40, 64, 1.25e-4), unit)
-    return loaded, geometry.look(setup, scene.card.target)
+    backend.activate_backend("scalar")
+    loaded, integrator = mitsuba_scene.load_lit_scene(
+        mitsuba_scene.build_scene_dict(scene), scene.card.lights[group], 3
+    )
+    to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
+    setup = RenderSetup(loaded, integrator, to_world, scene.build_drive(), SensorGrid(40, 64, 1.25e-4), unit)
+    return loaded, depth_and_target.trace_depth_and_target(setup, scene.card.target)
 
 
 def test_an_exported_scene_goes_in_as_it_is(test_scenes):
@@ -80,7 +82,9 @@ def test_an_exported_scene_goes_in_as_it_is(test_scenes):
     axis /= np.linalg.norm(axis)
     assert seen.target[20, 32]
     assert seen.depth[20, 32] == pytest.approx(0.55 / -axis[2], rel=2e-3)
-    assert scene.drive().reach_m[0] < seen.depth[20, 32] < scene.drive().reach_m[1]
+    assert (
+        scene.build_drive().focusing_range_m[0] < seen.depth[20, 32] < scene.build_drive().focusing_range_m[1]
+    )
 
 
 @pytest.mark.parametrize(("group", "burning"), [("lamp", {"emit-Lamp"}), ("world", {"World"})])
@@ -98,10 +102,12 @@ def test_the_card_says_how_large_a_unit_is(exported):
     text = card.read_text().replace("[0, 0.2, 0.55]", "[0, 0.0004, 0.0011]")
     text = text.replace("[0, 0.157, 0.39]", "[0, 0.000314, 0.00078]")
     card.write_text(text.replace("0.80, 0.42", "1.6, 0.04").replace("25", "0.5"))
-    variant.use("scalar")
-    scene = scene_at(scene.folder)
-    loaded, _ = world.load(world.build(scene), scene.card.lights["lamp"], 3)
-    camera = np.array(world.camera_to_world(scene).matrix)
+    backend.activate_backend("scalar")
+    scene = load_scene_folder(scene.folder)
+    loaded, _ = mitsuba_scene.load_lit_scene(
+        mitsuba_scene.build_scene_dict(scene), scene.card.lights["lamp"], 3
+    )
+    camera = np.array(mitsuba_scene.camera_to_world(scene).matrix)
     assert camera[:3, 3] == pytest.approx([0, 0.2, 0.55])
     assert loaded.bbox().max[0] == pytest.approx(0.6)
 
@@ -113,11 +119,11 @@ def test_a_shape_of_a_file_moves_by_its_name(exported):
         "    keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0, 0, -0.1]}]\ntarget:",
         name="scene.yaml",
     )
-    variant.use("scalar")
-    described = world.build(scene)
+    backend.activate_backend("scalar")
+    described = mitsuba_scene.build_scene_dict(scene)
     depths = []
     for time_s in (0.0, 0.5):
-        moment = world.posed(described, world.motions(scene, described), time_s)
+        moment = mitsuba_scene.pose_shapes(described, mitsuba_scene.read_motions(scene, described), time_s)
         hit = mi.load_dict(
             {"type": "scene", "it": moment["mesh-Crate.001"], "mat-Print": moment["mat-Print"]}
         )
@@ -150,10 +156,10 @@ def test_a_lamp_that_is_shared_burns_in_each_shape_that_names_it(written, tmp_pa
         '<shape type="cube" id="a"><ref id="glow"/><ref id="paint"/></shape>'
         '<shape type="cube" id="b"><ref id="glow"/></shape>'
     )
-    variant.use("scalar")
-    entries = world.from_xml.described(text, tmp_path / "scene.xml")
+    backend.activate_backend("scalar")
+    entries = mitsuba_scene.xml_scene.parse_scene_dict(text, tmp_path / "scene.xml")
     assert set(entries) == {"grey", "a", "b"}
-    loaded, _ = world.load(entries, ("a",), 2)
+    loaded, _ = mitsuba_scene.load_lit_scene(entries, ("a",), 2)
     lit = {s.id(): (s.is_emitter(), s.bsdf().id()) for s in loaded.shapes()}
     assert lit["a"] == (True, "grey")
     assert lit["b"][0] is False
@@ -167,11 +173,11 @@ def test_parameters_of_the_card_are_those_of_the_file(exported):
     exported('value="0.600000 0.100000 0.080000"', 'value="$red 0.1 0.1"')
     card = scene.folder / "scene.yaml"
     card.write_text(card.read_text() + "params: {red: {uniform: [0.3, 0.4]}}\n")
-    scene = scene_at(scene.folder)
+    scene = load_scene_folder(scene.folder)
     text = read_scene_xml(scene.folder / "scene.xml", scene.params).text
     assert f'value="{scene.params["red"]} 0.1 0.1"' in text
     card.write_text(card.read_text().replace("red:", "rad:"))
-    told = refused(lambda: world.build(scene_at(scene.folder)))
+    told = refused(lambda: mitsuba_scene.build_scene_dict(load_scene_folder(scene.folder)))
     assert "scene.yaml: unknown parameter 'rad'; allowed: red, resx, resy, spp; did you mean 'red'?" in told
 
 
@@ -210,7 +216,7 @@ def test_an_include_in_a_circle_is_refused(written):
 
 
 def test_includes_that_multiply_are_refused(written, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.scene_xml.MOST", 100)
+    monkeypatch.setattr("saf_gen.scene.xml.MOST", 100)
     for n in range(12):
         twice = f'<include filename="{n + 1}.xml"/>' * 2
         (tmp_path / f"{n}.xml").write_text(f"{HEAD}{twice}</scene>")
@@ -397,9 +403,9 @@ def test_an_encoding_that_python_knows_is_read(tmp_path, name):
     ],
 )
 def test_what_mitsuba_does_not_understand_is_told_with_its_line(written, tmp_path, elements, told):
-    variant.use("scalar")
+    backend.activate_backend("scalar")
     with pytest.raises(BadInput, match=told):
-        world.from_xml.described(written(elements), tmp_path / "scene.xml")
+        mitsuba_scene.xml_scene.parse_scene_dict(written(elements), tmp_path / "scene.xml")
 
 
 @pytest.mark.parametrize("name", ["meshes/Crate.001.ply", "textures/print.png"])
@@ -408,13 +414,15 @@ def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
     scene = exported()
     file = scene.folder / name
     file.write_bytes(file.read_bytes()[:kept])
-    variant.use("scalar")
-    assert file.name in refused(lambda: world.load(world.build(scene), ("World",), 3))
+    backend.activate_backend("scalar")
+    assert file.name in refused(
+        lambda: mitsuba_scene.load_lit_scene(mitsuba_scene.build_scene_dict(scene), ("World",), 3)
+    )
 
 
 def test_every_plug_in_that_is_allowed_is_one_of_mitsubas():
     there = {path.name.removesuffix(".so") for path in Path(mi.__path__[0], "plugins").iterdir()}
-    assert set().union(*PLUGINS.values()) <= there
+    assert set().union(*ALLOWED_PLUGINS.values()) <= there
 
 
 # --- whose code is run --------------------------------------------------------------------------------
@@ -431,18 +439,18 @@ def scripted(tmp_path):
 
 
 def test_a_script_elsewhere_is_not_run(scripted, tmp_path, monkeypatch):
-    told = refused(scene_at, scripted)
+    told = refused(load_scene_folder, scripted)
     assert "scene.py is code, and would be run; allowed: scene.py in ./scenes" in told
     assert f"SAF_GEN_SCENES={scripted.parent}" in told
     monkeypatch.chdir(scripted.parent)
-    assert "is code" in refused(scene_at, scripted)
+    assert "is code" in refused(load_scene_folder, scripted)
     assert not (tmp_path / "ran").exists()
 
 
 def test_a_script_in_a_folder_that_the_user_named_is_run(scripted, tmp_path, monkeypatch):
     monkeypatch.setenv("SAF_GEN_SCENES", str(scripted.parent))
-    variant.use("scalar")
-    world.build(scene_at(scripted))
+    backend.activate_backend("scalar")
+    mitsuba_scene.build_scene_dict(load_scene_folder(scripted))
     assert (tmp_path / "ran").exists()
 
 
@@ -451,10 +459,10 @@ def test_scenes_of_the_working_directory_are_trusted_but_not_those_of_a_dataset(
     (scripted.parent).rename(here / "scenes")
     monkeypatch.chdir(here)
     assert find_scene("plane").folder == here / "scenes/plane"
-    assert scene_at(here / "scenes/plane").id == "plane"
+    assert load_scene_folder(here / "scenes/plane").id == "plane"
     (here / "manifest.json").write_text("{}")
     assert "unknown scene 'plane'" in refused(find_scene, "plane")
-    assert "is code" in refused(scene_at, here / "scenes/plane")
+    assert "is code" in refused(load_scene_folder, here / "scenes/plane")
 
 
 @pytest.mark.parametrize("name", ["../downloads/plane", "downloads/../downloads/plane", "absolute"])
@@ -472,7 +480,7 @@ def test_an_xml_scene_may_lie_anywhere(exported):
 def test_a_folder_with_both_kinds_of_geometry_is_refused(exported):
     folder = exported().folder
     (folder / "scene.py").write_text("raise SystemExit")
-    assert "is code" in refused(scene_at, folder)
+    assert "is code" in refused(load_scene_folder, folder)
 
 
 def test_a_trusted_folder_with_both_kinds_of_geometry_is_refused(exported, monkeypatch):

@@ -7,13 +7,12 @@ import pytest
 import yaml
 from small import SMALL_RECIPE
 
-from saf_gen import schedules
 from saf_gen.errors import BadInput
-from saf_gen.lights import get_light, readout_gains
-from saf_gen.plan import Family, make_plan
-from saf_gen.recipe import read_recipe
-from saf_gen.record import group_gains
-from saf_gen.work import fingerprint, prepare
+from saf_gen.generate.plan import SceneFamily, make_plan
+from saf_gen.generate.recipe import read_recipe
+from saf_gen.generate.recorder import group_gains
+from saf_gen.generate.resolve import resolve_recipe, sequence_fingerprint
+from saf_gen.lights import _schedule, get_light, readout_gains
 
 TABLE = "time_s,gain\n0,1\n0.01,0.5\n"
 
@@ -39,8 +38,8 @@ def recipe_of(tmp_path, test_scenes):
 
 
 def fingerprints(path):
-    work = prepare(path)
-    return [fingerprint(work, s, "a stack") for s in work.sequences]
+    work = resolve_recipe(path)
+    return [sequence_fingerprint(work, s, "a stack") for s in work.sequences]
 
 
 # --- files -------------------------------------------------------------------------------------------
@@ -100,7 +99,7 @@ def test_a_table_that_does_not_fit_is_told_in_one_line(recipe_of, light, told):
     path.with_name("back.csv").write_text("time_s,gain\n1,1\n0,1\n")
     path.with_name("nan.csv").write_text("time_s,gain\n0,nan\n")
     with pytest.raises(BadInput, match=told) as caught:
-        prepare(path)
+        resolve_recipe(path)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
 
@@ -151,7 +150,7 @@ def test_a_schedule_without_a_seed_gets_none(recipe_of):
 
 def test_an_offset_may_be_open_and_belongs_to_any_kind(recipe_of):
     path = recipe_of("{lamp: {kind: pwm, hz: 400, duty: 0, offset: {uniform: [0.2, 0.3]}}}")
-    (sequence,) = prepare(path).sequences
+    (sequence,) = resolve_recipe(path).sequences
     offset = sequence.schedule["lamp"]["offset"]
     gains = group_gains(sequence.schedule, ("lamp", "room"), 100, 20_000)
     assert 0.2 <= offset <= 0.3
@@ -159,7 +158,7 @@ def test_an_offset_may_be_open_and_belongs_to_any_kind(recipe_of):
     assert (gains[:, 1] == 1).all()
 
 
-LUX = {"plane": Family(illuminance_lux={"lamp": 300.0, "room": 100.0})}
+LUX = {"plane": SceneFamily(illuminance_lux={"lamp": 300.0, "room": 100.0})}
 
 
 @pytest.mark.parametrize(("light", "gain"), [("lamp", 0.5), ("room", 1.5), ("", 0.375)])
@@ -183,7 +182,7 @@ def test_a_recipe_may_say_itself_how_many_lux_gain_1_is(recipe_of):
 def test_lux_of_a_scene_that_states_none_is_refused_before_anything_is_made(recipe_of):
     path = recipe_of("{lamp: {kind: constant, level: 100, unit: lux}}")
     with pytest.raises(BadInput, match=r"light 'it' on plane: the schedule is in lux, and nobody says how"):
-        prepare(path)
+        resolve_recipe(path)
 
 
 def test_the_card_s_illuminance_reaches_the_sequence(recipe_of, tmp_path, test_scenes, monkeypatch):
@@ -194,7 +193,7 @@ def test_the_card_s_illuminance_reaches_the_sequence(recipe_of, tmp_path, test_s
     with (folder / "scene.yaml").open("a") as card:
         card.write("illuminance_lux: {lamp: 300, room: 100}\n")
     monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path / "scenes"))
-    work = prepare(recipe_of("{lamp: {kind: constant, level: 150, unit: lux}}"))
+    work = resolve_recipe(recipe_of("{lamp: {kind: constant, level: 150, unit: lux}}"))
     assert work.plan == work.sequences
     assert group_gains(work.sequences[0].schedule, ("lamp", "room"), 20, 1000.0)[0].tolist() == [0.5, 1]
 
@@ -210,7 +209,7 @@ def test_the_card_s_illuminance_reaches_the_sequence(recipe_of, tmp_path, test_s
 def test_a_card_states_the_illuminance_of_all_groups_or_of_none(
     tmp_path, test_scenes, monkeypatch, lux, told
 ):
-    from saf_gen.scene import find_scene
+    from saf_gen.scene.scene_folder import find_scene
 
     folder = tmp_path / "plane"
     folder.mkdir()
@@ -244,11 +243,11 @@ def test_a_card_states_the_illuminance_of_all_groups_or_of_none(
 )
 def test_a_key_that_does_not_fit_is_told_with_its_line(recipe_of, light, told):
     with pytest.raises(BadInput, match=told):
-        prepare(recipe_of(light))
+        resolve_recipe(recipe_of(light))
 
 
 def test_a_light_from_python_is_that_of_a_recipe():
-    light = schedules.build("flicker", depth=0.4, offset=0.1)
+    light = _schedule.build_light("flicker", depth=0.4, offset=0.1)
     assert np.array_equal(
         readout_gains(light, 400, 20_000),
         readout_gains(get_light("flicker", depth=0.4, offset=0.1), 400, 20_000),

@@ -3,20 +3,27 @@ import math
 import numpy as np
 import pytest
 
-from saf_gen.scores import WITHIN, depth_of_focus, judge, lens_travel, light_ratio, position_at
+from saf_gen.benchmark.judgement import (
+    SUCCESS_LIMITS_DOF,
+    depth_of_focus,
+    interpolate_position,
+    judge_answer,
+    lens_travel,
+    light_ratio,
+)
 
 SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
 
 
 def judged(frame, **given):
     known = {"focus_position": SWEEP, "truth": 0.5, "truth_frame": 400.0, "ends": (0.45, 0.55)}
-    return judge(frame, frames_seen=801, **{**known, **given})
+    return judge_answer(frame, frames_seen=801, **{**known, **given})
 
 
 def test_the_position_is_linear_between_readouts_and_held_beyond_the_ends():
-    assert position_at(400.5, SWEEP) == pytest.approx(400.5 / 800)
-    assert position_at(-3, SWEEP) == 0
-    assert position_at(900, SWEEP) == 1
+    assert interpolate_position(400.5, SWEEP) == pytest.approx(400.5 / 800)
+    assert interpolate_position(-3, SWEEP) == 0
+    assert interpolate_position(900, SWEEP) == 1
 
 
 def test_an_error_is_answer_minus_truth_in_every_unit():
@@ -30,7 +37,7 @@ def test_an_error_is_answer_minus_truth_in_every_unit():
 
 
 def test_a_sweep_from_far_to_near_keeps_the_sign_of_the_position():
-    back = judge(480.0, frames_seen=801, focus_position=SWEEP[::-1], truth=0.5, truth_frame=400.0)
+    back = judge_answer(480.0, frames_seen=801, focus_position=SWEEP[::-1], truth=0.5, truth_frame=400.0)
     assert back.error == pytest.approx(-0.1)
     assert back.error_frames == pytest.approx(80)
 
@@ -52,7 +59,7 @@ def test_the_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus():
     ],
 )
 def test_success_is_judged_within_half_one_and_two_depths_of_focus(frame, success):
-    assert WITHIN == (0.5, 1.0, 2.0)
+    assert SUCCESS_LIMITS_DOF == (0.5, 1.0, 2.0)
     assert judged(frame).success == success
 
 
@@ -95,7 +102,7 @@ def test_the_ends_of_the_depth_of_focus_may_come_in_either_order():
 
 
 def test_without_a_lens_record_nothing_about_positions_is_known():
-    blind = judge(400.0, frames_seen=801, focus_position=None, truth=0.5, ends=(0.45, 0.55))
+    blind = judge_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, ends=(0.45, 0.55))
     assert (blind.position, blind.error, blind.lens_travel) == (None, None, None)
 
 
@@ -113,7 +120,7 @@ def test_an_error_in_frames_is_to_the_pass_nearest_to_the_answer(frame, passed):
     verdict = judged(frame, focus_position=THERE_AND_BACK)
     assert verdict.truth_frame == passed
     assert verdict.error_frames == frame - passed
-    assert verdict.error == pytest.approx(position_at(frame, THERE_AND_BACK) - 0.5)
+    assert verdict.error == pytest.approx(interpolate_position(frame, THERE_AND_BACK) - 0.5)
 
 
 def test_an_answer_on_the_way_back_is_as_good_as_one_on_the_way_there():
@@ -135,11 +142,11 @@ def test_a_lens_that_holds_is_judged_by_its_position(place, error):
     verdict = judged(300.0, focus_position=still, truth_frame=math.nan)
     assert verdict.error == pytest.approx(error)
     assert verdict.error_dof == pytest.approx(error / 0.1)
-    assert verdict.success == tuple(abs(error) <= limit * 0.1 for limit in WITHIN)
+    assert verdict.success == tuple(abs(error) <= limit * 0.1 for limit in SUCCESS_LIMITS_DOF)
     assert verdict.error_frames == (0.0 if error == 0 else None)
     assert verdict.lens_travel == 0
     nothing = judged(None, focus_position=still, truth_frame=math.nan)
-    assert nothing.success == tuple(error > limit * 0.1 for limit in WITHIN)
+    assert nothing.success == tuple(error > limit * 0.1 for limit in SUCCESS_LIMITS_DOF)
 
 
 def test_at_rest_in_the_focus_every_frame_is_right():
@@ -165,7 +172,7 @@ def test_a_truth_that_moves_is_followed():
 
 
 def test_what_the_lens_does_not_say_the_stream_may():
-    blind = judge(400.0, frames_seen=801, focus_position=None, truth=0.5, truth_frame=380.0)
+    blind = judge_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, truth_frame=380.0)
     assert (blind.truth_frame, blind.error_frames) == (380.0, None)
 
 
@@ -215,7 +222,7 @@ def holed(array, *frames, value=math.nan):
 def test_a_lens_that_is_not_known_in_every_frame_is_as_good_as_none(frame, value):
     """Wherever the answer lies, beside the gap or far from it, and for an abstention just so."""
     verdict = judged(frame, focus_position=holed(SWEEP, 10, 11, value=value))
-    assert verdict == judge(
+    assert verdict == judge_answer(
         frame, frames_seen=801, focus_position=None, truth=0.5, truth_frame=400.0, ends=(0.45, 0.55)
     )
     assert (verdict.position, verdict.error, verdict.lens_travel) == (None, None, None)

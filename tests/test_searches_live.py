@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ideal_camera import IdealCamera, bell
+from ideal_camera import IdealCamera, bell_curve
 
-from saf_gen import get_search, methods
+from saf_gen import get_search
+from saf_gen.benchmark import method_spec
+from saf_gen.benchmark.method_spec import parse_method
+from saf_gen.core.config.source_digest import source_digests
 from saf_gen.errors import BadInput
-from saf_gen.methods import parse_method
-from saf_gen.sources import sources_of
 
 RATIO = (math.sqrt(5) - 1) / 2
 PROMISES = {
@@ -28,7 +29,7 @@ SENSOR = 1e-4  # rms of one reading; looks average a hundred
 
 
 def camera(peak, **more):
-    return IdealCamera(bell(peak), sensor=SENSOR, others={"sd": bell(peak, width=0.25)}, **more)
+    return IdealCamera(bell_curve(peak), sensor=SENSOR, others={"sd": bell_curve(peak, width=0.25)}, **more)
 
 
 @pytest.mark.parametrize("name", PROMISES)
@@ -61,7 +62,7 @@ def test_golden_section_takes_the_looks_that_theory_says(tolerance):
     steps = math.ceil(math.log(tolerance) / math.log(RATIO))
     for peak in PEAKS:
         view, answer = looks("golden_section", peak, tolerance=tolerance)
-        assert len(view.looks) == steps + 1
+        assert len(view.scored) == steps + 1
         assert RATIO**steps <= tolerance < RATIO ** (steps - 1)
         assert abs(answer.position - peak) <= RATIO ** (steps + 1) + 4 * SENSOR
 
@@ -72,7 +73,7 @@ def test_fibonacci_looks_at_parts_of_the_travel_and_never_twice(tolerance, parts
         view, answer = looks("fibonacci", peak, tolerance=tolerance)
         at = np.array(view.commands) * parts
         assert at == pytest.approx(np.round(at), abs=1e-9)
-        assert len(set(np.round(at))) == count == len(view.looks)
+        assert len(set(np.round(at))) == count == len(view.scored)
         assert abs(answer.position - peak) <= 1 / parts + 4 * SENSOR
 
 
@@ -86,7 +87,7 @@ def test_fibonacci_finds_each_of_its_places():
 @pytest.mark.parametrize("tolerance", [0.3, 0.01])
 def test_ternary_takes_two_looks_a_step(tolerance):
     steps = math.ceil(math.log(tolerance) / math.log(2 / 3))
-    assert len(looks("ternary", tolerance=tolerance)[0].looks) == 2 * steps
+    assert len(looks("ternary", tolerance=tolerance)[0].scored) == 2 * steps
 
 
 def test_hill_climb_near_the_focus_does_not_cross_the_travel():
@@ -94,7 +95,7 @@ def test_hill_climb_near_the_focus_does_not_cross_the_travel():
     answer = get_search("hill_climb")(view)
     assert abs(answer.position - 0.6) <= 0.01
     assert 0.3 < min(view.positions) < max(view.positions) < 0.9
-    assert len(view.looks) <= 16
+    assert len(view.scored) <= 16
 
 
 def test_hill_climb_stays_where_all_is_alike():
@@ -104,7 +105,7 @@ def test_hill_climb_stays_where_all_is_alike():
 
 def test_hill_climb_crosses_a_dip_of_one_coarse_step():
     def dented(p):
-        return bell(0.8)(p) - (0.2 if 0.35 < p < 0.45 else 0.0)
+        return bell_curve(0.8)(p) - (0.2 if 0.35 < p < 0.45 else 0.0)
 
     view = IdealCamera(dented, start=0.3)
     assert abs(get_search("hill_climb")(view).position - 0.8) <= 0.01
@@ -126,7 +127,7 @@ def test_rule_based_goes_one_way_in_steps_that_its_rules_choose():
 
 def test_rule_based_goes_back_over_a_gap_that_holds_the_peak():
     """A peak narrower than a coarse step: the rules see it when it has passed."""
-    view = IdealCamera(bell(0.52, width=0.02), start=0.0, sensor=0.0)
+    view = IdealCamera(bell_curve(0.52, width=0.02), start=0.0, sensor=0.0)
     assert abs(get_search("rule_based", gentle=4.0)(view).position - 0.52) <= 0.005
     assert (np.diff(view.commands) < 0).any()
 
@@ -138,11 +139,11 @@ def test_rule_based_without_a_climb_says_so():
 
 def test_coarse_to_fine_looks_with_the_broad_measure_first():
     narrow = lambda p: math.exp(-(((p - 0.53) / 0.03) ** 2))  # noqa: E731
-    view = IdealCamera(narrow, others={"variance": bell(0.5, width=0.3)}, start=0.9, sensor=0.0)
+    view = IdealCamera(narrow, others={"variance": bell_curve(0.5, width=0.3)}, start=0.9, sensor=0.0)
     answer = get_search("coarse_to_fine", far="variance")(view)
     assert abs(answer.position - 0.53) <= 0.01 + 1e-9
-    far = [stop - first for first, stop, name in view.looks if name == "variance"]
-    near = [stop - first for first, stop, name in view.looks if name is None]
+    far = [stop - first for first, stop, name in view.scored if name == "variance"]
+    near = [stop - first for first, stop, name in view.scored if name is None]
     assert (len(far), len(near)) == (11, 11)
     assert (set(far), set(near)) == ({50}, {100})
     assert all(b < a for a, b in pairwise(view.commands[:11]))
@@ -153,15 +154,15 @@ def test_coarse_to_fine_may_use_the_method_s_own_measure_alone():
     search = get_search("coarse_to_fine", far="own")
     assert search.measures == ()
     assert get_search("coarse_to_fine").measures == ("sd",)
-    view = IdealCamera(bell(0.3))
+    view = IdealCamera(bell_curve(0.3))
     assert abs(search(view).position - 0.3) <= 0.01
-    assert {name for _, _, name in view.looks} == {None}
+    assert {name for _, _, name in view.scored} == {None}
 
 
 def test_coarse_to_fine_out_of_time_in_between_answers_with_the_coarse_place():
     whole = camera(0.42)
     get_search("coarse_to_fine")(whole)
-    eleventh = whole.looks[10][1]
+    eleventh = whole.scored[10][1]
     answer = get_search("coarse_to_fine")(camera(0.42, frames=eleventh + 64))
     assert answer.note == "out of frames"
     assert len(answer.trace) == 11
@@ -177,8 +178,8 @@ def test_a_search_stops_at_its_budget_with_the_best_so_far(name):
         answer = get_search(name)(view)
         assert view.now <= view.frames
         assert answer.note.startswith("out of frames")
-        assert view.looks == whole.looks[: len(view.looks)]
-        assert (answer.position is None) == (not view.looks)
+        assert view.scored == whole.scored[: len(view.scored)]
+        assert (answer.position is None) == (not view.scored)
 
 
 @pytest.mark.parametrize("name", PROMISES)
@@ -193,7 +194,7 @@ def test_a_look_is_taken_where_the_lens_stands(name):
     for speed in (0.5, 5.0, 1000.0):
         view = camera(0.35, start=1.0, speed=speed, noise=0.001)
         get_search(name)(view)
-        for first, stop, _ in view.looks:
+        for first, stop, _ in view.scored:
             assert np.ptp(view.positions[first:stop]) <= 0.002
 
 
@@ -204,7 +205,7 @@ def test_the_place_of_a_look_is_what_the_sensor_read():
     assert abs(answer.position - 0.5) < 0.02
     assert all(
         abs(place - np.mean(view.positions[first:stop])) < 1e-4
-        for place, (first, stop, _) in zip(answer.trace, view.looks, strict=True)
+        for place, (first, stop, _) in zip(answer.trace, view.scored, strict=True)
     )
 
 
@@ -212,20 +213,20 @@ def test_without_a_position_sensor_time_alone_settles_the_lens():
     view = camera(0.5, blind=True, start=0.2)
     answer = get_search("golden_section", timeout_s=0.3)(view)
     assert abs(answer.position - 0.5) <= PROMISES["golden_section"]
-    gaps = [later[0] - earlier[1] for earlier, later in pairwise(view.looks)]
+    gaps = [later[0] - earlier[1] for earlier, later in pairwise(view.scored)]
     assert min(gaps) >= 0.3 * view.readout_hz
 
 
 def test_noise_of_the_sensor_does_not_keep_a_search_waiting():
     """Noise of 0.005 a reading; its mean over a millisecond is within what the noise explains."""
-    quiet, loud = (IdealCamera(bell(0.5), sensor=rms, start=0.2, frames=10**6) for rms in (0.0, 0.005))
+    quiet, loud = (IdealCamera(bell_curve(0.5), sensor=rms, start=0.2, frames=10**6) for rms in (0.0, 0.005))
     for view in (quiet, loud):
         assert abs(get_search("golden_section")(view).position - 0.5) < 0.01
     assert loud.now < 1.2 * quiet.now
 
 
 def test_unseen_ringing_is_waited_for_by_the_length_of_the_move():
-    quick, slow = (IdealCamera(bell(0.5), speed=1e4, sensor=0.0) for _ in range(2))
+    quick, slow = (IdealCamera(bell_curve(0.5), speed=1e4, sensor=0.0) for _ in range(2))
     get_search("golden_section", lag_s=0.0)(quick)
     get_search("golden_section", lag_s=0.02)(slow)
     moves = [1.0, *np.abs(np.diff(slow.commands))]  # the first might be of the whole travel, for all it knows
@@ -270,7 +271,9 @@ def test_a_measure_that_a_search_looks_through_is_checked_and_counted_beforehand
     with pytest.raises(BadInput, match="method 'sd.coarse_to_fine:far=tenengrat'.*mean 'tenengrad'"):
         parse_method("sd+coarse_to_fine:far=tenengrat")
     read = []
-    monkeypatch.setattr(methods, "sources_of", lambda classes: read.extend(sources_of(classes)) or read)
+    monkeypatch.setattr(
+        method_spec, "source_digests", lambda classes: read.extend(source_digests(classes)) or read
+    )
     parse_method("sd_code+coarse_to_fine:far=brenner_n_tfi")
     files = {Path(name).stem for name, _ in read}
-    assert {"brenner", "sd_code", "_moments", "coarse_to_fine", "_live"} <= files
+    assert {"brenner", "sd_code", "_moments", "coarse_to_fine", "_lens_commanding"} <= files

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 from test_rig import InMemory
 
-from saf_gen import rig
-from saf_gen.actuators import get_actuator
-from saf_gen.contest import loop
-from saf_gen.contest.answer import asked
+from saf_gen.benchmark.method_spec import Method
+from saf_gen.benchmark.tracks import closed_loop_run
+from saf_gen.benchmark.tracks.search_run import run_search
+from saf_gen.benchmark.view import RecordingView, WindowCounts, interval_texture, stopwatch, window_counts
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError
+from saf_gen.benchmark.view.running_camera import RunningCamera
+from saf_gen.benchmark.view.stopwatch import Stopwatch
 from saf_gen.measures import get_measure
-from saf_gen.methods import Method
+from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
-from saf_gen.rig import intervals, stopwatch
-from saf_gen.rig.handle import BudgetSpentError
-from saf_gen.rig.live import Live
-from saf_gen.rig.stopwatch import Stopwatch
 
 THINKS, SCORES, LOOKS_UP, COUNTS, READS, ENCODES, DRIVES = 1.0, 16.0, 256.0, 4e3, 6e4, 1e6, 1.6e7
 COMPILES = 2.5e8
@@ -47,7 +46,7 @@ def clock(monkeypatch):
 def slow_counts(clock):
     stream = InMemory(800, 4, 6)
     stream.counts, stream.packed = clock.takes(COUNTS, stream.counts), clock.takes(READS, stream.packed)
-    return rig.Counts(stream)
+    return WindowCounts(stream)
 
 
 def slow_search(clock, *windows, answers=None):
@@ -71,7 +70,7 @@ class SlowFilm:
     def __init__(self, clock):
         self.clock = clock
 
-    def develop(self, stop, position):
+    def encode_until(self, stop, position):
         self.clock.now += ENCODES
         self.frames = stop
 
@@ -81,7 +80,7 @@ class SlowFilm:
 
 
 def slow_live(clock, *, budget=800):
-    live = Live(
+    live = RunningCamera(
         SlowFilm(clock), clock.takes(SCORES, np.mean), get_actuator("ideal"), start=0.0, seed=1,
         budget=budget, readout_hz=20_000.0,
     )  # fmt: skip
@@ -99,8 +98,8 @@ def test_a_stopwatch_adds_up_what_calls_took_those_that_raise_too(clock):
 
 
 def test_on_a_recording_search_and_measure_are_paid_and_counting_is_not(clock):
-    recording = rig.Recording(slow_counts(clock), clock.takes(SCORES, np.mean))
-    answer, problem = asked(slow_search(clock, (0, 100), (50, 800)), recording, bill=recording.bill)
+    recording = RecordingView(slow_counts(clock), clock.takes(SCORES, np.mean))
+    answer, problem = run_search(slow_search(clock, (0, 100), (50, 800)), recording, scorer=recording.scorer)
     assert (answer.frame, problem) == (400.0, "")
     assert clock.now > COUNTS
     assert recording.seconds == 3 * THINKS + 2 * SCORES
@@ -108,34 +107,34 @@ def test_on_a_recording_search_and_measure_are_paid_and_counting_is_not(clock):
 
 def test_a_method_pays_nothing_for_what_others_looked_at(clock):
     counts = slow_counts(clock)
-    first, second = (rig.Recording(counts, np.mean) for _ in range(2))
+    first, second = (RecordingView(counts, np.mean) for _ in range(2))
     first.score(0, 100)
-    asked(slow_search(clock), second, bill=second.bill)
+    run_search(slow_search(clock), second, scorer=second.scorer)
     assert (first.seconds, second.seconds) == (0, THINKS)
 
 
 @pytest.mark.parametrize("breaks", ["search", "measure"])
 def test_a_method_that_breaks_has_paid_until_then(clock, breaks):
     measure = clock.takes(SCORES, (lambda counts: 1 / 0) if breaks == "measure" else np.mean)
-    recording = rig.Recording(slow_counts(clock), measure)
+    recording = RecordingView(slow_counts(clock), measure)
 
     def search(view):
         slow_search(clock, (0, 100))(view)
         raise ValueError
 
-    _, problem = asked(search, recording, bill=recording.bill)
+    _, problem = run_search(search, recording, scorer=recording.scorer)
     assert problem.startswith("ZeroDivisionError" if breaks == "measure" else "ValueError")
     assert recording.seconds == (THINKS + SCORES if breaks == "measure" else 2 * THINKS + SCORES)
 
 
 def test_a_texture_is_paid_by_each_that_asks_for_it_without_reading_and_counting(clock, monkeypatch):
     """The second one gets what was kept from the first, and must not be the cheaper for it."""
-    monkeypatch.setattr(intervals, "_look_back", clock.takes(LOOKS_UP, intervals._look_back))
+    monkeypatch.setattr(interval_texture, "_look_back", clock.takes(LOOKS_UP, interval_texture._look_back))
     counts, measure = slow_counts(clock), get_measure("sd_tfi")
     bills = []
     for _ in range(2):
-        recording = rig.Recording(counts, measure)
-        asked(slow_search(clock, (0, 100)), recording, bill=recording.bill)
+        recording = RecordingView(counts, measure)
+        run_search(slow_search(clock, (0, 100)), recording, scorer=recording.scorer)
         bills.append(recording.seconds)
     assert clock.now > READS
     assert bills[0] == bills[1]
@@ -146,7 +145,7 @@ def test_a_texture_is_paid_by_each_that_asks_for_it_without_reading_and_counting
 
 def test_the_time_to_compile_is_not_paid(clock, monkeypatch):
     """The first look of a process compiles its loop, or loads it, and that is not the method's."""
-    looks = clock.takes(LOOKS_UP, intervals._look_back)
+    looks = clock.takes(LOOKS_UP, interval_texture._look_back)
 
     def compiles(*given):
         if not compiles.signatures:
@@ -155,17 +154,17 @@ def test_the_time_to_compile_is_not_paid(clock, monkeypatch):
         return looks(*given)
 
     compiles.signatures = []
-    monkeypatch.setattr(intervals, "_look_back", compiles)
+    monkeypatch.setattr(interval_texture, "_look_back", compiles)
     counts = slow_counts(clock)
     image = counts.intervals(0, 100)
     assert clock.now > COMPILES
     assert LOOKS_UP <= counts.textures_s < COUNTS
-    np.testing.assert_array_equal(image, rig.Counts(InMemory(800, 4, 6)).intervals(0, 100))
+    np.testing.assert_array_equal(image, WindowCounts(InMemory(800, 4, 6)).intervals(0, 100))
 
 
 def test_a_texture_that_was_forgotten_is_timed_again(clock, monkeypatch):
-    monkeypatch.setattr(rig.counts, "WINDOW_BYTES", 0)
-    monkeypatch.setattr(intervals, "_look_back", clock.takes(LOOKS_UP, intervals._look_back))
+    monkeypatch.setattr(window_counts, "WINDOW_BYTES", 0)
+    monkeypatch.setattr(interval_texture, "_look_back", clock.takes(LOOKS_UP, interval_texture._look_back))
     counts = slow_counts(clock)
     for first in (0, 100, 0):
         counts.intervals(first, first + 100)
@@ -174,16 +173,16 @@ def test_a_texture_that_was_forgotten_is_timed_again(clock, monkeypatch):
 
 
 def test_a_texture_on_film_is_paid_too(clock, monkeypatch):
-    monkeypatch.setattr(intervals, "_look_ahead", clock.takes(LOOKS_UP, intervals._look_ahead))
+    monkeypatch.setattr(interval_texture, "_look_ahead", clock.takes(LOOKS_UP, interval_texture._look_ahead))
     stream = InMemory(80, 4, 6)
     read, count = clock.takes(READS, stream.packed), clock.takes(COUNTS, stream.counts)
-    image, seconds = intervals.timed_texture(
+    image, seconds = interval_texture.time_texture_from_intervals(
         lambda a, b: read(a, b, (slice(None), slice(None))),
         lambda a, b: count(a, b, (slice(None), slice(None))),
         0,
         stop=80,
     )
-    np.testing.assert_array_equal(image, rig.Counts(stream).intervals(0, 80))
+    np.testing.assert_array_equal(image, WindowCounts(stream).intervals(0, 80))
     assert seconds >= LOOKS_UP
     assert seconds % LOOKS_UP == 0
 
@@ -198,7 +197,7 @@ def test_in_the_closed_loop_the_camera_and_the_drive_are_not_paid(clock):
         return Answer(position=view.position(view.now - 1))
 
     search.commands = True
-    _, problem = asked(search, live, bill=live.bill)
+    _, problem = run_search(search, live, scorer=live.scorer)
     assert problem == ""
     assert clock.now > ENCODES + DRIVES
     assert live.seconds == 3 * THINKS + 2 * SCORES
@@ -207,7 +206,7 @@ def test_in_the_closed_loop_the_camera_and_the_drive_are_not_paid(clock):
 @pytest.mark.parametrize("frames", [160, 10_000], ids=["in time", "out of time"])
 @pytest.mark.parametrize("commands", [True, False])
 def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands, frames):
-    """On its own and by a sweep; a budget that is spent while it looks takes nothing off the bill."""
+    """On its own and by a sweep; a budget that is spent while it looks takes nothing off the scorer."""
     live = slow_live(clock)
     answer = Answer(position=0.5) if commands else Answer(100.0)
     found = slow_search(clock, (0, 80), (80, 160), answers=answer)
@@ -220,20 +219,22 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
             return done
 
     Search.commands = commands
-    monkeypatch.setattr(loop, "running", lambda *given, **more: live)
-    terms = SimpleNamespace(frames=lambda take: (800, 320))
-    run = loop.run_method(None, None, None, Method("a+b", np.mean, Search(), "c"), terms)
+    monkeypatch.setattr(closed_loop_run, "start_camera", lambda *given, **more: live)
+    terms = SimpleNamespace(count_frames=lambda take: (800, 320))
+    run = closed_loop_run.run_closed_loop_method(
+        None, None, None, Method("a+b", np.mean, Search(), "c"), terms
+    )
     assert run.problem == ("the budget of 800 frames was spent" if frames > 800 else "")
     assert (run.windows, run.seconds) == (2, 3 * THINKS + 2 * SCORES)
 
 
 def test_time_is_never_less_than_none(clock):
     """A search that looks from two threads at once is in the rig for longer than it runs."""
-    recording = rig.Recording(slow_counts(clock), np.mean)
+    recording = RecordingView(slow_counts(clock), np.mean)
 
     def search(view):
         view._within.seconds += 5.0  # as another thread would
         return Answer(3.0)
 
-    asked(search, recording, bill=recording.bill)
+    run_search(search, recording, scorer=recording.scorer)
     assert recording.seconds == 0

@@ -9,7 +9,7 @@ from small import SMALL_RECIPE
 import saf_gen.camera.sensor as sensor_module
 from saf_gen.camera import electrons_per_irradiance, encode, get_sensor, sensor_names
 from saf_gen.errors import BadInput
-from saf_gen.work import fingerprint, prepare
+from saf_gen.generate.resolve import resolve_recipe, sequence_fingerprint
 
 VIDAR = sensor_module._FOLDER / "vidar_400x250.yaml"
 
@@ -79,7 +79,7 @@ def test_the_fast_mode_fires_as_often_a_second():
 def test_ideal_has_no_noise_at_all():
     ideal = get_sensor("ideal")
     assert not any(asdict(ideal.noise).values())
-    assert ideal.loss == 0
+    assert ideal.post_spike_loss == 0
     assert ideal.mean_dark_e == 0
 
 
@@ -208,15 +208,15 @@ def recipe(tmp_path, test_scenes, small_sensor):
 
 def test_a_recipe_finds_its_sensor_from_its_own_folder(recipe, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert prepare("recipes/small.yaml").sensor.rows == 40
+    assert resolve_recipe("recipes/small.yaml").sensor.rows == 40
     monkeypatch.chdir("/")
-    assert prepare(recipe).sensor == get_sensor(recipe.parent / "cameras" / "mine.yaml")
+    assert resolve_recipe(recipe).sensor == get_sensor(recipe.parent / "cameras" / "mine.yaml")
 
 
 def test_the_content_of_a_sensor_file_decides_and_not_its_name(recipe):
     def fingerprints():
-        work = prepare(recipe)
-        return [fingerprint(work, s, "a stack") for s in work.sequences]
+        work = resolve_recipe(recipe)
+        return [sequence_fingerprint(work, s, "a stack") for s in work.sequences]
 
     before, mine = fingerprints(), recipe.parent / "cameras" / "mine.yaml"
     renamed = mine.rename(mine.with_name("other.yaml"))
@@ -247,7 +247,7 @@ def test_the_content_of_a_sensor_file_decides_and_not_its_name(recipe):
 def test_a_sensor_that_a_recipe_cannot_have_is_told_in_one_line(recipe, old, new, told):
     recipe.write_text(recipe.read_text().replace(old, new))
     with pytest.raises(BadInput, match=told) as caught:
-        prepare(recipe)
+        resolve_recipe(recipe)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
 

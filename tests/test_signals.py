@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from saf_gen.core.signals import SIGNALS, validate_signal
 from saf_gen.errors import BadInput
-from saf_gen.signals import SIGNALS, checked
 
 
 def test_axes_stand_in_the_order_light_focus_time_row_column():
@@ -16,7 +16,7 @@ def test_axes_stand_in_the_order_light_focus_time_row_column():
 
 
 def test_values_are_kept_and_the_dtype_is_the_tables():
-    out = checked("charge", np.ones((2, 3, 4), dtype=np.float64))
+    out = validate_signal("charge", np.ones((2, 3, 4), dtype=np.float64))
     assert out.dtype == np.float32
     assert out.flags.c_contiguous
 
@@ -31,4 +31,4 @@ def test_values_are_kept_and_the_dtype_is_the_tables():
 )
 def test_an_array_that_does_not_fit_is_refused(array, told):
     with pytest.raises(BadInput, match=told):
-        checked("charge", array)
+        validate_signal("charge", array)

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from small import SCENES
 
+from saf_gen.authoring.checks import check_scene
+from saf_gen.authoring.template import create_scene, import_exported_scene
 from saf_gen.camera import get_sensor
-from saf_gen.checks import check_scene
 from saf_gen.errors import BadInput
-from saf_gen.render import variant
-from saf_gen.scene import find_scene, scene_at
-from saf_gen.scene_xml import read_scene_xml
-from saf_gen.skeleton import new_scene, take_over
+from saf_gen.render import backend
+from saf_gen.scene.scene_folder import find_scene, load_scene_folder
+from saf_gen.scene.xml import read_scene_xml
 
-VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 EXPORTED = SCENES / "workbench/scene.xml"
 
 
@@ -29,7 +29,7 @@ def here(tmp_path, monkeypatch):
 def test_a_skeleton_passes_all_checks_as_it_is(here, kind):
     """Before the middle of the vidar_400x250: pixels of its size, but few of them."""
     sensor = get_sensor("vidar_400x250", rows=64, columns=100)
-    written = new_scene("mine", here / "scenes", kind=kind)
+    written = create_scene("mine", here / "scenes", kind=kind)
     assert {p.name for p in written} >= {"scene.yaml", "SOURCE.md"}
     for path in (p for p in written if p.suffix in (".yaml", ".md", ".py", ".xml")):
         assert "NAME" not in path.read_text()
@@ -42,7 +42,7 @@ def test_a_skeleton_passes_all_checks_as_it_is(here, kind):
 
 def test_every_key_of_the_skeletons_is_explained(here):
     for kind in ("script", "xml"):
-        new_scene(f"a_{kind}", here / "scenes", kind=kind)
+        create_scene(f"a_{kind}", here / "scenes", kind=kind)
         lines = (here / f"scenes/a_{kind}/scene.yaml").read_text().splitlines()
         assert sum("#" in line for line in lines) > 12
 
@@ -58,11 +58,11 @@ def test_every_key_of_the_skeletons_is_explained(here):
 )
 def test_a_name_that_cannot_be_is_refused(here, name, told):
     with pytest.raises(BadInput, match=told):
-        new_scene(name, here / "scenes")
+        create_scene(name, here / "scenes")
     assert not (here / "scenes").exists()
 
 
-@pytest.mark.parametrize("begin", [new_scene, lambda *where: take_over(EXPORTED, *where)])
+@pytest.mark.parametrize("begin", [create_scene, lambda *where: import_exported_scene(EXPORTED, *where)])
 def test_nothing_is_overwritten(here, begin):
     folder = here / "scenes/mine"
     folder.mkdir(parents=True)
@@ -74,9 +74,9 @@ def test_nothing_is_overwritten(here, begin):
 
 def test_an_exported_scene_gets_a_card_with_its_own_camera(here):
     """The file's camera is at (0, 0.2, 0.55), sees 18.18 degrees, and looks at the crate's front, z = 0."""
-    take_over(EXPORTED, "bench", here / "scenes")
+    import_exported_scene(EXPORTED, "bench", here / "scenes")
     scene = find_scene("bench")
-    card, hand = scene.card, scene_at(SCENES / "workbench").card
+    card, hand = scene.card, load_scene_folder(SCENES / "workbench").card
     assert card.camera.origin_m == pytest.approx(hand.camera.origin_m, abs=1e-6)
     axes = [np.subtract(c.camera.look_at_m, c.camera.origin_m) for c in (card, hand)]
     assert np.cross(*axes) == pytest.approx(0, abs=1e-6)
@@ -84,10 +84,12 @@ def test_an_exported_scene_gets_a_card_with_its_own_camera(here):
     assert card.target == ("mesh-Crate.001",)
     assert {g: tuple(e) for g, e in card.lights.items()} == {"world": ("World",), "lamp": ("emit-Lamp",)}
     image = float(
-        scene.drive().image_distance(scene.drive().best_position(0.55 / np.cos(np.arctan(0.26875))))
+        scene.build_drive().image_distance(
+            scene.build_drive().best_position(0.55 / np.cos(np.arctan(0.26875)))
+        )
     )
     assert 2 * np.degrees(np.arctan(4e-3 / image)) == pytest.approx(18.180556, rel=2e-3)
-    assert scene.drive().reach_m[0] < 0.57 < scene.drive().reach_m[1]
+    assert scene.build_drive().focusing_range_m[0] < 0.57 < scene.build_drive().focusing_range_m[1]
     folder = here / "scenes/bench"
     assert (folder / "scene.xml").read_bytes() == EXPORTED.read_bytes()
     assert (folder / "meshes/Crate.001.ply").is_file()
@@ -163,7 +165,7 @@ def thin(radius):
 def test_an_export_that_cannot_be_taken_over_is_told(here, edited, pairs, told):
     path = edited(*pairs)
     with pytest.raises(BadInput, match=told) as refused:
-        take_over(path, "bench", here / "scenes")
+        import_exported_scene(path, "bench", here / "scenes")
     assert "\n" not in str(refused.value)
     assert not (here / "scenes").exists()
 
@@ -173,13 +175,13 @@ def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
     """Nothing is left of the first, and nothing that was there is touched."""
     path = edited((FOV, "0.1"))
     if before:
-        new_scene("other", here / "scenes")
+        create_scene("other", here / "scenes")
     kept = sorted(here.rglob("*"))
     with pytest.raises(BadInput, match="no card can have this camera"):
-        take_over(path, "bench", here / "scenes")
+        import_exported_scene(path, "bench", here / "scenes")
     assert sorted(here.rglob("*")) == kept
     path.write_text(path.read_text().replace('value="0.1"', 'value="18"'))
-    written = take_over(path, "bench", here / "scenes")
+    written = import_exported_scene(path, "bench", here / "scenes")
     assert all(p.is_file() for p in written)
     assert {p.relative_to(here).as_posix() for p in written} == {
         p.relative_to(here).as_posix() for p in (here / "scenes/bench").rglob("*") if p.is_file()
@@ -191,7 +193,7 @@ def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
 def test_a_folder_that_cannot_be_written_is_told(here):
     (here / "scenes").write_text("a file")
     with pytest.raises(BadInput, match=r"scenes/mine cannot be written: .*; choose another folder"):
-        new_scene("mine", here / "scenes")
+        create_scene("mine", here / "scenes")
 
 
 def test_linked_files_are_copied_under_the_names_in_the_file(here, edited):
@@ -199,7 +201,7 @@ def test_linked_files_are_copied_under_the_names_in_the_file(here, edited):
     (path.parent / "data").mkdir()
     (path.parent / "meshes/Ball.ply").rename(path.parent / "data/a.ply")
     (path.parent / "meshes/Ball.ply").symlink_to(path.parent / "data/a.ply")
-    take_over(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", here / "scenes")
     folder = here / "scenes/bench"
     assert (folder / "meshes/Ball.ply").read_bytes() == (path.parent / "data/a.ply").read_bytes()
     assert not (folder / "meshes/Ball.ply").is_symlink()
@@ -215,7 +217,7 @@ def test_a_file_that_would_take_the_place_of_the_scenes_own_is_told(here, edited
     shutil.copyfile(SCENES / "workbench/textures/print.png", here / name)
     told = f"export.xml: the scene names a file '{name}', and the copy has another of that name; rename it"
     with pytest.raises(BadInput, match=told):
-        take_over(path, "bench", here / "scenes")
+        import_exported_scene(path, "bench", here / "scenes")
     assert not (here / "scenes").exists()
 
 
@@ -224,7 +226,7 @@ def test_a_file_that_would_take_the_place_of_the_scenes_own_is_told(here, edited
 )
 def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_number):
     """f/(2R), from f/1 on; a pinhole tells nothing, and gets f/2."""
-    take_over(edited(thin(radius)), "bench", here / "scenes")
+    import_exported_scene(edited(thin(radius)), "bench", here / "scenes")
     lens = find_scene("bench").card.lens
     expected = f_number or lens.focal_length_mm / 1000 / (2 * radius)
     assert lens.f_number == pytest.approx(expected, rel=5e-3)  # the card has three digits
@@ -245,9 +247,9 @@ def test_a_focal_length_is_that_of_a_film_of_36_by_24_mm_with_the_same_diagonal_
     path = edited(
         ('<string name="fov_axis" value="x"/>', ""), ('<float name="fov" value="18.180556"/>', words)
     )
-    take_over(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", here / "scenes")
     scene = find_scene("bench")
-    image = float(scene.drive().image_distance(scene.drive().best_position(0.5695)))
+    image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
     across = np.hypot(36, 24) / 2 / focal_mm * 1.6 / np.hypot(1.6, 1)
     assert 4e-3 / image == pytest.approx(across, rel=2e-3)
 
@@ -257,31 +259,33 @@ def test_an_export_without_lamps_is_told(here, edited):
     world = text[text.index("\t<emitter type=") : text.index('\t<shape type="rectangle"')]
     lamp = text[text.index('\t\t<emitter type="area"') : text.index('\t\t<bsdf type="null"')]
     with pytest.raises(BadInput, match="the scene has no lamp; export its lamps, or add one"):
-        take_over(edited((world, ""), (lamp, "")), "bench", here / "scenes")
+        import_exported_scene(edited((world, ""), (lamp, "")), "bench", here / "scenes")
 
 
 @pytest.mark.parametrize(("axis", "across"), [("x", 1.0), ("y", 1.6), ("smaller", 1.6), ("larger", 1.0)])
 def test_the_field_is_that_of_the_files_axis(here, edited, axis, across):
     path = edited(('name="fov_axis" value="x"', f'name="fov_axis" value="{axis}"'))
-    take_over(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", here / "scenes")
     scene = find_scene("bench")
-    image = float(scene.drive().image_distance(scene.drive().best_position(0.5695)))
+    image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
     assert 4e-3 / image == pytest.approx(across * np.tan(np.radians(18.180556) / 2), rel=2e-3)
 
 
 def test_lamps_of_odd_names_make_groups_that_a_card_can_have(here, edited):
     path = edited(('id="World" name="World"', 'id="Key: [1]" name="World"'), ('"emit-Lamp"', '"light_Key 1"'))
-    take_over(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", here / "scenes")
     assert dict(find_scene("bench").card.lights) == {"key_1": ("Key: [1]",), "key_1_2": ("light_Key 1",)}
 
 
 @pytest.mark.parametrize("word", ["geometry", "kind", "choice", "uniform"])
 def test_a_lamp_called_as_no_group_may_be_gets_another(here, edited, word):
     path = edited(('id="World" name="World"', f'id="Light-{word.upper()}" name="World"'))
-    take_over(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", here / "scenes")
     assert find_scene("bench").card.lights[f"{word}_lamp"] == (f"Light-{word.upper()}",)
 
 
 def test_a_lamp_whose_name_yaml_takes_for_a_truth_is_quoted(here, edited):
-    take_over(edited(('id="World" name="World"', 'id="On" name="World"')), "bench", here / "scenes")
+    import_exported_scene(
+        edited(('id="World" name="World"', 'id="On" name="World"')), "bench", here / "scenes"
+    )
     assert find_scene("bench").card.lights["on"] == ("On",)

@@ -4,19 +4,19 @@ import re
 
 import numpy as np
 import pytest
-from rendered import made_scene
+from rendered import write_scene
 
+from saf_gen.authoring.checks import SceneUnderTest, check_slices
+from saf_gen.authoring.checks.slice_interpolation import SliceMismatch, measure_slice_mismatch
 from saf_gen.camera import get_sensor
-from saf_gen.checks import Trial, check_slices
-from saf_gen.checks.slices import Mixed, mixed_at
 from saf_gen.errors import BadInput
-from saf_gen.optics import ImageDistance
-from saf_gen.render import variant
-from saf_gen.scene import find_scene
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.render import backend
+from saf_gen.scene.scene_folder import find_scene
 
-VARIANT = "llvm" if variant.probe().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 SENSOR = get_sensor("vidar_400x250", rows=30, columns=146)
-DRIVE = ImageDistance(0.025, 2.0, (0.6, 0.42))
+DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 FOOTPRINT_M = 20e-6 * 0.5 / float(DRIVE.image_distance(DRIVE.best_position(0.5)))
 PERIOD, SLICES = 7.3, 500  # pixels: 20 periods in the frame, edges on every twentieth of one; a second
 
@@ -36,7 +36,7 @@ def stripes(tmp_path, monkeypatch):
         f" 'filter_type': 'nearest', 'bitmap': {texture}}}}}}}, 'sky': {{'type': 'constant'}}}}"
     )
     lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
-    scene = made_scene(
+    scene = write_scene(
         tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="plane"
     )
     card = scene.folder / "scene.yaml"
@@ -49,7 +49,7 @@ def stripes(tmp_path, monkeypatch):
         card.write_text(
             f"{still}motion: {{plane: {{keyframes: {keyframes}}}}}\nslices_per_s: {slices}\n{more}"
         )
-        return Trial(find_scene("made"), SENSOR, VARIANT)
+        return SceneUnderTest(find_scene("made"), SENSOR, VARIANT)
 
     return moved
 
@@ -59,18 +59,18 @@ def test_the_error_of_stripes_is_the_closed_form(stripes, step):
     """An edge that crosses a box pixel is a ramp a pixel wide. Two of them, d <= 1 apart, mixed and compared
     with one between them differ where the ramps bend, by a triangle: the square adds up to d³/24 of the
     step's square. At two edges a period P: rms = step · √(d³/(12·P))."""
-    error = mixed_at(stripes(step), 0.5)
+    error = measure_slice_mismatch(stripes(step), 0.5)
     expected = 0.6 / 0.5 * np.sqrt(step**3 / (12 * PERIOD))
-    assert error.root(3) - error.root(-3) < 0.2 * expected
-    assert error.root() == pytest.approx(expected, rel=0.03)
+    assert error.rms(3) - error.rms(-3) < 0.2 * expected
+    assert error.rms() == pytest.approx(expected, rel=0.03)
 
 
 def test_a_region_is_that_part_of_the_picture(stripes):
     """Stripes turned by 30 degrees: no two rows or columns are alike."""
-    studio = stripes(30, key="rotate_deg").studio
+    renderer = stripes(30, key="rotate_deg").renderer
     rows, columns = slice(4, 19), slice(31, 97)
     whole, part = (
-        studio.picture(0.46, samples=512, region=region, time_s=1.0)
+        renderer.render_region(0.46, samples=512, region=region, time_s=1.0)
         for region in ((slice(0, 30), slice(0, 146)), (rows, columns))
     )
     assert part.shape == (15, 66)
@@ -80,9 +80,9 @@ def test_a_region_is_that_part_of_the_picture(stripes):
 
 def test_what_does_not_change_has_no_error(stripes):
     """A turn by nothing that lasts a second. Threads may add up a pixel's samples in another order."""
-    error = mixed_at(stripes(0, key="rotate_deg"), 0.5)
-    assert error.root() < 1e-6
-    assert error.root(3) < 1e-3
+    error = measure_slice_mismatch(stripes(0, key="rotate_deg"), 0.5)
+    assert error.rms() < 1e-6
+    assert error.rms(3) < 1e-3
 
 
 def test_noise_is_taken_out():
@@ -91,19 +91,19 @@ def test_noise_is_taken_out():
     random = np.random.default_rng(3)
     clean = np.ones((500, 500))
     pairs = [[level * clean + 0.1 * random.standard_normal(clean.shape) for level in (1.02, 1)] for _ in "12"]
-    error = Mixed.of(*pairs)
-    assert error.scatter == pytest.approx(4e-5, rel=0.05)
-    assert error.square == pytest.approx(0.02**2, abs=4 * 4e-5)
+    error = SliceMismatch.from_pairs(*pairs)
+    assert error.standard_error == pytest.approx(4e-5, rel=0.05)
+    assert error.mean_square == pytest.approx(0.02**2, abs=4 * 4e-5)
 
 
 def test_a_black_picture_has_an_error_that_is_no_number():
     black, grey = np.zeros((4, 4)), np.full((4, 4), 0.5)
-    assert np.isnan(Mixed.of((black, black), (black, black)).square)
-    assert np.isnan(Mixed.of((grey, black), (grey, black)).square)
+    assert np.isnan(SliceMismatch.from_pairs((black, black), (black, black)).mean_square)
+    assert np.isnan(SliceMismatch.from_pairs((grey, black), (grey, black)).mean_square)
 
 
 def test_a_target_out_of_sight_has_none(stripes):
-    assert mixed_at(stripes(20), 1.0) is None  # 10,000 pixels away
+    assert measure_slice_mismatch(stripes(20), 1.0) is None  # 10,000 pixels away
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_a_scene_that_stands_still_or_is_recorded_so_has_nothing_to_check(stripe
     text = card.read_text()
     for gone in ("slices_per_s: .*\n", "motion: .*\n"):
         card.write_text(re.sub(gone, "", text))
-        assert list(check_slices(Trial(find_scene("made"), SENSOR, VARIANT))) == []
+        assert list(check_slices(SceneUnderTest(find_scene("made"), SENSOR, VARIANT))) == []
 
 
 @pytest.mark.parametrize("value", ["0", "1", "a"])

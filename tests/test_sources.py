@@ -8,10 +8,10 @@ import pytest
 from test_own_parts import PARTS
 
 import saf_gen
+from saf_gen.benchmark.method_spec import parse_method
+from saf_gen.core.config.source_digest import source_digests
 from saf_gen.measures import get_measure
-from saf_gen.methods import parse_method
 from saf_gen.searches import get_search
-from saf_gen.sources import sources_of
 
 USES = """\
 {imports}
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import saf_gen.stream
+import saf_gen.stream.stream_file
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ def mine(imports: str, scale: str, late: str = "pass") -> str:
 
 
 def names(*parts: object) -> list[str]:
-    return [name for name, _ in sources_of(map(type, parts))]
+    return [name for name, _ in source_digests(map(type, parts))]
 
 
 def code_of(spec: str, folder: Path) -> str:
     """The digest of a method as another process sees it, which finds modules in ``folder`` too."""
     run = f"import sys; sys.path.insert(0, {str(folder)!r})\n"
-    run += f"from saf_gen.methods import parse_method\nprint(parse_method({spec!r}).code)"
+    run += f"from saf_gen.benchmark.method_spec import parse_method\nprint(parse_method({spec!r}).code)"
     done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=True, cwd=folder)
     return done.stdout.strip()
 
@@ -148,7 +148,7 @@ def test_ours_are_their_room_and_not_the_package():
         "saf_gen/measures/_counts.py",
         "saf_gen/measures/_moments.py",
         "saf_gen/measures/sd_code.py",
-        "saf_gen/searches/_golden.py",
+        "saf_gen/searches/_golden_narrowing.py",
         "saf_gen/searches/egs_code.py",
     ]
 
@@ -188,4 +188,4 @@ def test_a_helper_that_is_not_python_counts_by_its_text(folder):
 def test_a_part_without_a_file_is_named_by_its_module():
     made: dict[str, object] = {"__name__": "src_nowhere"}
     exec("class Part: pass", made)
-    assert sources_of([made["Part"]]) == [["src_nowhere", ""]]
+    assert source_digests([made["Part"]]) == [["src_nowhere", ""]]

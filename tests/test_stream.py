@@ -16,10 +16,10 @@ import h5py
 import numpy as np
 import pytest
 
-from saf_gen import slabs
-from saf_gen.bits import pack
+from saf_gen.core.bits import pack
 from saf_gen.errors import BadInput
-from saf_gen.stream import Metadata, StreamWriter, Truth, open_stream, write_stream
+from saf_gen.stream import time_blocks
+from saf_gen.stream.stream_file import Metadata, StreamWriter, Truth, open_stream, write_stream
 
 DOCS = Path(__file__).parents[1] / "docs" / "file-layout.md"
 
@@ -42,11 +42,11 @@ def full_metadata(count, rows=6, columns=9):
     }
 
 
-def small_slabs(monkeypatch):
+def small_time_blocks(monkeypatch):
     """Many chunks from little data: 2 rows and 8 bytes (64 frames) each."""
-    monkeypatch.setattr(slabs, "SLAB", 8)
-    monkeypatch.setattr(slabs, "_CHUNK", 2 * 9 * 8)
-    monkeypatch.setattr(slabs, "_KEPT", 0)
+    monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
+    monkeypatch.setattr(time_blocks, "_CHUNK_BYTES", 2 * 9 * 8)
+    monkeypatch.setattr(time_blocks, "_CACHE_BYTES", 0)
 
 
 @pytest.mark.parametrize("count", [1, 8, 63, 64, 2_000, 2_001, 4_013])
@@ -66,7 +66,7 @@ def test_frames_counts_and_bytes_come_back(tmp_path, count):
 
 
 def test_any_window_and_region_equals_slicing(tmp_path, monkeypatch):
-    small_slabs(monkeypatch)
+    small_time_blocks(monkeypatch)
     frames = random_frames(333)
     packed = pack(frames)
     write_stream(tmp_path / "a.h5", frames)
@@ -85,7 +85,7 @@ def test_any_window_and_region_equals_slicing(tmp_path, monkeypatch):
 
 
 def test_a_sweep_of_windows_equals_slicing(tmp_path, monkeypatch):
-    small_slabs(monkeypatch)
+    small_time_blocks(monkeypatch)
     frames = random_frames(1_000)
     write_stream(tmp_path / "a.h5", frames)
     with open_stream(tmp_path / "a.h5") as stream:
@@ -95,18 +95,18 @@ def test_a_sweep_of_windows_equals_slicing(tmp_path, monkeypatch):
 
 def chunks_read(stream, monkeypatch):
     """The chunks that a stream reads from now on: (first row, first byte)."""
-    seen, read = [], stream._slabs._read
+    seen, read = [], stream._time_blocks._read
     monkeypatch.setattr(
-        stream._slabs, "_read", lambda top, start: seen.append((top, start)) or read(top, start)
+        stream._time_blocks, "_read", lambda top, start: seen.append((top, start)) or read(top, start)
     )
     return seen
 
 
 def test_a_stream_that_fits_in_memory_is_inflated_once(tmp_path, monkeypatch):
-    small_slabs(monkeypatch)
+    small_time_blocks(monkeypatch)
     write_stream(tmp_path / "a.h5", random_frames(640))
     for kept, most in ((10 * 6 * 9 * 8, 30), (0, 60)):
-        monkeypatch.setattr(slabs, "_KEPT", kept)
+        monkeypatch.setattr(time_blocks, "_CACHE_BYTES", kept)
         with open_stream(tmp_path / "a.h5") as stream:
             seen = chunks_read(stream, monkeypatch)
             for _ in range(2):
@@ -115,7 +115,7 @@ def test_a_stream_that_fits_in_memory_is_inflated_once(tmp_path, monkeypatch):
 
 
 def test_a_region_leaves_other_chunks_alone(tmp_path, monkeypatch):
-    small_slabs(monkeypatch)
+    small_time_blocks(monkeypatch)
     write_stream(tmp_path / "a.h5", random_frames(640))
     with open_stream(tmp_path / "a.h5") as stream:
         seen = chunks_read(stream, monkeypatch)
@@ -369,7 +369,7 @@ def test_an_exception_leaves_neither_file_nor_temporary_and_keeps_the_old_one(tm
 def test_a_killed_writer_leaves_no_file_of_that_name(tmp_path):
     script = f"""
 import numpy as np, time
-from saf_gen.stream import StreamWriter
+from saf_gen.stream.stream_file import StreamWriter
 with StreamWriter({str(tmp_path / "a.h5")!r}, shape=(8000, 20, 20)) as writer:
     writer.write(np.zeros((20, 20, 500), np.uint8))
     print("half", flush=True)
@@ -388,7 +388,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
 import resource, signal
 import numpy as np
 from saf_gen.errors import BadInput
-from saf_gen.stream import write_stream
+from saf_gen.stream.stream_file import write_stream
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 frames = np.random.default_rng(0).integers(0, 2, (4_000, 40, 40), np.uint8)
@@ -447,9 +447,9 @@ def test_a_folder_that_may_not_be_written_is_told(tmp_path):
 
 
 def test_what_the_disk_changed_is_found_before_the_rename(tmp_path, monkeypatch):
-    kept = slabs.deflated
-    monkeypatch.setattr(slabs, "checksum", lambda data: len(data) + 1 if isinstance(data, bytes) else 0)
-    monkeypatch.setattr(slabs, "deflated", lambda block, chunk: bytearray(kept(block, chunk)))
+    kept = time_blocks.deflate_chunk
+    monkeypatch.setattr(time_blocks, "checksum", lambda data: len(data) + 1 if isinstance(data, bytes) else 0)
+    monkeypatch.setattr(time_blocks, "deflate_chunk", lambda block, chunk: bytearray(kept(block, chunk)))
     with pytest.raises(BadInput, match="what was read back is not what was written; check the disk"):
         write_stream(tmp_path / "a.h5", np.ones((8, 1, 1)))
     assert not list(tmp_path.iterdir())
@@ -583,7 +583,7 @@ def test_the_example_in_the_docs_runs(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("what", ["write", "count", "verify"])
 def test_memory_does_not_grow_with_time(tmp_path, monkeypatch, what):
-    monkeypatch.setattr(slabs, "_KEPT", 0)
+    monkeypatch.setattr(time_blocks, "_CACHE_BYTES", 0)
     slab = pack(random_frames(2_000, 40, 40))
     peaks = []
     for count in (10, 40):

@@ -6,8 +6,8 @@ from scipy.ndimage import gaussian_filter
 from test_photon_aware import BOARD, CONTRAST, halves_of
 
 from saf_gen import encode, get_measure, get_sensor
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.seeds import generator
 
 
 def slow(halves, frames, *, longest=8, dark=0.0045, dark_rms=0.48):
@@ -32,7 +32,7 @@ def slow(halves, frames, *, longest=8, dark=0.0045, dark_rms=0.48):
 @pytest.mark.parametrize("shape", [(7, 11), (1, 6), (5, 1), (20, 3)])
 @pytest.mark.parametrize("options", [{}, {"longest": 1}, {"longest": 5, "dark": 0.01, "dark_rms": 0.1}])
 def test_it_is_the_formula(shape, options):
-    halves = generator("structure").poisson(6, (2, *shape)).astype(np.uint32)
+    halves = make_generator("structure").poisson(6, (2, *shape)).astype(np.uint32)
     score = get_measure("structure_calibrated", **options)(halves, frames=101)
     assert score == pytest.approx(slow(halves, 101, **options), rel=1e-12)
 
@@ -76,7 +76,7 @@ def test_in_the_dark_there_is_no_structure():
 
 def test_every_octave_has_the_same_say_where_there_are_sharp_edges():
     """Edges farther apart than the longest length, at random: 2,000 columns, 60 edges, one seed."""
-    random = generator("edges")
+    random = make_generator("edges")
     field = np.ones(2000)
     for k, at in enumerate(np.cumsum(random.integers(20, 46, 60))):
         field[at:] = 1 + 0.3 * (k % 2)
@@ -88,7 +88,7 @@ def test_every_octave_has_the_same_say_where_there_are_sharp_edges():
 
 def test_blur_takes_more_of_it_than_of_the_variance():
     """A random field of spectrum 1/f², blurred by 2 px: four times as much is left of the variance."""
-    white = generator("nature").standard_normal((128, 128))
+    white = make_generator("nature").standard_normal((128, 128))
     waves = np.hypot(*np.meshgrid(np.fft.fftfreq(128), np.fft.fftfreq(128)))
     scene = np.fft.ifft2(np.fft.fft2(white) / np.maximum(waves, 1 / 128)).real
     scene = 20 * (1 + 0.2 * scene / scene.std())

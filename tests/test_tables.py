@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from saf_gen.core.csv_table import parse_columns, read_text_beside
 from saf_gen.errors import BadInput
-from saf_gen.tables import columns, text_beside
 
 NAMES = ("time_s", "gain")
 
@@ -21,7 +21,7 @@ def folder(tmp_path):
 
 
 def test_a_table_is_its_columns():
-    times, gains = columns("time_s, gain\n0, 1\n\n# a pause\n0.5, 1e-3\n", NAMES, name="t.csv")
+    times, gains = parse_columns("time_s, gain\n0, 1\n\n# a pause\n0.5, 1e-3\n", NAMES, name="t.csv")
     assert times.dtype == gains.dtype == np.float64
     assert times.tolist() == [0, 0.5]
     assert gains.tolist() == [1, 1e-3]
@@ -30,17 +30,17 @@ def test_a_table_is_its_columns():
 
 def test_the_ways_of_spreadsheets_are_read(folder):
     (folder / "excel.csv").write_bytes(b"\xef\xbb\xbftime_s,gain\r\n0,1\r\n1,2\r\n")
-    assert columns(text_beside(folder, "excel.csv"), NAMES, name="excel.csv")[1].tolist() == [1, 2]
+    assert parse_columns(read_text_beside(folder, "excel.csv"), NAMES, name="excel.csv")[1].tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("name", ["lamp.csv", "./lamp.csv", "curves/dusk.csv", "curves/../lamp.csv"])
 def test_a_file_in_the_folder_or_below_it_is_read(folder, name):
-    assert text_beside(folder, name).startswith("time_s,gain")
+    assert read_text_beside(folder, name).startswith("time_s,gain")
 
 
 def test_the_folder_itself_may_be_reached_by_a_link(folder, tmp_path):
     (tmp_path / "link").symlink_to(folder)
-    assert text_beside(tmp_path / "link", "lamp.csv").startswith("time_s")
+    assert read_text_beside(tmp_path / "link", "lamp.csv").startswith("time_s")
 
 
 @pytest.mark.parametrize(
@@ -51,28 +51,28 @@ def test_a_path_that_leads_out_is_refused(folder, name):
     with pytest.raises(
         BadInput, match=r"r.yaml:3: '.*' lies outside the folder.*; allowed: a file in"
     ) as caught:
-        text_beside(folder, name, where="r.yaml:3")
+        read_text_beside(folder, name, where="r.yaml:3")
     assert "secret" not in str(caught.value)
 
 
 def test_a_missing_file_is_told_with_the_nearest(folder):
     with pytest.raises(BadInput, match=r"'lampp.csv' does not exist; .*did you mean 'lamp.csv'\?"):
-        text_beside(folder, "lampp.csv")
+        read_text_beside(folder, "lampp.csv")
     with pytest.raises(BadInput, match=r"did you mean 'curves/dusk.csv'\?"):
-        text_beside(folder, "curves/dusc.csv")
+        read_text_beside(folder, "curves/dusc.csv")
 
 
 def test_a_file_that_is_no_text_or_too_large_is_refused(folder):
     (folder / "picture.csv").write_bytes(b"\x89PNG\xff\xfe")
     with pytest.raises(BadInput, match="'picture.csv' cannot be read"):
-        text_beside(folder, "picture.csv")
+        read_text_beside(folder, "picture.csv")
     with pytest.raises(BadInput, match="'curves' cannot be read"):
-        text_beside(folder, "curves")
+        read_text_beside(folder, "curves")
     (folder / "long.csv").write_bytes(b"0" * ((4 << 20) + 1))
     with pytest.raises(
         BadInput, match=r"'long.csv' has 4194305 bytes; allowed: at most 4194304; thin it out"
     ):
-        text_beside(folder, "long.csv")
+        read_text_beside(folder, "long.csv")
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_a_file_that_is_no_text_or_too_large_is_refused(folder):
 )
 def test_a_table_that_does_not_fit_is_told_by_line(text, told):
     with pytest.raises(BadInput, match=told) as caught:
-        columns(text, NAMES, name="t.csv")
+        parse_columns(text, NAMES, name="t.csv")
     assert "\n" not in str(caught.value)
 
 
@@ -103,10 +103,10 @@ def test_a_link_in_a_circle_is_told(folder):
     (folder / "round.csv").symlink_to(folder / "and.csv")
     (folder / "and.csv").symlink_to(folder / "round.csv")
     with pytest.raises(BadInput, match=r"r.yaml:3: 'round.csv' cannot be followed: ") as caught:
-        text_beside(folder, "round.csv", where="r.yaml:3")
+        read_text_beside(folder, "round.csv", where="r.yaml:3")
     assert "\n" not in str(caught.value)
 
 
 def test_a_name_that_no_file_can_have_is_told(folder):
     with pytest.raises(BadInput, match=r"'a\\x00b.csv' cannot be followed: embedded null byte"):
-        text_beside(folder, "a\0b.csv")
+        read_text_beside(folder, "a\0b.csv")

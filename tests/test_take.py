@@ -3,23 +3,23 @@
 import json
 import shutil
 
+import capture_dataset
 import h5py
 import numpy as np
 import pytest
-import take_dataset
 
 import saf_gen
-from saf_gen.actuators import get_actuator
-from saf_gen.contest.jobs import jobs_of
-from saf_gen.contest.setting import Setting
-from saf_gen.contest.terms import Terms
+from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.tracks.sequence_tasks import list_sequence_tasks
+from saf_gen.benchmark.view import WindowCounts
+from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_to_encode
 from saf_gen.errors import BadInput
-from saf_gen.generate import generate
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
 from saf_gen.motions import readout_positions
-from saf_gen.rig import Counts
-from saf_gen.rig.film import Film, rows_of
-from saf_gen.take import Take
-from saf_gen.work import prepare
+from saf_gen.optics.actuators import get_actuator
+from saf_gen.stack.capture import Capture
 
 pytestmark = pytest.mark.slow
 
@@ -27,28 +27,28 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-        yield take_dataset.make(tmp_path_factory.mktemp("take"), patch)
+        yield capture_dataset.make_dataset(tmp_path_factory.mktemp("take"), patch)
 
 
 @pytest.mark.parametrize("name", ["plane-constant-00", "plane-lamp_only-00", "plane-dynamic-lamp_only-00"])
 @pytest.mark.parametrize("region", [(slice(0, 40), slice(0, 64)), (slice(7, 22), slice(5, 60))])
 def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
-        take = Take.of(stream, dataset / "stacks")
+        take = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
         position = readout_positions(motion, take.frames, stream.readout_hz)
-        film = Film(take, take.exposed(rows_of(take, region)), region)
+        film = CapturedFrames(take, take.open_charge_source(rows_to_encode(take, region)), region)
         for stop in (8, 96, 800):  # whatever the pieces
-            film.develop(stop, position)
+            film.encode_until(stop, position)
         for first, last in ((0, 800), (3, 5), (90, 210)):
             assert np.array_equal(film.window(first, last), stream.counts(first, last, region))
 
 
 def test_another_lens_sees_other_spikes(dataset):
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
-        take = Take.of(stream, dataset / "stacks")
-        film = Film(take, take.exposed(), (slice(0, 40), slice(0, 64)))
-        film.develop(800, np.full(800, 0.9))
+        take = Capture.from_stream(stream, dataset / "stacks")
+        film = CapturedFrames(take, take.open_charge_source(), (slice(0, 40), slice(0, 64)))
+        film.encode_until(800, np.full(800, 0.9))
         assert not np.array_equal(film.window(0, 100), stream.counts(0, 100))
 
 
@@ -59,7 +59,7 @@ def test_a_stream_that_somebody_wrote_cannot_be_filmed_again(tmp_path):
         saf_gen.open_stream(path) as stream,
         pytest.raises(BadInput, match=r"does not tell how to film it again.*use --track recorded"),
     ):
-        Take.of(stream, tmp_path)
+        Capture.from_stream(stream, tmp_path)
 
 
 def test_without_its_stacks_it_cannot_be_filmed_again(dataset, tmp_path):
@@ -67,7 +67,7 @@ def test_without_its_stacks_it_cannot_be_filmed_again(dataset, tmp_path):
         saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream,
         pytest.raises(BadInput, match=r"there is no focal stack plane-.*keep stacks/ beside the streams"),
     ):
-        Take.of(stream, tmp_path)
+        Capture.from_stream(stream, tmp_path)
 
 
 def test_other_stacks_are_refused(dataset, tmp_path):
@@ -80,7 +80,7 @@ def test_other_stacks_are_refused(dataset, tmp_path):
         saf_gen.open_stream(path) as stream,
         pytest.raises(BadInput, match="are not those it was made from"),
     ):
-        Take.of(stream, tmp_path / "copy" / "stacks")
+        Capture.from_stream(stream, tmp_path / "copy" / "stacks")
 
 
 def test_a_note_that_tells_of_another_stack_is_refused(dataset, tmp_path):
@@ -91,25 +91,25 @@ def test_a_note_that_tells_of_another_stack_is_refused(dataset, tmp_path):
         said["spec"]["samples"] += 1
         note.write_text(json.dumps(said))
         with pytest.raises(BadInput, match="tells of another stack"):
-            Take.of(stream, tmp_path / "stacks")
+            Capture.from_stream(stream, tmp_path / "stacks")
 
 
 def test_slices_of_the_passed_positions_alone_are_refused(tmp_path, monkeypatch):
-    recipe = take_dataset.RECIPE.replace(", whole_slices: true", "").replace("lamp_only]", "constant]", 1)
+    recipe = capture_dataset.RECIPE.replace(", whole_slices: true", "").replace("lamp_only]", "constant]", 1)
     recipe = recipe.replace(
         "[constant, constant], scene_motion: [static, dynamic]", "[constant], scene_motion: [dynamic]"
     )
-    folder = take_dataset.make(tmp_path, monkeypatch, recipe)
+    folder = capture_dataset.make_dataset(tmp_path, monkeypatch, recipe)
     with (
         saf_gen.open_stream(folder / "test" / "plane-dynamic-constant-00.h5") as stream,
         pytest.raises(
             BadInput, match=r"only the positions that the recorded sweep passed.*whole_slices: SECONDS"
         ),
     ):
-        Take.of(stream, folder / "stacks")
+        Capture.from_stream(stream, folder / "stacks")
 
 
-BEGINNING = take_dataset.RECIPE.replace("[static, dynamic]", "[dynamic]").replace(
+BEGINNING = capture_dataset.RECIPE.replace("[static, dynamic]", "[dynamic]").replace(
     "lights: [constant, lamp_only]", "lights: [lamp_only]"
 )
 
@@ -117,37 +117,37 @@ BEGINNING = take_dataset.RECIPE.replace("[static, dynamic]", "[dynamic]").replac
 def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
     """20 of 40 ms. The recording is that of a recipe without them; they may be rendered later."""
     without = BEGINNING.replace(", whole_slices: true", "")
-    folder = take_dataset.make(tmp_path, monkeypatch, without)
+    folder = capture_dataset.make_dataset(tmp_path, monkeypatch, without)
     path = folder / "test" / "plane-dynamic-lamp_only-00.h5"
     before = path.read_bytes()
     (tmp_path / "takes.yaml").write_text(BEGINNING.replace("whole_slices: true", "whole_slices: 0.02"))
-    outcome = generate(prepare(tmp_path / "takes.yaml"), folder, variant=take_dataset.VARIANT)
+    outcome = generate(resolve_recipe(tmp_path / "takes.yaml"), folder, variant=capture_dataset.VARIANT)
     assert (outcome.kept, outcome.recorded) == (["plane-dynamic-lamp_only-00"], [])
     assert len(outcome.rendered) == 6 * 3
     assert all("plane, dynamic, all positions" in piece for piece in outcome.rendered)
     assert path.read_bytes() == before
     region = slice(0, 40), slice(0, 64)
     with saf_gen.open_stream(path) as stream:
-        take = Take.of(stream, folder / "stacks")
+        take = Capture.from_stream(stream, folder / "stacks")
         assert (take.frames, len(take.gain)) == (400, 800)
-        assert [spec.rendered for spec in take.footage.reel.specs] == [9] * 6
-        film = Film(take, take.exposed(), region)
+        assert [spec.rendered_count for spec in take.plane_source.time_stack.specs] == [9] * 6
+        film = CapturedFrames(take, take.open_charge_source(), region)
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        film.develop(400, readout_positions(motion, 800, stream.readout_hz))
+        film.encode_until(400, readout_positions(motion, 800, stream.readout_hz))
         # The same light, through other paths: as many spikes, not the same ones.
         assert film.window(0, 400).mean() == pytest.approx(stream.counts(0, 400, region).mean(), rel=0.01)
-        assert Terms(get_actuator("voice_coil")).frames(take)[0] == 400
+        assert ClosedLoopProtocol(get_actuator("voice_coil")).frames(take)[0] == 400
         allowed = r"0\.8 to 20 ms, as long as its time slices hold all focus positions"
         with pytest.raises(BadInput, match=f"a budget of 30 ms.*{allowed}"):
-            Terms(get_actuator("voice_coil"), budget_s=0.03).frames(take)
-        (job,) = jobs_of(folder, None, None)
-        setting = Setting.of(job, stream, "target")
+            ClosedLoopProtocol(get_actuator("voice_coil"), budget_s=0.03).frames(take)
+        (job,) = list_sequence_tasks(folder, None, None)
+        setting = ClosedLoopSequence.from_stream(job, stream, "target")
         assert setting.data != stream.content_sha256
-        note = next((folder / "stacks" / take.footage.reel.specs[0].key).glob("lamp.json"))
+        note = next((folder / "stacks" / take.plane_source.time_stack.specs[0].key).glob("lamp.json"))
         note.write_text(note.read_text().replace('"sha256": "', '"sha256": "0'))
-        assert Setting.of(job, stream, "target").data != setting.data
-        shutil.rmtree(folder / "stacks" / take.footage.reel.specs[3].key)
-        assert Take.of(stream, folder / "stacks").frames == 160
+        assert ClosedLoopSequence.from_stream(job, stream, "target").data != setting.data
+        shutil.rmtree(folder / "stacks" / take.plane_source.time_stack.specs[3].key)
+        assert Capture.from_stream(stream, folder / "stacks").frames == 160
 
 
 @pytest.mark.parametrize(
@@ -156,19 +156,21 @@ def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
 )
 def test_no_more_is_filmed_than_was_recorded(tmp_path, monkeypatch, whole_s, frames, stacks):
     recipe = BEGINNING.replace("whole_slices: true", f"whole_slices: {whole_s}")
-    folder = take_dataset.make(tmp_path, monkeypatch, recipe.replace("slice_samples: 16", "slice_samples: 1"))
+    folder = capture_dataset.make_dataset(
+        tmp_path, monkeypatch, recipe.replace("slice_samples: 16", "slice_samples: 1")
+    )
     assert len(list((folder / "stacks").iterdir())) == stacks
     with saf_gen.open_stream(folder / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
-        assert Take.of(stream, folder / "stacks").frames == frames
+        assert Capture.from_stream(stream, folder / "stacks").frames == frames
 
 
 def test_halves_and_intervals_are_those_of_a_recording(dataset):
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
-        take = Take.of(stream, dataset / "stacks")
+        take = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        film = Film(take, take.exposed(), (slice(0, 40), slice(0, 64)))
-        film.develop(800, readout_positions(motion, take.frames, stream.readout_hz))
-        counts = Counts(stream)
+        film = CapturedFrames(take, take.open_charge_source(), (slice(0, 40), slice(0, 64)))
+        film.encode_until(800, readout_positions(motion, take.frames, stream.readout_hz))
+        counts = WindowCounts(stream)
         for first, last in ((0, 800), (3, 61)):
             assert np.array_equal(film.halves(first, last), counts.halves(first, last))
             assert np.array_equal(film.intervals(first, last), counts.intervals(first, last))

@@ -3,21 +3,21 @@
 import math
 from pathlib import Path
 
+import capture_dataset
 import numpy as np
 import pytest
-import take_dataset
 
-from saf_gen import actuators
-from saf_gen.actuators import Lens, actuator_names, get_actuator
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.records import read_records
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.camera import get_sensor
 from saf_gen.cli import main
-from saf_gen.contest.terms import Terms
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import evaluate
-from saf_gen.leaderboard import merged
-from saf_gen.records import read_records
-from saf_gen.stream import Truth
-from saf_gen.take import Take
+from saf_gen.leaderboard import merge_records
+from saf_gen.optics import actuators
+from saf_gen.optics.actuators import ActuatedLens, actuator_names, get_actuator
+from saf_gen.stack.capture import Capture
+from saf_gen.stream.stream_file import Truth
 
 PRESETS = Path(actuators.__file__).parent / "presets"
 STEPPER = 5151  # frames: 1 ms until a command is in force, 250 ms from end to end, 6.5 for the lens to follow
@@ -27,16 +27,16 @@ STEPPER_RESTS = 3040  # until it rests at an end, from the middle
 def recorded(frames):
     """A take of so many frames at 20 kHz; nobody looks at what was before the lens."""
     gain = np.ones((frames, 1), np.float32)
-    return Take(None, get_sensor("vidar_400x250"), gain, 1.0, 1, 1, Truth(), len(gain))
+    return Capture(None, get_sensor("vidar_400x250"), gain, 1.0, 1, 1, Truth(), len(gain))
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     """One sequence of 40 ms."""
-    head = take_dataset.RECIPE.split("splits:")[0]
+    head = capture_dataset.RECIPE.split("splits:")[0]
     recipe = head + "splits:\n  test: {scenes: [plane], lights: [constant]}\n"
     with pytest.MonkeyPatch.context() as patch:
-        yield take_dataset.make(tmp_path_factory.mktemp("terms"), patch, recipe)
+        yield capture_dataset.make_dataset(tmp_path_factory.mktemp("terms"), patch, recipe)
 
 
 @pytest.mark.parametrize(
@@ -54,16 +54,16 @@ def dataset(tmp_path_factory):
     ],
 )
 def test_the_usual_sweep_is_half_the_budget_or_what_the_drive_needs(name, frames, given, expected):
-    terms, take = Terms(get_actuator(name), **given), recorded(frames)
+    terms, take = ClosedLoopProtocol(get_actuator(name), **given), recorded(frames)
     terms.check_sweep(take)
-    assert terms.frames(take) == expected
+    assert terms.count_frames(take) == expected
 
 
 def test_a_drive_needs_its_latency_its_way_from_end_to_end_and_the_lens_that_follows():
     drive = get_actuator("hand")
-    _, sweep = Terms(drive).frames(recorded(60_000))
+    _, sweep = ClosedLoopProtocol(drive).count_frames(recorded(60_000))
     assert sweep == 30_000
-    _, sweep = Terms(drive).frames(recorded(55_000))
+    _, sweep = ClosedLoopProtocol(drive).count_frames(recorded(55_000))
     follows = (math.pi + 6 * drive.damping) / (2 * math.pi * drive.resonance_hz)
     seconds = drive.latency_s + drive.speed**-1 + drive.speed / drive.acceleration + follows
     assert sweep == math.ceil(seconds * 20_000)
@@ -73,14 +73,14 @@ def test_a_drive_needs_its_latency_its_way_from_end_to_end_and_the_lens_that_fol
 def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name):
     """A lens at the middle of the travel is farthest from an end. Half the play is out of reach."""
     drive = get_actuator(name, place_rms=0)
-    terms = Terms(drive)
+    terms = ClosedLoopProtocol(drive)
     before, sweep = (terms._to_begin(20_000), terms._end_to_end(20_000))
     for start in (0.0, 0.2, 0.5):
-        lens = Lens(drive, start=start, readout_hz=20_000, seed=1)
+        lens = ActuatedLens(drive, start=start, readout_hz=20_000, seed=1)
         lens.command(0.0)
         lens.run(before)
-        assert lens.settled(1e-3)
-        led = drive.led_s(sweep / 20_000) * 20_000
+        assert lens.is_settled(1e-3)
+        led = drive.command_sweep_s(sweep / 20_000) * 20_000
         for frame in range(0, sweep, 8):
             lens.command(min((frame + 8) / led, 1.0))
             places = lens.run(8)
@@ -89,7 +89,7 @@ def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name
 
 def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
     slow = get_actuator("stepper", speed=1e-3, acceleration=1e-3, resonance_hz=0.1, damping=0.05)
-    assert 500 < Terms(slow)._to_begin(1000) / 1000 < 2000
+    assert 500 < ClosedLoopProtocol(slow)._to_begin(1000) / 1000 < 2000
 
 
 @pytest.mark.parametrize(
@@ -128,8 +128,8 @@ def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
     ],
 )
 def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, given, message):
-    terms, take = Terms(get_actuator(name), **given), recorded(frames)
-    terms.frames(take)  # for methods that command the lens it is well
+    terms, take = ClosedLoopProtocol(get_actuator(name), **given), recorded(frames)
+    terms.count_frames(take)  # for methods that command the lens it is well
     with pytest.raises(BadInput, match=message) as caught:
         terms.check_sweep(take)
     assert "\n" not in str(caught.value)
@@ -140,8 +140,8 @@ def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, given,
 @pytest.mark.parametrize("name", ["budget", "sweep"])
 def test_times_that_no_recording_could_keep_are_refused(name, value):
     with pytest.raises(BadInput, match=rf"^the {name} is .* s; allowed: seconds, above 0, at most 86400$"):
-        Terms(get_actuator("ideal"), **{f"{name}_s": value})
-    Terms(get_actuator("ideal"), **{f"{name}_s": 86_400})
+        ClosedLoopProtocol(get_actuator("ideal"), **{f"{name}_s": value})
+    ClosedLoopProtocol(get_actuator("ideal"), **{f"{name}_s": 86_400})
 
 
 @pytest.mark.parametrize("option", ["--budget", "--sweep"])
@@ -166,12 +166,12 @@ def test_an_enormous_time_is_refused_in_one_line(dataset, tmp_path, capsys, opti
     ],
 )
 def test_records_say_the_terms_in_one_line(name, frames, given, said):
-    assert Terms(get_actuator(name), **given).describe(recorded(frames)) == said
+    assert ClosedLoopProtocol(get_actuator(name), **given).describe(recorded(frames)) == said
 
 
 def test_records_tell_a_drive_of_ones_own_from_the_preset_of_its_name():
-    own = Terms(get_actuator("voice_coil", damping=1.0)).describe(recorded(4000))
-    other = Terms(get_actuator("voice_coil", damping=0.9)).describe(recorded(4000))
+    own = ClosedLoopProtocol(get_actuator("voice_coil", damping=1.0)).describe(recorded(4000))
+    other = ClosedLoopProtocol(get_actuator("voice_coil", damping=0.9)).describe(recorded(4000))
     assert own.startswith("voice_coil (own, ")
     assert own.endswith("), 200 ms, sweep 100 ms")
     assert own != other
@@ -182,11 +182,11 @@ def test_methods_with_drives_of_one_name_and_other_numbers_do_not_merge(dataset,
     text = (PRESETS / "voice_coil.yaml").read_text(encoding="utf-8")
     mine.write_text(text.replace("damping: 0.10 ", "damping: 1.0 "), encoding="utf-8")
     ours, theirs = (
-        evaluate(dataset, methods=[method], terms=Terms(get_actuator(drive))).records
+        evaluate(dataset, methods=[method], protocol=ClosedLoopProtocol(get_actuator(drive))).records
         for method, drive in (("sd+golden_section", "voice_coil"), ("sd+fibonacci", mine))
     )
     with pytest.raises(BadInput, match=r"the terms of .* differ: voice_coil, 40 ms.*, voice_coil \(own, "):
-        merged({"runs/a": ours, "runs/b": theirs})
+        merge_records({"runs/a": ours, "runs/b": theirs})
 
 
 def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(dataset, tmp_path, capsys):
@@ -206,9 +206,9 @@ def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(dataset, tmp_pat
 
 def test_a_drive_too_slow_for_half_the_budget_sweeps_from_end_to_end(dataset):
     """25 ms from end to end, of 40. The whole travel is looked at."""
-    slow = Terms(get_actuator("ideal", speed=1 / 0.025))
-    result = evaluate(dataset, methods=["sd+argmax"], terms=slow)
-    (record,), (way,) = result.records, result.paths
+    slow = ClosedLoopProtocol(get_actuator("ideal", speed=1 / 0.025))
+    result = evaluate(dataset, methods=["sd+argmax"], protocol=slow)
+    (record,), (way,) = result.records, result.lens_paths
     assert record.terms.endswith(", 40 ms, sweep 25.05 ms")
     assert record.status == "answered"
     seen = way.position[way.seconds < record.frames_seen / 20_000]

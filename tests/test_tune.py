@@ -7,15 +7,15 @@ import pytest
 from sweeps import write_sweep
 from test_own_parts import PARTS
 
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.method_spec import parse_method
+from saf_gen.benchmark.tuned_method import format_tuned_method, read_tuned_method
 from saf_gen.cli import main
-from saf_gen.dataset import Manifest, SequenceEntry, write_manifest
 from saf_gen.errors import BadInput
-from saf_gen.evaluate import evaluate
-from saf_gen.leaderboard import table
-from saf_gen.methods import parse_method
-from saf_gen.report import write_evaluation
-from saf_gen.tune import MOST, tune, variants
-from saf_gen.tuned import read_tuned, tuned_text
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.report import write_evaluation
+from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_parameter_grid, tune
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +36,14 @@ def dataset(tmp_path_factory):
 
 
 def test_variants_are_every_combination_beside_the_options_that_stay():
-    assert variants("cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}) == [
+    assert expand_parameter_grid(
+        "cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}
+    ) == [
         "cen:highest=0.1+argmax:window=50,refine=parabola",
         "cen:highest=0.1+argmax:window=50,refine=no",
     ]
     values = {"measure.highest": ["0.1", "0.2"], "search.window": ["50", "100", "200"]}
-    found = variants("cen+argmax", values)
+    found = expand_parameter_grid("cen+argmax", values)
     assert len(set(found)) == 6
     assert found[1] == "cen:highest=0.1+argmax:window=100"
 
@@ -53,14 +55,17 @@ def test_variants_are_every_combination_beside_the_options_that_stay():
         ({"window": ["5"]}, r"--try 'window'; allowed: measure\.KEY"),
         ({"searches.window": ["5"]}, r"--try 'searches\.window'"),
         ({"search.window": ["5", ""]}, "an empty value"),
-        ({"search.window": ["5"] * (MOST + 1)}, f"{MOST + 1} combinations; allowed: at most {MOST}"),
+        (
+            {"search.window": ["5"] * (MAX_COMBINATIONS + 1)},
+            f"{MAX_COMBINATIONS + 1} combinations; allowed: at most {MAX_COMBINATIONS}",
+        ),
         ({"search.windw": ["5"]}, "did you mean 'window'"),
         ({"search.window": ["0"]}, "window is 0"),
     ],
 )
 def test_what_cannot_be_tried_is_told(values, message):
     with pytest.raises(BadInput, match=message):
-        variants("sd+argmax", values)
+        expand_parameter_grid("sd+argmax", values)
 
 
 def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
@@ -76,15 +81,15 @@ def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
 def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})
     path = tmp_path / "tuned.json"
-    path.write_text(tuned_text(tuned))
-    assert read_tuned(path)[0] == tuned
+    path.write_text(format_tuned_method(tuned))
+    assert read_tuned_method(path)[0] == tuned
     method = parse_method(f"@{path}")
-    assert (method.name, method.tuning) == ("sd+argmax:window=200", read_tuned(path)[1])
+    assert (method.name, method.tuning) == ("sd+argmax:window=200", read_tuned_method(path)[1])
     result = evaluate(dataset, methods=[f"@{path}", "sd+argmax"], split="test")
     record = result.records[0]
     assert record.tuning == method.tuning
     assert record.method == tuned.method
-    write_evaluation(tmp_path / "out", rows=table(result.records), evaluation=result, title="tuned")
+    write_evaluation(tmp_path / "out", rows=rank_methods(result.records), evaluation=result, title="tuned")
     told = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
     assert told["tuning"] == {tuned.method: method.tuning}
     assert f"{method.code}, constants of {method.tuning}" in (tmp_path / "out" / "index.html").read_text()
@@ -92,8 +97,8 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
 
 def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
     path = tmp_path / "found.json"
-    path.write_text(tuned_text(tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})[0]))
-    assert variants(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
+    path.write_text(format_tuned_method(tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})[0]))
+    assert expand_parameter_grid(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
         "sd+argmax:window=50,refine=parabola"
     ]
     tuned, _ = tune(dataset, f"@{path}", {"search.refine": ["parabola", "no"]})
@@ -106,7 +111,7 @@ def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
 def test_constants_of_ones_own_part_are_found_too(tmp_path):
     path = tmp_path / "parts_of_tune.py"
     path.write_text(PARTS)
-    assert variants(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
+    assert expand_parameter_grid(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
         f"{path}:Range:power=1+argmax",
         f"{path}:Range:power=2+argmax",
     ]
@@ -115,20 +120,20 @@ def test_constants_of_ones_own_part_are_found_too(tmp_path):
 def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
     tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})
     for name in ("a.json", "b.json"):
-        (tmp_path / name).write_text(tuned_text(replace(tuned, version=name)))
+        (tmp_path / name).write_text(format_tuned_method(replace(tuned, version=name)))
     specs = [f"@{tmp_path}/a.json", f"@{tmp_path}/b.json", " sd + argmax : window = 200 ", "sd+argmax"]
     steps = []
     result = evaluate(dataset, methods=specs, split="test", progress=lambda *step: steps.append(step))
     assert [r.method for r in result.records] == ["sd+argmax:window=200", "sd+argmax"]
-    assert result.records[0].tuning == read_tuned(tmp_path / "a.json")[1]
-    assert [row.method for row in table(result.records)] == ["sd+argmax:window=200", "sd+argmax"]
+    assert result.records[0].tuning == read_tuned_method(tmp_path / "a.json")[1]
+    assert [row.method for row in rank_methods(result.records)] == ["sd+argmax:window=200", "sd+argmax"]
     assert {of for _, of, _ in steps} == {2}
 
 
 def test_a_file_that_names_a_file_is_refused(dataset, tmp_path):
     path = tmp_path / "found.json"
     tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100"]})
-    path.write_text(tuned_text(replace(tuned, method=f"@{path}")))
+    path.write_text(format_tuned_method(replace(tuned, method=f"@{path}")))
     with pytest.raises(
         BadInput, match=r"found\.json names '@.*found\.json'; allowed: MEASURE\+SEARCH in a tuned"
     ):
@@ -186,7 +191,7 @@ def test_the_command_line_tunes_and_says_what_is_next(dataset, tmp_path, capsys)
 
 @pytest.mark.parametrize("method", ["sd+argmax@frame", "sd+argmax:window=50@frame"])
 def test_a_method_keeps_its_region(method):
-    assert variants(method, {"search.window": ["100", "200"]}) == [
+    assert expand_parameter_grid(method, {"search.window": ["100", "200"]}) == [
         "sd+argmax:window=100@frame",
         "sd+argmax:window=200@frame",
     ]
@@ -194,7 +199,7 @@ def test_a_method_keeps_its_region(method):
 
 def test_constants_of_a_file_may_look_elsewhere(dataset, tmp_path):
     tuned, _ = tune(dataset, "sd+argmax@target", {"search.window": ["100", "200"]}, region="frame")
-    (tmp_path / "found.json").write_text(tuned_text(tuned))
+    (tmp_path / "found.json").write_text(format_tuned_method(tuned))
     name = f"@{tmp_path / 'found.json'}"
     assert parse_method(name).name == "sd+argmax:window=200@target"
     assert parse_method(f"{name}@frame").name == "sd+argmax:window=200@frame"

@@ -4,16 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from saf_gen.camera.noise import LANES, SIZE, noise_table
-from saf_gen.camera.response import fixed_pattern
+from saf_gen.camera.fixed_pattern import draw_fixed_pattern
+from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, noise_table
 from saf_gen.camera.sensor import Sensor
-from saf_gen.seeds import generator, integer
+from saf_gen.core.seeds import derive_seed, make_generator
 
 F = np.float32
 MASK = 2**64 - 1
 
 
-def twin_frames(
+def encode_reference(
     stack: np.ndarray,
     index: np.ndarray,
     fraction: np.ndarray,
@@ -25,12 +25,12 @@ def twin_frames(
 ) -> np.ndarray:
     """Spikes uint8 (T, H, W), 0 or 1. ``normal`` draws the noise instead of the table."""
     _, _, height, width = stack.shape
-    pattern = fixed_pattern(sensor, (height, width), seed=seed)
+    pattern = draw_fixed_pattern(sensor, (height, width), seed=seed)
     size = height * width
-    table = noise_table()[:SIZE]
-    first = generator("encoder", seed, "first thresholds").integers(0, SIZE, size)
-    phases = generator("encoder", seed, "phases").random(size, dtype=np.float32)
-    key = integer("encoder", seed, "noise")
+    table = noise_table()[:NOISE_TABLE_SIZE]
+    first = make_generator("encoder", seed, "first thresholds").integers(0, NOISE_TABLE_SIZE, size)
+    phases = make_generator("encoder", seed, "phases").random(size, dtype=np.float32)
+    key = derive_seed("encoder", seed, "noise")
     spikes = np.zeros((len(index), height, width), np.uint8)
     for p in range(size):
         row, column = divmod(p, width)
@@ -40,7 +40,7 @@ def twin_frames(
         sd = F(np.sqrt(variance))
         threshold = F(level) + sd * table[first[p]]
         block, lane = divmod(p, LANES)
-        block_key = mixed(key + block * 0xD1342543DE82EF95)
+        block_key = mix_bits(key + block * 0xD1342543DE82EF95)
         held = phases[p] * threshold
         share = F(1)
         for t in range(len(index)):
@@ -54,16 +54,16 @@ def twin_frames(
             share = F(1)
             if held >= threshold:
                 spikes[t, row, column] = 1
-                most = F(level * sensor.kept_thresholds) if sensor.reset == "subtract" else F(0)
+                most = F(level * sensor.max_excess_thresholds) if sensor.reset == "subtract" else F(0)
                 held = min(held - threshold, most)
                 share = F(1 - (1.0 if sensor.saturation == "dead_readout" else sensor.reset_loss))
-                place = mixed(block_key + t * 0x9E3779B97F4A7C15) + lane
-                noise = table[place % SIZE] if normal is None else F(normal())
+                place = mix_bits(block_key + t * 0x9E3779B97F4A7C15) + lane
+                noise = table[place % NOISE_TABLE_SIZE] if normal is None else F(normal())
                 threshold = F(level) + sd * noise
     return spikes
 
 
-def mixed(word: int) -> int:
+def mix_bits(word: int) -> int:
     """The finaliser of SplitMix64, modulo 2^64."""
     word &= MASK
     word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & MASK

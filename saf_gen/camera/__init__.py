@@ -7,8 +7,8 @@ from saf_gen.camera.exposure import (
     exposure_scale,
     irradiance_per_radiance,
 )
-from saf_gen.camera.noise import LANES
-from saf_gen.camera.response import fixed_pattern
+from saf_gen.camera.fixed_pattern import draw_fixed_pattern
+from saf_gen.camera.noise_table import LANES
 from saf_gen.camera.sensor import Sensor, get_sensor, is_sensor_file, sensor_from_text, sensor_names
 
 __all__ = [
@@ -16,10 +16,10 @@ __all__ = [
     "Encoder",
     "Sensor",
     "charge_stack",
+    "draw_fixed_pattern",
     "electrons_per_irradiance",
     "encode",
     "exposure_scale",
-    "fixed_pattern",
     "get_sensor",
     "irradiance_per_radiance",
     "is_sensor_file",

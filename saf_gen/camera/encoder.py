@@ -8,8 +8,9 @@ readout, at most once, gives up the threshold, and draws its next one:
 Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a Gamma(n)
 share of the mean charge, so an inter-spike interval measured in mean charge has variance exactly n e-².
 The draw is an entry of a table of normal noise (noise.py), the first phase uniform in [0, threshold). Of
-the charge over the threshold at most ``sensor.kept_thresholds`` are kept, so that overload does not echo
-for long. The readout after a spike collects ``1 - sensor.loss`` of its charge (dark charge too).
+the charge over the threshold at most ``sensor.max_excess_thresholds`` are kept, so that overload does not
+echo
+for long. The readout after a spike collects ``1 - sensor.post_spike_loss`` of its charge (dark charge too).
 
 Source: T. Huang et al., 1000x faster camera and machine vision with ordinary devices, Engineering 25,
 2023, doi:10.1016/j.eng.2022.01.012 (the principle); Acnext/SCSim (reset loss, threshold noise).
@@ -21,14 +22,14 @@ from math import gcd
 
 import numpy as np
 
-from saf_gen.camera.kernel import BLOCK_STRIDE, advance
-from saf_gen.camera.noise import LANES, SIZE, noise_table
-from saf_gen.camera.response import fixed_pattern
+from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, advance_pixels
+from saf_gen.camera.fixed_pattern import draw_fixed_pattern
+from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, noise_table
 from saf_gen.camera.sensor import Sensor, get_sensor
+from saf_gen.core.cores import usable_cores
+from saf_gen.core.seeds import derive_seed, make_generator
+from saf_gen.core.signals import validate_signal
 from saf_gen.errors import BadInput
-from saf_gen.host import cores
-from saf_gen.seeds import generator, integer
-from saf_gen.signals import checked
 
 __all__ = ["Encoder", "encode", "knot_weights"]
 
@@ -50,7 +51,7 @@ def encode(charge: np.ndarray, sensor: Sensor | str, frames: int, seed: int) -> 
 
     Raises BadInput for an unknown sensor, a wrong shape, or charge that is negative or not finite.
     """
-    charge = checked("charge", charge)
+    charge = validate_signal("charge", charge)
     if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
         raise BadInput(f"frames is {frames!r}", allowed="a whole number of readouts, at least 1")
     sensor = sensor if isinstance(sensor, Sensor) else get_sensor(sensor)
@@ -95,18 +96,20 @@ class Encoder:
         if len(shape) != 2 or min(shape) < 1:
             raise BadInput(f"the array's shape is {tuple(shape)}", allowed="(rows, columns), each at least 1")
         self.sensor, self.shape = sensor, (int(shape[0]), int(shape[1]))
-        self.pattern = fixed_pattern(sensor, self.shape, seed=seed if device_seed is None else device_seed)
+        self.pattern = draw_fixed_pattern(
+            sensor, self.shape, seed=seed if device_seed is None else device_seed
+        )
         self._frames = 0
-        self._key = np.uint64(integer("encoder", seed, "noise"))
+        self._key = np.uint64(derive_seed("encoder", seed, "noise"))
         self._response = self.pattern.response.ravel()
         self._fixed = _fixed(sensor, self.pattern.threshold.ravel(), self.pattern.dark.ravel())
         size = self._response.size
         self._state = np.ones((3, size), np.float32)
-        first = generator("encoder", seed, "first thresholds").integers(0, SIZE, size)
+        first = make_generator("encoder", seed, "first thresholds").integers(0, NOISE_TABLE_SIZE, size)
         self._state[1] = self._fixed[1] + self._fixed[2] * noise_table()[first]
-        phase = generator("encoder", seed, "phases").random(size, dtype=np.float32)
+        phase = make_generator("encoder", seed, "phases").random(size, dtype=np.float32)
         self._state[0] = phase * self._state[1]
-        self._threads = threads or cores()
+        self._threads = threads or usable_cores()
         if rows is not None:
             self._keep(rows)
 
@@ -121,7 +124,7 @@ class Encoder:
             )
         pixels = slice(first * width, last * width)
         self.shape = last - first, width
-        self._key = np.uint64((int(self._key) + first * width // LANES * BLOCK_STRIDE) % 2**64)
+        self._key = np.uint64((int(self._key) + first * width // LANES * BLOCK_KEY_STEP) % 2**64)
         self._response = self._response[pixels].copy()
         self._fixed, self._state = self._fixed[:, pixels].copy(), self._state[:, pixels].copy()
 
@@ -169,14 +172,14 @@ class Encoder:
         low = (gain * (1.0 - fraction)[:, None]).astype(np.float32)
         flat = np.ascontiguousarray(stack).reshape(groups, knots, size)
         out = np.empty((size, -(-frames // 8)), np.uint8)
-        share = np.float32(1.0 - self.sensor.loss)
+        share = np.float32(1.0 - self.sensor.post_spike_loss)
         blocks = -(-size // LANES)
         cuts = np.linspace(0, blocks, min(self._threads, blocks) + 1).astype(int).tolist()
         with ThreadPoolExecutor(self._threads) as pool:  # the kernel lets go of the interpreter's lock
             jobs = [
                 pool.submit(
-                    advance, first, stop, flat, index, low, high, self._key, self._frames, noise_table(),
-                    self._response, self._fixed, share, self._state, out,
+                    advance_pixels, first, stop, flat, index, low, high, self._key, self._frames,
+                    noise_table(), self._response, self._fixed, share, self._state, out,
                 )
                 for first, stop in pairwise(cuts)
             ]  # fmt: skip
@@ -194,7 +197,7 @@ def _fixed(sensor: Sensor, threshold: np.ndarray, dark: np.ndarray) -> np.ndarra
         variance += level
     if sensor.noise.threshold_noise:
         variance += (sensor.threshold_noise_rms * level) ** 2
-    cap = level * (sensor.kept_thresholds if sensor.reset == "subtract" else 0)
+    cap = level * (sensor.max_excess_thresholds if sensor.reset == "subtract" else 0)
     return np.stack([dark, level, np.sqrt(variance), cap]).astype(np.float32)
 
 

@@ -20,7 +20,7 @@ __all__ = [
     "electrons_per_irradiance",
     "exposure_scale",
     "irradiance_per_radiance",
-    "mean_rate_of",
+    "mean_firing_rate",
 ]
 
 
@@ -89,7 +89,7 @@ def charge_stack(
     return out
 
 
-def mean_rate_of(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
+def mean_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Spikes a readout at a constant mean charge (e- a readout, dark charge included); any shape.
 
     charge/(threshold + loss·charge), at most what the charge kept over the threshold can feed.
@@ -97,7 +97,7 @@ def mean_rate_of(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
     Exact for ``reset: subtract``. A hard reset loses the charge over the threshold and lies below.
     """
     charge = np.asarray(charge, np.float64)
-    return np.minimum(charge / (sensor.threshold_e + sensor.loss * charge), _highest_rate(sensor))
+    return np.minimum(charge / (sensor.threshold_e + sensor.post_spike_loss * charge), _highest_rate(sensor))
 
 
 def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, sensor: Sensor, mean_rate: float) -> float:
@@ -108,7 +108,7 @@ def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, sensor: Senso
     charge_at_best : (H, W), e- a readout of all light groups together at the target's best focus, gain 1.
     target : bool (H, W).
 
-    The mean is over the target's pixels through the law of :func:`mean_rate_of`. The factor is rounded
+    The mean is over the target's pixels through the law of :func:`mean_firing_rate`. The factor is rounded
     to 20 bits, so that the order in which a processor adds cannot reach the spikes.
 
     Raises BadInput for a rate at or below the dark rate, at or above the highest one, or that the target
@@ -118,7 +118,7 @@ def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, sensor: Senso
     if light.size == 0:
         raise BadInput("the target holds no pixel", hint="check the target's shape ids and the focus travel")
     dark = sensor.mean_dark_e
-    floor = float(mean_rate_of(np.array(dark), sensor))
+    floor = float(mean_firing_rate(np.array(dark), sensor))
     lit = float(np.mean(light > 0))
     highest = _highest_rate(sensor)
     ceiling = lit * highest + (1 - lit) * floor
@@ -134,11 +134,11 @@ def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, sensor: Senso
             hint="light the target, or lower mean_rate",
         )
     low, high = 0.0, _charge_of(mean_rate, sensor) / light.max()
-    while np.mean(mean_rate_of(high * light + dark, sensor)) < mean_rate:
+    while np.mean(mean_firing_rate(high * light + dark, sensor)) < mean_rate:
         high *= 2
     for _ in range(64):  # the mean rate rises with the factor: bisection, to the last bits of a double
         middle = (low + high) / 2
-        if np.mean(mean_rate_of(middle * light + dark, sensor)) < mean_rate:
+        if np.mean(mean_firing_rate(middle * light + dark, sensor)) < mean_rate:
             low = middle
         else:
             high = middle
@@ -148,10 +148,10 @@ def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, sensor: Senso
 
 def _highest_rate(sensor: Sensor) -> float:
     """Under endless light a lit readout fires, then what it left fires, then one readout is dead."""
-    kept = sensor.kept_thresholds
+    kept = sensor.max_excess_thresholds
     return (kept + 1) / (kept + 2) if sensor.saturation == "dead_readout" else 1.0
 
 
 def _charge_of(rate: float, sensor: Sensor) -> float:
     """The mean charge that gives this rate: the law inverted."""
-    return rate * sensor.threshold_e / (1 - sensor.loss * rate)
+    return rate * sensor.threshold_e / (1 - sensor.post_spike_loss * rate)

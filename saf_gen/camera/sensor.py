@@ -6,10 +6,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from saf_gen.documents import Document, parse, read
+from saf_gen.core.config.yaml_document import YamlDocument, parse_yaml, read_yaml
 from saf_gen.errors import BadInput, closest, unknown
 
-__all__ = ["Noise", "Sensor", "get_sensor", "is_sensor_file", "sensor_from_text", "sensor_names"]
+__all__ = ["NoiseSwitches", "Sensor", "get_sensor", "is_sensor_file", "sensor_from_text", "sensor_names"]
 
 _FOLDER = Path(__file__).parent / "sensors"
 
@@ -39,7 +39,7 @@ _CHOICES = {"reset": ("subtract", "hard"), "saturation": ("subtract", "dead_read
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseSwitches:
     """Which imperfections act; each is switched alone, and its numbers stay in the sensor.
 
     shot : Poisson electrons; the charge between two spikes has variance threshold (e-²).
@@ -100,7 +100,7 @@ class Sensor:
     response_white_rms: float
     threshold_spread_rms: float
     threshold_noise_rms: float
-    noise: Noise
+    noise: NoiseSwitches
     sources: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -115,12 +115,12 @@ class Sensor:
             )
 
     @property
-    def loss(self) -> float:
+    def post_spike_loss(self) -> float:
         """Share of its charge that the readout after a spike loses, whatever the reason."""
         return 1.0 if self.saturation == "dead_readout" else self.reset_loss
 
     @property
-    def kept_thresholds(self) -> int:
+    def max_excess_thresholds(self) -> int:
         """Most charge kept over the threshold at a spike, in thresholds.
 
         The diode holds no more, and overload echoes no longer. One is enough for ``subtract``; the law
@@ -135,7 +135,7 @@ class Sensor:
 
     def with_noise(self, **switches: bool) -> "Sensor":
         """A copy with some noise terms switched: ``with_noise(shot=False)``; BadInput for no such term."""
-        _check_keys("noise term", switches, Noise, lambda key: f"sensor {self.name}", missing=False)
+        _check_keys("noise term", switches, NoiseSwitches, lambda key: f"sensor {self.name}", missing=False)
         return replace(self, noise=replace(self.noise, **switches))
 
 
@@ -162,10 +162,10 @@ def get_sensor(name: str | Path, **changes: Any) -> Sensor:
         path = _FOLDER / f"{name}.yaml"
     else:
         raise unknown("sensor", name, sensor_names(), hint="or give the path of a .yaml file")
-    sensor = _from_document(read(path))
+    sensor = _from_document(read_yaml(path))
     _check_keys("sensor key", changes, Sensor, lambda key: f"sensor {name}", missing=False)
     switches = changes.pop("noise", {})
-    if isinstance(switches, Noise):
+    if isinstance(switches, NoiseSwitches):
         switches = asdict(switches)
     return replace(sensor.with_noise(**switches), **changes)
 
@@ -175,18 +175,18 @@ def sensor_from_text(text: str, where: str | Path) -> Sensor:
 
     Raises BadInput as :func:`get_sensor` does.
     """
-    return _from_document(parse(text, where))
+    return _from_document(parse_yaml(text, where))
 
 
-def _from_document(document: Document) -> Sensor:
+def _from_document(document: YamlDocument) -> Sensor:
     if not isinstance(document.data, dict):
         raise BadInput("the file holds no keys", where=str(document.path), allowed=", ".join(_names(Sensor)))
     card: dict[str, Any] = document.data
-    _check_keys("sensor key", card, Sensor, document.where)
+    _check_keys("sensor key", card, Sensor, document.locate)
     for key, value in card.items():
-        _check(key, value, document.where(key))
-    _check_keys("noise term", card["noise"], Noise, lambda term: document.where("noise", term))
-    return Sensor(**card | {"noise": Noise(**card["noise"]), "sources": tuple(card["sources"])})
+        _check(key, value, document.locate(key))
+    _check_keys("noise term", card["noise"], NoiseSwitches, lambda term: document.locate("noise", term))
+    return Sensor(**card | {"noise": NoiseSwitches(**card["noise"]), "sources": tuple(card["sources"])})
 
 
 def _names(cls: type) -> list[str]:
@@ -223,9 +223,9 @@ def _check(key: str, value: Any, where: str) -> None:
                 allowed=f"{whole}{least:g} to {most:g} {unit}",
                 hint="YAML reads 1e-5 as text: write 1.0e-5" if isinstance(value, str) else "",
             )
-    if key == "noise" and not isinstance(value, Mapping | Noise):
+    if key == "noise" and not isinstance(value, Mapping | NoiseSwitches):
         raise BadInput(
-            f"noise is {value!r}", where=where, allowed=", ".join(_names(Noise)) + ", true or false"
+            f"noise is {value!r}", where=where, allowed=", ".join(_names(NoiseSwitches)) + ", true or false"
         )
     if key == "name" and not (isinstance(value, str) and value.strip()):
         raise BadInput(f"name is {value!r}", where=where, allowed="a text")

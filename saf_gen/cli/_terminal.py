@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-__all__ = ["OutFolder", "err", "fail", "out", "progress_bars", "steps_of"]
+__all__ = ["OutFolder", "err", "make_step_reporter", "out", "print_error", "progress_bars"]
 
 # Names are printed as they are: brackets in a path are no markup.
 out = Console(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
@@ -22,7 +22,7 @@ LOG_EVERY_S = 30.0
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
 
 
-def fail(line: str, code: int) -> int:
+def print_error(line: str, code: int) -> int:
     """Say what went wrong, in one line on stderr; gives ``code`` back."""
     err.print(Text.assemble(("saf-gen:", "bold red"), " ", " ".join(line.split())))
     return code
@@ -41,7 +41,7 @@ def progress_bars() -> Iterator[Progress]:
         yield progress
 
 
-def steps_of(verb: str, bars: Progress) -> Callable[[int, int, str], None]:
+def make_step_reporter(verb: str, bars: Progress) -> Callable[[int, int, str], None]:
     """Tells (steps done, steps in all, what was done) on a bar; in a log file, which has none, by lines."""
     task, told = bars.add_task(verb, total=1), monotonic()
 

@@ -5,33 +5,39 @@ light schedules first), so that a scene with many sequences weighs no more than 
 over all sequences. Equal success shares a rank, and intervals say which ranks the scenes can tell apart.
 """
 
-from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, Cell, by_axis
-from saf_gen.leaderboard.columns import Column, columns, numbers
-from saf_gen.leaderboard.curves import CurveRow, MeasureRow, curve_rows, measure_rows, write_curves
-from saf_gen.leaderboard.files import write_files
-from saf_gen.leaderboard.merging import merged
-from saf_gen.leaderboard.rows import Row, table
-from saf_gen.leaderboard.texts import latex, markdown, notes
+from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, BinSummary, tabulate_by_axis
+from saf_gen.leaderboard.columns import Column, list_all_columns, list_shown_columns
+from saf_gen.leaderboard.curve_tables import (
+    CurveRow,
+    MeasureRow,
+    assess_curves,
+    summarise_measures,
+    write_curve_tables,
+)
+from saf_gen.leaderboard.leaderboard_files import write_leaderboard
+from saf_gen.leaderboard.merging import merge_records
+from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
+from saf_gen.leaderboard.table_formats import compose_notes, format_latex, format_markdown
 
 __all__ = [
     "AXES",
     "Axis",
     "AxisTable",
-    "Cell",
+    "BinSummary",
     "Column",
     "CurveRow",
+    "LeaderboardRow",
     "MeasureRow",
-    "Row",
-    "by_axis",
-    "columns",
-    "curve_rows",
-    "latex",
-    "markdown",
-    "measure_rows",
-    "merged",
-    "notes",
-    "numbers",
-    "table",
-    "write_curves",
-    "write_files",
+    "assess_curves",
+    "compose_notes",
+    "format_latex",
+    "format_markdown",
+    "list_all_columns",
+    "list_shown_columns",
+    "merge_records",
+    "rank_methods",
+    "summarise_measures",
+    "tabulate_by_axis",
+    "write_curve_tables",
+    "write_leaderboard",
 ]

@@ -7,30 +7,30 @@ from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from saf_gen.leaderboard.means import median_size, over_scenes
-from saf_gen.records import Record
-from saf_gen.scores import WITHIN
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
+from saf_gen.benchmark.records import Record
+from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
 
-__all__ = ["AXES", "Axis", "AxisTable", "Cell", "by_axis"]
+__all__ = ["AXES", "Axis", "AxisTable", "BinSummary", "tabulate_by_axis"]
 
-BLOCK = 100
+BLOCK_READOUTS = 100
 """Readouts of the block that the photon budget is told for: the default of argmax."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What sequences are sorted by. ``bin`` names the bin of a record, None where it is unknown."""
+    """What sequences are sorted by. ``bin_of`` names the bin of a record, None where it is unknown."""
 
     name: str
     title: str
     meaning: str
-    bin: Callable[[Record], str | None]
+    bin_of: Callable[[Record], str | None]
     order: tuple[str, ...] = ()
     """Of the bins; without, that of their names."""
 
 
 @dataclass(frozen=True)
-class Cell:
+class BinSummary:
     """One method in one bin. None is unknown."""
 
     success_1dof: float | None
@@ -47,10 +47,10 @@ class AxisTable:
     bins: tuple[str, ...]
     scenes: tuple[int, ...]
     sequences: tuple[int, ...]
-    cells: Mapping[str, tuple[Cell, ...]]
+    cells: Mapping[str, tuple[BinSummary, ...]]
 
 
-def by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
+def tabulate_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
     """A table for each of AXES that is known of some sequence, methods in the order given."""
     tables = (_table(axis, records, methods) for axis in AXES)
     return tuple(table for table in tables if table.bins)
@@ -59,7 +59,7 @@ def by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTabl
 def _table(axis: Axis, records: Sequence[Record], methods: Sequence[str]) -> AxisTable:
     sorted_by: dict[str, list[Record]] = {}
     for record in records:
-        if (name := axis.bin(record)) is not None:
+        if (name := axis.bin_of(record)) is not None:
             sorted_by.setdefault(name, []).append(record)
     bins = tuple(n for n in axis.order if n in sorted_by) or tuple(sorted(sorted_by))
     return AxisTable(
@@ -74,10 +74,10 @@ def _table(axis: Axis, records: Sequence[Record], methods: Sequence[str]) -> Axi
     )
 
 
-def _cell(records: Sequence[Record]) -> Cell:
-    return Cell(
-        over_scenes(records, lambda r: r.success_1dof),
-        median_size(r.error_dof for r in records),
+def _cell(records: Sequence[Record]) -> BinSummary:
+    return BinSummary(
+        mean_over_scenes(records, lambda r: r.success_1dof),
+        median_magnitude(r.error_dof for r in records),
         abstained=sum(r.status == "abstained" for r in records),
         failed=sum(r.status == "failed" for r in records),
     )
@@ -96,12 +96,12 @@ def _binned(
 
 
 def _budget(record: Record) -> float | None:
-    return None if record.mean_rate is None else BLOCK * record.mean_rate
+    return None if record.mean_rate is None else BLOCK_READOUTS * record.mean_rate
 
 
 def _place(record: Record) -> str | None:
     place, off = record.focus_place, record.focus_off_dof
-    if off is not None and off > WITHIN[1]:
+    if off is not None and off > SUCCESS_LIMITS_DOF[1]:
         return _PLACES[3]
     if place is None:
         return None
@@ -125,7 +125,7 @@ AXES = (
     Axis(
         "photon_budget",
         "Photon budget",
-        f"Mean counts a pixel in a block of {BLOCK} readouts, where measures look.",
+        f"Mean counts a pixel in a block of {BLOCK_READOUTS} readouts, where measures look.",
         _binned(_budget, (1, 3, 10, 30), _BUDGETS),
         _BUDGETS,
     ),

@@ -5,12 +5,19 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal
 
-from saf_gen.leaderboard.rows import Row
-from saf_gen.statistics import TIE
+from saf_gen.leaderboard.rows import LeaderboardRow
+from saf_gen.leaderboard.statistics import TIE_TOLERANCE
 
-__all__ = ["USUAL", "WIDE", "Column", "columns", "numbers", "percent"]
+__all__ = [
+    "STANDARD_TERMINAL_WIDTH",
+    "WIDE_TERMINAL_WIDTH",
+    "Column",
+    "format_percent",
+    "list_all_columns",
+    "list_shown_columns",
+]
 
-USUAL, WIDE = 120, 200
+STANDARD_TERMINAL_WIDTH, WIDE_TERMINAL_WIDTH = 120, 200
 """Characters across that a terminal has room for intervals with, and for everything."""
 ABSTAINED = "An abstention is right where no answer could lie so near, so this can be"
 
@@ -22,18 +29,18 @@ class Column:
     name: str
     header: str
     meaning: str
-    value: Callable[[Row], Any]
-    text: Callable[[Row], str]
+    value: Callable[[LeaderboardRow], Any]
+    format_value: Callable[[LeaderboardRow], str]
     justify: Literal["left", "right"] = "right"
     group: str = ""
     """What the columns of a group share, for a table with room for a second line of headers."""
-    room: int = 0
+    min_terminal_width: int = 0
     """Left out of a terminal with fewer columns of characters; never of a file."""
-    share: bool = False
+    is_fraction: bool = False
     """A share of successes, 0...1."""
-    rare: bool = False
+    is_optional: bool = False
     """Shown where a row knows it."""
-    hidden: bool = False
+    machine_only: bool = False
     """A number for programs: another column tells people."""
     light: str = ""
     """The light schedule that it is the share of, where it is of one alone."""
@@ -44,13 +51,17 @@ class Column:
         return f"success_1dof_light_{self.light}" if self.light else self.name
 
 
-def columns(rows: Sequence[Row]) -> tuple[Column, ...]:
+def list_shown_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
     """The columns of these rows that people read, in order: one for each light schedule among them."""
-    known = (c for c in numbers(rows) if not c.rare or any(c.value(row) is not None for row in rows))
-    return tuple(c for c in known if not c.hidden)
+    known = (
+        c
+        for c in list_all_columns(rows)
+        if not c.is_optional or any(c.value(row) is not None for row in rows)
+    )
+    return tuple(c for c in known if not c.machine_only)
 
 
-def numbers(rows: Sequence[Row]) -> tuple[Column, ...]:
+def list_all_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
     """Every number of these rows, for files that programs read: whatever is known, the same ones."""
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     return (*_standing(), *_success(lights), *_errors(), *_unanswered(), *_cost())
@@ -67,9 +78,14 @@ def _standing() -> tuple[Column, ...]:
         worst,
         _column("method", "method", "", str, "Focus measure + search.", justify="left"),
         _column(
-            "level_with_best", "", "", str, "Whether the scenes cannot tell it from the best.", hidden=True
+            "level_with_best",
+            "",
+            "",
+            str,
+            "Whether the scenes cannot tell it from the best.",
+            machine_only=True,
         ),
-        *_ends("behind_best_low", "behind_best_high", "", "", percent, lead, hidden=True),
+        *_ends("behind_best_low", "behind_best_high", "", "", format_percent, lead, machine_only=True),
     )
 
 
@@ -80,10 +96,26 @@ def _success(lights: Sequence[str]) -> tuple[Column, ...]:
     two = f"Share within 2 DoF, blur ≤ 4 px. {ABSTAINED} below ≤1 DoF."
     interval = "95 % interval of the share within 1 DoF, from a bootstrap over scenes."
     return (
-        _column("success_half_dof", "≤½ DoF", group, percent, half, room=WIDE, share=True),
-        _column("success_1dof", "≤1 DoF", group, percent, one, share=True),
-        *_ends(*names, "≤1 DoF 95 %", group, percent, interval),
-        _column("success_2dof", "≤2 DoF", group, percent, two, room=WIDE, share=True),
+        _column(
+            "success_half_dof",
+            "≤½ DoF",
+            group,
+            format_percent,
+            half,
+            min_terminal_width=WIDE_TERMINAL_WIDTH,
+            is_fraction=True,
+        ),
+        _column("success_1dof", "≤1 DoF", group, format_percent, one, is_fraction=True),
+        *_ends(*names, "≤1 DoF 95 %", group, format_percent, interval),
+        _column(
+            "success_2dof",
+            "≤2 DoF",
+            group,
+            format_percent,
+            two,
+            min_terminal_width=WIDE_TERMINAL_WIDTH,
+            is_fraction=True,
+        ),
         *(_light(light, "≤1 DoF by light") for light in lights),
     )
 
@@ -96,10 +128,20 @@ def _errors() -> tuple[Column, ...]:
     blur = "Median blur at the answer, pixels."
     return (
         _column("median_error_dof", "err DoF", group, two, error),
-        *_ends(*names, "err DoF 95 %", group, two, interval, room=WIDE),
-        _column("median_error_travel", "err travel", group, four, travel, room=WIDE),
-        _column("median_error_frames", "err frames", group, _fixed(0), frames, room=WIDE, rare=True),
-        _column("median_blur_px", "blur px", group, _fixed(1), blur, room=WIDE),
+        *_ends(*names, "err DoF 95 %", group, two, interval, min_terminal_width=WIDE_TERMINAL_WIDTH),
+        _column(
+            "median_error_travel", "err travel", group, four, travel, min_terminal_width=WIDE_TERMINAL_WIDTH
+        ),
+        _column(
+            "median_error_frames",
+            "err frames",
+            group,
+            _fixed(0),
+            frames,
+            min_terminal_width=WIDE_TERMINAL_WIDTH,
+            is_optional=True,
+        ),
+        _column("median_blur_px", "blur px", group, _fixed(1), blur, min_terminal_width=WIDE_TERMINAL_WIDTH),
     )
 
 
@@ -122,18 +164,18 @@ def _cost() -> tuple[Column, ...]:
     asked = "Scores that the search asked for."
     compute = "Seconds a sequence that the method computed, search and measure; counting is not in it."
     return (
-        _column("frames_seen", "seen", group, percent, seen, room=WIDE),
+        _column("frames_seen", "seen", group, format_percent, seen, min_terminal_width=WIDE_TERMINAL_WIDTH),
         _column("lens_travel", "lens", group, two, way),
-        _column("reversals", "turns", group, _fixed(1), turns, rare=True),
-        _column("time_to_focus_s", "to focus s", group, three, until, rare=True),
-        _column("windows", "scores", group, _fixed(0), asked, room=WIDE),
-        _column("seconds", "s", group, three, compute, room=WIDE),
+        _column("reversals", "turns", group, _fixed(1), turns, is_optional=True),
+        _column("time_to_focus_s", "to focus s", group, three, until, is_optional=True),
+        _column("windows", "scores", group, _fixed(0), asked, min_terminal_width=WIDE_TERMINAL_WIDTH),
+        _column("seconds", "s", group, three, compute, min_terminal_width=WIDE_TERMINAL_WIDTH),
     )
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """A share as whole per cent."""
-    return f"{share + TIE:.0%}"  # 0.375 is 38 %, whatever its last bit
+    return f"{share + TIE_TOLERANCE:.0%}"  # 0.375 is 38 %, whatever its last bit
 
 
 def _column(
@@ -142,7 +184,7 @@ def _column(
     """A column of the row's attribute ``name``."""
     value = attrgetter(name)
 
-    def text(row: Row) -> str:
+    def text(row: LeaderboardRow) -> str:
         held = value(row)
         return "–" if held is None else show(held)
 
@@ -154,28 +196,30 @@ def _ends(
 ) -> tuple[Column, Column]:
     """Both ends of an interval: the column of the first shows them, that of the second is for programs."""
 
-    def text(row: Row) -> str:
+    def text(row: LeaderboardRow) -> str:
         ends = getattr(row, low), getattr(row, high)
         return "–" if None in ends else "–".join(map(show, ends))
 
-    more = {"room": USUAL, "rare": True, **more}
+    more = {"min_terminal_width": STANDARD_TERMINAL_WIDTH, "is_optional": True, **more}
     first = Column(low, header, meaning, attrgetter(low), text, group=group, **more)
-    return first, _column(high, "", group, show, "Its upper end.", hidden=True)
+    return first, _column(high, "", group, show, "Its upper end.", machine_only=True)
 
 
 def _light(light: str, group: str) -> Column:
-    def value(row: Row) -> float | None:
+    def value(row: LeaderboardRow) -> float | None:
         return dict(row.success_by_light).get(light)
 
-    def text(row: Row) -> str:
+    def text(row: LeaderboardRow) -> str:
         share = value(row)
-        return "–" if share is None else percent(share)
+        return "–" if share is None else format_percent(share)
 
     meaning = f"Share within 1 DoF under the light {light}."
-    return Column(f"success_1dof_{light}", light, meaning, value, text, group=group, share=True, light=light)
+    return Column(
+        f"success_1dof_{light}", light, meaning, value, text, group=group, is_fraction=True, light=light
+    )
 
 
-def _rank(row: Row) -> str:
+def _rank(row: LeaderboardRow) -> str:
     if row.rank is None:
         return "–"
     level = "~" if row.level_with_best and row.rank > 1 else ""

@@ -2,17 +2,17 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from saf_gen.benchmark.records import Record
+from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput
-from saf_gen.records import Record
-from saf_gen.region import REGIONS
 
-__all__ = ["merged"]
+__all__ = ["merge_records"]
 
-NAMED = tuple(f"@{region}" for region in REGIONS)
+REGION_SUFFIXES = tuple(f"@{region}" for region in REGIONS)
 _AGAIN = "run saf-gen evaluate again"
 _RULES = {
     "track": "one track in a table",
-    "rig": "one version of the rig in a table",
+    "rig": "one version of the evaluator in a table",
     "data": "one content_sha256 a sequence",
     "region": "one region a sequence, but of methods that name theirs",
     "terms": "one budget and one lens drive for all methods of a sequence",
@@ -33,7 +33,7 @@ _KNOWN = {
 """What a record tells of its sequence, and its name: tables weigh and sort by it."""
 
 
-def merged(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
+def merge_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
     """The records of all runs, by name, as one list: sequences and methods in the order of the first to come.
 
     What two runs hold of one method and sequence is kept once, the first, where the answers are the same.
@@ -77,7 +77,7 @@ def _claims(record: Record, run: str, *, alone: bool) -> Iterator[tuple[str, str
     yield "rig", "", record.rig, side
     yield "terms", record.sequence, record.terms, side
     yield "data", record.sequence, record.data, side
-    if not record.method.endswith(NAMED):  # which looks there, whatever the others do
+    if not record.method.endswith(REGION_SUFFIXES):  # which looks there, whatever the others do
         yield "region", record.sequence, record.region, side
     for key, what in _KNOWN.items():
         value = getattr(record, key)

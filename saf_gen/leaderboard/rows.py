@@ -4,16 +4,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from saf_gen.leaderboard.means import by_scene, median_size, over_scenes
-from saf_gen.leaderboard.merging import merged
-from saf_gen.records import Record
-from saf_gen.statistics import TIE, Standing, standings
+from saf_gen.benchmark.records import Record
+from saf_gen.leaderboard.averages import mean_by_scene, mean_over_scenes, median_magnitude
+from saf_gen.leaderboard.merging import merge_records
+from saf_gen.leaderboard.statistics import TIE_TOLERANCE, BootstrapIntervals, bootstrap_intervals
 
-__all__ = ["Row", "table"]
+__all__ = ["LeaderboardRow", "rank_methods"]
 
 
 @dataclass(frozen=True)
-class Row:
+class LeaderboardRow:
     """One method of the leaderboard. None is unknown: no sequence has the truth that it needs."""
 
     rank: int | None
@@ -46,20 +46,20 @@ class Row:
     behind_best_low: float | None = None
     behind_best_high: float | None = None
     level_with_best: bool | None = None
-    why: str = ""
-    """Why there are no intervals (see statistics.Standing, of which these nine are), else ''."""
+    missing_reason: str = ""
+    """Why there are no intervals (see statistics.BootstrapIntervals, of which these nine are), else ''."""
 
 
-def table(records: Iterable[Record]) -> tuple[Row, ...]:
+def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
     """The leaderboard of these records, best first.
 
     Within a rank rows stand by median error in depths of focus, then by name. Methods without any
     success to judge come last, with no rank.
 
-    Raises BadInput where records cannot be compared: see merged.
+    Raises BadInput where records cannot be compared: see merge_records.
     """
     by_method: dict[str, list[Record]] = {}
-    for record in merged({"": list(records)}):
+    for record in merge_records({"": list(records)}):
         by_method.setdefault(record.method, []).append(record)
     lights = sorted({r.light for mine in by_method.values() for r in mine if r.light is not None})
     rows = [_row(method, mine, lights) for method, mine in by_method.items()]
@@ -67,7 +67,10 @@ def table(records: Iterable[Record]) -> tuple[Row, ...]:
     last = float("inf")
     return tuple(
         sorted(
-            (replace(_ranked(row, rows), **_ends(standing.get(row.method, Standing()))) for row in rows),
+            (
+                replace(_ranked(row, rows), **_ends(standing.get(row.method, BootstrapIntervals())))
+                for row in rows
+            ),
             key=lambda r: (
                 last if r.rank is None else r.rank,
                 last if r.median_error_dof is None else r.median_error_dof,
@@ -77,18 +80,20 @@ def table(records: Iterable[Record]) -> tuple[Row, ...]:
     )
 
 
-def _ranked(row: Row, rows: Sequence[Row]) -> Row:
+def _ranked(row: LeaderboardRow, rows: Sequence[LeaderboardRow]) -> LeaderboardRow:
     own = row.success_1dof
     if own is None:
         return row
     others = {r.method: r.success_1dof for r in rows if r.success_1dof is not None and r is not row}
-    tied = sorted(method for method, share in others.items() if abs(share - own) <= TIE)
-    return replace(row, rank=1 + sum(share > own + TIE for share in others.values()), tied=tuple(tied))
+    tied = sorted(method for method, share in others.items() if abs(share - own) <= TIE_TOLERANCE)
+    return replace(
+        row, rank=1 + sum(share > own + TIE_TOLERANCE for share in others.values()), tied=tuple(tied)
+    )
 
 
-def _standings(by_method: dict[str, list[Record]]) -> dict[str, Standing]:
-    success = {method: by_scene(mine, lambda r: r.success_1dof) for method, mine in by_method.items()}
-    return standings(
+def _standings(by_method: dict[str, list[Record]]) -> dict[str, BootstrapIntervals]:
+    success = {method: mean_by_scene(mine, lambda r: r.success_1dof) for method, mine in by_method.items()}
+    return bootstrap_intervals(
         {method: cells for method, cells in success.items() if cells},
         {
             method: [(r.scene, abs(r.error_dof)) for r in mine if r.error_dof is not None]
@@ -97,44 +102,44 @@ def _standings(by_method: dict[str, list[Record]]) -> dict[str, Standing]:
     )
 
 
-def _ends(standing: Standing) -> dict[str, Any]:
+def _ends(standing: BootstrapIntervals) -> dict[str, Any]:
     intervals = {
         ("success_1dof_low", "success_1dof_high"): standing.success,
         ("median_error_dof_low", "median_error_dof_high"): standing.error,
         ("rank_best", "rank_worst"): standing.rank,
-        ("behind_best_low", "behind_best_high"): standing.behind,
+        ("behind_best_low", "behind_best_high"): standing.deficit_to_best,
     }
     ends = {
         name: end
         for names, held in intervals.items()
         for name, end in zip(names, held or (None,) * 2, strict=True)
     }
-    return {**ends, "level_with_best": standing.level_with_best, "why": standing.why}
+    return {**ends, "level_with_best": standing.level_with_best, "missing_reason": standing.missing_reason}
 
 
-def _row(method: str, records: Sequence[Record], lights: Sequence[str]) -> Row:
-    return Row(
+def _row(method: str, records: Sequence[Record], lights: Sequence[str]) -> LeaderboardRow:
+    return LeaderboardRow(
         rank=None,
         tied=(),
         method=method,
-        success_half_dof=over_scenes(records, lambda r: r.success_half_dof),
-        success_1dof=over_scenes(records, lambda r: r.success_1dof),
-        success_2dof=over_scenes(records, lambda r: r.success_2dof),
-        median_error_dof=median_size(r.error_dof for r in records),
-        median_error_travel=median_size(r.error for r in records),
-        median_error_frames=median_size(r.error_frames for r in records),
-        median_blur_px=median_size(r.blur_px for r in records),
+        success_half_dof=mean_over_scenes(records, lambda r: r.success_half_dof),
+        success_1dof=mean_over_scenes(records, lambda r: r.success_1dof),
+        success_2dof=mean_over_scenes(records, lambda r: r.success_2dof),
+        median_error_dof=median_magnitude(r.error_dof for r in records),
+        median_error_travel=median_magnitude(r.error for r in records),
+        median_error_frames=median_magnitude(r.error_frames for r in records),
+        median_blur_px=median_magnitude(r.blur_px for r in records),
         success_by_light=tuple(
-            (light, over_scenes([r for r in records if r.light == light], lambda r: r.success_1dof))
+            (light, mean_over_scenes([r for r in records if r.light == light], lambda r: r.success_1dof))
             for light in lights
         ),
         abstained=sum(r.status == "abstained" for r in records),
         failed=sum(r.status == "failed" for r in records),
         sequences=len(records),
-        frames_seen=over_scenes(records, lambda r: r.frames_seen / r.frames),
-        lens_travel=over_scenes(records, lambda r: r.lens_travel),
-        time_to_focus_s=over_scenes(records, lambda r: r.time_to_focus_s),
-        reversals=over_scenes(records, lambda r: r.reversals),
-        windows=over_scenes(records, lambda r: r.windows),
-        seconds=over_scenes(records, lambda r: r.seconds),
+        frames_seen=mean_over_scenes(records, lambda r: r.frames_seen / r.frames),
+        lens_travel=mean_over_scenes(records, lambda r: r.lens_travel),
+        time_to_focus_s=mean_over_scenes(records, lambda r: r.time_to_focus_s),
+        reversals=mean_over_scenes(records, lambda r: r.reversals),
+        windows=mean_over_scenes(records, lambda r: r.windows),
+        seconds=mean_over_scenes(records, lambda r: r.seconds),
     )

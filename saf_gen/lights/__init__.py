@@ -4,19 +4,19 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen import schedules
 from saf_gen.errors import BadInput
+from saf_gen.lights import _schedule
 from saf_gen.parts import Light
 
 __all__ = ["get_light", "readout_gains"]
 
 
 def get_light(name: str, **options: Any) -> Light:
-    """The light schedule ``name`` with its options, those of :mod:`saf_gen.schedules` among them.
+    """The light schedule ``name`` with its options, those of :mod:`saf_gen.lights._schedule` among them.
 
     Raises BadInput for an unknown name or key, and for a value that is not allowed.
     """
-    return schedules.build(name, **options)
+    return _schedule.build_light(name, **options)
 
 
 def readout_gains(light: Light, frames: int, readout_hz: float) -> np.ndarray:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from saf_gen.core.csv_table import parse_columns
 from saf_gen.errors import BadInput
-from saf_gen.lights._line import integral_of_line
-from saf_gen.tables import columns
+from saf_gen.lights._piecewise_linear import integrate_piecewise_linear
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class FromCsv:
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Gain seconds from 0 to each time."""
-        return integral_of_line(seconds, *self._points())
+        return integrate_piecewise_linear(seconds, *self._points())
 
     def _points(self) -> tuple[np.ndarray, np.ndarray]:
-        times, gains = columns(self.file["text"], ("time_s", "gain"), name=self.file["path"])
+        times, gains = parse_columns(self.file["text"], ("time_s", "gain"), name=self.file["path"])
         return times, gains

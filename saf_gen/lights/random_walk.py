@@ -5,9 +5,9 @@ from math import inf
 
 import numpy as np
 
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.lights._line import integral_of_line
-from saf_gen.seeds import generator
+from saf_gen.lights._piecewise_linear import integrate_piecewise_linear
 
 STEP_S = 5e-4  # between two points of the walk; the gain is a straight line between them
 
@@ -45,14 +45,14 @@ class RandomWalk:
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Gain seconds from 0 to each time."""
         times = np.arange(int(np.ceil(duration_s / STEP_S)) + 2) * STEP_S
-        draws = generator("random_walk", self.seed).standard_normal(len(times))
+        draws = make_generator("random_walk", self.seed).standard_normal(len(times))
         if self.return_s is None:
             walk = self.sd * np.sqrt(STEP_S) * np.concatenate(([0.0], np.cumsum(draws[1:])))
             variance = self.sd**2 * times
         else:
             walk = self.sd * _returning(draws, float(np.exp(-STEP_S / self.return_s)))
             variance = np.full_like(times, self.sd**2)
-        return integral_of_line(seconds, times, self.level * np.exp(walk - variance / 2))
+        return integrate_piecewise_linear(seconds, times, self.level * np.exp(walk - variance / 2))
 
 
 def _returning(draws: np.ndarray, kept: float) -> np.ndarray:

@@ -14,19 +14,19 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from saf_gen.core.config.registry import PLUGIN_KINDS, build, names, plugin_class
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures._counts import as_numbers
 from saf_gen.parts import Measure, wants_halves, wants_intervals
-from saf_gen.registry import ROOMS, build, names, part_class
 
-__all__ = ["ByBrightness", "FromIntervals", "get_measure", "measure_names"]
+__all__ = ["BrightnessNormalised", "IntervalTexture", "get_measure", "measure_names"]
 
 ROOM = "measures"
-SUFFIX, INTERVALS = "_n", "_tfi"
+NORMALISED_SUFFIX, INTERVAL_SUFFIX = "_n", "_tfi"
 
 
 @dataclass(frozen=True)
-class ByBrightness:
+class BrightnessNormalised:
     """Any measure, divided by mean count**degree; 0.0 where no pixel counted a spike.
 
     Counts times a give the same score, as with spike dispersion. Range: that of the measure, over the mean
@@ -66,7 +66,7 @@ class ByBrightness:
 
 
 @dataclass(frozen=True)
-class FromIntervals:
+class IntervalTexture:
     """Any measure, of the texture from intervals (TFI) in place of counts (TFP).
 
     Each pixel is given what it would count in the window at the rate of the one interval between spikes round
@@ -116,7 +116,7 @@ def measure_names() -> list[str]:
     for name in names(ROOM):
         try:
             if _grows(name):
-                found.add(name + SUFFIX)
+                found.add(name + NORMALISED_SUFFIX)
         except BadInput:
             continue
     return sorted(found)
@@ -124,7 +124,7 @@ def measure_names() -> list[str]:
 
 def _grows(name: str) -> bool:
     """Whether a measure's score grows with brightness: as its class says, or it does without options."""
-    degree = getattr(part_class(ROOM, name), "degree", 0)
+    degree = getattr(plugin_class(ROOM, name), "degree", 0)
     if isinstance(degree, property):
         degree = getattr(build(ROOM, name), "degree", 0)
     return isinstance(degree, int) and degree > 0
@@ -137,21 +137,21 @@ def get_measure(name: str, **options: Any) -> Measure:
     Raises BadInput for an unknown name or key, for a value that the measure refuses, for the twin of a
     measure that does not depend on brightness, and for the texture of intervals for one that compares halves.
     """
-    if name in names(ROOM) or (":" in name and not name.endswith((SUFFIX, INTERVALS))):
+    if name in names(ROOM) or (":" in name and not name.endswith((NORMALISED_SUFFIX, INTERVAL_SUFFIX))):
         return build(ROOM, name, **options)
-    if name.endswith(INTERVALS):
-        return _from_intervals(name.removesuffix(INTERVALS), options)
-    base = name.removesuffix(SUFFIX)
+    if name.endswith(INTERVAL_SUFFIX):
+        return _from_intervals(name.removesuffix(INTERVAL_SUFFIX), options)
+    base = name.removesuffix(NORMALISED_SUFFIX)
     if base == name or (base not in names(ROOM) and ":" not in base):
-        raise unknown(ROOMS[ROOM], name, measure_names())
+        raise unknown(PLUGIN_KINDS[ROOM], name, measure_names())
     measure = build(ROOM, base, **options)
     if getattr(measure, "degree", 0) <= 0:
         raise BadInput(
-            f"{ROOMS[ROOM]} {base!r} has no twin {name!r}: its score does not grow with brightness",
+            f"{PLUGIN_KINDS[ROOM]} {base!r} has no twin {name!r}: its score does not grow with brightness",
             allowed="twins of measures of degree 1 or more",
             nearest=base,
         )
-    return ByBrightness(measure)
+    return BrightnessNormalised(measure)
 
 
 def _from_intervals(base: str, options: dict[str, Any]) -> Measure:
@@ -159,8 +159,8 @@ def _from_intervals(base: str, options: dict[str, Any]) -> Measure:
     if wants_halves(measure) or wants_intervals(measure):
         what = "it compares halves of a window" if wants_halves(measure) else "it takes intervals already"
         raise BadInput(
-            f"{ROOMS[ROOM]} {base!r} has no {base + INTERVALS!r}: {what}",
+            f"{PLUGIN_KINDS[ROOM]} {base!r} has no {base + INTERVAL_SUFFIX!r}: {what}",
             allowed="measures that take the counts of a whole window",
             nearest=base,
         )
-    return FromIntervals(measure)
+    return IntervalTexture(measure)

@@ -4,9 +4,9 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["LEAST_LIGHT", "as_floats", "as_numbers"]
+__all__ = ["MIN_LIGHT_OVER_DARK", "as_floats", "as_numbers"]
 
-LEAST_LIGHT = 0.1
+MIN_LIGHT_OVER_DARK = 0.1
 """Of the dark counts: a mean light below that is night."""
 
 GROWTH = 512

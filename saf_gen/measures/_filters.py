@@ -3,11 +3,11 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["correlated"]
+__all__ = ["correlate_separable"]
 
 
 @njit(nogil=True, cache=True)
-def correlated(image: np.ndarray, down: np.ndarray, across: np.ndarray, stride: int) -> np.ndarray:
+def correlate_separable(image: np.ndarray, down: np.ndarray, across: np.ndarray, stride: int) -> np.ndarray:
     """Σ down[k]·across[l]·image[i + k, j + l] at every ``stride``-th i and j; the image is no smaller.
 
     All float64. Row by row: a kernel, because arrays for each step cost more than the arithmetic.

@@ -9,13 +9,13 @@ from scipy.fft import rfft2
 from saf_gen.errors import BadInput
 from saf_gen.measures._counts import as_floats
 
-__all__ = ["TRANSFORM", "checked_band", "power_in_band"]
+__all__ = ["FFT_COST", "check_band", "power_in_band"]
 
-TRANSFORM = 2.5 * log2(400 * 250)
+FFT_COST = 2.5 * log2(400 * 250)
 """Additions and multiplications a pixel of a real fast Fourier transform, 2.5 log2 N, at 400 x 250 pixels."""
 
 
-def checked_band(lowest: float, highest: float) -> None:
+def check_band(lowest: float, highest: float) -> None:
     """Raises BadInput unless 0 <= lowest < highest <= 0.75 cycles a pixel (a corner has 0.71)."""
     for key, value in (("lowest", lowest), ("highest", highest)):
         if isinstance(value, bool) or not isinstance(value, int | float):

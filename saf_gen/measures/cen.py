@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from saf_gen.measures._counts import as_floats
-from saf_gen.measures._spectrum import TRANSFORM, checked_band, power_in_band
+from saf_gen.measures._spectrum import FFT_COST, check_band, power_in_band
 
 ROUNDING = 1e-20
 """Share of the largest squared count below which power is but the transform's rounding."""
@@ -30,7 +30,7 @@ class SpectralCentroid:
     highest: float = 0.15
 
     degree: ClassVar[int] = 0
-    cost: ClassVar[float] = TRANSFORM + 3
+    cost: ClassVar[float] = FFT_COST + 3
     source: ClassVar[str] = (
         "Spike Camera Autofocus via Frequency-Domain Spectral-Centroid Migration, ICML 2026 "
         "(icml.cc/virtual/2026/poster/65044)"
@@ -38,7 +38,7 @@ class SpectralCentroid:
     score_range: ClassVar[str] = "0 ... highest, cycles a pixel"
 
     def __post_init__(self) -> None:
-        checked_band(0.0, self.highest)
+        check_band(0.0, self.highest)
 
     def __call__(self, counts: np.ndarray) -> float:
         """Score of counts (row, col), any number type, cycles a pixel."""

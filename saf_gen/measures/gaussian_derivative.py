@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.measures._counts import as_floats
-from saf_gen.measures._filters import correlated
+from saf_gen.measures._filters import correlate_separable
 from saf_gen.measures._moments import mean_square
 
 
@@ -50,7 +50,9 @@ class GaussianDerivative:
         c = as_floats(counts)
         if min(c.shape) < smooth.size:
             return 0.0
-        return mean_square(correlated(c, smooth, slope, 1)) + mean_square(correlated(c, slope, smooth, 1))
+        return mean_square(correlate_separable(c, smooth, slope, 1)) + mean_square(
+            correlate_separable(c, slope, smooth, 1)
+        )
 
 
 @lru_cache(maxsize=16)

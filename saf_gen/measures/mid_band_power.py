@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.measures._spectrum import TRANSFORM, checked_band, power_in_band
+from saf_gen.measures._spectrum import FFT_COST, check_band, power_in_band
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class MidBandPower:
     highest: float = 0.25
 
     degree: ClassVar[int] = 2
-    cost: ClassVar[float] = TRANSFORM + 3
+    cost: ClassVar[float] = FFT_COST + 3
     source: ClassVar[str] = (
         "Oliva, Bravo-Zanoguera and Price, Filtering out contrast reversals for microscopy autofocus, "
         "Applied Optics 38(4), 1999, doi:10.1364/AO.38.000638; spectral measures: Firestone et al., "
@@ -34,7 +34,7 @@ class MidBandPower:
     score_range: ClassVar[str] = "0 ... the variance of the counts"
 
     def __post_init__(self) -> None:
-        checked_band(self.lowest, self.highest)
+        check_band(self.lowest, self.highest)
 
     def __call__(self, counts: np.ndarray) -> float:
         """Score of counts (row, col), any number type, squared counts."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.measures._counts import LEAST_LIGHT, as_numbers
+from saf_gen.measures._counts import MIN_LIGHT_OVER_DARK, as_numbers
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class SpikeDispersionCalibrated:
         dark = self.dark * (length // 2), self.dark * (length - length // 2)
         means = first.sum().item() / first.size, second.sum().item() / second.size
         light = means[0] - dark[0], means[1] - dark[1]
-        if light[0] <= LEAST_LIGHT * dark[0] or light[1] <= LEAST_LIGHT * dark[1]:
+        if light[0] <= MIN_LIGHT_OVER_DARK * dark[0] or light[1] <= MIN_LIGHT_OVER_DARK * dark[1]:
             return 0.0
         shared = np.vdot(first, second).item() / first.size - means[0] * means[1]
         return (shared + 1 / 12 - self.dark_rms**2 * dark[0] * dark[1]) / (light[0] * light[1])

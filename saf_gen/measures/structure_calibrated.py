@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.measures._counts import LEAST_LIGHT, as_numbers
+from saf_gen.measures._counts import MIN_LIGHT_OVER_DARK, as_numbers
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class StructureCalibrated:
         length = frames or 0
         dark = self.dark * (length // 2), self.dark * (length - length // 2)
         light = [float(half.sum()) / half.size - d for half, d in zip(halves, dark, strict=True)]
-        if light[0] <= LEAST_LIGHT * dark[0] or light[1] <= LEAST_LIGHT * dark[1]:
+        if light[0] <= MIN_LIGHT_OVER_DARK * dark[0] or light[1] <= MIN_LIGHT_OVER_DARK * dark[1]:
             return 0.0
         alike = 2 / 12 - 2 * self.dark_rms**2 * dark[0] * dark[1]
         total, apart = 0.0, 1

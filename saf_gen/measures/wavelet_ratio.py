@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.measures._counts import as_floats
-from saf_gen.measures._filters import correlated
+from saf_gen.measures._filters import correlate_separable
 from saf_gen.measures._moments import mean_square
 
 A, B = sqrt(10), sqrt(5 + 2 * sqrt(10))
@@ -58,7 +58,7 @@ class WaveletRatio:
             if min(rest.shape) < LOW.size:
                 return 0.0
             bands = ((LOW, HIGH), (HIGH, LOW), (HIGH, HIGH))
-            details += sum(mean_square(correlated(rest, *band, 2)) for band in bands) / 4**level
-            rest = correlated(rest, LOW, LOW, 2)
+            details += sum(mean_square(correlate_separable(rest, *band, 2)) for band in bands) / 4**level
+            rest = correlate_separable(rest, LOW, LOW, 2)
         left = mean_square(rest) / 4**self.levels
         return details / left if left else 0.0

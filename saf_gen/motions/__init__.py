@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen import registry
+from saf_gen.core.config import registry
 from saf_gen.errors import BadInput
 from saf_gen.parts import Motion
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from saf_gen.core.csv_table import parse_columns
 from saf_gen.errors import BadInput
-from saf_gen.tables import columns
 
 SLACK_S = 1e-9  # decimals in a file and quotients of readouts differ in their last digits
 
@@ -29,18 +29,18 @@ class FromCsv:
                 f"file is {self.file!r}",
                 allowed="in a recipe the path of a CSV file; else {'path': ..., 'text': ...}",
             )
-        times, places = self._points()
-        outside = np.flatnonzero((places < 0) | (places > 1))
+        times, positions = self._points()
+        outside = np.flatnonzero((positions < 0) | (positions > 1))
         if outside.size:
             raise BadInput(
-                f"position is {places[outside[0]]:g} at {times[outside[0]]:g} s",
+                f"position is {positions[outside[0]]:g} at {times[outside[0]]:g} s",
                 where=self.file["path"],
                 allowed="0 to 1, a fraction of the travel",
             )
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Fraction of the travel at each time. Raises BadInput for a time that the table does not reach."""
-        times, places = self._points()
+        times, positions = self._points()
         seconds = np.asarray(seconds, dtype=np.float64)
         outside = seconds[(seconds < times[0] - SLACK_S) | (seconds > times[-1] + SLACK_S)]
         if outside.size:
@@ -51,8 +51,8 @@ class FromCsv:
                 allowed="a table that covers the recording",
                 hint="add rows, or record fewer frames",
             )
-        return np.interp(seconds, times, places)
+        return np.interp(seconds, times, positions)
 
     def _points(self) -> tuple[np.ndarray, np.ndarray]:
-        times, places = columns(self.file["text"], ("time_s", "position"), name=self.file["path"])
-        return times, places
+        times, positions = parse_columns(self.file["text"], ("time_s", "position"), name=self.file["path"])
+        return times, positions

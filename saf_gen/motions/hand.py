@@ -6,9 +6,9 @@ from math import floor, sqrt
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.motions._travel import check_range, check_way
-from saf_gen.seeds import generator
+from saf_gen.motions._option_checks import check_bounds, check_endpoints
 
 FINE = 32  # points of the speed in one period of its fastest wave; it is a straight line between them
 
@@ -39,9 +39,9 @@ class Hand:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check_way(self.from_, self.to)
-        check_range("irregularity", self.irregularity, 0, 1, "of the mean speed")
-        check_range("bandwidth_hz", self.bandwidth_hz, 0, 1000, "Hz")
+        check_endpoints(self.from_, self.to)
+        check_bounds("irregularity", self.irregularity, 0, 1, "of the mean speed")
+        check_bounds("bandwidth_hz", self.bandwidth_hz, 0, 1000, "Hz")
         if not isinstance(self.reversals, bool):
             raise BadInput(f"reversals is {self.reversals!r}", allowed="true, false")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
@@ -50,9 +50,9 @@ class Hand:
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Fraction of the travel at each time. Raises BadInput where no wave fits into the recording."""
         times, speed = self._speed(duration_s)
-        way = make_interp_spline(times, speed, k=1).antiderivative()
-        share = way(np.asarray(seconds, dtype=np.float64)) / way(duration_s)
-        return np.clip(self.from_ + (self.to - self.from_) * share, 0.0, 1.0)
+        path = make_interp_spline(times, speed, k=1).antiderivative()
+        fraction = path(np.asarray(seconds, dtype=np.float64)) / path(duration_s)
+        return np.clip(self.from_ + (self.to - self.from_) * fraction, 0.0, 1.0)
 
     def _speed(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Times (s) and speeds (of no unit) over the recording, float64 (n,) each."""
@@ -66,7 +66,7 @@ class Hand:
                 hint="raise it, or record more frames",
             )
         points = FINE * max(floor(periods), 1)
-        coefficients = generator("hand", self.seed).standard_normal((waves, 2))
+        coefficients = make_generator("hand", self.seed).standard_normal((waves, 2))
         coefficients /= sqrt(np.square(coefficients).sum() / 2)  # variance 1 over the recording
         spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
         spectrum[1 : waves + 1] = (coefficients[:, 0] - 1j * coefficients[:, 1]) * points / 2

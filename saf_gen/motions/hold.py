@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.motions._travel import check_place
+from saf_gen.motions._option_checks import check_position
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Hold:
     position: float
 
     def __post_init__(self) -> None:
-        check_place("position", self.position)
+        check_position("position", self.position)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Fraction of the travel at each time."""

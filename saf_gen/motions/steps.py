@@ -6,7 +6,7 @@ from math import pi, sqrt
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.motions._travel import check_range, check_way
+from saf_gen.motions._option_checks import check_bounds, check_endpoints
 
 MOST = 100_000
 
@@ -36,16 +36,16 @@ class Steps:
     dwell_s: float | None = None
 
     def __post_init__(self) -> None:
-        check_way(self.from_, self.to)
+        check_endpoints(self.from_, self.to)
         if isinstance(self.count, bool) or not (isinstance(self.count, int) and 1 <= self.count <= MOST):
             raise BadInput(
                 f"count is {self.count!r}",
                 allowed=f"a whole number of steps, 1 to {MOST}; to draw one, {{choice: [4, 8]}}",
             )
-        check_range("natural_hz", self.natural_hz, 0, 1e5, "Hz")
-        check_range("damping", self.damping, 0, 10, "of the critical damping")
+        check_bounds("natural_hz", self.natural_hz, 0, 1e5, "Hz")
+        check_bounds("damping", self.damping, 0, 10, "of the critical damping")
         if self.dwell_s is not None:
-            check_range("dwell_s", self.dwell_s, 0, 3600, "s")
+            check_bounds("dwell_s", self.dwell_s, 0, 3600, "s")
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Fraction of the travel at each time. Raises BadInput where the recording ends before a step."""

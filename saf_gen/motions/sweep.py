@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.motions._travel import check_way
+from saf_gen.motions._option_checks import check_endpoints
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Sweep:
     to: float = 1.0
 
     def __post_init__(self) -> None:
-        check_way(self.from_, self.to)
+        check_endpoints(self.from_, self.to)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Fraction of the travel at each time."""

@@ -51,14 +51,14 @@ class Drive(ABC):
         """The position that focuses a point of this depth (m); outside 0...1 where the travel ends before."""
 
     @abstractmethod
-    def truth(self, depths: np.ndarray) -> float:
+    def true_focus(self, depths: np.ndarray) -> float:
         """The position that minimises the mean of c² over these depths (m)."""
 
     @abstractmethod
     def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
         """The two positions, in rising order, at which the blur at the truth's depth is one pixel.
 
-        Taken at the one depth that is in focus at :meth:`truth`; a target with depth of its own is never
+        Taken at the one depth that is in focus at :meth:`true_focus`; a target with depth of its own is never
         sharp everywhere, and its mean blur might not come down to a pixel at all.
         """
 
@@ -67,7 +67,7 @@ class Drive(ABC):
         return self.object_distance(position) + self.shift(position)
 
     @property
-    def reach_m(self) -> tuple[float, float]:
+    def focusing_range_m(self) -> tuple[float, float]:
         """Nearest and farthest depth (m) that a position focuses."""
         near, far = sorted(float(depth) for depth in self.focus_depth(np.array([0.0, 1.0])))
         return near, far
@@ -82,7 +82,7 @@ class Drive(ABC):
             defocus = np.where(distance > 0, 1 / distance, np.inf) - 1 / self.object_distance(position)
         return 2 * self.aperture_radius_m * self.image_distance(position) * np.abs(defocus)
 
-    def transfer(self, position: Positions, reference: float = 0.5) -> np.ndarray:
+    def ray_transfer(self, position: Positions, reference: float = 0.5) -> np.ndarray:
         """A ray's way through the stack: float64 (..., 2, 2), M with (x_p, a_p) = M(p)·(x, a).
 
         (x, a): where a ray meets sensor and lens (m) at the position of reference, and so its slope in object

@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from saf_gen import seeds
-from saf_gen.focal_stack import StackSpec, StackStore
-from saf_gen.render import _load, geometry, one_pass, thinlens, variant, world
-from saf_gen.render.film import Film, Setup
-from saf_gen.scene import Scene
+from saf_gen.core import seeds
+from saf_gen.render import _import_mitsuba, backend, depth_and_target, mitsuba_scene, one_pass, thin_lens
+from saf_gen.render.render_setup import RenderSetup, SensorGrid
+from saf_gen.scene.scene_folder import Scene
+from saf_gen.stack.focal_stack import StackSpec, StackStore
 
-__all__ = ["_load", "render_missing"]
+__all__ = ["_import_mitsuba", "render_missing"]
 
 
 def render_missing(
@@ -20,7 +20,7 @@ def render_missing(
     specs: Sequence[StackSpec],
     root: Path,
     *,
-    variant_name: str,
+    backend_name: str,
     threads: int | None = None,
     progress: Callable[[str, float], None] = lambda name, done: None,
 ) -> list[str]:
@@ -32,12 +32,12 @@ def render_missing(
 
     Raises BadInput where the scene cannot be built, or its target is out of sight.
     """
-    todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing()]
+    todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
     if not todo:
         return []
-    variant.use(variant_name, threads=threads)
-    described = world.build(scene)
-    motions = world.motions(scene, described)
+    backend.activate_backend(backend_name, threads=threads)
+    described = mitsuba_scene.build_scene_dict(scene)
+    motions = mitsuba_scene.read_motions(scene, described)
     left = Counter(name for _, name in todo)
     whole = dict(left)
     loaded, lit = None, None  # Mitsuba's scene with its integrator; the moment and the group that it is of
@@ -53,9 +53,14 @@ def render_missing(
             # The scene before is let go first. This one then takes its places in Dr.Jit's registry, which
             # stand in the kernel's code, and the kernel is found in the cache: 0.2 to 0.6 s saved.
             loaded = None
-            moment = world.posed(described, motions, spec.time_s, unit_m=scene.card.unit_m)
-            loaded, lit = world.load(moment, scene.card.lights[group], spec.max_depth), (spec.time_s, group)
-        _render(scene, loaded, spec, name, root, variant_name, passing=len(specs) > 1, progress=told)
+            moment = mitsuba_scene.pose_shapes(described, motions, spec.time_s, unit_m=scene.card.unit_m)
+            loaded, lit = (
+                mitsuba_scene.load_lit_scene(moment, scene.card.lights[group], spec.max_depth),
+                (spec.time_s, group),
+            )
+        _render(
+            scene, loaded, spec, name, root, backend_name, allow_unseen_target=len(specs) > 1, progress=told
+        )
         left[name] -= 1
         told(0.0)
     if len(specs) == 1:
@@ -69,28 +74,32 @@ def _render(
     spec: StackSpec,
     name: str,
     root: Path,
-    variant_name: str,
+    backend_name: str,
     *,
-    passing: bool,
+    allow_unseen_target: bool,
     progress: Callable[[float], None],
 ) -> None:
     """Render one piece of one stack and store it; ``loaded`` is the scene, lit, and its integrator."""
     store = StackStore(root, spec)
-    film = Film(spec.rows, spec.columns, spec.pitch_m)
+    film = SensorGrid(spec.rows, spec.columns, spec.pitch_m)
     lit, integrator = loaded
-    setup = Setup(lit, integrator, world.camera_to_world(scene), spec.drive, film, scene.card.unit_m)
+    setup = RenderSetup(
+        lit, integrator, mitsuba_scene.camera_to_world(scene), spec.drive, film, scene.card.unit_m
+    )
     if name == "geometry":
-        seen = geometry.look(setup, scene.card.target, passing=passing)
-        store.put_geometry(seen.depth, seen.target, variant_name)
+        seen = depth_and_target.trace_depth_and_target(
+            setup, scene.card.target, allow_unseen_target=allow_unseen_target
+        )
+        store.write_geometry(seen.depth, seen.target, backend_name)
         return
-    stack_of = thinlens.render_stack if variant_name == "scalar" else one_pass.render_stack
+    stack_of = thin_lens.render_stack if backend_name == "scalar" else one_pass.render_stack
     radiance, clipped = stack_of(
         setup,
         positions=spec.positions,
         window=spec.window,
         samples=spec.samples,
         # Moments of one scene share their noise: it does not flicker where nothing moves.
-        seed=seeds.integer("stack", replace(spec, time_s=0.0, window=None).key, name),
+        seed=seeds.derive_seed("stack", replace(spec, time_s=0.0, window=None).key, name),
         progress=progress,
     )
-    store.put_group(name, radiance, variant_name, clipped=clipped)
+    store.write_group(name, radiance, backend_name, clipped=clipped)

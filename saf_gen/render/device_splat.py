@@ -1,6 +1,6 @@
 """Adds traced paths to every focus position at once, on the device that traced them.
 
-The walk, the words and the sums are those of :mod:`saf_gen.render.splat`, as Dr.Jit kernels. Sums are of
+The walk, the words and the sums are those of :mod:`saf_gen.render.host_splat`, as Dr.Jit kernels. Sums are of
 integers, so for the same paths the stack is the same bit for bit, in whatever order threads add.
 
 That takes care with rounding. CUDA may fuse a product with the addition after it into one operation that
@@ -18,18 +18,18 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.splat import COUNT_BITS, NEVER, Paths
+from saf_gen.render.host_splat import COUNT_BITS, NEVER, TracedPaths
 
-__all__ = ["DeviceSums"]
+__all__ = ["DeviceAccumulator"]
 
 ACCUMULATOR_BYTES = 1 << 31  # and half as much again for the stack
 
 
-class DeviceSums:
+class DeviceAccumulator:
     """Sums of a band of rows of the film, on the device: int64 (row, col, focus), 8 bytes each.
 
     shape : (focus, row, col) of the whole stack. band : first row and the one after the last. scale, most :
-    as :func:`saf_gen.render.splat.splat` takes them.
+    as :func:`saf_gen.render.host_splat.splat_paths` takes them.
     """
 
     def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], scale: float, most: float) -> None:
@@ -39,14 +39,14 @@ class DeviceSums:
         self.sums = dr.zeros(mi.Int64, self.focus * self.rows * self.columns)
 
     @staticmethod
-    def bands(shape: tuple[int, int, int]) -> list[tuple[int, int]]:
+    def split_into_bands(shape: tuple[int, int, int]) -> list[tuple[int, int]]:
         """The whole film where its sums take at most ACCUMULATOR_BYTES, else the fewest bands that do."""
         focus, rows, columns = shape
         parts = math.ceil(rows / max(1, ACCUMULATOR_BYTES // (8 * focus * columns)))
         edges = [rows * n // parts for n in range(parts + 1)]
         return list(pairwise(edges))
 
-    def add(self, paths: Paths) -> int:
+    def add(self, paths: TracedPaths) -> int:
         """Add paths (Dr.Jit arrays); the number of clipped samples among them, in the band or not."""
         most = dr.opaque(mi.Float64, self.most)
         radiance = mi.Float64(paths.radiance)
@@ -77,8 +77,9 @@ class DeviceSums:
         dr.eval(self.sums, clipped)
         return int(clipped[0])
 
-    def stack(self) -> np.ndarray:
-        """Mean radiance, float32 (focus, row, col) of the band, as :func:`saf_gen.render.splat.resolve`."""
+    def mean_radiance(self) -> np.ndarray:
+        """Mean radiance, float32 (focus, row, col) of the band, as
+        :func:`saf_gen.render.host_splat.resolve_means`."""
         shape = (self.focus, self.rows, self.columns)
         means = dr.empty(mi.Float, self.focus * self.rows * self.columns)
         _resolve(self.sums, means, self.focus, self.rows * self.columns, dr.opaque(mi.Float64, self.scale))

@@ -2,7 +2,8 @@
 
 A ray that meets sensor and lens at (x, a) half way meets them at M(p)·(x, a) at position p, M the drive's
 transfer, linear in p. Rays are spread evenly over film and lens, and over a border round both that is
-wide enough that no position misses one (:func:`saf_gen.render.samples.coverage`). M keeps them evenly spread;
+wide enough that no position misses one (:func:`saf_gen.render.ray_sampling.compute_coverage`). M keeps them
+evenly spread;
 where the lens moves through the rays a path counts only at positions that have it inside the aperture. So
 the paths that fall into a pixel are an even sample of pixel and aperture at every position, and their mean is
 unbiased.
@@ -17,12 +18,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen import seeds
+from saf_gen.core import seeds
 from saf_gen.optics import Drive
-from saf_gen.render.device_splat import DeviceSums
-from saf_gen.render.film import Setup, rendered
-from saf_gen.render.samples import coverage, spread
-from saf_gen.render.splat import VALUE_BITS, HostSums, Paths
+from saf_gen.render.device_splat import DeviceAccumulator
+from saf_gen.render.host_splat import VALUE_BITS, HostAccumulator, TracedPaths
+from saf_gen.render.ray_sampling import compute_coverage, place_samples
+from saf_gen.render.render_setup import RenderSetup, rendered_positions
 
 __all__ = ["render_stack"]
 
@@ -31,7 +32,7 @@ NEVER = 1e9  # positions
 
 
 def render_stack(
-    setup: Setup,
+    setup: RenderSetup,
     *,
     positions: int,
     samples: int,
@@ -48,7 +49,7 @@ def render_stack(
     default under cuda only; the stack is the same bit for bit. Sums that do not fit there are made in bands
     of rows, and the paths traced again for each. Needs a JIT variant (llvm or cuda).
     """
-    focus = rendered(positions, window)
+    focus = rendered_positions(positions, window)
     traced = _trace(setup, focus, samples, seed)
     first = next(traced)
     whole = first[0] >= 1
@@ -58,7 +59,7 @@ def render_stack(
     scale = 2.0**VALUE_BITS / (max(4.0, 2 * _densest(setup, focus)) * samples * most)
     kind = _kind(on_device)
     shape = (focus.size, setup.film.rows, setup.film.columns)
-    bands = kind.bands(shape)
+    bands = kind.split_into_bands(shape)
 
     def part(n: int) -> tuple[np.ndarray, int]:
         sums, clipped = kind(shape, bands[n], scale, most), 0
@@ -66,46 +67,48 @@ def render_stack(
         for done, paths in chain([first], traced) if n == 0 else again:
             clipped += sums.add(paths)
             progress((n + done) / len(bands))
-        return sums.stack(), clipped
+        return sums.mean_radiance(), clipped
 
     stacks, clipped = zip(*map(part, range(len(bands))), strict=True)
     # Every band saw the same paths, so the same were clipped.
     return stacks[0] if len(stacks) == 1 else np.concatenate(stacks, axis=1), clipped[0]
 
 
-def _densest(setup: Setup, focus: np.ndarray) -> float:
+def _densest(setup: RenderSetup, focus: np.ndarray) -> float:
     """Samples a pixel where they lie densest among these positions, over those asked for."""
-    transfer = setup.drive.transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
+    transfer = setup.drive.ray_transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
     return float((np.linalg.det(transfer) ** -2).max())
 
 
-def _kind(on_device: bool | None) -> type[DeviceSums | HostSums]:
+def _kind(on_device: bool | None) -> type[DeviceAccumulator | HostAccumulator]:
     if on_device is None:
         on_device = dr.backend_v(mi.Float) == dr.JitBackend.CUDA
-    return DeviceSums if on_device else HostSums
+    return DeviceAccumulator if on_device else HostAccumulator
 
 
-def _most_by_trial(setup: Setup, focus: np.ndarray, seed: int) -> float:
+def _most_by_trial(setup: RenderSetup, focus: np.ndarray, seed: int) -> float:
     """64 times the brightest path of one sample a pixel: what is brighter still is clipped, a firefly.
 
     For stacks of more than one pass; where one pass has all paths, the brightest of them is known.
     """
-    return 64 * _brightest(_trace(setup, focus, 1, seeds.integer(seed, "trial")))
+    return 64 * _brightest(_trace(setup, focus, 1, seeds.derive_seed(seed, "trial")))
 
 
-def _brightest(traced: Iterable[tuple[float, Paths]]) -> float:
+def _brightest(traced: Iterable[tuple[float, TracedPaths]]) -> float:
     """The largest radiance of all paths; 1.0 where all are dark."""
     return max(float(dr.max(paths.radiance)[0]) for _, paths in traced) or 1.0
 
 
-def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator[tuple[float, Paths]]:
+def _trace(
+    setup: RenderSetup, focus: np.ndarray, samples: int, seed: int
+) -> Iterator[tuple[float, TracedPaths]]:
     """Trace band after band of rows, for these positions (at least two, evenly spaced).
 
     Yields the share done, 0...1, and the paths of the band, evaluated arrays of Dr.Jit.
     """
     drive, film, units = setup.drive, setup.film, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
-    covered = coverage(drive, film, (float(focus[0]), float(focus[-1])))
+    covered = compute_coverage(drive, film, (float(focus[0]), float(focus[-1])))
     # Each position still gets as many samples as asked for, of the aperture it sees of the lens disc.
     samples = math.ceil(samples * (covered.radius_m / drive.aperture_radius_m) ** 2 - 1e-9)
     rows, columns = film.rows + 2 * covered.rows, film.columns + 2 * covered.columns
@@ -115,7 +118,8 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
         _given(np.float32(1) / np.float32(distance(middle)))
         for distance in (drive.image_distance, drive.object_distance)
     )
-    # Rays start where the lens stands farthest from the scene; look() has found nothing between.
+    # Rays start where the lens stands farthest from the scene; trace_depth_and_target() has found nothing
+    # between.
     farthest = float(drive.shift(focus).min())
     ahead = farthest - float(drive.shift(middle))
     moves = ahead != 0
@@ -126,13 +130,13 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
     for begin in range(0, rows, rows_a_pass):
         count = min(rows_a_pass, rows - begin)
         size = count * columns * samples
-        sampler.seed(seeds.integer(seed, begin) & 0xFFFFFFFF, size)
+        sampler.seed(seeds.derive_seed(seed, begin) & 0xFFFFFFFF, size)
         index = dr.arange(mi.UInt32, size)
         pixel, sample = index // each, index % each
         # Column by column of the band: what neighbours splat into then stays in the cache.
         height = dr.opaque(mi.UInt32, count)
         row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
-        across, down, lens = spread(row * across_all + column, sample, seed)
+        across, down, lens = place_samples(row * across_all + column, sample, seed)
         x = (mi.Float(column) + across - half_columns) * film.pitch_m
         y = (mi.Float(row) + down - half_rows) * film.pitch_m
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
@@ -142,7 +146,7 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
         ray = mi.RayDifferential3f(
             transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1))
         )
-        radiance, _, _ = setup.integrator.sample(setup.world, sampler, ray)
+        radiance, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, ray)
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
         first_x, step_x, first_a, step_a = _line(setup, focus, x, a.x)
         first_y, step_y, first_b, step_b = _line(setup, focus, y, a.y)
@@ -157,7 +161,7 @@ def _trace(setup: Setup, focus: np.ndarray, samples: int, seed: int) -> Iterator
         if moves:
             paths += _window(mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b), drive, focus.size)
         dr.eval(*paths)
-        yield (begin + count) / rows, Paths(*paths)
+        yield (begin + count) / rows, TracedPaths(*paths)
 
 
 def _given(value: Any) -> Any:
@@ -165,13 +169,13 @@ def _given(value: Any) -> Any:
     return dr.opaque(mi.Float, float(value))
 
 
-def _line(setup: Setup, focus: np.ndarray, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
+def _line(setup: RenderSetup, focus: np.ndarray, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
     """Place on the sensor at the first position and step between positions, and the same on the lens (m).
 
     Steps come from the difference of the ends, taken in double precision: in single it would keep three
     digits of a stage that moves by micrometres at millimetres.
     """
-    first, last = setup.drive.transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
+    first, last = setup.drive.ray_transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
     step = (last - first) / (focus.size - 1)
     xx, xa, ax, aa, dxx, dxa, dax, daa = map(_given, (*first.ravel(), *step.ravel()))
     return x * xx + a * xa, x * dxx + a * dxa, x * ax + a * aa, x * dax + a * daa

@@ -6,8 +6,8 @@ Helpers that searches share are in files whose names begin with an underscore.
 
 from typing import Any
 
+from saf_gen.core.config.registry import build, names
 from saf_gen.parts import Search
-from saf_gen.registry import build, names
 
 __all__ = ["get_search", "search_names"]
 

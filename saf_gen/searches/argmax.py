@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput, closest
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import whole
+from saf_gen.searches._golden_narrowing import check_frame_count
 
 REFINE = ("no", "parabola", "centroid")
 
@@ -40,7 +40,7 @@ class Argmax:
     )
 
     def __post_init__(self) -> None:
-        whole(self.window, "window")
+        check_frame_count(self.window, "window")
         if self.refine not in REFINE:
             was = {"True": "parabola", "False": "no"}  # it has been a switch
             nearest = was.get(str(self.refine)) or closest(self.refine, REFINE)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.errors import BadInput
-from saf_gen.searches._golden import whole
-from saf_gen.searches._live import Commanding, Looks, check_share
+from saf_gen.searches._golden_narrowing import check_frame_count
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_fraction
 
 
 @dataclass(frozen=True)
-class CoarseToFine(Commanding):
+class CoarseToFine(LensCommandingSearch):
     """Looks at places ``coarse`` apart all over the travel, then ``fine`` apart round the best of them.
 
     The first pass scores ``far_dt`` frames by the measure ``far``, whose curve is to be broad: it must rise
@@ -33,9 +33,9 @@ class CoarseToFine(Commanding):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_share("coarse", self.coarse)
-        check_share("fine", self.fine)
-        whole(self.far_dt, "far_dt")
+        check_fraction("coarse", self.coarse)
+        check_fraction("fine", self.fine)
+        check_frame_count(self.far_dt, "far_dt")
         if self.fine > self.coarse:
             raise BadInput(f"fine is {self.fine!r}", allowed=f"no more than coarse, {self.coarse!r}")
         if not (isinstance(self.far, str) and self.far):
@@ -46,15 +46,15 @@ class CoarseToFine(Commanding):
         """The measure that it looks through beside the method's own."""
         return () if self.far == "own" else (self.far,)
 
-    def seek(self, look: Looks) -> str:
+    def seek_focus(self, look: FocusSampler) -> str:
         parts = math.ceil(1 / self.coarse)
         places = [k / parts for k in range(parts + 1)]
         if look.start() > 0.5:
             places.reverse()
-        look.through(next(iter(self.measures), None), self.far_dt)
+        look.switch_measure(next(iter(self.measures), None), self.far_dt)
         scores = [look(place) for place in places]
         best = places[scores.index(max(scores))]
-        look.through(None, self.dt)
+        look.switch_measure(None, self.dt)
         low, high = max(best - 1 / parts, 0.0), min(best + 1 / parts, 1.0)
         steps = math.ceil(round((high - low) / self.fine, 6))
         fine = [low + (high - low) * k / steps for k in range(steps + 1)]

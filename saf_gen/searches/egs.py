@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import RATIO, THRESHOLD, check_narrowing, close_in
+from saf_gen.searches._golden_narrowing import RATIO, THRESHOLD, check_narrowing, narrow_to_centre
 
 
 @dataclass(frozen=True)
@@ -42,5 +42,5 @@ class GoldenSearch:
                 allowed=f"more than {self.threshold:g} frames",
                 hint="choose a smaller threshold",
             )
-        trace = close_in(view, 0, stop=view.frames, threshold=self.threshold, ratio=self.ratio)
+        trace = narrow_to_centre(view, 0, stop=view.frames, threshold=self.threshold, ratio=self.ratio)
         return Answer(trace[-1], trace)

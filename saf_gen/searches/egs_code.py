@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import RATIO, THRESHOLD, check_narrowing, narrow
+from saf_gen.searches._golden_narrowing import RATIO, THRESHOLD, check_narrowing, narrow_as_released
 
 
 @dataclass(frozen=True)
@@ -42,5 +42,5 @@ class GoldenSearchCode:
                 allowed=f"more than {self.threshold + 1:g} frames",
                 hint="choose a smaller threshold",
             )
-        trace = narrow(view, 1, right=view.frames, threshold=self.threshold, ratio=self.ratio)
+        trace = narrow_as_released(view, 1, right=view.frames, threshold=self.threshold, ratio=self.ratio)
         return Answer(float(trace[-1] - 1), trace)

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from saf_gen.searches._live import Commanding, Looks, check_share
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_fraction
 
 
 @dataclass(frozen=True)
-class Fibonacci(Commanding):
+class Fibonacci(LensCommandingSearch):
     """Fibonacci search: as golden section, on F equal parts of the travel, F a Fibonacci number.
 
     The places are k/F, k = 1 ... F − 1; the answer is one of them, and a single peak lies between its two
@@ -26,9 +26,9 @@ class Fibonacci(Commanding):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_share("tolerance", self.tolerance)
+        check_fraction("tolerance", self.tolerance)
 
-    def seek(self, look: Looks) -> str:
+    def seek_focus(self, look: FocusSampler) -> str:
         numbers = [1, 2, 3]
         while numbers[-1] * self.tolerance < 2:
             numbers.append(numbers[-1] + numbers[-2])

@@ -4,13 +4,13 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from saf_gen.searches._live import Commanding, Looks, check_share
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_fraction
 
 RATIO = (math.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True)
-class GoldenSection(Commanding):
+class GoldenSection(LensCommandingSearch):
     """Golden section: looks at two places of the travel, drops the end beside the worse, keeps the other.
 
     Each step leaves 0.618 of the bracket and takes one new look, until the bracket is no wider than
@@ -30,9 +30,9 @@ class GoldenSection(Commanding):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_share("tolerance", self.tolerance)
+        check_fraction("tolerance", self.tolerance)
 
-    def seek(self, look: Looks) -> str:
+    def seek_focus(self, look: FocusSampler) -> str:
         left, width = 0.0, 1.0
         lower, upper = look(1 - RATIO), look(RATIO)
         for _ in range(math.ceil(math.log(self.tolerance) / math.log(RATIO)) - 1):

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.errors import BadInput
-from saf_gen.searches._golden import whole
-from saf_gen.searches._live import Commanding, Looks, check_share
+from saf_gen.searches._golden_narrowing import check_frame_count
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_fraction
 
 
 @dataclass(frozen=True)
-class HillClimb(Commanding):
+class HillClimb(LensCommandingSearch):
     """Climbs from where the lens stands in steps of ``coarse``; at the top halves them, down to ``fine``.
 
     It sets off towards the longer part of the travel, goes on while the score rises, and ends a climb after
@@ -31,13 +31,13 @@ class HillClimb(Commanding):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_share("coarse", self.coarse)
-        check_share("fine", self.fine)
-        whole(self.falls, "falls")
+        check_fraction("coarse", self.coarse)
+        check_fraction("fine", self.fine)
+        check_frame_count(self.falls, "falls")
         if self.fine > self.coarse:
             raise BadInput(f"fine is {self.fine!r}", allowed=f"no more than coarse, {self.coarse!r}")
 
-    def seek(self, look: Looks) -> str:
+    def seek_focus(self, look: FocusSampler) -> str:
         here = look.start()
         score = look(here)
         way, step, falls = (1 if here <= 0.5 else -1), self.coarse, self.falls
@@ -53,7 +53,7 @@ class HillClimb(Commanding):
             step, falls = max(step / 2, self.fine), 1
 
 
-def _climb(look: Looks, here: float, score: float, step: float, falls: int) -> tuple[float, float]:
+def _climb(look: FocusSampler, here: float, score: float, step: float, falls: int) -> tuple[float, float]:
     """The best place on the way from ``here``, and its score; ``falls`` looks running that are not end it."""
     top, best, worse, place = here, score, 0, here
     while worse < falls:

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import whole
+from saf_gen.searches._golden_narrowing import check_frame_count
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Naive:
     )
 
     def __post_init__(self) -> None:
-        whole(self.dt, "dt")
-        whole(self.step, "step")
+        check_frame_count(self.dt, "dt")
+        check_frame_count(self.step, "step")
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raises BadInput where it is shorter than one window."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import whole
+from saf_gen.searches._golden_narrowing import check_frame_count
 
 BROAD = "sd_calibrated"
 
@@ -51,7 +51,7 @@ class PhotonAware:
     )
 
     def __post_init__(self) -> None:
-        whole(self.steps, "steps")
+        check_frame_count(self.steps, "steps")
         shares = {
             "longest": (0, 1),
             "until": (0, 1),

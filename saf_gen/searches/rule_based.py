@@ -6,11 +6,11 @@ from itertools import pairwise
 from typing import ClassVar
 
 from saf_gen.errors import BadInput
-from saf_gen.searches._live import Commanding, Looks, check_share
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_fraction
 
 
 @dataclass(frozen=True)
-class RuleBased(Commanding):
+class RuleBased(LensCommandingSearch):
     """Passes through the travel from the nearer end, in steps that rules choose; answers with the best place.
 
     After each look the slope is the relative change of the score over the share of the travel gone. The first
@@ -40,7 +40,7 @@ class RuleBased(Commanding):
     def __post_init__(self) -> None:
         super().__post_init__()
         for key in ("coarse", "middle", "fine", "drop"):
-            check_share(key, getattr(self, key))
+            check_fraction(key, getattr(self, key))
         if not self.fine <= self.middle <= self.coarse:
             raise BadInput(
                 f"steps are {self.coarse!r}, {self.middle!r}, {self.fine!r}",
@@ -52,7 +52,7 @@ class RuleBased(Commanding):
                 allowed="relative change over the whole travel, 0 < gentle <= steep",
             )
 
-    def seek(self, look: Looks) -> str:
+    def seek_focus(self, look: FocusSampler) -> str:
         begin = 0.0 if look.start() <= 0.5 else 1.0
         way = 1 - 2 * begin
         seen = [(0.0, look(begin))]  # how far from there, and the score

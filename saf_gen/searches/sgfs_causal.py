@@ -6,7 +6,12 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import RATIO, close_in, feedback, whole
+from saf_gen.searches._golden_narrowing import (
+    RATIO,
+    check_frame_count,
+    half_score_difference,
+    narrow_to_centre,
+)
 
 
 @dataclass(frozen=True)
@@ -31,8 +36,8 @@ class GoldenFastSearchCausal:
     )
 
     def __post_init__(self) -> None:
-        whole(self.dt, "dt")
-        whole(self.falls, "falls")
+        check_frame_count(self.dt, "dt")
+        check_frame_count(self.falls, "falls")
 
     def __call__(self, view: View) -> Answer:
         """Search until s falls.
@@ -50,14 +55,14 @@ class GoldenFastSearchCausal:
             )
         stop = self._stop(view, first, blocks)
         begin = math.floor((1 - RATIO) * stop)
-        trace = close_in(view, begin, stop=stop)
+        trace = narrow_to_centre(view, begin, stop=stop)
         return Answer(trace[-1], trace, f"stopped after {stop} of {view.frames} frames")
 
     def _stop(self, view: View, first: int, blocks: int) -> int:
         """Frames that have passed when s has fallen often enough, or when there are no more blocks."""
         before, fallen = math.inf, -1  # the first s is below what never was; that is no fall
         for k in range(first, blocks + 1):
-            now = feedback(view, k * self.dt)
+            now = half_score_difference(view, k * self.dt)
             fallen = fallen + 1 if now < before else 0
             if fallen == self.falls:
                 return k * self.dt

@@ -6,7 +6,12 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import RATIO, feedback, narrow, whole
+from saf_gen.searches._golden_narrowing import (
+    RATIO,
+    check_frame_count,
+    half_score_difference,
+    narrow_as_released,
+)
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,7 @@ class GoldenFastSearchCode:
     )
 
     def __post_init__(self) -> None:
-        whole(self.dt, "dt")
+        check_frame_count(self.dt, "dt")
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording.
@@ -44,11 +49,13 @@ class GoldenFastSearchCode:
                 allowed="at least one block, and three frames in the first quarter",
                 hint="choose another dt",
             )
-        followed = [feedback(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)]
+        followed = [
+            half_score_difference(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)
+        ]
         earliest = max(blocks // 4, 1)
         # Where blocks do not divide by four, the earliest stop has no feedback but the 0 it starts with.
         stop = max(range(earliest, blocks + 1), key=lambda k: followed[k - 1])
         right = stop * self.dt
         left = math.floor(right - RATIO * (right - 1))
-        trace = narrow(view, left, right=right)
+        trace = narrow_as_released(view, left, right=right)
         return Answer(float(trace[-1] - 1), trace, f"stopped after {right} of {view.frames} frames")

@@ -5,7 +5,13 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden import RATIO, THRESHOLD, check_narrowing, close_in, whole
+from saf_gen.searches._golden_narrowing import (
+    RATIO,
+    THRESHOLD,
+    check_frame_count,
+    check_narrowing,
+    narrow_to_centre,
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,7 @@ class GoldenFastSearchPrinted:
     )
 
     def __post_init__(self) -> None:
-        whole(self.control_period, "control_period")
+        check_frame_count(self.control_period, "control_period")
         check_narrowing(self.threshold, self.ratio)
         if not isinstance(self.turned, bool):
             raise BadInput(f"turned is {self.turned!r}", allowed="true, false")
@@ -51,6 +57,6 @@ class GoldenFastSearchPrinted:
             earlier, later = view.score(0, window), view.score(so_far - window, so_far)
             if (earlier > later) if self.turned else (earlier < later):
                 begin = so_far - max(round(self.ratio * so_far / 2), 1)
-                trace = close_in(view, begin, stop=so_far, threshold=self.threshold, ratio=self.ratio)
+                trace = narrow_to_centre(view, begin, stop=so_far, threshold=self.threshold, ratio=self.ratio)
                 return Answer(trace[-1], trace, f"stopped after {so_far} of {view.frames} frames")
         return Answer(None, (), "the sweep ended before the algorithm stopped")

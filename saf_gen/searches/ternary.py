@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from saf_gen.searches._live import Commanding, Looks, check_share
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_fraction
 
 
 @dataclass(frozen=True)
-class Ternary(Commanding):
+class Ternary(LensCommandingSearch):
     """Ternary search: looks at the two thirds of the bracket, and drops the third beside the worse.
 
     Two new looks a step, ⌈log(tolerance)/log(2/3)⌉ steps until the bracket is no wider than ``tolerance`` of
@@ -26,9 +26,9 @@ class Ternary(Commanding):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_share("tolerance", self.tolerance)
+        check_fraction("tolerance", self.tolerance)
 
-    def seek(self, look: Looks) -> str:
+    def seek_focus(self, look: FocusSampler) -> str:
         left, width = 0.0, 1.0
         for _ in range(math.ceil(math.log(self.tolerance) / math.log(2 / 3))):
             lower, upper = look(left + width / 3), look(left + 2 * width / 3)

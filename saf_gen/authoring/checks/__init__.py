@@ -1,0 +1,83 @@
+"""Checks of a scene: each looks at one thing, and says in one line what it found and what to do.
+
+for finding in check_scene(find_scene("camel"), get_sensor("vidar_400x250")): ...
+"""
+
+from collections.abc import Callable, Iterator
+
+from saf_gen.authoring.checks._scene_finding import SceneFinding, error, ok
+from saf_gen.authoring.checks.focus_reach import check_family, check_reach, unseen_target_finding
+from saf_gen.authoring.checks.licence import check_licence
+from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
+from saf_gen.authoring.checks.scene_units import check_units
+from saf_gen.authoring.checks.sharpness_curve import check_curve
+from saf_gen.authoring.checks.slice_interpolation import check_slices
+from saf_gen.authoring.checks.target_detail import check_detail
+from saf_gen.authoring.checks.target_illuminance import check_exposure
+from saf_gen.authoring.checks.target_motion import check_motion
+from saf_gen.camera import Sensor
+from saf_gen.errors import BadInput
+from saf_gen.scene.scene_folder import Scene
+
+__all__ = [
+    "SceneFinding",
+    "SceneUnderTest",
+    "check_curve",
+    "check_detail",
+    "check_exposure",
+    "check_family",
+    "check_motion",
+    "check_reach",
+    "check_scene",
+    "check_slices",
+    "check_units",
+]
+
+SEEN: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]], ...] = (
+    check_units,
+    check_reach,
+    check_exposure,
+    check_detail,
+    check_curve,
+    check_motion,
+    check_slices,
+    check_family,
+)
+
+
+def check_scene(
+    scene: Scene,
+    sensor: Sensor,
+    *,
+    variant: str = "auto",
+    progress: Callable[[float], None] = lambda done: None,
+) -> Iterator[SceneFinding]:
+    """Findings of all checks, one after the other as they are made; ``progress`` is told the share done.
+
+    What stops one check (a scene that cannot be built, a target out of sight) is an error of that check, and
+    ends those that need it.
+    """
+    yield from check_licence(scene)
+    subject = SceneUnderTest(scene, sensor, variant)
+    try:
+        yield ok("geometry", _built(subject))
+    except BadInput as problem:
+        yield error("geometry", str(problem))
+        return
+    progress(0.1)
+    try:
+        subject.true_focus  # noqa: B018
+    except BadInput as problem:
+        yield unseen_target_finding(subject, problem)
+        return
+    for n, check in enumerate(SEEN, 1):
+        try:
+            yield from check(subject)
+        except BadInput as problem:
+            yield error(check.__name__.removeprefix("check_"), str(problem))
+        progress(0.1 + 0.9 * n / len(SEEN))
+
+
+def _built(subject: SceneUnderTest) -> str:
+    shapes = subject.renderer.prepare().mitsuba_scene.shapes()
+    return f"{len(shapes)} shapes, light groups {', '.join(subject.scene.card.lights)}"

@@ -1,0 +1,17 @@
+"""Contact sheets: of a focal stack of a dataset, and of a scene as its author has it."""
+
+from saf_gen.authoring.preview.contact_sheet import ContactSheet, draw_contact_sheet, write_preview
+from saf_gen.authoring.preview.display_images import encode_gamma, save_image_grid, white_level
+from saf_gen.authoring.preview.scene_sheet import make_contact_sheet, preview_scene, render_small_pictures
+
+__all__ = [
+    "ContactSheet",
+    "draw_contact_sheet",
+    "encode_gamma",
+    "make_contact_sheet",
+    "preview_scene",
+    "render_small_pictures",
+    "save_image_grid",
+    "white_level",
+    "write_preview",
+]

@@ -1,0 +1,76 @@
+"""The plots of a contact sheet: blur and sharpness over the travel, and how bright the pixels are."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from saf_gen.camera import Sensor, charge_stack, exposure_scale
+from saf_gen.camera.exposure import mean_firing_rate
+from saf_gen.core.region import target_bounding_box
+from saf_gen.errors import BadInput
+from saf_gen.stack.focal_stack import FocalStack
+
+__all__ = ["draw_curves", "draw_histogram"]
+
+BLUE, ORANGE, YELLOW = "#0072B2", "#D55E00", "#f0d060"
+USUAL_RATE = 0.2  # spikes a readout: the mean_rate of the recipes
+
+
+def _charge(stack: FocalStack, sensor: Sensor) -> np.ndarray:
+    """Photo-electrons a readout at gain 1 of all lights, float32 (focus, row, col)."""
+    drive = stack.spec.drive
+    return charge_stack(
+        stack.radiance,
+        drive.image_distance(stack.spec.focus),
+        drive.aperture_radius_m,
+        sensor,
+        transmission=drive.transmission,
+    ).sum(axis=0)
+
+
+def draw_curves(axes: Axes, stack: FocalStack, sensor: Sensor, truth: float) -> None:
+    """Blur of the target by the lens alone, and noise-free sharpness in its box as the stack has it."""
+    drive, depths = stack.spec.drive, stack.depth[stack.target]
+    axes.set(xlabel="focus position, fraction of travel", xlim=(0, 1))
+    axes.set_title("blur (rms) and sharpness of the target,\ntrue focus and depth of focus")
+    if not depths.size:
+        return
+    focus = np.linspace(0, 1, 129)
+    blur = [np.sqrt(np.mean(drive.blur_diameter(p, depths) ** 2)) / stack.spec.pitch_m for p in focus]
+    axes.plot(focus, blur, color=BLUE)
+    axes.set_ylabel("blur, pixels", color=BLUE)
+    axes.set_ylim(bottom=0)
+    axes.axvspan(*drive.depth_of_focus(depths, stack.spec.pitch_m), color=YELLOW, alpha=0.5, linewidth=0)
+    axes.axvline(truth, color="black", linewidth=1)
+    axes.set_xlim(0, 1)
+    rows, columns = target_bounding_box(stack.target)
+    seen = _charge(stack, sensor)[:, rows, columns].astype(np.float64)
+    mean = seen.mean(axis=(1, 2))
+    if not (mean > 0).all():
+        return  # in the dark there is no sharpness
+    beside = axes.twinx()
+    beside.plot(stack.spec.focus, seen.var(axis=(1, 2)) / mean**2, ".-", color=ORANGE)
+    beside.set_ylabel("sharpness, variance over mean²", color=ORANGE)
+    beside.set_ylim(bottom=0)
+
+
+def draw_histogram(axes: Axes, stack: FocalStack, sensor: Sensor, best: int) -> None:
+    """Spikes a readout at best focus, of target and frame, when the target fires 0.2 on average."""
+    charge = _charge(stack, sensor)[best]
+    try:
+        scale = exposure_scale(charge, stack.target, sensor, USUAL_RATE)
+        title = f"brightness of the pixels at mean_rate {USUAL_RATE:g}"
+    except BadInput:  # part of the target is dark, or it is out of sight
+        scale, title = 1.0, "brightness of the pixels, absolute exposure"
+    dark = sensor.mean_dark_e
+    bins = np.geomspace(1e-3, 1, 61)
+    for pixels, color, word in ((charge, "grey", "frame"), (charge[stack.target], BLUE, "target")):
+        if pixels.size:
+            rate = np.clip(mean_firing_rate(pixels * scale + dark, sensor), bins[0], bins[-1])
+            counts, _ = np.histogram(rate, bins=bins)
+            axes.stairs(100 * counts / rate.size, bins, color=color, label=word)
+    absolute = mean_firing_rate(charge[stack.target] + dark, sensor)
+    if absolute.size:
+        title += f"\n(target with absolute exposure: {absolute.mean():.2g})"
+    axes.set(xscale="log", xlim=(bins[0], bins[-1]), xlabel="spikes a readout", ylabel="pixels, %")
+    axes.set_title(title)
+    axes.legend(loc="upper left", frameon=False)

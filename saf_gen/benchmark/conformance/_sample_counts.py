@@ -1,0 +1,44 @@
+"""Pictures for checks: counts of all kinds, and a texture as natural scenes have it. All are seeded."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from saf_gen.core.seeds import make_generator
+
+__all__ = ["EDGE_CASE_COUNTS", "natural_texture", "random_counts"]
+
+
+def random_counts(*shape: int, highest: int = 50) -> np.ndarray:
+    """Counts drawn evenly from 0 to below ``highest``: uint32, read-only."""
+    counts = make_generator("conformance", *shape).integers(0, highest, shape, dtype=np.uint32)
+    counts.flags.writeable = False
+    return counts
+
+
+@lru_cache
+def natural_texture(rows: int, columns: int, contrast: float = 0.4) -> np.ndarray:
+    """A picture whose amplitudes fall as 1/frequency: float64, read-only, mean about 1, never below 0.05.
+
+    Such is the mean over natural scenes: D. J. Field, Relations between the statistics of natural images and
+    the response properties of cortical cells, JOSA A 4(12), 1987, doi:10.1364/JOSAA.4.002379.
+    """
+    frequency = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
+    frequency[0, 0] = 1.0
+    white = np.fft.fft2(make_generator("conformance", "texture", rows, columns).normal(size=(rows, columns)))
+    picture = np.fft.ifft2(white / frequency).real
+    picture = np.maximum(1 + contrast * (picture - picture.mean()) / picture.std(), 0.05)
+    picture.flags.writeable = False
+    return picture
+
+
+EDGE_CASE_COUNTS: dict[str, np.ndarray] = {
+    "random": random_counts(37, 52),
+    "empty": np.zeros((20, 30), np.uint32),
+    "saturated": np.full((20, 30), 20_000, np.uint32),
+    "one-pixel": random_counts(1, 1),
+    "one-row": random_counts(1, 40),
+    "one-column": random_counts(40, 1),
+    "one-spike": np.eye(1, 400, 7, dtype=np.uint32).reshape(20, 20),
+}
+"""Counts that any measure must score."""

@@ -1,0 +1,22 @@
+"""The closed loop as a Gymnasium environment, ``saf_gen/Autofocus-v0``; needs the extra ``gym``.
+
+The id carries a version: where what a policy sees or earns changes, it counts up.
+"""
+
+from saf_gen.errors import BadInput
+
+try:
+    import gymnasium
+except ModuleNotFoundError as error:
+    if error.name != "gymnasium":
+        raise
+    raise BadInput(
+        "saf_gen.benchmark.gym needs the package gymnasium", hint="pip install 'saf-gen[gym]'"
+    ) from None
+
+from saf_gen.benchmark.gym.autofocus_env import ENVIRONMENT_ID, AutofocusEnv
+from saf_gen.benchmark.gym.policy_evaluation import evaluate_policy
+
+__all__ = ["ENVIRONMENT_ID", "AutofocusEnv", "evaluate_policy"]
+
+gymnasium.register(ENVIRONMENT_ID, entry_point="saf_gen.benchmark.gym.autofocus_env:AutofocusEnv")

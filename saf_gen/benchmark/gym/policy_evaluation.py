@@ -1,0 +1,123 @@
+"""A policy as a method of the contest: run over every sequence, judged and written down like the others."""
+
+import hashlib
+import inspect
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
+from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
+from saf_gen.benchmark.tracks.search_run import describe_exception
+from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, measure_mean_rate
+from saf_gen.benchmark.view import WindowCounts
+from saf_gen.errors import BadInput
+from saf_gen.stream.manifest import write_text_atomically
+from saf_gen.stream.stream_file import open_stream
+
+__all__ = ["Policy", "evaluate_policy"]
+
+Policy = Callable[[dict[str, np.ndarray]], np.ndarray | None]
+"""An observation in, an action out; None abstains."""
+NAME = r"[A-Za-z0-9][A-Za-z0-9_.:=,+-]{0,79}"
+
+
+def evaluate_policy(
+    env: gymnasium.Env[Any, Any],
+    make_policy: Callable[[], Policy],
+    method: str,
+    *,
+    code: str = "",
+    out: str | Path | None = None,
+) -> list[Record]:
+    """Run a policy over every sequence of an environment, as the contest would: a record each.
+
+    The lens begins where it does for every method, the noise is that of the recording, the verdict that of
+    the contest. A policy that breaks fails on that sequence, as a search does; None for an action abstains.
+
+    Parameters
+    ----------
+    env : an :class:`AutofocusEnv`, in wrappers of any kind: the policy sees and acts through them.
+    make_policy : called for each sequence, so that nothing is carried over from one to the next.
+    method : the name in the leaderboard.
+    code : which version of the policy it is. Learned weights need one: '' is a digest of the source of the
+        module that ``make_policy`` is defined in, which they are not part of.
+    out : a folder; ``records.jsonl`` is written there, for ``saf-gen leaderboard``.
+
+    ``windows`` of a record is the number of images, ``seconds`` the time that the policy took. Raises
+    BadInput for a name that is not allowed, for a source that cannot be read, for what the environment
+    refuses, and for stacks that cannot be filmed.
+    """
+    inner = env.unwrapped
+    if not isinstance(inner, AutofocusEnv):
+        raise BadInput(f"the environment is {inner!r:.60}", allowed="an AutofocusEnv, in wrappers or without")
+    if not re.fullmatch(NAME, method):
+        raise BadInput(f"the method is called {method!r:.90}", allowed="1 to 80 of A-Z a-z 0-9 _ . : = , + -")
+    code = code or _source_digest(make_policy, inner.parameters)
+    records = []
+    for task in inner.tasks:
+        setting = inner.load_sequence(task)
+        with open_stream(task.path) as stream:
+            light = measure_mean_rate(WindowCounts(stream, region=setting.box))
+            said = describe_sequence(
+                task, stream, light, "closed_loop", frames=inner.protocol.count_frames(setting.take)[0]
+            )
+        run = _run(env, inner, make_policy, task.id)
+        records.append(
+            setting.make_record(
+                run, inner.protocol, method=method, code=code, parameters=inner.parameters, said=said
+            )
+        )
+    if out is not None:
+        write_text_atomically(Path(out) / RECORDS_FILE, format_records(records))
+    return records
+
+
+def _run(
+    env: gymnasium.Env[Any, Any], inner: AutofocusEnv, make_policy: Callable[[], Policy], sequence: str
+) -> ClosedLoopRun:
+    seen, _ = env.reset(options={"sequence": sequence})
+    episode, seconds, over = inner.episode, 0.0, False
+    try:
+        policy = make_policy()
+        while not over:
+            begin = perf_counter()
+            action = policy(seen)
+            seconds += perf_counter() - begin
+            if action is None:
+                episode.abstain()
+                break
+            seen, _, terminated, truncated, _ = env.step(action)
+            over = terminated or truncated
+        if episode.run is None:
+            episode.fail("a wrapper of the environment ended the episode")
+    except Exception as error:  # noqa: BLE001 anybody's policy may raise anything; fail() raises what is ours
+        episode.fail(describe_exception(error))
+    run = episode.run
+    if run is None:
+        raise RuntimeError("an episode ended without a run")
+    return replace(run, windows=episode.observations, seconds=seconds)
+
+
+def _source_digest(make_policy: Callable[[], Policy], parameters: str) -> str:
+    """12 digits of a sha256 over the source of the module in which a policy is defined, and what it sees."""
+    module = sys.modules.get(getattr(make_policy, "__module__", ""))
+    try:
+        source = inspect.getsource(module) if module else ""
+    except (OSError, TypeError):
+        source = ""
+    if not source:
+        raise BadInput(
+            f"the source of the policy {make_policy!r:.60} cannot be read",
+            hint="say which version it is: code='1'",
+        )
+    name = getattr(make_policy, "__qualname__", "")
+    return hashlib.sha256("\n".join([name, parameters, source]).encode()).hexdigest()[:12]

@@ -1,0 +1,185 @@
+"""How one answer is judged: error, blur, success, lens travel. Pure functions of numpy arrays.
+
+Error is answer minus truth. The truth is the optical focus of the target, never a frame chosen by hand, so
+a stream whose position of best focus is unknown gets no error at all, in no unit. An abstention or a failure
+has no error either: it is counted beside the errors, not as a large one.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from saf_gen.core.focus_crossings import find_crossings
+
+__all__ = [
+    "SUCCESS_LIMITS_DOF",
+    "Judgement",
+    "depth_of_focus",
+    "interpolate_position",
+    "judge_answer",
+    "lens_travel",
+    "light_ratio",
+]
+
+SUCCESS_LIMITS_DOF = (0.5, 1.0, 2.0)
+"""Success is judged within these many depths of focus of the truth."""
+MIN_GAIN_RATIO = 1e-3
+"""Of a light's brightest gain: what is darker than that is as dark."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What an answer was worth. None stands for unknown, everywhere."""
+
+    position: float | None = None
+    """Lens at the answer, fraction of the travel."""
+    error: float | None = None
+    """Answer minus truth, fraction of the travel."""
+    error_frames: float | None = None
+    """Answer minus ``truth_frame``, frames; None where the lens never passes the truth."""
+    truth: float | None = None
+    """Best focus at the answer, fraction of the travel; where there is none, when the lens first meets it."""
+    truth_frame: float | None = None
+    """When the lens passes the truth: the pass nearest to the answer, the first where there is none."""
+    error_dof: float | None = None
+    """``error`` over the depth of focus, the distance between its near and far end."""
+    blur_px: float | None = None
+    """Diameter of the target's blur at the answer, pixels."""
+    success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
+    """For each of SUCCESS_LIMITS_DOF: whether the answer lies so near."""
+    lens_travel: float | None = None
+    """Way of the lens, fraction of the travel (see lens_travel)."""
+
+
+def interpolate_position(frame: float, focus_position: np.ndarray) -> float:
+    """Lens position at a fractional 0-based frame, fraction of the travel, linear between readouts.
+
+    ``focus_position`` (T,) is the lens at the middle of each readout; beyond its ends the ends hold.
+    """
+    return float(np.interp(frame, np.arange(len(focus_position)), focus_position))
+
+
+def depth_of_focus(ends: tuple[float, float]) -> float | None:
+    """Distance between the near and the far end, fraction of the travel; None unless it is above zero."""
+    width = abs(ends[1] - ends[0])
+    return width if math.isfinite(width) and width > 0 else None
+
+
+def find_nearest_focus_crossing(
+    frame: float | None, *, away: np.ndarray, truth_frame: float = math.nan
+) -> float | None:
+    """The frame at which the lens passes the truth, the one nearest to ``frame``; None where it never does.
+
+    ``away`` (T,) is how far the lens is from the truth, in travels. A lens that comes back passes it more
+    than once, and one that rests there is there in every frame of its rest. Without a frame it is the first.
+    ``truth_frame`` is the stream's own word for that first one.
+    """
+    found = find_crossings(away, 0.0)
+    if math.isfinite(truth_frame):
+        found = np.concatenate(([truth_frame], found[1:]))
+    if found.size == 0 or frame is None:
+        return float(found[0]) if found.size else None
+    if interpolate_position(frame, away) == 0:
+        return frame
+    return float(found[np.abs(found - frame).argmin()])
+
+
+def lens_travel(frames_seen: int, answer: float | None, focus_position: np.ndarray) -> float:
+    """Way of the lens to an answer, in travels: as it moved over the frames seen, then back to the answer.
+
+    A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) brings the lens
+    nowhere, so it costs the way so far alone.
+    """
+    seen = np.asarray(focus_position[: max(frames_seen, 0)], dtype=np.float64)
+    if seen.size == 0:
+        return 0.0
+    way = float(np.abs(np.diff(seen)).sum())
+    return (
+        way if answer is None else way + abs(float(seen[-1]) - interpolate_position(answer, focus_position))
+    )
+
+
+def light_ratio(gain: np.ndarray | None) -> float | None:
+    """How many times brighter the light was at its brightest than at its darkest: 1 ... 1/MIN_GAIN_RATIO.
+
+    ``gain`` is (T, G), for each readout and light; of several lights it is the largest of their ratios. A
+    light that goes out has 1/MIN_GAIN_RATIO. None where the gains are unknown or no light is ever on.
+    """
+    if gain is None or gain.size == 0 or not np.isfinite(gain).all():
+        return None
+    brightest = np.max(gain, axis=0).astype(np.float64)
+    on = brightest > 0
+    if not on.any():
+        return None
+    darkest = np.maximum(np.min(gain, axis=0), MIN_GAIN_RATIO * brightest)
+    return float((brightest[on] / darkest[on]).max())
+
+
+def judge_answer(
+    frame: float | None,
+    *,
+    frames_seen: int,
+    focus_position: np.ndarray | None,
+    truth: float = math.nan,
+    track: np.ndarray | None = None,
+    truth_frame: float = math.nan,
+    ends: tuple[float, float] = (math.nan, math.nan),
+) -> Judgement:
+    """Judge the answer ``frame`` (0-based, fractional; None abstains) of one recording.
+
+    Parameters
+    ----------
+    frames_seen : the recording as far as the method looked at it, frames.
+    focus_position : (T,) lens at the middle of each readout, fraction of the travel; None if not recorded.
+    truth, ends : best focus and the ends of the depth of focus, fraction of the travel; NaN if unknown.
+    track : (T,) best focus over time where the target moves in depth; ``truth`` is then of ``truth_frame``.
+    truth_frame : the frame at which the lens first passes the truth; NaN if unknown or never: then it is
+        looked for in ``focus_position``.
+
+    An error in frames is to the pass nearest to the answer. An abstention succeeds only where no answer could
+    have: no position of the recording lies within the limit. So a larger limit makes more answers right and
+    fewer abstentions, and a share within a small limit can exceed that within a larger one.
+
+    A lens or a track that is not finite in every frame is as good as not recorded: what it decides is None
+    for an answer and an abstention alike, wherever the answer lies. So all methods are judged on the same
+    recordings, and none gains by answering where nobody knows.
+
+    The blur grows linearly with the distance from the truth and is one pixel at each end of the depth of
+    focus, so it is ``|position - truth|`` over half the depth of focus, in pixels: exact for the
+    ``image_distance`` and ``focal_length`` drives and a flat target (c = 2R·|1 - v/v_o| and
+    c = 2R·v·|1/u_o - 1/u|, both linear in the drive's coordinate), and to first order for the stage.
+    """
+    if track is not None and not (math.isfinite(truth) and np.isfinite(track).all()):
+        truth, truth_frame, track = math.nan, math.nan, None
+    if focus_position is None or len(focus_position) == 0 or not np.isfinite(focus_position).all():
+        return Judgement(truth=_known(truth), truth_frame=_known(truth_frame))
+    lens = np.asarray(focus_position, dtype=np.float64)
+    away = lens - (truth if track is None else track)
+    passed = find_nearest_focus_crossing(frame, away=away, truth_frame=truth_frame)
+    position = None if frame is None else interpolate_position(frame, lens)
+    known = Judgement(
+        position=position,
+        truth=_known(truth if frame is None or track is None else interpolate_position(frame, track)),
+        truth_frame=passed,
+        lens_travel=lens_travel(frames_seen, frame, lens),
+    )
+    if known.truth is None:
+        return known
+    dof = depth_of_focus(ends)
+    if frame is None or position is None:
+        if dof is None:
+            return known
+        nearest = float(np.abs(away).min()) / dof
+        return replace(known, success=tuple(nearest > limit for limit in SUCCESS_LIMITS_DOF))
+    error = position - known.truth
+    known = replace(known, error=error, error_frames=None if passed is None else frame - passed)
+    if dof is None:
+        return known
+    error_dof = error / dof
+    success = tuple(abs(error_dof) <= limit for limit in SUCCESS_LIMITS_DOF)
+    return replace(known, error_dof=error_dof, blur_px=2 * abs(error_dof), success=success)
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

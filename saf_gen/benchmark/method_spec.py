@@ -1,0 +1,217 @@
+"""Names of methods: a focus measure and a search, with their options, parsed once.
+
+``sd_code+sgfs_code:dt=50`` is the measure ``sd_code`` searched by ``sgfs_code`` with ``dt`` at 50;
+``sd+argmax@frame`` looks at the whole frame, wherever the others look.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from saf_gen.benchmark.tuned_method import read_tuned_method
+from saf_gen.core.config.source_digest import source_digests
+from saf_gen.core.region import REGIONS
+from saf_gen.errors import BadInput, unknown
+from saf_gen.measures import get_measure
+from saf_gen.parts import Measure, Search, wants_measures
+from saf_gen.searches import get_search
+
+__all__ = [
+    "DEFAULT_CLOSED_LOOP_METHODS",
+    "DEFAULT_RECORDED_METHODS",
+    "Method",
+    "parse_method",
+    "parse_part_options",
+    "read_method_list",
+    "split_part_options",
+    "split_region",
+]
+
+DEFAULT_RECORDED_METHODS = (
+    *(
+        f"{measure}+argmax"
+        for measure in ["sd", "sd_code", "er_sumsq", "er_count", "gradient_code", "mfdct_code", "mfdct_lee"]
+    ),
+    *(f"{measure}+argmax" for measure in ("gradient_code_n", "mfdct_lee_n")),
+    *(
+        f"{measure}+{search}"
+        for search in ("egs_code", "sgfs_code")
+        for measure in ("sd_code", "er_sumsq", "gradient_code", "mfdct_code")
+    ),
+    "cen+argmax",
+    "sd+sgfs_causal",
+    "sd_calibrated+photon_aware",
+    "structure_calibrated+photon_aware",
+)
+"""What `saf-gen evaluate` runs when no method is named: the paper's measures and searches; two of its
+baselines divided by brightness, as SD is; and four more."""
+
+
+DEFAULT_CLOSED_LOOP_METHODS = (
+    "structure_calibrated+photon_aware",
+    "sd_calibrated+photon_aware",
+    *(
+        f"{measure}+{search}"
+        for search in ("egs_code", "sgfs_code", "sgfs_causal")
+        for measure in ("sd_code", "gradient_code", "mfdct_code", "er_sumsq")
+    ),
+    *(
+        f"{measure}+{search}"
+        for search in ("golden_section", "fibonacci", "hill_climb", "rule_based", "coarse_to_fine")
+        for measure in ("sd", "gradient_code_n")
+    ),
+)
+"""What `saf-gen evaluate --track closed_loop` runs when no method is named."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A focus measure with a search, by name and ready to run."""
+
+    name: str
+    measure: Measure
+    search: Search
+    code: str
+    """12 digits of a sha256 over the options and the source of the two parts: what made the numbers."""
+    tuning: str = ""
+    """12 digits of the file of tuned constants that named it (``@FILE``), or ''."""
+    region: str = ""
+    """Where it looks, of REGIONS; '' is where the evaluation looks."""
+
+    @property
+    def measure_name(self) -> str:
+        return self.name.split("+")[0]
+
+    @property
+    def search_name(self) -> str:
+        return split_part_options(split_region(self.name)[0].split("+")[1])[0]
+
+
+def parse_method(spec: str) -> Method:
+    """The method ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or the one of ``@FILE``.
+
+    MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``: it is run.
+
+    Raises BadInput for a malformed spec, an unknown measure, search or region, and options that are refused.
+    """
+    if spec.startswith("@"):
+        path, region = split_region(spec[1:])
+        tuned, digest = read_tuned_method(path)
+        if tuned.method.startswith("@"):
+            raise BadInput(f"{spec[1:]} names {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file")
+        method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
+        return replace(parse_method(method), tuning=digest)
+    text, region = split_region("".join(spec.split()))
+    halves = text.split("+")
+    if len(halves) != 2 or not all(halves):
+        raise BadInput(
+            f"method {spec!r} is not a focus measure and a search",
+            allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
+            hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
+        )
+    (measure, measure_options), (search, search_options) = (parse_part_options(half, spec) for half in halves)
+    try:
+        parts = get_measure(measure, **measure_options), get_search(search, **search_options)
+        others = [get_measure(name) for name in wants_measures(parts[1])]
+    except BadInput as error:
+        raise BadInput(
+            error.problem,
+            where=f"method {spec!r}",
+            allowed=error.allowed,
+            nearest=error.nearest,
+            hint=error.hint or "`saf-gen methods` lists measures and searches",
+        ) from None
+    name = f"{text}@{region}" if region else text
+    return Method(name, *parts, code=_code_digest([*parts, *others]), region=region)
+
+
+def split_region(method: str) -> tuple[str, str]:
+    """The name of a method without its region, and the region, '' for none.
+
+    Raises BadInput for a region that there is not.
+    """
+    name, at, region = method.rpartition("@")
+    if not at or set(region) & set("+/.:"):  # an @ elsewhere: in a file's path, in an option of the measure
+        return method, ""
+    if region not in REGIONS:
+        raise unknown("region", region, REGIONS, where=f"method {method!r}")
+    return name, region
+
+
+def split_part_options(half: str) -> tuple[str, str]:
+    """The name of a measure or search, and its options as text."""
+    name, _, tail = half.partition(":")
+    if "." in name:  # package.module:Class, or file.py:Class
+        cls, _, tail = tail.partition(":")
+        name = f"{name}:{cls}"
+    return name, tail
+
+
+def parse_part_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
+    name, tail = split_part_options(half)
+    options: dict[str, Any] = {}
+    for item in tail.split(",") if tail else ():
+        key, equals, value = item.partition("=")
+        if not (key and equals and value):
+            raise BadInput(
+                f"option {item!r} of method {spec!r}", allowed="KEY=VALUE, more of them after commas"
+            )
+        options[key] = _value(value)
+    return name, options
+
+
+def _value(text: str) -> Any:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return {"true": True, "false": False}.get(text.lower(), text)
+
+
+def _code_digest(parts: Sequence[Measure | Search]) -> str:
+    """Over the parts with their options, their source, and the source of what they import of their own home.
+
+    Parts take helpers from beside them and a twin wraps another measure: a change in any moves numbers.
+    """
+    written = [
+        [repr(part) for part in parts],
+        source_digests(type(part) for p in parts for part in _nested(p)),
+    ]
+    return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
+
+
+def _nested(part: object) -> Iterator[object]:
+    """A part, and the parts that it wraps."""
+    if is_dataclass(part):
+        yield part
+        for field in fields(part):
+            yield from _nested(getattr(part, field.name))
+
+
+def read_method_list(path: Path) -> list[str]:
+    """The names in a list of methods: one a line; empty lines and what follows a # and a space are left out.
+
+    Raises BadInput with the line for a name that cannot be parsed, and for a list that cannot be read or is
+    empty.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(
+            f"{path} is no list of methods: {error}", allowed="a text file, a method a line"
+        ) from error
+    names = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
+            try:
+                parse_method(name)
+            except BadInput as error:
+                raise BadInput(str(error), where=f"{path}:{number}") from error
+            names.append(name)
+    if not names:
+        raise BadInput(f"{path} names no method", allowed="a method a line, such as sd+argmax")
+    return names

@@ -1,0 +1,182 @@
+"""The encoder's inner loop, compiled: 64 pixels at a time, eight readouts, one byte of spikes each.
+
+Every operation is one IEEE float32 operation in a fixed order and nothing is fused or reordered (no
+fastmath), so the bits are the same on every machine. Three things make it fast, all of them seen in the
+machine code: the loops over the 64 lanes hold no branch; a pixel's state stays in registers for eight
+readouts; and every index is unsigned, because numba guards signed ones against being negative, which turns
+plain loads into gathers.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE
+
+__all__ = ["BLOCK_KEY_STEP", "advance_pixels"]
+
+BLOCK_KEY_STEP = 0xD1342543DE82EF95  # a block of pixels adds this to the key of its noise
+
+U = np.uint64
+ZERO, ONE, EIGHT, MASK = U(0), U(1), U(8), U(NOISE_TABLE_SIZE - 1)
+_, L, L2, L3, L4, L5, L6, L7 = (U(i * LANES) for i in range(8))  # the second row of lanes, the third, ...
+HELD, THRESHOLD, SHARE, DARK, MEAN, SD, CAP = (U(i * LANES) for i in range(7))
+STRIDE = U(BLOCK_KEY_STEP)
+NOTHING = np.float32(-1e30)
+
+
+def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    try:
+        return njit(nogil=True, cache=True, **options)(function)
+    except RuntimeError:  # numba found no folder it may write a cache to: a read-only install
+        return njit(nogil=True, **options)(function)
+
+
+@njit(inline="always")
+def _mixed(word):
+    """The finaliser of SplitMix64: Steele, Lea and Flood, 2014, doi:10.1145/2660193.2660195."""
+    word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
+    return word ^ (word >> U(31))
+
+
+@njit(inline="always")
+def _read(held, threshold, share, byte, flag, charge, noise, mean, sd, cap, share_after):
+    """One readout of one pixel: what it holds, its threshold, its share of the next readout, its spikes."""
+    filled = held + share * charge
+    excess = filled - threshold
+    kept = excess if excess < cap else cap
+    fresh = mean + sd * noise
+    fired = filled >= threshold
+    return (
+        kept if fired else filled,
+        fresh if fired else threshold,
+        share_after if fired else np.float32(1),
+        byte | (np.uint32(flag) if fired else np.uint32(0)),
+    )
+
+
+@njit(inline="always")
+def _store_eight(out, start, width, column, tile):
+    """Eight bytes of each pixel, side by side in memory: the compiler makes one store of the eight."""
+    for i in range(width):
+        word = U(tile[i])
+        word |= U(tile[L + i]) << U(8)
+        word |= U(tile[L2 + i]) << U(16)
+        word |= U(tile[L3 + i]) << U(24)
+        word |= U(tile[L4 + i]) << U(32)
+        word |= U(tile[L5 + i]) << U(40)
+        word |= U(tile[L6 + i]) << U(48)
+        word |= U(tile[L7 + i]) << U(56)
+        p = start + i
+        out[p, column] = np.uint8(word)
+        out[p, column + ONE] = np.uint8(word >> U(8))
+        out[p, column + U(2)] = np.uint8(word >> U(16))
+        out[p, column + U(3)] = np.uint8(word >> U(24))
+        out[p, column + U(4)] = np.uint8(word >> U(32))
+        out[p, column + U(5)] = np.uint8(word >> U(40))
+        out[p, column + U(6)] = np.uint8(word >> U(48))
+        out[p, column + U(7)] = np.uint8(word >> U(56))
+
+
+@_compiled
+def advance_pixels(
+    first,
+    stop,
+    stack,
+    index,
+    low_weight,
+    high_weight,
+    key,
+    done,
+    table,
+    response,
+    fixed,
+    share_after,
+    state,
+    out,
+):
+    """Advance the pixel blocks ``first <= block < stop`` by all readouts of one call, in place.
+
+    Shapes, with P pixels in blocks of 64: stack float32 (G, K, P) e- per readout; index int64 (T,);
+    low_weight and high_weight float32 (T, G), the weights of knots index and index + 1 (gain included);
+    key uint64, which with the block and the number of a readout (``done`` of them came before) names the
+    place in table float32 (NOISE_TABLE_SIZE + 64,) where its noise begins; response float32 (P,); fixed
+    float32 (4, P): dark charge, mean threshold, its sd, the most charge kept over it; state float32 (3, P):
+    charge held, threshold, share of the next readout's charge that is collected; out uint8
+    (P, ceil(T/8)).
+    """
+    groups, knots = U(stack.shape[0]), stack.shape[1]
+    pixels, frames = U(stack.shape[2]), U(index.shape[0])
+    groups_of_eight = (frames + U(7)) // EIGHT
+    low = np.zeros(stack.shape[0] * LANES, np.float32)
+    high = np.zeros(stack.shape[0] * LANES, np.float32)
+    lane = np.zeros(7 * LANES, np.float32)
+    charge = np.zeros(8 * LANES, np.float32)
+    place = np.zeros(8, np.uint64)
+    byte = np.zeros(LANES, np.uint32)
+    tile = np.zeros(8 * LANES, np.uint8)
+    for block in range(U(first), U(stop)):
+        start = block * L
+        width = min(L, pixels - start)
+        for i in range(width):
+            for j in range(U(3)):
+                lane[j * L + i] = state[j, start + i]
+            for j in range(U(4)):
+                lane[DARK + j * L + i] = fixed[j, start + i]
+        block_key = _mixed(U(key) + block * STRIDE)
+        knot = np.int64(-1)
+        for group in range(groups_of_eight):
+            count = min(EIGHT, frames - group * EIGHT)
+            for s in range(count):
+                t = group * EIGHT + s
+                if index[t] != knot:
+                    knot = index[t]
+                    after = min(knot + 1, knots - 1)
+                    for g in range(groups):
+                        for i in range(width):
+                            low[g * L + i] = stack[g, knot, start + i] * response[start + i]
+                            high[g * L + i] = stack[g, after, start + i] * response[start + i]
+                at = s * L
+                a, b = low_weight[t, ZERO], high_weight[t, ZERO]
+                for i in range(L):
+                    charge[at + i] = lane[DARK + i] + (a * low[i] + b * high[i])
+                for g in range(ONE, groups):
+                    a, b = low_weight[t, g], high_weight[t, g]
+                    lamp = g * L
+                    for i in range(L):
+                        charge[at + i] += a * low[lamp + i] + b * high[lamp + i]
+                place[s] = _mixed(block_key + (U(done) + t) * U(0x9E3779B97F4A7C15)) & MASK
+            for s in range(count, EIGHT):  # after the end nothing may fire
+                for i in range(L):
+                    charge[s * L + i] = NOTHING
+            p0, p1, p2, p3 = place[ZERO], place[ONE], place[U(2)], place[U(3)]
+            p4, p5, p6, p7 = place[U(4)], place[U(5)], place[U(6)], place[U(7)]
+            for i in range(L):
+                x, y, z = lane[HELD + i], lane[THRESHOLD + i], lane[SHARE + i]
+                mean, sd, cap = lane[MEAN + i], lane[SD + i], lane[CAP + i]
+                # Written out, because numba's loops are not unrolled before they are vectorised.
+                w = np.uint32(0)
+                x, y, z, w = _read(x, y, z, w, 1, charge[i], table[p0 + i], mean, sd, cap, share_after)
+                x, y, z, w = _read(x, y, z, w, 2, charge[L + i], table[p1 + i], mean, sd, cap, share_after)
+                x, y, z, w = _read(x, y, z, w, 4, charge[L2 + i], table[p2 + i], mean, sd, cap, share_after)
+                x, y, z, w = _read(x, y, z, w, 8, charge[L3 + i], table[p3 + i], mean, sd, cap, share_after)
+                x, y, z, w = _read(x, y, z, w, 16, charge[L4 + i], table[p4 + i], mean, sd, cap, share_after)
+                x, y, z, w = _read(x, y, z, w, 32, charge[L5 + i], table[p5 + i], mean, sd, cap, share_after)
+                x, y, z, w = _read(x, y, z, w, 64, charge[L6 + i], table[p6 + i], mean, sd, cap, share_after)
+                x, y, z, w = _read(x, y, z, w, 128, charge[L7 + i], table[p7 + i], mean, sd, cap, share_after)
+                lane[HELD + i], lane[THRESHOLD + i], lane[SHARE + i], byte[i] = x, y, z, w
+            row = group & U(7)
+            for i in range(L):
+                tile[row * L + i] = np.uint8(byte[i])
+            if row == U(7):
+                _store_eight(out, start, width, group - row, tile)
+            elif group + ONE == groups_of_eight:
+                for i in range(width):
+                    for j in range(row + ONE):
+                        out[start + i, group - row + j] = tile[j * L + i]
+        for i in range(width):
+            for j in range(U(3)):
+                state[j, start + i] = lane[j * L + i]

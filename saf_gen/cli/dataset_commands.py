@@ -1,0 +1,96 @@
+"""Commands that make and check datasets: ``generate``, ``verify``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.progress import TaskID
+from rich.table import Table
+
+from saf_gen.cli._terminal import OutFolder, err, out, print_error, progress_bars
+from saf_gen.core.cores import defer_interrupts
+from saf_gen.errors import BadInput
+
+if TYPE_CHECKING:
+    from saf_gen.generate.resolve import ResolvedRecipe
+
+__all__ = ["generate", "verify"]
+
+
+def generate(
+    recipe: Annotated[Path, typer.Argument(help="A recipe, such as recipes/quickstart.yaml.")],
+    folder: OutFolder = None,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="Sequences recorded at a time.")] = 1,
+    cluster: Annotated[str | None, typer.Option(help="Address of a Dask scheduler to run on.")] = None,
+    split: Annotated[str | None, typer.Option(help="Only this split.")] = None,
+    shard: Annotated[str, typer.Option(help="I/N: make every N-th sequence from the I-th on.")] = "1/1",
+    variant: Annotated[str, typer.Option(help="auto, llvm, cuda or scalar.")] = "auto",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.")] = False,
+) -> None:
+    """Make a dataset from a recipe, or go on with one that was stopped."""
+    with defer_interrupts():
+        from saf_gen.generate.resolve import resolve_recipe
+        from saf_gen.generate.run import generate as make
+
+    work = resolve_recipe(recipe, part=_shard(shard), split=split)
+    target = folder or Path("datasets") / work.recipe.name
+    if dry_run:
+        _print_plan(work, target)
+        return
+    with progress_bars() as bars:
+        tasks: dict[str, TaskID] = {}
+        told: set[str] = set()
+
+        def report(name: str, done: float) -> None:
+            if name not in tasks:
+                tasks[name] = bars.add_task(name, total=1.0)
+            bars.update(tasks[name], completed=done)
+            if done >= 1 and not err.is_terminal and name not in told:
+                told.add(name)  # a log file has no bars: a line for each piece that is done
+                err.print(f"done: {name}")
+
+        outcome = make(work, target, workers=workers, variant=variant, cluster=cluster, report=report)
+    out.print(
+        f"{len(outcome.recorded)} sequences recorded, {len(outcome.kept)} kept from before, "
+        f"{len(outcome.rendered)} pieces of focal stacks rendered"
+    )
+    out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
+    for name, problem in outcome.failed.items():
+        print_error(f"{name} failed: {problem}", outcome.exit_code)
+    if outcome.failed:
+        raise typer.Exit(outcome.exit_code)
+
+
+def _shard(text: str) -> tuple[int, int]:
+    index, _, count = text.partition("/")
+    if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
+        raise BadInput(f"--shard is {text!r}", allowed="I/N with I from 1 to N, such as 2/8")
+    return int(index), int(count)
+
+
+def _print_plan(work: "ResolvedRecipe", target: Path) -> None:
+    table = Table(title=f"{work.recipe.name}: {len(work.sequences)} sequences in {target}")
+    for column in ("sequence", "split", "frames", "seed", "already there"):
+        table.add_column(column)
+    for s in work.sequences:
+        there = "yes" if (target / s.file).exists() else "no"
+        table.add_row(s.id, s.split, str(work.recipe.camera.frames), str(s.seed), there)
+    out.print(table)
+    missing = [work.stack_label(reel, sequences) for reel, sequences in work.stacks_to_render(target).items()]
+    out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all are there'}")
+    seconds, needed = work.estimate_seconds(target), work.estimate_bytes(target)
+    out.print(
+        f"disk still needed: about {needed / 1e9:.2f} GB; time: about {seconds:.0f} s on two cores with LLVM"
+    )
+
+
+def verify(dataset: Annotated[Path, typer.Argument(help="A dataset folder.")]) -> None:
+    """Check every sequence of a dataset against its manifest, bit by bit."""
+    from saf_gen.stream.inspection import verify_dataset
+
+    count, problems = verify_dataset(dataset)
+    for name, problem in problems.items():
+        print_error(f"{name}: {problem}", 1)
+    out.print(f"{count - len(problems)} of {count} sequences are whole")
+    if problems:
+        raise typer.Exit(1)

@@ -1,0 +1,18 @@
+"""Commands on recipes: ``recipes check``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from saf_gen.cli._terminal import out
+
+__all__ = ["check"]
+
+
+def check(recipe: Annotated[Path, typer.Argument(help="A recipe.")]) -> None:
+    """Check a recipe and all that it names, without making anything."""
+    from saf_gen.generate.resolve import resolve_recipe
+
+    work = resolve_recipe(recipe)
+    out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}")

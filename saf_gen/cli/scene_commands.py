@@ -1,0 +1,164 @@
+"""Commands on scenes: ``scenes list``, ``new``, ``check``, ``preview``, ``gallery``."""
+
+import json
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.progress import Progress, TaskID
+from rich.table import Table
+from rich.text import Text
+
+from saf_gen.cli._terminal import out, print_error, progress_bars
+from saf_gen.core.cores import defer_interrupts
+from saf_gen.errors import BadInput
+
+if TYPE_CHECKING:
+    from saf_gen.scene.scene_folder import Scene
+
+__all__ = ["check", "gallery", "list_", "new", "preview"]
+
+STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
+SENSOR = "vidar_400x250"
+SensorName = Annotated[str, typer.Option("--sensor", help="A sensor by name, or its YAML file.")]
+Variant = Annotated[str, typer.Option(help="auto, llvm, cuda or scalar.")]
+
+
+def list_() -> None:
+    """List the scenes that can be found."""
+    from saf_gen.scene.scene_folder import find_scene, scene_names
+
+    table = Table("scene", "title", "light groups", "lens", "licence")
+    for name in scene_names():
+        card = find_scene(name).card
+        table.add_row(name, card.title, ", ".join(card.lights), card.lens.summary, card.licence)
+    out.print(table)
+
+
+def new(
+    name: Annotated[str, typer.Argument(help="What the scene is called: lower-case letters, digits, _.")],
+    xml: Annotated[bool, typer.Option("--xml", help="Geometry as XML, in place of a Python script.")] = False,
+    exported: Annotated[
+        Path | None, typer.Option("--from", help="An exported scene.xml: copy it, and write its card.")
+    ] = None,
+) -> None:
+    """Begin a scene of your own in ./scenes: a commented skeleton that renders at once."""
+    from saf_gen.authoring.template import create_scene, import_exported_scene
+
+    root = Path("scenes")
+    if exported is not None:
+        if xml:
+            raise BadInput("--xml and --from are both given", hint="keep one: --from takes XML anyway")
+        written = import_exported_scene(exported, name, root)
+    else:
+        written = create_scene(name, root, kind="xml" if xml else "script")
+    for path in written:
+        out.print(str(path), soft_wrap=True)
+    out.print(f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}")
+
+
+def check(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Names or folders; all where none is given.")
+    ] = None,
+    sensor: SensorName = SENSOR,
+    variant: Variant = "auto",
+    as_json: Annotated[bool, typer.Option("--json", help="Findings as JSON.")] = False,
+) -> None:
+    """Check scenes: geometry, units, reach, exposure, detail, focus curve, motion, time slices, licence."""
+    with defer_interrupts():
+        from saf_gen.authoring.checks import check_scene
+        from saf_gen.camera import get_sensor
+    from saf_gen.scene.scene_folder import scene_names
+
+    camera = get_sensor(sensor)
+    found, errors = [], 0
+    for name in names or scene_names():
+        try:
+            scene = _scene(name)
+        except BadInput as problem:
+            if names:
+                raise
+            found.append({"scene": name, "check": "card", "level": "error", "text": str(problem)})
+            errors += 1
+            _tell(found[-1], as_json)
+            continue
+        with progress_bars() as bars:
+            step = partial(_step, bars, bars.add_task(f"check {name}", total=1.0))
+            for finding in check_scene(scene, camera, variant=variant, progress=step):
+                found.append({"scene": scene.id, **asdict(finding)})
+                errors += finding.level == "error"
+                _tell(found[-1], as_json)
+    if as_json:
+        out.file.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    if errors:
+        raise typer.Exit(1)
+
+
+def _step(bars: Progress, task: TaskID, done: float) -> None:
+    bars.update(task, completed=done)
+
+
+def _tell(finding: dict[str, str], as_json: bool) -> None:
+    if not as_json:
+        level = finding["level"]
+        parts = (finding["scene"], " ", (level, STYLES[level]), f" {finding['check']}: {finding['text']}")
+        out.print(Text.assemble(*parts), soft_wrap=True)
+
+
+def preview(
+    name: Annotated[str, typer.Argument(help="The name of a scene, or its folder.")],
+    target: Annotated[
+        Path | None, typer.Option("--out", help="PNG to write (default: preview.png in the scene's folder).")
+    ] = None,
+    sensor: SensorName = SENSOR,
+    variant: Variant = "auto",
+) -> None:
+    """Draw a contact sheet of a scene: what the lens sees, depth, lights, histogram, curves, variants."""
+    with defer_interrupts():
+        from saf_gen.authoring.preview import preview_scene
+        from saf_gen.camera import get_sensor
+
+    scene, camera = _scene(name), get_sensor(sensor)
+    path = target or scene.folder / "preview.png"
+    preview_scene(scene, camera, path, variant=variant)
+    out.print(str(path), soft_wrap=True)
+
+
+def gallery(
+    names: Annotated[list[str] | None, typer.Argument(help="Names; all scenes where none is given.")] = None,
+    folder: Annotated[Path, typer.Option("--out", help="Folder to write scenes.md to.")] = Path("docs"),
+    sensor: SensorName = SENSOR,
+    variant: Variant = "auto",
+) -> None:
+    """Write scenes.md, a page with a picture and the numbers of every scene."""
+    with defer_interrupts():
+        from saf_gen.authoring.gallery import write_gallery
+        from saf_gen.camera import get_sensor
+    from saf_gen.scene.scene_folder import scene_names
+
+    scenes = [_scene(name) for name in names or scene_names()]
+    with progress_bars() as bars:
+        task = bars.add_task("gallery", total=len(scenes))
+        page, failed = write_gallery(
+            scenes,
+            get_sensor(sensor),
+            folder,
+            variant=variant,
+            progress=lambda name: bars.update(task, advance=1, description=f"gallery {name}"),
+        )
+    out.print(str(page), soft_wrap=True)
+    for name, problem in failed.items():
+        print_error(f"{name} could not be drawn: {problem}", problem.exit_code)
+    if failed:
+        raise typer.Exit(1)
+
+
+def _scene(name: str) -> "Scene":
+    """A scene by its name, or by its folder where the word has a path in it."""
+    from saf_gen.scene.scene_folder import find_scene, load_scene_folder
+
+    folder = Path(name)
+    return load_scene_folder(folder) if folder.name != name and folder.is_dir() else find_scene(name)

@@ -1,0 +1,2 @@
+"""What every other layer may use: windows and regions of a recording, bits, files, random streams, processor
+cores."""

@@ -1,0 +1,113 @@
+"""Bits along time: pack and unpack frames, count spikes in windows, turn bit matrices.
+
+Time-packed spikes are uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of byte
+t div 8. That order is right for a disk: the bytes of one pixel are alike and deflate well. In memory the
+same bytes stand as *planes*, uint8 (bytes, h, w): a window of all pixels is then one contiguous run, and a
+count over it goes five times faster. The kernels release Python's lock, use one thread, and do not check what
+they are given: the modules that own a border do.
+"""
+
+import numba
+import numpy as np
+
+__all__ = ["add_counts", "frames_to_spike_trains", "pack", "spike_trains_to_frames", "unpack"]
+
+
+@numba.njit(nogil=True, cache=True)
+def _add_counts(planes, first, stop, counts):
+    first_byte, last_byte = first >> 3, (stop - 1) >> 3
+    for b in range(first_byte, last_byte + 1):
+        mask = 255
+        if b == first_byte:
+            mask &= 255 << (first & 7)
+        if b == last_byte:
+            mask &= 255 >> (7 - ((stop - 1) & 7))
+        for y in range(counts.shape[0]):
+            for x in range(counts.shape[1]):
+                # Sums of 2, 4 and 8 neighbouring bits; without a branch or a table LLVM makes vectors of it.
+                v = np.uint8(planes[b, y, x] & np.uint8(mask))
+                v = np.uint8(v - ((v >> np.uint8(1)) & np.uint8(0x55)))
+                v = np.uint8((v & np.uint8(0x33)) + ((v >> np.uint8(2)) & np.uint8(0x33)))
+                counts[y, x] += np.uint32((v + (v >> np.uint8(4))) & np.uint8(0x0F))
+
+
+def add_counts(planes: np.ndarray, first: int, stop: int, counts: np.ndarray) -> None:
+    """Add the spikes in frames ``first <= t < stop`` of ``planes`` (bytes, h, w) to uint32 ``counts``."""
+    if stop > first:
+        _add_counts(planes, first, stop, counts)
+
+
+@numba.njit(nogil=True, cache=True)
+def _pack(frames, planes):
+    for b in range(planes.shape[0]):
+        for y in range(planes.shape[1]):
+            for x in range(planes.shape[2]):
+                planes[b, y, x] = 0
+            for t in range(8 * b, min(8 * b + 8, frames.shape[0])):
+                bit = np.uint8(1 << (t - 8 * b))
+                for x in range(planes.shape[2]):
+                    planes[b, y, x] |= bit if frames[t, y, x] else np.uint8(0)
+
+
+def pack(frames: np.ndarray) -> np.ndarray:
+    """Frames (n, h, w), zero or not, as time-packed uint8 (h, w, ceil(n/8)); unused last bits are 0."""
+    planes = np.empty((-(-frames.shape[0] // 8), *frames.shape[1:]), np.uint8)
+    _pack(frames, planes)
+    return np.ascontiguousarray(planes.transpose(1, 2, 0))
+
+
+@numba.njit(nogil=True, cache=True)
+def _unpack(planes, first, frames):
+    for t in range(frames.shape[0]):
+        byte, bit = (first + t) >> 3, np.uint8((first + t) & 7)
+        for y in range(frames.shape[1]):
+            for x in range(frames.shape[2]):
+                frames[t, y, x] = planes[byte, y, x] >> bit & np.uint8(1)
+
+
+def unpack(planes: np.ndarray, first: int, frames: np.ndarray) -> None:
+    """Fill ``frames`` uint8 (n, h, w) with frames ``first <= t < first + n`` of ``planes`` (bytes, h, w)."""
+    _unpack(planes, first, frames)
+
+
+@numba.njit(nogil=True, cache=True)
+def _turned(word):
+    # Transpose of an 8x8 bit matrix held in 64 bits: swaps blocks of 1, 2 and 4 bits across the diagonal
+    # (H. S. Warren, Hacker's Delight, 2nd ed., section 7-3).
+    t = (word ^ (word >> np.uint64(7))) & np.uint64(0x00AA00AA00AA00AA)
+    word = word ^ t ^ (t << np.uint64(7))
+    t = (word ^ (word >> np.uint64(14))) & np.uint64(0x0000CCCC0000CCCC)
+    word = word ^ t ^ (t << np.uint64(14))
+    t = (word ^ (word >> np.uint64(28))) & np.uint64(0x00000000F0F0F0F0)
+    return word ^ t ^ (t << np.uint64(28))
+
+
+@numba.njit(nogil=True, cache=True)
+def _turn(rows, tracks):
+    count, width = rows.shape
+    for c in range(width):
+        for b in range(tracks.shape[1]):
+            word = np.uint64(0)
+            for i in range(min(8, count - 8 * b)):
+                word |= np.uint64(rows[8 * b + i, c]) << np.uint64(8 * i)
+            word = _turned(word)
+            for i in range(8):
+                tracks[8 * c + i, b] = np.uint8(word >> np.uint64(8 * i) & np.uint64(255))
+
+
+def frames_to_spike_trains(rows: np.ndarray) -> np.ndarray:
+    """A bit matrix turned: uint8 (n, B) to uint8 (8 B, ceil(n/8)), bits least significant first in both.
+
+    Row t of ``rows`` is one frame of a foreign file; track p of the result is its bit p over time.
+    """
+    tracks = np.empty((8 * rows.shape[1], -(-rows.shape[0] // 8)), np.uint8)
+    _turn(rows, tracks)
+    return tracks
+
+
+def spike_trains_to_frames(tracks: np.ndarray, count: int) -> np.ndarray:
+    """The inverse of :func:`frames_to_spike_trains`: uint8 (8 B, bytes) to the first ``count`` rows, uint8
+    (n, B)."""
+    turned = np.empty((8 * tracks.shape[1], tracks.shape[0] // 8), np.uint8)
+    _turn(tracks, turned)
+    return turned[:count]

@@ -1,0 +1,1 @@
+"""Reading what users write: strict YAML, open numbers, and plug-ins by name."""

@@ -1,0 +1,91 @@
+"""Numbers left open in a recipe: ``{uniform: [a, b]}``, ``{log_uniform: [a, b]}``, ``{choice: [...]}``.
+
+A draw takes a generator named by sequence and key, so one drawn value never moves another.
+"""
+
+import sys
+from datetime import date
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from saf_gen.errors import BadInput, closest
+
+__all__ = ["RANGE_FORMS", "check_parameter", "draw_value", "extreme_values", "is_number", "is_range"]
+
+RANGE_FORMS = ("uniform", "log_uniform", "choice")
+PLAIN = "a finite number, text, true or false, or a list of them"
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number; true and false are none, nor is a whole number beyond float64."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def is_range(value: Any) -> bool:
+    """Whether a value is one of the three forms."""
+    return isinstance(value, dict) and len(value) == 1 and next(iter(value)) in RANGE_FORMS
+
+
+def _parts(value: dict[str, Any], where: str) -> tuple[str, list[Any]]:
+    kind, among = next(iter(value.items()))
+    if kind == "choice":
+        if not isinstance(among, list) or not among:
+            raise BadInput(f"choice is {among!r}", where=where, allowed="a list of at least one value")
+        for value in among:
+            if is_range(value):
+                raise BadInput(
+                    f"a choice holds the range {value!r}",
+                    where=where,
+                    allowed="values to choose among: nothing in them is drawn again",
+                )
+        return kind, among
+    log = kind == "log_uniform"
+    fit = isinstance(among, list) and len(among) == 2 and all(is_number(n) for n in among)
+    fit = fit and among[0] < among[1] and (among[0] > 0 or not log)
+    if not (fit and isfinite(among[1] / among[0] if log else float(among[1]) - float(among[0]))):
+        allowed = f"[low, high] with low < high{', both above 0' if log else ''}, finite numbers"
+        raise BadInput(f"{kind} is {among!r}", where=where, allowed=allowed)
+    return kind, among
+
+
+def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> None:
+    """Raise BadInput for a parameter that is neither plain nor a range of what is plain.
+
+    Plain are finite numbers, text, true and false, and lists of them: what a file records must be what was
+    built, and a YAML date or ``.nan`` would fail only when it is stored.
+    """
+    for end in extreme_values(value, where=where):
+        for one in end if isinstance(end, list) else [end]:
+            if not (is_number(one) or isinstance(one, str | bool)):
+                forms = ", ".join(f"{{{kind}: [...]}}" for kind in RANGE_FORMS)
+                near = closest(next(iter(one)), RANGE_FORMS) if isinstance(one, dict) and one else ""
+                raise BadInput(
+                    f"{what} is {_in_words(one)}", where=where, allowed=f"{PLAIN}; or {forms}", nearest=near
+                )
+
+
+def extreme_values(value: Any, *, where: str = "") -> list[Any]:
+    """The extreme values of a range (all of a choice), to check before anything is drawn.
+
+    Raises BadInput for a range that cannot be drawn from.
+    """
+    return _parts(value, where)[1] if is_range(value) else [value]
+
+
+def draw_value(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
+    """One value of a range; a fixed value is returned as it is."""
+    if not is_range(value):
+        return value
+    kind, among = _parts(value, where)
+    if kind == "choice":
+        return among[int(random.integers(len(among)))]
+    low, high = among
+    fraction = random.random()
+    drawn = low + (high - low) * fraction if kind == "uniform" else low * (high / low) ** fraction
+    return float(f"{drawn:.12g}")  # a power's last digits differ between machines, and digests would see it
+
+
+def _in_words(value: Any) -> str:
+    return "empty" if value is None else f"the date {value}" if isinstance(value, date) else repr(value)

@@ -1,0 +1,101 @@
+"""Small tables that a document names: CSV files that lie beside it, read whole when it is read.
+
+The text goes where the document goes. So an edited file is another recipe, and a file moved away later
+stops nothing.
+"""
+
+from functools import lru_cache
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.errors import BadInput, closest
+
+__all__ = ["parse_columns", "read_text_beside"]
+
+LARGEST_BYTES = 4 << 20  # it stands in every file of the dataset
+
+
+def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
+    """The text of the file ``name``, which lies in ``folder`` or below it.
+
+    Raises BadInput for a path that leads out of the folder, by a link too, and for a file that is missing,
+    larger than 4 MiB, or no UTF-8 text. ``where`` is the place that names the file.
+    """
+    root = Path(folder).resolve()
+    try:
+        path = (root / name).resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # a link in a circle; a name with a zero byte
+        raise BadInput(f"{name!r} cannot be followed: {error}", where=where) from error
+    if not path.is_relative_to(root):
+        raise BadInput(
+            f"{name!r} lies outside the folder of the file that names it",
+            where=where,
+            allowed=f"a file in {root}, or below it",
+            hint="copy it there",
+        )
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise BadInput(
+                f"{name!r} has {path.stat().st_size} bytes",
+                where=where,
+                allowed=f"at most {LARGEST_BYTES}",
+                hint="thin it out: between two rows the table is a straight line",
+            )
+        return path.read_text(encoding="utf-8-sig")  # spreadsheets put a mark in front
+    except FileNotFoundError:
+        near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix}")])
+        nearest = str(Path(name).with_name(near)) if near else ""
+        raise BadInput(
+            f"{name!r} does not exist", where=where, allowed=f"a file in {root}", nearest=nearest
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{name!r} cannot be read: {error}", where=where) from error
+
+
+@lru_cache(maxsize=64)
+def parse_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.ndarray, ...]:
+    """The columns of a CSV text, float64 (N,) each, read-only; the first one rises from row to row.
+
+    The first line holds the ``names`` in their order. Blank lines and lines that begin with # are passed
+    over. ``name`` is the file's, for the messages.
+
+    Raises BadInput with the line for another heading, a row that does not fit, a value that is no finite
+    number, a first column that does not rise, or a table without rows.
+    """
+    rows: list[list[float]] = []
+    heading = ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        where = f"{name}:{number}"
+        cells = [cell.strip() for cell in line.split(",")]
+        if not heading:
+            heading = line
+            if cells != list(names):
+                raise BadInput(f"the columns are {line.strip()!r}", where=where, allowed=",".join(names))
+            continue
+        if len(cells) != len(names):
+            raise BadInput(f"the row is {line.strip()!r}", where=where, allowed=f"{len(names)} numbers")
+        row = [_number(cell, column, where) for cell, column in zip(cells, names, strict=True)]
+        if rows and not row[0] > rows[-1][0]:
+            raise BadInput(
+                f"{names[0]} goes from {rows[-1][0]:g} to {row[0]:g}", where=where, allowed="a rising column"
+            )
+        rows.append(row)
+    if not rows:
+        raise BadInput("the table has no rows", where=name, allowed=f"{','.join(names)}, then numbers")
+    table = np.array(rows).T
+    table.flags.writeable = False
+    return tuple(table)
+
+
+def _number(cell: str, column: str, where: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = float("nan")
+    if not isfinite(value):
+        raise BadInput(f"{column} is {cell!r}", where=where, allowed="a finite number")
+    return value

@@ -1,0 +1,82 @@
+"""Files that are there whole or not at all."""
+
+import errno
+import os
+import re
+import secrets
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from saf_gen.errors import BadInput
+
+__all__ = ["check_writable", "remove_stale_temporaries", "unwritable_error", "write_atomically"]
+
+
+@contextmanager
+def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary beside ``path`` to write to; on a clean exit it is synced to disk and takes the name.
+
+    The folder is made where it is missing. On an exception the temporary goes and an older ``path`` stays.
+    Two processes may write the same path, on one machine or many: the last one wins, whole.
+
+    Raises BadInput when the disk is full or the folder cannot be written.
+    """
+    final = Path(path)
+    # Containers on one volume share numbers of processes, and shards may render the same stack.
+    part = final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_here()}.{os.getpid()}.part")
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
+        part.replace(final)
+    except OSError as error:
+        raise unwritable_error(final, error) from error
+    finally:
+        with suppress(OSError):  # gone already, or its folder never was one
+            part.unlink(missing_ok=True)
+
+
+def check_writable(folder: Path) -> None:
+    """Raise BadInput where ``folder`` could not be made or written to; makes nothing."""
+    there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    if not there.is_dir():
+        raise unwritable_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))
+    if not os.access(there, os.W_OK):
+        raise unwritable_error(folder, PermissionError(errno.EACCES, "", str(there)))
+
+
+def unwritable_error(path: Path, error: OSError) -> BadInput:
+    """The one line for a file that the disk or its owner does not let us write."""
+    reason = os.strerror(error.errno) if error.errno else str(error)
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    hint = "free space and run the same command again: it goes on" if full else "choose another folder"
+    return BadInput(f"{path} cannot be written: {reason}", hint=hint)
+
+
+def remove_stale_temporaries(folder: Path) -> None:
+    """Remove the temporaries below ``folder`` whose process, on this machine, is no more.
+
+    Those of other machines stay: their processes are unknown here.
+    """
+    for part in folder.rglob(f".*.{_here()}.*.part"):
+        pid = part.name.split(".")[-2]
+        if pid.isdecimal() and not _runs(int(pid)):
+            part.unlink(missing_ok=True)
+
+
+def _here() -> str:
+    """This machine, or container, in a file's name."""
+    return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40]
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True  # somebody else's process: it lives
+    return True

@@ -1,0 +1,69 @@
+"""Parts of a recording: windows of frames, regions of pixels, and the box round the target."""
+
+import operator
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+__all__ = ["REGIONS", "Region", "region_shape", "target_bounding_box", "validate_region", "validate_window"]
+
+Region = tuple[slice, slice]
+"""Rows and columns, steps of 1."""
+REGIONS = ("target", "frame")
+"""Where a method may look: the box round the target, or the whole frame."""
+
+
+def validate_window(first: int, stop: int, total: int, *, what: str = "frames", where: str = "") -> range:
+    """The window ``first <= t < stop`` of ``total`` frames, or of ``what`` is counted.
+
+    Raises BadInput unless both are whole numbers, 0 <= first < stop <= total.
+    """
+    try:
+        window = range(operator.index(first), operator.index(stop))
+    except TypeError:
+        window = range(0)
+    if not (0 <= window.start < window.stop <= total):
+        raise BadInput(
+            f"{what} {first} to {stop} were asked for",
+            where=where,
+            allowed=f"whole numbers, 0 <= first < stop <= {total}",
+        )
+    return window
+
+
+def validate_region(region: Region | None, size: tuple[int, int], *, where: str = "") -> Region:
+    """``region`` with both ends filled in; None is the whole frame of ``size`` (rows, columns).
+
+    Raises BadInput for an empty one, for one that leaves the frame, and for steps.
+    """
+    bounds = []
+    for part, most, axis in zip(region or (slice(None), slice(None)), size, ("rows", "columns"), strict=True):
+        first = 0 if part.start is None else operator.index(part.start)
+        stop = most if part.stop is None else operator.index(part.stop)
+        if not 0 <= first < stop <= most or part.step not in (None, 1):
+            raise BadInput(
+                f"the region's {axis} are {part}",
+                where=where,
+                allowed=f"0 <= first < stop <= {most}, step 1",
+            )
+        bounds.append(slice(first, stop))
+    return bounds[0], bounds[1]
+
+
+def region_shape(region: Region) -> tuple[int, int]:
+    """Rows and columns of a region with both ends filled in."""
+    return region[0].stop - region[0].start, region[1].stop - region[1].start
+
+
+def target_bounding_box(target: np.ndarray) -> Region:
+    """The rows and columns of the box round a target mask, bool (H, W). Raises BadInput for an empty one."""
+    mask = np.asarray(target, dtype=bool)
+    if mask.ndim != 2 or not mask.any():
+        raise BadInput(
+            f"target mask of shape {mask.shape} marks {int(mask.sum())} pixels",
+            allowed="(rows, columns), at least one pixel marked",
+            hint="use the whole frame: --region frame",
+        )
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

@@ -1,0 +1,64 @@
+"""The whole chain on one page: every signal, its axes, dtype and unit.
+
+Axes are always in the order light, focus, time, row, column. Modules that take or give one of these
+arrays name it here and check it at their border with :func:`validate_signal`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+__all__ = ["SIGNALS", "Signal", "validate_signal"]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One array of the chain: axis names, dtype, unit, meaning."""
+
+    name: str
+    axes: tuple[str, ...]
+    dtype: str
+    unit: str
+    meaning: str
+
+
+SIGNALS = {
+    s.name: s
+    for s in (
+        Signal("radiance", ("light", "focus", "row", "col"), "float32", "W m^-2 sr^-1 at gain 1",
+               "mean over aperture and pixel, one light group alone"),
+        Signal("depth", ("row", "col"), "float32", "m",
+               "axial distance of the first surface, pinhole at the lens centre"),
+        Signal("target", ("row", "col"), "bool", "-", "the pixels that should be in focus"),
+        Signal("gain", ("frame", "light"), "float32", "1", "the light schedule"),
+        Signal("focus_position", ("frame",), "float32", "0...1 of the travel", "what the lens drive did"),
+        Signal("charge", ("focus", "row", "col"), "float32", "e- per readout",
+               "photo-electrons collected by a pixel"),
+        Signal("spikes", ("row", "col", "frame/8"), "uint8", "bit",
+               "frame t is bit t mod 8, least significant first, of byte t div 8"),
+        Signal("counts", ("row", "col"), "uint32", "spikes", "in a window of frames"),
+        Signal("score", (), "float64", "per measure", "larger is sharper"),
+    )
+}  # fmt: skip
+
+
+def validate_signal(name: str, array: np.ndarray) -> np.ndarray:
+    """``array`` as the signal ``name``: same values, the table's dtype, C order.
+
+    Raises BadInput when the number of axes differs or a value does not survive the table's dtype.
+    """
+    signal = SIGNALS[name]
+    given = np.asarray(array)
+    if given.ndim != len(signal.axes):
+        raise BadInput(
+            f"{name} has shape {given.shape}",
+            allowed=f"{len(signal.axes)} axes ({', '.join(signal.axes)})",
+        )
+    if given.dtype.kind not in "buif":
+        raise BadInput(f"{name} has dtype {given.dtype}", allowed=f"numbers ({signal.dtype})")
+    out = np.ascontiguousarray(given, dtype=signal.dtype)
+    if signal.dtype == "float32" and not np.isfinite(out).all():
+        raise BadInput(f"{name} holds values that are not finite", allowed=f"finite numbers in {signal.unit}")
+    return out

@@ -1,0 +1,83 @@
+"""The dataset card: README.md of a dataset folder, for whoever finds it without us."""
+
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from saf_gen.core.config.ranges import extreme_values, is_range
+from saf_gen.generate.recipe import Recipe
+from saf_gen.scene.scene_folder import SceneCard
+from saf_gen.stream.manifest import Manifest, write_text_atomically
+
+__all__ = ["write_dataset_card"]
+
+PAGE = Template("""# $name: spike-camera autofocus data
+
+Made by saf_gen from a recipe: scenes rendered by Mitsuba through a thin lens, seen by a model of the spike
+camera `$sensor`. Every sequence knows its true focus, and where the lens was at every frame.
+
+| | |
+|---|---|
+| sequences | $count ($splits) |
+| frames a sequence | $frames |
+| focus positions rendered | $positions, $samples samples a pixel |
+| lens motion | $motion |
+| light schedules | $lights |
+| recipe fingerprint | `$fingerprint` |
+
+## Scenes
+
+$scenes
+
+## Files
+
+- `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`.
+- `<split>/<id>.h5`: a spike stream with its truth; `/provenance/recipe` in it makes it again.
+- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; only needed to record more.
+
+```python
+import saf_gen
+with saf_gen.open_stream("$example") as stream:   # from this folder
+    print(stream.shape, stream.truth.position)
+    image = stream.counts(0, 200)
+```
+
+To evaluate focus methods on it, from this folder: `saf-gen evaluate .`
+""")
+
+
+def _in_words(motion: dict[str, Any]) -> str:
+    """A lens motion as a recipe writes it: ``hand`` (bandwidth_hz 10, seed 3)."""
+    if is_range(motion):
+        return " or ".join(_in_words(one) for one in extreme_values(motion))
+    options = ", ".join(f"{key} {_value(value)}" for key, value in motion.items() if key != "kind")
+    return f"`{motion['kind']}`" + (f" ({options})" if options else "")
+
+
+def _value(value: Any) -> str:
+    if is_range(value):
+        ((form, among),) = value.items()
+        return f"{form} {', '.join(_value(one) for one in among)}"
+    return value["path"] if isinstance(value, dict) else str(value)
+
+
+def write_dataset_card(folder: Path, recipe: Recipe, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
+    """Write README.md into a dataset folder, in one piece."""
+    splits = Counter(entry.split for entry in manifest.sequences)
+    text = PAGE.substitute(
+        name=recipe.name,
+        sensor=recipe.camera.sensor,
+        count=len(manifest.sequences),
+        splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
+        frames=recipe.camera.frames,
+        positions=recipe.focus.positions,
+        samples=recipe.render.samples,
+        motion=_in_words(recipe.focus.motion),
+        lights=", ".join(recipe.lights),
+        fingerprint=manifest.recipe_fingerprint,
+        scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence}." for card in scenes),
+        example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
+    )
+    write_text_atomically(folder / "README.md", text)

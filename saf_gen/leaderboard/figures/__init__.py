@@ -1,0 +1,48 @@
+"""Figures of an evaluation, each one drawing of one thing: curves, errors, conditions, ways of searches."""
+
+from matplotlib.figure import Figure
+
+from saf_gen.leaderboard.figures._style import (
+    MAX_MEASURES,
+    PREDICTIONS_LABEL,
+    PlotStyle,
+    add_paper_background,
+    assign_styles,
+    inline_svg,
+    split_method,
+    to_svg,
+)
+from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition
+from saf_gen.leaderboard.figures.error_figure import plot_errors
+from saf_gen.leaderboard.figures.focus_curve_figure import (
+    Cursor,
+    locate_cursor,
+    normalise_curve,
+    plot_focus_curves,
+)
+from saf_gen.leaderboard.figures.image_strip import ImageStrip, build_image_strip
+from saf_gen.leaderboard.figures.path_figures import plot_lens_paths, plot_search_steps
+
+__all__ = [
+    "CONDITIONS",
+    "MAX_MEASURES",
+    "PREDICTIONS_LABEL",
+    "Condition",
+    "Cursor",
+    "Figure",
+    "ImageStrip",
+    "PlotStyle",
+    "add_paper_background",
+    "assign_styles",
+    "build_image_strip",
+    "inline_svg",
+    "locate_cursor",
+    "normalise_curve",
+    "plot_condition",
+    "plot_errors",
+    "plot_focus_curves",
+    "plot_lens_paths",
+    "plot_search_steps",
+    "split_method",
+    "to_svg",
+]

@@ -1,0 +1,195 @@
+"""Success and error against a condition of the recordings: the light's ratio, the photons of a block."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullLocator
+
+from saf_gen.benchmark.records import Record
+from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
+from saf_gen.leaderboard.axes import BLOCK_READOUTS
+from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
+from saf_gen.leaderboard.figures._style import (
+    BAND,
+    GREY,
+    MAX_MEASURES,
+    PAPER,
+    PlotStyle,
+    create_figure,
+    describe_omissions,
+    hide_spines,
+    split_method,
+    use_figure_style,
+)
+
+__all__ = ["CONDITIONS", "Condition", "bin_sequences", "plot_condition"]
+
+BINS = 6
+POINTS = 240
+"""Single errors in a figure; with more only their medians are drawn."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What recordings differ by, as a number above 0; None where it is unknown."""
+
+    name: str
+    title: str
+    axis_label: str
+    value: Callable[[Record], float | None]
+    min_ratio: float
+    """Largest over smallest value below which nothing can be seen."""
+
+
+CONDITIONS = (
+    Condition(
+        "light-ratio",
+        "Error against light ratio",
+        "brightest over darkest light of the recording",
+        lambda r: r.light_ratio,
+        1.2,
+    ),
+    Condition(
+        "photon-budget",
+        "Error against photon budget",
+        f"mean counts a pixel in a block of {BLOCK_READOUTS} readouts",
+        lambda r: None if r.mean_rate is None or r.mean_rate <= 0 else BLOCK_READOUTS * r.mean_rate,
+        2.0,
+    ),
+)
+
+
+def bin_sequences(records: Sequence[Record], condition: Condition) -> list[tuple[float, frozenset[str]]]:
+    """Sequences that go together, by their condition: (its geometric mean, their names), rising.
+
+    Each value alone where they are few, else BINS of about as many sequences each. Empty where there is too
+    little to see: fewer than three values, or all of about the same size.
+    """
+    values = {r.sequence: value for r in records if (value := condition.value(r)) is not None}
+    different = sorted(set(values.values()))
+    if len(different) < 3 or different[-1] < condition.min_ratio * different[0]:
+        return []
+    if len(different) > BINS:
+        edges = np.quantile(list(values.values()), np.linspace(0, 1, BINS + 1)[1:-1])
+        number = {name: int(np.searchsorted(edges, value)) for name, value in values.items()}
+    else:
+        number = {name: different.index(value) for name, value in values.items()}
+    found = []
+    for one in sorted(set(number.values())):
+        names = frozenset(name for name, its in number.items() if its == one)
+        found.append((math.exp(np.mean([math.log(values[name]) for name in names])), names))
+    return found
+
+
+def plot_condition(
+    records: Sequence[Record], condition: Condition, styles: Mapping[str, PlotStyle], *, title: str
+) -> Figure | None:
+    """Of one search: share within 1 DoF above, median error below, a line for each measure.
+
+    ``styles`` gives the measures in their order; the first MAX_MEASURES are drawn, and the figure says so.
+    None where there is too little.
+    """
+    groups = bin_sequences(records, condition)
+    held = {split_method(r.method)[0] for r in records}
+    measures = [m for m in styles if m in held][:MAX_MEASURES]
+    note = describe_omissions((len(measures), sum(m in held for m in styles), "measures"))
+    if not groups or all(r.error_dof is None for r in records):
+        return None
+    with use_figure_style():
+        figure = create_figure(3.35 + legend_height(measures, note=note), title=title)
+        above, below = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [1, 1.3]})
+        below.axhspan(0, 1, color=BAND, alpha=0.3, lw=0)
+        for measure in measures:
+            mine = [r for r in records if split_method(r.method)[0] == measure]
+            _draw(above, below, mine, groups, styles[measure])
+            if len(measures) * len(mine) <= POINTS:
+                _scatter(below, mine, condition, styles[measure])
+        above.set_ylim(-0.06, 1.06)
+        above.set_yticks([0, 0.5, 1], ["0 %", "50 %", "100 %"])
+        above.set_ylabel("within 1 DoF")
+        _error_axis(below, [abs(r.error_dof) for r in records if r.error_dof is not None])
+        below.set_xscale("log")
+        low, high = groups[0][0], groups[-1][0]
+        below.set_xticks([g[0] for g in _spread(groups)], [_short(g[0]) for g in _spread(groups)])
+        below.xaxis.set_minor_locator(NullLocator())
+        margin = (high / low) ** 0.06
+        below.set_xlim(low / margin, high * margin)
+        below.set_xlabel(condition.axis_label)
+        for axes in (above, below):
+            axes.grid(axis="y", color=GREY, lw=0.6)
+            axes.set_axisbelow(True)
+            hide_spines(axes, "top", "right")
+        add_legend_below(figure, [styles[m].legend_handle() for m in measures], measures, note=note)
+    return figure
+
+
+def _draw(
+    above: Axes,
+    below: Axes,
+    records: Sequence[Record],
+    groups: Sequence[tuple[float, frozenset[str]]],
+    style: PlotStyle,
+) -> None:
+    held = [(x, [r for r in records if r.sequence in names]) for x, names in groups]
+    success = [(x, mean_over_scenes(some, lambda r: r.success_1dof)) for x, some in held]
+    error = [(x, median_magnitude(r.error_dof for r in some)) for x, some in held]
+    for axes, points in ((above, success), (below, error)):
+        known = np.array([(x, y) for x, y in points if y is not None])
+        if known.size:
+            axes.plot(
+                *known.T,
+                color=style.colour,
+                ls=style.dashes,
+                lw=1.3,
+                marker=style.marker,
+                ms=4.5,
+                mec=PAPER,
+                mew=0.5,
+                clip_on=False,
+            )
+
+
+def _scatter(axes: Axes, records: Sequence[Record], condition: Condition, style: PlotStyle) -> None:
+    points = [
+        (condition.value(r), abs(r.error_dof))
+        for r in records
+        if r.error_dof is not None and condition.value(r) is not None
+    ]
+    if points:
+        axes.plot(*np.array(points).T, ".", color=style.colour, ms=4, alpha=0.5, mew=0, zorder=1)
+
+
+def _error_axis(axes: Axes, errors: Sequence[float]) -> None:
+    """From 0, linear up to one depth of focus and logarithmic beyond."""
+    reach = max([3.0, *errors]) * 1.2
+    axes.set_yscale("symlog", linthresh=1, linscale=0.6)
+    axes.set_ylim(0, reach)
+    powers = [10.0**n for n in range(math.floor(math.log10(reach)) + 1)]
+    axes.set_yticks([0, *powers])
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    axes.set_ylabel("|answer − truth|, DoF")
+
+
+def _spread(groups: Sequence[tuple[float, frozenset[str]]]) -> list[tuple[float, frozenset[str]]]:
+    """Those groups whose values can stand beside each other as text."""
+    total = math.log(groups[-1][0] / groups[0][0])
+    kept = [groups[0]]
+    for group in groups[1:]:
+        if math.log(group[0] / kept[-1][0]) > 0.08 * total:
+            kept.append(group)
+    return kept
+
+
+def _short(value: float) -> str:
+    return (
+        f"{value:.0f}"
+        if value >= 20
+        else f"{value:.1f}".removesuffix(".0")
+        if value >= 0.95
+        else f"{value:.2g}"
+    )

@@ -1,0 +1,150 @@
+"""An evaluation's folder, replaced as a whole: what an earlier evaluation left goes, other files stay.
+
+``records.jsonl`` is what makes a folder an evaluation. It goes first and comes last, so that a folder whose
+writer was killed in between is taken for none. The figures that an evaluation drew are those of its page.
+"""
+
+import json
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from saf_gen.benchmark.records import RECORDS_FILE
+from saf_gen.benchmark.results import Evaluation
+from saf_gen.core.files import unwritable_error
+from saf_gen.leaderboard import LeaderboardRow, write_curve_tables, write_leaderboard
+from saf_gen.leaderboard.figures import add_paper_background
+from saf_gen.leaderboard.report.choose_figures import plot_report_figures
+from saf_gen.leaderboard.report.page import build_page
+from saf_gen.stream.manifest import write_text_atomically
+
+__all__ = ["WrittenEvaluation", "write_evaluation", "write_report"]
+
+ASIDE, ABANDONED_S = ".evaluation.", 86_400.0  # who writes may be on another machine: its age tells
+PAGE, FIGURES = "index.html", "figures"
+CURVES = ("curves.csv", "measures.csv")
+CURVES_BEGIN = "measure,"
+PAGE_SAYS = "data-of-records"
+_FIGURE = re.compile(r'<figure id="([\w.-]+)">')
+
+
+@dataclass(frozen=True)
+class WrittenEvaluation:
+    """The paths that were written, and a line on what they replaced, else ''."""
+
+    paths: tuple[Path, ...]
+    replaced: str
+
+
+def write_evaluation(
+    folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str
+) -> WrittenEvaluation:
+    """Write tables, curves, page and figures into ``folder``, in place of an earlier evaluation there.
+
+    All is written aside first: where that fails, or is stopped, the earlier evaluation stays as it was. Files
+    that no evaluation wrote stay.
+
+    Raises BadInput when the disk is full or the folder cannot be written.
+    """
+    final = Path(folder)
+    earlier = _earlier(final)
+    with _aside(final) as part:
+        staged = write_leaderboard(part, rows=rows, records=evaluation.records, failures=evaluation.failures)
+        staged += write_curve_tables(part, evaluation.sweeps)
+        staged += write_report(part, rows=rows, evaluation=evaluation, title=title)
+        paths = tuple(final / path.relative_to(part) for path in staged)
+        _publish(part, final)
+    return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
+
+
+def write_report(
+    folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str
+) -> list[Path]:
+    """Draw the figures and write index.html, and each figure as figures/NAME.svg, into ``folder``.
+
+    Returns the page and the folder of the figures, where there are any. Each file is replaced at once;
+    BadInput where that fails.
+    """
+    out = Path(folder)
+    report_figures = plot_report_figures(evaluation, rows)
+    for picture in report_figures:
+        write_text_atomically(out / FIGURES / f"{picture.name}.svg", add_paper_background(picture.svg))
+    text = build_page(
+        rows,
+        title=title,
+        records=evaluation.records,
+        sweeps=evaluation.sweeps,
+        failures=evaluation.failures,
+        report_figures=report_figures,
+    )
+    write_text_atomically(out / PAGE, text)
+    return [out / PAGE, *([out / FIGURES] if report_figures else [])]
+
+
+def _earlier(folder: Path) -> str:
+    """What evaluation is there, in words; '' where there is none."""
+    try:
+        lines = (folder / RECORDS_FILE).read_bytes().split(b"\n")
+        methods = {json.loads(line)["method"] for line in lines if line}
+    except (FileNotFoundError, NotADirectoryError):
+        return ""
+    except (OSError, ValueError, LookupError, TypeError):  # of another version, or damaged
+        return "an earlier evaluation that cannot be read"
+    return f"the earlier evaluation of {len(methods)} method{'' if len(methods) == 1 else 's'}"
+
+
+@contextmanager
+def _aside(folder: Path) -> Iterator[Path]:
+    """A folder inside ``folder`` to write to, gone at the end; what was killed a day ago goes too."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for left in folder.glob(f"{ASIDE}*"):
+            if time.time() - left.stat().st_mtime > ABANDONED_S:
+                shutil.rmtree(left, ignore_errors=True)
+        part = Path(tempfile.mkdtemp(prefix=ASIDE, dir=folder))
+    except OSError as error:
+        raise unwritable_error(folder, error) from error
+    try:
+        yield part
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _publish(part: Path, final: Path) -> None:
+    """Move what lies in ``part`` to ``final``: the page first, for it lists the figures; the records last."""
+    names = [path.relative_to(part) for path in part.rglob("*") if path.is_file()]
+    names.sort(key=lambda name: (name.name == RECORDS_FILE, name.name != PAGE, name))
+    try:
+        for folder in {name.parent for name in names}:
+            (final / folder).mkdir(parents=True, exist_ok=True)
+        stale = [path for path in _ours(final) if path.relative_to(final) not in names]
+        (final / RECORDS_FILE).unlink(missing_ok=True)
+        for path in stale:
+            path.unlink(missing_ok=True)
+        for name in names:
+            (part / name).replace(final / name)
+    except OSError as error:
+        raise unwritable_error(Path(error.filename2 or error.filename or final), error) from error
+    with suppress(OSError):  # somebody else's figures are in it, or there is none
+        (final / FIGURES).rmdir()
+
+
+def _ours(folder: Path) -> list[Path]:
+    """What an evaluation wrote there and another may not write: curves, and the figures of its page."""
+    curves = [folder / name for name in CURVES if _text(folder / name).startswith(CURVES_BEGIN)]
+    text = _text(folder / PAGE)
+    figures = _FIGURE.findall(text) if PAGE_SAYS in text else []
+    return [*curves, *(folder / FIGURES / f"{name}.svg" for name in figures)]
+
+
+def _text(path: Path) -> str:
+    """What a file holds; '' where it is not there or is no text."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""

@@ -1,0 +1,124 @@
+"""Finds the constants of a method: every combination of the values to try, judged like methods of a contest.
+
+Constants are tuned on train; a split called test is for methods that are finished.
+"""
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from math import inf, prod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from saf_gen import __version__
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.method_spec import parse_method, split_part_options, split_region
+from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
+from saf_gen.core.region import REGIONS
+from saf_gen.errors import BadInput, SafGenError, unknown
+from saf_gen.leaderboard import LeaderboardRow, rank_methods
+from saf_gen.stream.manifest import read_manifest
+
+if TYPE_CHECKING:
+    from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+
+__all__ = ["MAX_COMBINATIONS", "expand_parameter_grid", "tune"]
+
+MAX_COMBINATIONS = 1000
+"""Combinations that are tried at most."""
+ParameterGrid = Mapping[str, Sequence[str]]
+
+
+def expand_parameter_grid(method: str, values: ParameterGrid) -> list[str]:
+    """The method with every combination of these values, in order. Keys: ``measure.KEY`` and ``search.KEY``.
+
+    A value stands in place of the one that the method names, as of ``@FILE``, whose constants are taken up.
+    Raises BadInput for another key, for no value, for more than MAX_COMBINATIONS combinations, and for a
+    value or key that a part refuses.
+    """
+    name, region = split_region(parse_method(method).name)  # says what is wrong with it before anything else
+    halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
+    for key, given in values.items():
+        half, dot, option = key.partition(".")
+        if half not in halves or not dot or not option:
+            raise BadInput(f"--try {key!r}", allowed="measure.KEY=VALUE,... or search.KEY=VALUE,...")
+        if not given or not all(given):
+            raise BadInput(f"--try {key!r} has an empty value", allowed="values with commas between them")
+    if not values:
+        raise BadInput("nothing to try", allowed="--try search.window=50,100,200, and more of them")
+    if (count := prod(len(given) for given in values.values())) > MAX_COMBINATIONS:
+        raise BadInput(
+            f"{count} combinations", allowed=f"at most {MAX_COMBINATIONS}", hint="try fewer values at a time"
+        )
+    out = []
+    for chosen in product(*values.values()):
+        spec = dict(halves)
+        for key, value in zip(values, chosen, strict=True):
+            half, _, option = key.partition(".")
+            spec[half] = _with(spec[half], option, value)
+        out.append("+".join(spec.values()) + (f"@{region}" if region else ""))
+        parse_method(out[-1])
+    return out
+
+
+def _with(half: str, option: str, value: str) -> str:
+    """A measure or search with this value of an option, in the place of the one that it has."""
+    name, tail = split_part_options(half)
+    options = {item.partition("=")[0]: item for item in tail.split(",") if item}
+    return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
+
+
+def tune(
+    dataset: str | Path,
+    method: str,
+    values: ParameterGrid,
+    *,
+    split: str = "train",
+    region: str = "target",
+    protocol: "ClosedLoopProtocol | None" = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
+    """The best of ``expand_parameter_grid(method, values)`` on a split: by success within one depth of
+    focus, then error.
+
+    Returns what was tried, best first, and the rows of the leaderboard. Raises BadInput as variants and
+    evaluate do, for the split ``test``, and SafGenError where a sequence cannot be read.
+    """
+    if split == "test":
+        raise BadInput(
+            "constants would be tuned on the split 'test'",
+            allowed="train, or validation",
+            hint="a test split is for methods that are finished",
+        )
+    if region not in REGIONS:
+        raise unknown("region", region, REGIONS)
+    specs = expand_parameter_grid(method, values)
+    splits = {entry.split for entry in read_manifest(dataset).sequences}
+    if split not in splits:
+        raise unknown("split", split, splits, where=str(dataset))
+    result = evaluate(
+        dataset, methods=specs, split=split, region=region, protocol=protocol, progress=progress
+    )
+    if result.failures:
+        raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
+    rows = sorted(rank_methods(result.records), key=_order)
+    data = list(dict.fromkeys(record.data for record in result.records))
+    first = result.records[0]
+    tuned = TunedMethod(
+        method=rows[0].method,
+        dataset=Path(dataset).resolve().name,
+        split=split,
+        track=first.track,
+        terms=first.terms,
+        region=region,
+        sequences=len(data),
+        data=hashlib.sha256(" ".join(data).encode()).hexdigest()[:12],
+        version=__version__,
+        trials=tuple(TuningTrial(row.method, row.success_1dof, row.median_error_dof) for row in rows),
+    )
+    return tuned, tuple(rows)
+
+
+def _order(row: LeaderboardRow) -> tuple[float, float]:
+    success = -1.0 if row.success_1dof is None else row.success_1dof
+    return -success, inf if row.median_error_dof is None else row.median_error_dof

@@ -1,0 +1,116 @@
+"""How a lens on a spring follows its seat: the damped oscillator, solved exactly from piece to piece.
+
+While its seat moves with constant acceleration, y = y₀ + v₀·s + a·s²/2, the lens is at x = p(s) + e(s):
+p = y(s) - (2ζ/ω)·(v₀ + a·s) + (4ζ² - 1)·a/ω² solves x″ + 2ζω·x′ + ω²·x = ω²·y, and the rest e swings freely.
+What is carried from readout to readout is e and its speed over ω. They turn by the exponential of a 2×2
+matrix, summed here by itself: only the four operations are used, and none is fused or reordered (no
+fastmath), so the bits are the same on every machine.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+
+__all__ = ["integrate_lens", "propagator"]
+
+TOLERANCE = 1e-12  # of the travel, beyond a stop
+HALVINGS = 50
+
+
+def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    try:
+        return njit(nogil=True, cache=True)(function)
+    except RuntimeError:  # numba found no folder it may write a cache to: a read-only install
+        return njit(nogil=True)(function)
+
+
+@_compiled
+def propagator(angle, damping):
+    """exp(angle·[[0, 1], [-1, -2ζ]]) as four numbers, by rows: Taylor to the 14th power, then squared."""
+    halvings, small = 0, angle
+    while small * (1 + 2 * damping) > 0.5:
+        small, halvings = small / 2, halvings + 1
+    a, b, c, d = 1.0, 0.0, 0.0, 1.0
+    for power in range(14, 0, -1):  # Horner: I + M/1·(I + M/2·(I + ...))
+        m = small / power
+        a, b, c, d = 1 + m * c, m * d, -m * (a + 2 * damping * c), 1 - m * (b + 2 * damping * d)
+    for _ in range(halvings):
+        a, b, c, d = a * a + b * c, b * (a + d), c * (a + d), d * d + b * c
+    return a, b, c, d
+
+
+@_compiled
+def _smooth(piece, time, omega, damping):
+    """Place and speed of p, the part of the response that does not swing."""
+    passed, acceleration = time - piece[0], piece[3]
+    lag = 2 * damping / omega
+    flat = piece[1] - lag * piece[2] + (4 * damping * damping - 1) * acceleration / (omega * omega)
+    speed = piece[2] - lag * acceleration
+    return flat + passed * (speed + acceleration * passed / 2), speed + acceleration * passed
+
+
+@_compiled
+def _hit(piece, begin, end, off, swing, stop, omega, damping):
+    """When between ``begin`` (inside) and ``end`` (beyond) the lens comes to the stop."""
+    low, high = begin, end
+    for _ in range(HALVINGS):
+        middle = low + (high - low) / 2
+        a, b, _c, _d = propagator(omega * (middle - begin), damping)
+        place = _smooth(piece, middle, omega, damping)[0] + a * off + b * swing
+        if (place > stop) == (stop > 0.5):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@_compiled
+def _advance(piece, begin, end, off, swing, turned, omega, damping):
+    """e and its speed over ω at ``end``, with the stops: ``turned`` is the turn from ``begin`` to there."""
+    a, b, c, d = turned
+    off_then, swing_then = a * off + b * swing, c * off + d * swing
+    for attempt in range(2):
+        base, speed = _smooth(piece, end, omega, damping)
+        place = base + off_then
+        if -TOLERANCE <= place <= 1 + TOLERANCE:
+            break
+        stop = 1.0 if place > 0.5 else 0.0
+        if attempt == 1:  # pushed on against the stop
+            off_then, swing_then = stop - base, -speed / omega
+            break
+        hit = _hit(piece, begin, end, off, swing, stop, omega, damping)
+        at_hit, speed_at_hit = _smooth(piece, hit, omega, damping)
+        off_hit, swing_hit = stop - at_hit, -speed_at_hit / omega
+        a, b, c, d = propagator(omega * (end - hit), damping)
+        off_then, swing_then = a * off_hit + b * swing_hit, c * off_hit + d * swing_hit
+    return off_then, swing_then
+
+
+@_compiled
+def integrate_lens(pieces, state, first, readout_hz, omega, damping, out):
+    """Fill ``out`` (frames,) with the places of the lens in the middle of the readouts from ``first`` on.
+
+    Shapes: pieces float64 (m, 4), the seat's course from the piece on that holds the middle of the readout
+    before ``first``; state float64 (2,), e and its speed over ω there, replaced by those of the last readout.
+    Returns the number of the piece that holds the last readout.
+    """
+    every = propagator(omega / readout_hz, damping)
+    off, swing, now, j = state[0], state[1], (first - 0.5) / readout_hz, 0
+    for k in range(out.shape[0]):
+        time, whole = (first + k + 0.5) / readout_hz, True
+        while j + 1 < pieces.shape[0] and pieces[j + 1, 0] < time:
+            border, whole = pieces[j + 1, 0], False
+            turned = propagator(omega * (border - now), damping)
+            off, swing = _advance(pieces[j], now, border, off, swing, turned, omega, damping)
+            base, speed = _smooth(pieces[j], border, omega, damping)
+            next_base, next_speed = _smooth(pieces[j + 1], border, omega, damping)
+            off += base - next_base
+            swing += (speed - next_speed) / omega
+            now, j = border, j + 1
+        turned = every if whole else propagator(omega * (time - now), damping)
+        off, swing = _advance(pieces[j], now, time, off, swing, turned, omega, damping)
+        out[k] = min(max(_smooth(pieces[j], time, omega, damping)[0] + off, 0.0), 1.0)
+        now = time
+    state[0], state[1] = off, swing
+    return j

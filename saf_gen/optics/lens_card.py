@@ -1,0 +1,103 @@
+"""The lens on a scene's card: the words of each drive, and the drive that they describe."""
+
+from abc import abstractmethod
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from saf_gen.core.config.yaml_document import FrozenModel
+from saf_gen.optics._drive import Drive
+from saf_gen.optics.focal_length_drive import FocalLengthDrive
+from saf_gen.optics.image_distance_drive import ImageDistanceDrive
+from saf_gen.optics.microscope_stage import Stage
+
+__all__ = ["LensCard"]
+
+FocalLengthMm = Annotated[float, Field(gt=0, le=2000)]
+
+
+class _Lens(FrozenModel):
+    """What every lens says; its aperture radius stays fixed while it is driven."""
+
+    drive_class: ClassVar[type[Drive]]
+
+    f_number: float = Field(gt=0.5, le=64)
+    transmission: float = Field(default=1.0, gt=0, le=1)
+
+    @property
+    @abstractmethod
+    def summary(self) -> str:
+        """The lens in a few words, for a list."""
+
+    def build_drive(self, f_number: float | None = None) -> Drive:
+        """The lens with its drive, in metres; ``f_number`` replaces the card's.
+
+        Raises BadInput for a travel that the drive cannot make.
+        """
+        numbers = self.model_dump(exclude={"drive"}) | ({"f_number": f_number} if f_number else {})
+        fields = {}
+        for key, value in numbers.items():  # a card has millimetres for the lens, metres for all else
+            if key.endswith("_mm"):
+                key, value = f"{key.removesuffix('_mm')}_m", value / 1000
+            fields[key] = value
+        return self.drive_class(**fields)
+
+
+class ImageDistanceLens(_Lens):
+    """The lens moves; ``focus_range_m``: object distances in focus at position 0 and at position 1."""
+
+    drive_class = ImageDistanceDrive
+
+    drive: Literal["image_distance"] = "image_distance"
+    focal_length_mm: FocalLengthMm
+    focus_range_m: tuple[float, float]
+
+    @property
+    def summary(self) -> str:
+        """The lens in a few words, for a list."""
+        return f"{self.focal_length_mm:g} mm f/{self.f_number:g}"
+
+
+class FocalLengthLens(_Lens):
+    """The lens changes its power at a fixed distance from the sensor."""
+
+    drive_class = FocalLengthDrive
+
+    drive: Literal["focal_length"]
+    image_distance_mm: FocalLengthMm
+    focus_range_m: tuple[float, float]
+
+    @property
+    def summary(self) -> str:
+        """The lens in a few words, for a list."""
+        return f"{self.image_distance_mm:g} mm f/{self.f_number:g}, varifocal"
+
+
+class StageLens(_Lens):
+    """The scene moves; ``travel_m``: way towards the lens, from the card's place, at position 0 and at 1."""
+
+    drive_class = Stage
+
+    drive: Literal["stage"]
+    focal_length_mm: FocalLengthMm
+    magnification: float = Field(gt=0, le=1000)
+    travel_m: tuple[float, float]
+
+    @property
+    def summary(self) -> str:
+        """The lens in a few words, for a list."""
+        return f"{self.focal_length_mm:g} mm f/{self.f_number:g}, {self.magnification:g}×, stage"
+
+
+def drive(card: Any) -> str:
+    """The kind of drive of a card's ``lens``, read or unread. Named after its key: messages tell it."""
+    kind = card.get("drive", "image_distance") if isinstance(card, dict) else getattr(card, "drive", "")
+    return str(kind)
+
+
+LensCard = Annotated[
+    Annotated[ImageDistanceLens, Tag("image_distance")]
+    | Annotated[FocalLengthLens, Tag("focal_length")]
+    | Annotated[StageLens, Tag("stage")],
+    Discriminator(drive),
+]

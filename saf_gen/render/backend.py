@@ -1,0 +1,76 @@
+"""Which Mitsuba to run: cuda, else llvm, else scalar. Probed without running a kernel.
+
+LLVM 15 and 16 abort the whole process at the first kernel ("cannot select fminimum"); nothing can be
+caught then, so the version is asked before.
+"""
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numba
+
+from saf_gen.core.cores import usable_cores
+from saf_gen.errors import BadInput, unknown
+
+__all__ = ["OLDEST_LLVM", "BackendProbe", "activate_backend", "choose_backend", "probe_backends"]
+
+OLDEST_LLVM = 17
+MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
+ADVICE = "install LLVM 17 or newer (Debian, Ubuntu: apt install libllvm19) to render many times faster"
+
+
+@dataclass(frozen=True)
+class BackendProbe:
+    """What this machine can render with: the LLVM found (None: none), and whether a card is usable."""
+
+    llvm: tuple[int, int, int] | None
+    cuda: bool
+
+    @property
+    def llvm_usable(self) -> bool:
+        return self.llvm is not None and self.llvm[0] >= OLDEST_LLVM
+
+    @property
+    def llvm_description(self) -> str:
+        if self.llvm is None:
+            return "no LLVM library was found"
+        version = ".".join(str(n) for n in self.llvm)
+        if self.llvm_usable:
+            return f"LLVM {version}"
+        return f"LLVM {version} is too old: Mitsuba needs {OLDEST_LLVM} or newer and would abort"
+
+
+def probe_backends() -> BackendProbe:
+    """Look for LLVM and CUDA; starts no kernel and cannot abort."""
+    major, minor, patch = (int(n) for n in dr.detail.llvm_version())
+    cuda = bool(dr.has_backend(dr.JitBackend.CUDA))
+    return BackendProbe((major, minor, patch) if major > 0 else None, cuda)
+
+
+def choose_backend(requested: str, machine: BackendProbe) -> str:
+    """The variant to use: 'cuda', 'llvm' or 'scalar'; ``requested`` may also be 'auto'.
+
+    Raises BadInput for an unknown name, or one that this machine cannot run.
+    """
+    if requested == "auto":
+        return "cuda" if machine.cuda else "llvm" if machine.llvm_usable else "scalar"
+    if requested not in MITSUBA_VARIANTS:
+        raise unknown("variant", requested, ["auto", *MITSUBA_VARIANTS])
+    if requested == "llvm" and not machine.llvm_usable:
+        raise BadInput(f"variant llvm cannot run here: {machine.llvm_description}", hint=ADVICE)
+    if requested == "cuda" and not machine.cuda:
+        raise BadInput(
+            "variant cuda cannot run here: no NVIDIA card with a driver that Mitsuba can use was found",
+            allowed="llvm, scalar",
+        )
+    return requested
+
+
+def activate_backend(variant: str, *, threads: int | None = None) -> None:
+    """Switch Mitsuba to this variant and its threads (default: the cores this process may use)."""
+    # Must come before a scene is loaded: loading starts the thread pool.
+    dr.set_thread_count(threads or usable_cores())
+    numba.set_num_threads(min(threads or usable_cores(), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    mi.set_log_level(mi.LogLevel.Error)
+    mi.set_variant(MITSUBA_VARIANTS[variant])

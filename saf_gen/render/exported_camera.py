@@ -1,0 +1,165 @@
+"""The camera that an exported scene brings, as a card has it: its place, its lens, what it looks at."""
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.render import backend, mitsuba_scene, xml_scene
+from saf_gen.render.render_setup import SensorGrid, make_film_dict
+from saf_gen.scene.scene_folder import RESERVED_GROUP_NAMES
+from saf_gen.scene.xml import SceneXml
+
+__all__ = ["ExportedCamera", "read_exported_camera"]
+
+REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
+SENSOR_WIDTH_M = REFERENCE_GRID.columns * REFERENCE_GRID.pitch_m
+WIDEST_F_NUMBER, USUAL_F_NUMBER, SMALLEST_F_NUMBER = 1.0, 2.0, 64.0  # the last is what a card may have
+
+
+@dataclass(frozen=True)
+class ExportedCamera:
+    """A pose (m), a lens on a sensor 8 mm wide, and what it sees.
+
+    lights : light group to emitter. target : the shape that the axis meets, distance_m away.
+    """
+
+    name: str
+    origin_m: tuple[float, ...]
+    look_at_m: tuple[float, ...]
+    up: tuple[float, ...]
+    focal_length_mm: float
+    f_number: float
+    lights: dict[str, str]
+    target: str
+    distance_m: float
+
+
+def read_exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
+    """The first perspective camera of a scene, which ``path`` names in messages; units are taken as metres.
+
+    The f-number is that of the file where it has an aperture, else 2.
+
+    Raises BadInput where there is no such camera, no lamp, or nothing in the middle of its picture; and for
+    a camera that Mitsuba does not understand, or whose aperture no card can have.
+    """
+    backend.activate_backend("scalar")
+    described = xml_scene.parse_scene_dict(read.text, path)
+    lamps = mitsuba_scene.emitter_names(described)
+    if not lamps:
+        raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add one")
+    props = _first(read.cameras, path)
+    origin, ahead, up = _pose(props, path)
+    loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), 2)
+    hit = loaded.ray_intersect(mi.Ray3f(origin.tolist(), ahead.tolist()))
+    if not hit.is_valid():
+        raise BadInput(
+            "nothing lies in the middle of the camera's picture",
+            where=str(path),
+            hint="aim the camera at the target, and export again",
+        )
+    distance = float(hit.t)
+    image = SENSOR_WIDTH_M / 2 / math.tan(math.radians(_field(props, path)) / 2)
+    focal = 1 / (1 / image + 1 / distance)
+    return ExportedCamera(
+        name=f"{props.plugin_name()} camera",
+        origin_m=tuple(origin.tolist()),
+        look_at_m=tuple((origin + distance * ahead).tolist()),
+        up=tuple(up.tolist()),
+        focal_length_mm=focal * 1e3,
+        f_number=_f_number(props, focal, path),
+        lights=_groups(lamps),
+        target=hit.shape.id(),
+        distance_m=distance,
+    )
+
+
+def _first(cameras: str, path: Path) -> Any:
+    """The words of the first perspective camera, those of older versions as this one has them."""
+    config = mi.parser.ParserConfig("scalar_rgb")
+    try:
+        state = mi.parser.parse_string(config, cameras)
+        mi.parser.transform_upgrade(config, state)
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise xml_scene.mitsuba_refusal(error, path) from error
+    for node in state.nodes:
+        if node.props.plugin_name() in ("perspective", "thinlens"):
+            return node.props
+    raise BadInput("the scene has no perspective camera", where=str(path), hint="export one")
+
+
+def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the camera is, and the unit vectors ahead and up, float64 (3,) each."""
+    at = props.get("to_world", mi.ScalarTransform4f())
+    matrix = np.array(getattr(at, "matrix", np.full((4, 4), np.nan)), dtype=np.float64)
+    lengths = np.linalg.norm(matrix[:3, 1:3], axis=0)
+    if not (np.isfinite(matrix).all() and (lengths > 0).all()):
+        raise BadInput(
+            "to_world of the camera gives it no direction", where=str(path), hint="export the scene again"
+        )
+    up, ahead = (matrix[:3, 1:3] / lengths).T
+    return matrix[:3, 3], ahead, up
+
+
+def _field(props: Any, path: Path) -> float:
+    """Horizontal field of view (degrees) on our film of 8:5, as Mitsuba has it.
+
+    A field may be given for any axis; or by the focal length, as text, of a lens with the same diagonal field
+    on a film of 36 × 24 mm, 50 mm where the file says neither.
+    """
+    words = {key: props[key] for key in ("fov", "fov_axis", "focal_length") if key in props}
+    try:
+        camera = mi.load_dict({"type": "perspective", **words, "film": make_film_dict(REFERENCE_GRID)})
+    except (RuntimeError, ValueError, TypeError) as error:
+        said = re.split(r"\[[\w.]+:\d+\] ", str(error))[-1]
+        raise BadInput(f"the camera's field of view: {said}", where=str(path)) from error
+    field = float(mi.traverse(camera)["x_fov"])
+    if not 0 < field < 180:
+        raise BadInput(
+            f"the camera's field of view is {field:g} degrees", where=str(path), allowed="above 0, below 180"
+        )
+    return field
+
+
+def _f_number(props: Any, focal_length_m: float, path: Path) -> float:
+    """Of the file's aperture; one of no width is a pinhole, as that of a perspective camera."""
+    radius = props.get("aperture_radius", 0.0)
+    if not (isinstance(radius, int | float) and 0 <= radius < math.inf):
+        raise BadInput(
+            f"aperture_radius of the camera is {radius!r}",
+            where=str(path),
+            allowed="a length in metres, or 0 for a pinhole",
+        )
+    f_number = focal_length_m / (2 * radius) if radius > 0 else USUAL_F_NUMBER
+    if f_number > SMALLEST_F_NUMBER:
+        raise BadInput(
+            f"aperture_radius of the camera is {radius:g}, f/{f_number:.4g} on our sensor",
+            where=str(path),
+            allowed=f"up to f/{SMALLEST_F_NUMBER:g}, {focal_length_m / 2 / SMALLEST_F_NUMBER:.2g} m or more",
+            hint="open the aperture, or write 0: the card then says f/2",
+        )
+    return max(f_number, WIDEST_F_NUMBER)
+
+
+def _groups(lamps: list[str]) -> dict[str, str]:
+    """A light group a lamp, called as the lamp is without what exporters put before the name.
+
+    Or else, where another lamp or another thing is called so.
+    """
+    groups: dict[str, str] = {}
+    for lamp in lamps:
+        name = (
+            re.sub(r"[^a-z0-9]+", "_", re.sub(r"^(emit|mesh|light)[-_]", "", lamp.lower())).strip("_")
+            or "lamp"
+        )
+        if name in RESERVED_GROUP_NAMES:
+            name += "_lamp"
+        while name in groups:
+            name += "_2"
+        groups[name] = lamp
+    return groups

@@ -1,0 +1,195 @@
+"""Adds traced paths to every focus position at once.
+
+A path meets the sensor on a straight line as the lens moves (x and y linear in the position), so a pixel
+holds it for one run of consecutive positions. Two writes a run, the value where it begins and its negative
+where it ends, and one running sum over positions at the end give the whole stack: the cost grows with the
+pixels a path crosses, not with the positions.
+
+Value and count of a sample travel in one 64-bit word: the count in the low COUNT_BITS, the value above
+them in fixed point. Integer sums do not depend on the order of threads, so a stack is the same bit for bit
+however many cores made it. Positions lie innermost: the pixels of a blur disc are then a few cache lines.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numba as nb
+import numpy as np
+
+__all__ = [
+    "COUNT_BITS",
+    "NEVER",
+    "VALUE_BITS",
+    "HostAccumulator",
+    "TracedPaths",
+    "allocate_accumulators",
+    "resolve_means",
+    "splat_paths",
+]
+
+COUNT_BITS = 20
+VALUE_BITS = 63 - COUNT_BITS
+ACCUMULATOR_BYTES = 1 << 30
+NEVER = np.float32(1e9)  # positions
+
+
+class TracedPaths(NamedTuple):
+    """Traced paths, arrays of Dr.Jit or numpy; no window where all count at every position.
+
+    first_x, first_y : float32 (path,), where each path meets the sensor at position 0, in pixels.
+    step_x, step_y : float32 (path,), how far it moves from one position to the next, in pixels.
+    radiance : float32 (path,).
+    begin, end : int32 (path,), each path counts at positions begin <= k < end; None: at all of them.
+    """
+
+    first_x: Any
+    first_y: Any
+    step_x: Any
+    step_y: Any
+    radiance: Any
+    begin: Any = None
+    end: Any = None
+
+    def to_host(self) -> "TracedPaths":
+        """The same of Dr.Jit's as numpy arrays; without a copy where the device is the host (LLVM)."""
+        return TracedPaths(*(array if array is None else array.numpy() for array in self))
+
+
+class HostAccumulator:
+    """Sums of a band of rows of the film, added to by the cores.
+
+    shape : (focus, row, col) of the whole stack. band : first row and the one after the last, here always
+    all. scale, most : as :func:`splat_paths` takes them.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], scale: float, most: float) -> None:
+        self.sums = allocate_accumulators(nb.get_num_threads(), shape)
+        self.scale, self.most = scale, most
+
+    @staticmethod
+    def split_into_bands(shape: tuple[int, int, int]) -> list[tuple[int, int]]:
+        """The whole film: where memory is short there are fewer accumulators, not parts of one."""
+        return [(0, shape[1])]
+
+    def add(self, paths: TracedPaths) -> int:
+        """Add paths (Dr.Jit arrays); the number of clipped samples among them."""
+        host = paths.to_host()
+        line = (host.first_x, host.first_y, host.step_x, host.step_y)
+        return int(splat_paths(self.sums, *line, host.radiance, self.scale, self.most, host.begin, host.end))
+
+    def mean_radiance(self) -> np.ndarray:
+        """Mean radiance, float32 (focus, row, col)."""
+        return resolve_means(self.sums, self.scale)
+
+
+def allocate_accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
+    """Empty accumulators, one a worker: int64 (worker, row, col, focus).
+
+    Fewer workers than asked for where they would take more than ACCUMULATOR_BYTES, but at least one.
+    """
+    focus, rows, columns = shape
+    workers = max(1, min(workers, ACCUMULATOR_BYTES // (8 * focus * rows * columns)))
+    return np.zeros((workers, rows, columns, focus), dtype=np.int64)
+
+
+@nb.njit(nogil=True, cache=True)
+def _axis(first, step):
+    """How a path walks along an axis: cell, way to the next, positions to its first border and a cell."""
+    cell = np.int32(math.floor(first))
+    if step > 0:
+        pace = np.float32(1) / step
+        return cell, np.int32(1), (np.float32(cell + 1) - first) * pace, pace
+    if step < 0:
+        pace = np.float32(-1) / step
+        return cell, np.int32(-1), (first - np.float32(cell)) * pace, pace
+    return cell, np.int32(0), NEVER, NEVER
+
+
+@nb.njit(nogil=True, cache=True)
+def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end):
+    rows, columns, focus = sums.shape
+    clipped = 0
+    for i in range(a, b):
+        radiance = value[i]
+        if radiance > most:
+            radiance = most
+            clipped += 1
+        word = (np.int64(radiance * scale + 0.5) << COUNT_BITS) + 1
+        k, stop = 0, focus
+        x, y = first_x[i], first_y[i]
+        if begin is not None:  # settled when compiled: drives without a window lose no time on it
+            k, stop = begin[i], min(end[i], focus)
+            x += np.float32(k) * step_x[i]
+            y += np.float32(k) * step_y[i]
+        # From border to border (Amanatides and Woo 1987): one addition a border, no division.
+        column, right, to_x, pace_x = _axis(x, step_x[i])
+        row, down, to_y, pace_y = _axis(y, step_y[i])
+        if begin is not None:
+            to_x += np.float32(k)
+            to_y += np.float32(k)
+        while k < stop:
+            border = min(to_x, to_y)
+            run_end = stop if border >= stop else int(border) + 1
+            if run_end > k:
+                if 0 <= row < rows and 0 <= column < columns:
+                    sums[row, column, k] += word
+                    if run_end < focus:
+                        sums[row, column, run_end] -= word
+                k = run_end
+            if to_x < to_y:
+                column += right
+                to_x += pace_x
+            else:
+                row += down
+                to_y += pace_y
+    return clipped
+
+
+@nb.njit(parallel=True, cache=True)
+def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begin=None, end=None):
+    """Add paths to the accumulators.
+
+    Parameters
+    ----------
+    sums : int64 (worker, row, col, focus), changed in place.
+    first_x, first_y : float32 (path,), where each path meets the sensor at position 0, in pixels.
+    step_x, step_y : float32 (path,), how far it moves from one position to the next, in pixels.
+    value : float32 (path,), radiance.
+    scale : fixed-point units a unit of radiance; ``most`` : radiance at which a sample is clipped.
+    begin, end : int32 (path,), each path counts at positions begin <= k < end; None: at all of them.
+
+    Returns the number of clipped samples, so that a caller can say when it is not 0.
+    """
+    workers = sums.shape[0]
+    clipped = np.zeros(workers, dtype=np.int64)
+    for worker in nb.prange(workers):
+        a = value.size * worker // workers
+        b = value.size * (worker + 1) // workers
+        clipped[worker] = _splat_some(
+            sums[worker], a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end
+        )
+    return clipped.sum()
+
+
+@nb.njit(parallel=True, cache=True)
+def resolve_means(sums, scale):
+    """Mean radiance, float32 (focus, row, col), from the accumulators.
+
+    Divided by the samples that fell into the pixel rather than by those sent: the count's own scatter then
+    cancels. A pixel that got none (a handful of samples a pixel at most) repeats its neighbour in focus.
+    """
+    workers, rows, columns, focus = sums.shape
+    out = np.empty((focus, rows, columns), dtype=np.float32)
+    mask = (np.int64(1) << COUNT_BITS) - 1
+    for row in nb.prange(rows):
+        for column in range(columns):
+            total = np.int64(0)
+            last = 0.0
+            for k in range(focus):
+                for worker in range(workers):
+                    total += sums[worker, row, column, k]
+                count = total & mask
+                if count > 0:
+                    last = (total >> COUNT_BITS) / (scale * count)
+                out[k, row, column] = last
+    return out

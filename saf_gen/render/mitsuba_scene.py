@@ -1,0 +1,172 @@
+"""From a scene folder to a Mitsuba scene with one light group burning."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import mitsuba as mi
+
+from saf_gen.errors import BadInput, unknown
+from saf_gen.render import xml_scene
+from saf_gen.render.posed_shapes import pose_shapes, validate_motions
+from saf_gen.render.scene_script import call_script
+from saf_gen.scene.keyframes import RigidMotion
+from saf_gen.scene.scene_folder import Scene
+from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
+
+__all__ = [
+    "build_scene_dict",
+    "camera_to_world",
+    "emitter_names",
+    "load_lit_scene",
+    "pose_shapes",
+    "read_motions",
+]
+
+
+def build_scene_dict(scene: Scene) -> dict[str, Any]:
+    """Read the folder's ``scene.xml``, or run its ``build(params)``, and check it against the card.
+
+    Returns the Mitsuba dictionary, every light group in it.
+    Raises BadInput where the geometry fails, or names on the card are absent from what it built.
+    """
+    described = _described(scene)
+    lamps = emitter_names(described)
+    shapes = [name for name, entry in described.items() if _is_shape(entry)]
+    card = str(scene.folder / "scene.yaml")
+    for group, names in scene.card.lights.items():
+        for name in names:
+            if name not in lamps:
+                raise unknown(f"emitter of light group {group!r}:", name, lamps, where=card)
+    for name in scene.card.target:
+        if name not in shapes:
+            raise unknown("target shape", name, shapes, where=card)
+    listed = {name for names in scene.card.lights.values() for name in names}
+    for name in lamps:
+        if name not in listed:
+            raise BadInput(
+                f"the emitter {name!r} belongs to no light group", where=card, hint="name it under lights"
+            )
+    return described
+
+
+def emitter_names(described: Mapping[str, Any]) -> list[str]:
+    """The entries that shine, lamps as such and shapes with a lamp in them."""
+    return [name for name, entry in described.items() if _emits(entry)]
+
+
+def read_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
+    """How the shapes of this scene move: the card's ``motion``, and ``motion(params)`` of its script.
+
+    ``described`` is what :func:`build_scene_dict` gave; :func:`pose_shapes` takes both. Empty for a scene
+    that stands still.
+    Raises BadInput where the script fails, a shape has two motions, or there is no such entry.
+    """
+    card, script = str(scene.folder / "scene.yaml"), str(scene.folder / "scene.py")
+    moving = {name: (motion, card) for name, motion in scene.card.motion.items()}
+    own = call_script(scene, "motion", {}) if scene.has_script else {}
+    for name, motion in validate_motions(own, script).items():
+        if name in moving:
+            raise BadInput(
+                f"{name!r} moves by the card and by motion()", where=script, hint="keep one of the two"
+            )
+        moving[name] = (motion, script)
+    for name, (_, where) in moving.items():
+        if name not in described:
+            raise unknown("moving shape", name, described, where=where)
+    return {name: motion for name, (motion, _) in moving.items()}
+
+
+def load_lit_scene(described: Mapping[str, Any], burning: tuple[str, ...], max_depth: int) -> tuple[Any, Any]:
+    """The Mitsuba scene with only these emitters, and the integrator to trace it.
+
+    The other emitters are left out, not dimmed: none of the samples is then spent on a dark lamp. Their
+    shapes stay and go on casting shadows.
+    """
+    lit = {name: _without_light(entry, name in burning) for name, entry in described.items()}
+    lit = {name: entry for name, entry in lit.items() if entry is not None}
+    lit = dict(_keyed(name, entry, lit) for name, entry in lit.items())
+    try:
+        # One after the other: threads would number the shapes as they come, and a kernel's code holds the
+        # numbers, so that each load would have its kernel written anew.
+        loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
+    except (RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise BadInput(f"Mitsuba cannot load the scene: {error}") from error
+    integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})
+    return loaded, integrator
+
+
+def camera_to_world(scene: Scene) -> Any:
+    """Transform of camera space (looking along +z, x to the left) to the world, in the scene's units."""
+    pose, unit = scene.card.camera, scene.card.unit_m
+    origin, target = ([x / unit for x in place] for place in (pose.origin_m, pose.look_at_m))
+    return mi.ScalarTransform4f().look_at(origin=origin, target=target, up=list(pose.up))
+
+
+def _described(scene: Scene) -> dict[str, Any]:
+    if not scene.has_script:
+        path = scene.folder / "scene.xml"
+        return xml_scene.parse_scene_dict(read_scene_xml(path, scene.params).text, path)
+    described = call_script(scene, "build")
+    if not isinstance(described, dict):
+        script = scene.folder / "scene.py"
+        raise BadInput(f"build() of {script} gave {type(described).__name__}", allowed="a Mitsuba dictionary")
+    return {name: entry for name, entry in described.items() if name != "type"}
+
+
+def _keyed(name: str, entry: Any, taken: Mapping[str, Any]) -> tuple[str, Any]:
+    """An entry under a key that Mitsuba takes: Blender's Cube.001 has a dot, which is a key's delimiter."""
+    if "." not in name or not isinstance(entry, dict):
+        return name, entry
+    key = name.replace(".", "_")
+    while key in taken:
+        key += "_"
+    return key, {"id": name, **entry}
+
+
+def _kind(entry: Any) -> str | None:
+    return entry.get("type") if isinstance(entry, dict) else None
+
+
+def _emits(entry: Any) -> bool:
+    if isinstance(entry, mi.Emitter):
+        return True
+    if not isinstance(entry, dict):
+        return isinstance(entry, mi.Shape) and entry.is_emitter()
+    return _is_emitter(entry) or any(_is_emitter(part) for part in entry.values())
+
+
+def _is_emitter(entry: Any) -> bool:
+    return _kind(entry) in ALLOWED_PLUGINS["emitter"] or isinstance(entry, mi.Emitter)
+
+
+def _without_light(entry: Any, burning: bool) -> Any:
+    """The entry as it is when it burns; else its shape without the lamp in it, or nothing."""
+    if burning or not _emits(entry):
+        return entry
+    if _is_emitter(entry):
+        return None
+    if not isinstance(entry, dict):
+        raise BadInput(
+            f"the shape {entry.id()!r} was made with its emitter inside",
+            hint="give it as a dictionary with an emitter entry, so that its light can be turned off",
+        )
+    dark = {key: part for key, part in entry.items() if not _is_emitter(part)}
+    if not any(_is_bsdf(part) for part in dark.values()):
+        # Mitsuba makes a lamp without a surface of its own black, any other such shape grey.
+        dark["bsdf"] = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+    return dark
+
+
+def _is_shape(entry: Any) -> bool:
+    """Whether an entry may be a target; a plug-in that is not known may be one."""
+    if not isinstance(entry, dict):
+        return isinstance(entry, mi.Shape)
+    others = set().union(*(names for tag, names in ALLOWED_PLUGINS.items() if tag != "shape"))
+    return _kind(entry) not in {*others, "scene", "ref", "shapegroup"}
+
+
+def _is_bsdf(part: Any) -> bool:
+    kind = _kind(part)
+    if kind is None or kind == "ref" or any(kind in names for names in ALLOWED_PLUGINS.values()):
+        return isinstance(part, mi.BSDF) or kind == "ref" or kind in ALLOWED_PLUGINS["bsdf"]
+    return isinstance(mi.load_dict(part), mi.BSDF)

@@ -1,0 +1,67 @@
+"""Which rays a one-pass stack needs, and how samples are spread over them."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.optics import Drive
+from saf_gen.render.render_setup import SensorGrid
+
+__all__ = ["RayCoverage", "compute_coverage", "place_samples"]
+
+# Kronecker sequence over pixel and lens (4 dimensions): powers of the root of x^5 = x + 1, in 0.32 fixed
+# point. Any number of samples is spread well, where orthogonal arrays need the square of a prime.
+# M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
+GOLDEN = 1.1673039782614187
+STEPS = tuple(round(GOLDEN ** -(j + 1) * 2**32) & 0xFFFFFFFF for j in range(4))
+
+
+@dataclass(frozen=True)
+class RayCoverage:
+    """The rays at the middle position that some position sees.
+
+    rows, columns : pixels to add to the film on each side. radius_m : of the disc of lens points.
+    """
+
+    rows: int
+    columns: int
+    radius_m: float
+
+
+def compute_coverage(drive: Drive, film: SensorGrid, ends: tuple[float, float] = (0.0, 1.0)) -> RayCoverage:
+    """What must be sampled evenly half way between two positions so that all between see their rays, evenly.
+
+    The rays of a position (film × aperture) are led back to the middle by the inverse of the drive's
+    transfer; its entries are monotone in the position, so both ends are the extremes. The lens disc is
+    larger than the aperture where lens and scene move against each other: a ray then passes the aperture at
+    some positions and misses it at others.
+    """
+    middle = sum(ends) / 2
+    back = np.linalg.inv(drive.ray_transfer(np.array([ends[0], middle, ends[1]]), middle))
+    radius, pitch = drive.aperture_radius_m, film.pitch_m
+    guards = []
+    for pixels in (film.rows, film.columns):
+        half = pixels / 2
+        reach = np.abs(back[:, 0, 0]) * half + np.abs(back[:, 0, 1]) * radius / pitch
+        guards.append(math.ceil(reach.max() - half) + 1)
+    corner = math.hypot(film.rows, film.columns) / 2 * pitch
+    lens = np.abs(back[:, 1, 0]) * corner + np.abs(back[:, 1, 1]) * radius
+    return RayCoverage(guards[0], guards[1], float(lens.max()))
+
+
+def place_samples(pixel: Any, sample: Any, seed: int) -> tuple[Any, Any, Any]:
+    """Where each sample falls in its pixel (two numbers in 0...1) and on the unit square of the lens.
+
+    Every pixel turns the same sequence by offsets of its own (Cranley and Patterson 1976).
+    """
+    turns = []
+    for j, step in enumerate(STEPS):
+        word: Any = dr.opaque(mi.UInt32, (seed + j) & 0xFFFFFFFF)
+        turn, _ = mi.sample_tea_32(pixel, word, 6)
+        fixed = turn + sample * mi.UInt32(step)
+        turns.append(mi.Float(fixed >> 8) * 2.0**-24)  # 24 bits: what a float32 holds below 1
+    return turns[0], turns[1], mi.Point2f(turns[2], turns[3])

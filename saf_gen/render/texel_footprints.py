@@ -1,0 +1,48 @@
+"""How large the texels of a texture are on the surface that wears it."""
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.render.render_setup import RenderSetup, make_camera_dict
+
+__all__ = ["texel_footprints"]
+
+
+def texel_footprints(
+    setup: RenderSetup, target_shapes: tuple[str, ...], position: float, target: np.ndarray
+) -> np.ndarray:
+    """Size (m) of a texel at each target pixel, by the finest bitmap of its shape: float64 (pixel,).
+
+    A texel of a bitmap with (rows, columns) texels spans |∂p/∂u| / columns along one side and |∂p/∂v| / rows
+    along the other, after the texture's own scaling; the size is their geometric mean. Pixels of shapes
+    without a bitmap, or without texture coordinates, are left out: geometry, or a formula, is sharp at any
+    size.
+    """
+    sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
+    sensor = mi.load_dict({"type": "perspective", **make_camera_dict(setup, position), "sampler": sampler})
+    sizes = []
+    for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes):
+        density = _densest(shape.bsdf())
+        if density > 0:
+            alone = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
+            integrator = mi.load_dict({"type": "aov", "aovs": "u:dp_du,v:dp_dv"})
+            planes = np.array(mi.render(alone, sensor=sensor, integrator=integrator, spp=1), dtype=np.float64)
+            area = np.linalg.norm(np.cross(planes[..., 0:3], planes[..., 3:6]), axis=-1)[target]
+            sizes.append(np.sqrt(area[area > 0] / density) * setup.unit_m)
+    return np.concatenate(sizes) if sizes else np.empty(0)
+
+
+def _densest(bsdf: Any) -> float:
+    """Texels in the unit square of texture coordinates, of the bitmap that has most; 0 for none."""
+    most = 0.0
+    parameters = mi.traverse(bsdf)
+    for key, value in parameters.items():
+        if key.endswith(".data") and len(np.shape(value)) == 3:
+            rows, columns = np.shape(value)[:2]
+            scaling = parameters.get(key.removesuffix("data") + "to_uv")
+            matrix = np.eye(3) if scaling is None else np.array(scaling.matrix, dtype=np.float64)
+            matrix = matrix.reshape(matrix.shape[0], matrix.shape[1])
+            most = max(most, rows * columns * abs(np.linalg.det(matrix[:2, :2])))
+    return most

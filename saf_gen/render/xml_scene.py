@@ -1,0 +1,60 @@
+"""From plain XML to the dictionary that the rest of the room works on, with the names of the file."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+__all__ = ["mitsuba_refusal", "parse_scene_dict"]
+
+
+def parse_scene_dict(text: str, path: Path) -> dict[str, Any]:
+    """The Mitsuba dictionary of a scene as :func:`saf_gen.scene.xml.read_scene_xml` gives it, by id.
+
+    Lamps are put where they are referred to; surfaces, textures and the like stay shared. ``path`` is the
+    file, for messages. Raises BadInput where Mitsuba does not understand it.
+    """
+    variant: Any = mi.variant()  # the stubs allow for none, but the room has chosen one
+    config = mi.parser.ParserConfig(variant)
+    config.merge_equivalent = config.merge_meshes = False
+    try:
+        state = mi.parser.parse_string(config, text)
+        mi.parser.transform_all(config, state)
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise mitsuba_refusal(error, path) from error
+    top = [v.index() for _, v in state.root.props.items() if isinstance(v, mi.Properties.ResolvedReference)]
+    entries = {state.nodes[i].props.id(): _entry(state, i, frozenset(top)) for i in top}
+    return {name: entry for name, entry in entries.items() if entry["type"] != "area"}
+
+
+def mitsuba_refusal(error: Exception, path: Path) -> BadInput:
+    """Mitsuba's own words for what it does not take, in our line; ``path`` is the file, for messages."""
+    said = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
+    line = re.search(r"line (\d+)", said)
+    said = re.sub(r"^Error while loading string \(.*?\): ", "", said)
+    return BadInput(
+        f"Mitsuba does not understand this: {said}", where=f"{path}:{line[1]}" if line else str(path)
+    )
+
+
+def _entry(state: Any, index: int, shared: frozenset[int]) -> dict[str, Any]:
+    props = state.nodes[index].props
+    entry: dict[str, Any] = {"type": props.plugin_name()}
+    for key, value in props.items():
+        key = re.sub(r"^_arg_", "part_", key)
+        if isinstance(value, mi.Properties.ResolvedReference):
+            inner = value.index()
+            lamp = state.nodes[inner].type == mi.ObjectType.Emitter
+            if inner in shared and not lamp:
+                entry[key] = {"type": "ref", "id": state.nodes[inner].props.id()}
+            else:
+                entry[key] = _entry(state, inner, shared)
+        elif isinstance(value, mi.ScalarAffineTransform4d):  # the parser's are doubles
+            entry[key] = mi.ScalarTransform4f(np.array(value.matrix, dtype=np.float64).tolist())
+        else:
+            entry[key] = value
+    return entry

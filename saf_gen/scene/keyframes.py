@@ -1,0 +1,61 @@
+"""How the shapes of a scene move: rigid poses at a few moments, straight lines between them."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from saf_gen.core.config.yaml_document import FrozenModel
+
+__all__ = ["Keyframe", "RigidMotion"]
+
+Vector = tuple[float, float, float]
+
+
+class Keyframe(FrozenModel):
+    """Where a shape is at ``time_s``: turned by ``rotate_deg`` about its motion's axis, then shifted."""
+
+    time_s: float
+    translate_m: Vector = (0.0, 0.0, 0.0)
+    rotate_deg: float = 0.0
+
+
+class RigidMotion(FrozenModel):
+    """The rigid motion of one shape, on top of the pose that the scene gives it; world axes.
+
+    Shift and angle are linear in time between keyframes, and stay as they are before the first and after
+    the last. The axis goes through ``centre_m``, a point of the shape as the scene places it.
+    """
+
+    keyframes: tuple[Keyframe, ...] = Field(min_length=2)
+    axis: Vector = (0.0, 0.0, 1.0)
+    centre_m: Vector = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _can_be_followed(self) -> "RigidMotion":
+        times = [k.time_s for k in self.keyframes]
+        if any(b <= a for a, b in pairwise(times)):
+            raise ValueError("keyframes with rising time_s")
+        if math.hypot(*self.axis) < 1e-9:
+            raise ValueError("an axis with a direction")
+        return self
+
+    def pose_at(self, time_s: float) -> np.ndarray:
+        """World-to-world matrix of the shape at this time, float64 (4, 4)."""
+        times = [k.time_s for k in self.keyframes]
+        shift = [np.interp(time_s, times, [k.translate_m[j] for k in self.keyframes]) for j in range(3)]
+        angle = math.radians(float(np.interp(time_s, times, [k.rotate_deg for k in self.keyframes])))
+        turn = _rotation(np.asarray(self.axis, dtype=np.float64), angle)
+        centre = np.asarray(self.centre_m, dtype=np.float64)
+        matrix = np.eye(4)
+        matrix[:3, :3] = turn
+        matrix[:3, 3] = centre - turn @ centre + shift
+        return matrix
+
+
+def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rotation by an angle (radians) about an axis: Rodrigues' formula."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)

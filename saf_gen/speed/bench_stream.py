@@ -1,0 +1,118 @@
+"""The stream file: write, size, file to scores, and three ways to read it.
+
+Files lie in the page cache: what is measured is the work of reading, not the disk. How much of the file a
+way of reading touches is what the system says was handed over, the descriptions beside the spikes included.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.camera import get_sensor
+from saf_gen.generate.executor import ReportProgress
+from saf_gen.measures import get_measure
+from saf_gen.speed import synthetic_recording
+from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_shape
+from saf_gen.speed.fresh_process import bytes_read, time_call
+from saf_gen.stream.stream_file import SpikeStream, StreamWriter, open_stream
+
+__all__ = ["run_bench"]
+
+WINDOWS = 200
+BOX = 64  # pixels a side of the region, at most
+
+
+def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
+    """Write a recording, then read it window by window, once in time, and once in space."""
+    sensor = get_sensor(size.sensor)
+    shape = (sensor.rows, sensor.columns)
+    report("spikes to write", 0.0)
+    charge = synthetic_recording.make_charge(sensor, size.positions[0])
+    spikes = list(synthetic_recording.encode_blocks(sensor, charge, size.frames))
+    report("spikes to write", 1.0)
+    work = size.frames * shape[0] * shape[1]
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.h5"
+
+        def write() -> None:
+            with StreamWriter(path, shape=(size.frames, *shape), readout_hz=sensor.readout_hz) as writer:
+                for block in spikes:
+                    writer.write(block)
+
+        workload_is = (
+            f"{format_shape(shape)}, {size.frames:,} frames, mean rate {synthetic_recording.MEAN_RATE}"
+        )
+        rate = work / time_call(write)[1] / 1e9
+        yield BenchFigure("stream", f"write, verified: {workload_is}", rate, "10⁹ pixel·frames/s", 3.0)
+        bits = path.stat().st_size * 8 / work
+        yield BenchFigure(
+            "stream", f"size: {workload_is}, all noise", bits, "bit/pixel·frame", 0.32, at_most=True
+        )
+        spikes.clear()
+        report("read", 0.0)
+        yield from _reads(path)
+        report("read", 1.0)
+
+
+def _reads(path: Path) -> Iterator[BenchFigure | str]:
+    with open_stream(path) as stream:
+        frames, rows, columns = stream.shape
+    window = max(1, frames // WINDOWS)
+    middle = frames // 2 // window * window  # a block as searches cut them
+    box = _centred(rows), _centred(columns)
+
+    def scores(stream: SpikeStream) -> None:
+        view = RecordingView(WindowCounts(stream), get_measure("sd"))
+        for first in range(0, frames - window + 1, window):
+            view.score(first, first + window)
+
+    def sweep(stream: SpikeStream) -> None:
+        for first in range(0, frames - window + 1, window):
+            stream.counts(first, first + window)
+
+    def one_window(stream: SpikeStream) -> None:
+        stream.counts(middle, middle + window)
+
+    def one_region(stream: SpikeStream) -> None:
+        stream.counts(0, frames, box)
+
+    _read(path, scores)  # compiles
+    took, _ = _read(path, scores)
+    what = f"SD of {frames // window} windows of all pixels, file to scores"
+    yield BenchFigure("stream", what, took, "s", 0.5, at_most=True)
+    side = format_shape((box[0].stop - box[0].start, box[1].stop - box[1].start))
+    ways = (
+        (f"counts of {frames // window} windows, all pixels", sweep),
+        (f"counts of one window of {window} frames, all pixels", one_window),
+        (f"counts of a region of {side}, all time", one_region),
+    )
+    for what, way in ways:
+        took, share = _read(path, way)
+        yield BenchFigure("stream", what, took, "s")
+        if way is sweep:
+            rate = frames * rows * columns / took / 1e9
+            yield BenchFigure("stream", f"read: {what}", rate, "10⁹ pixel·frames/s")
+        if share is None:
+            yield f"stream: how much of the file was read for {what} is left out: the system does not count"
+        else:
+            yield BenchFigure("stream", f"of the file read for {what}", 100 * share, "%")
+
+
+def _centred(length: int) -> slice:
+    begin = max(0, length - BOX) // 2
+    return slice(begin, begin + min(length, BOX))
+
+
+def _read(path: Path, way: Callable[[SpikeStream], None]) -> tuple[float, float | None]:
+    """Time (s) from opening the file to the end of ``way``, and the share of the file that was read."""
+    before = bytes_read()
+
+    def work() -> None:
+        with open_stream(path) as stream:
+            way(stream)
+
+    (_, took), after = time_call(work), bytes_read()
+    if before is None or after is None:
+        return took, None
+    return took, (after - before) / path.stat().st_size

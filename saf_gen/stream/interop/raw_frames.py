@@ -1,0 +1,168 @@
+"""Foreign files of raw frames, one after another, without a header: `dense`, `416` and `sps1000`.
+
+All three store a frame as bits, least significant first, and differ only in which bit of the frame belongs to
+which pixel; that map is all that a layout is here. ``dense`` (SpikeCV, Spike-Zoo): bits run across rows, the
+bottom row first as a rule. ``416`` (SAF's recordings, RSIR): rows of 50 bytes and 2 that are ignored.
+``sps1000`` (1000 x 1000 camera): rows of two halves, 500 pixels and 12 service bits each.
+"""
+
+import operator
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from json import dumps
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.core import bits
+from saf_gen.core.files import write_atomically
+from saf_gen.errors import BadInput, unknown
+from saf_gen.stream.stream_file import Metadata, StreamWriter, open_stream
+
+__all__ = ["RAW_LAYOUTS", "RawLayout", "export_raw_frames", "import_raw_frames"]
+
+_FRAMES = 2_000  # frames turned at a time: 250 bytes along time
+
+
+@dataclass(frozen=True)
+class RawLayout:
+    """A layout of raw frames: size of the image, bytes in a frame, whether rows come bottom first.
+
+    ``bit_index(y, x)`` gives the bit of the frame that holds the pixel.
+    """
+
+    rows: int
+    columns: int
+    frame_bytes: int
+    flip: bool
+    bit_index: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+    def bit_indices(self, flip: bool) -> np.ndarray:
+        """The bit of every pixel, int (H W,), with row 0 on top."""
+        y, x = np.divmod(np.arange(self.rows * self.columns), self.columns)
+        return self.bit_index(self.rows - 1 - y if flip else y, x)
+
+
+RAW_LAYOUTS = {
+    "416": RawLayout(250, 400, 13_000, False, lambda y, x: 416 * y + x),
+    "dense": RawLayout(250, 400, 12_500, True, lambda y, x: 400 * y + x),
+    "sps1000": RawLayout(1000, 1000, 128_000, False, lambda y, x: 1024 * y + x + 12 * (x >= 500)),
+}
+
+
+def _layout(name: str) -> RawLayout:
+    if name not in RAW_LAYOUTS:
+        raise unknown("layout", name, RAW_LAYOUTS)
+    return RAW_LAYOUTS[name]
+
+
+def _check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
+    if Path(out).exists() and Path(out).samefile(source):
+        raise BadInput("would be written over itself", where=str(source), hint="choose another name to write")
+
+
+def _frame_count(source: Path, layout: str, frames: int | None) -> int:
+    try:
+        size = source.stat().st_size
+    except OSError as error:
+        raise BadInput(f"cannot be read: {os.strerror(error.errno or 0)}", where=str(source)) from error
+    if source.is_dir():
+        raise BadInput("this is a folder", where=str(source), allowed="a file of raw frames")
+    if size == 0:
+        raise BadInput("is empty", where=str(source), allowed="at least one frame")
+    each = RAW_LAYOUTS[layout].frame_bytes
+    if size % each:
+        fitting = [
+            f"{n} ({size // of.frame_bytes} frames)"
+            for n, of in RAW_LAYOUTS.items()
+            if size % of.frame_bytes == 0
+        ]
+        raise BadInput(
+            f"{size} bytes are {size // each} frames of {each} bytes and {size % each} bytes more",
+            where=str(source),
+            allowed=f"a multiple of {each} bytes for layout {layout}",
+            hint=f"layouts that fit: {', '.join(fitting)}"
+            if fitting
+            else "no known layout fits: the file is cut short",
+        )
+    if frames is None:
+        return size // each
+    if not 1 <= operator.index(frames) <= size // each:
+        raise BadInput(f"{frames} frames were asked for", where=str(source), allowed=f"1 to {size // each}")
+    return operator.index(frames)
+
+
+def import_raw_frames(
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    layout: str = "416",
+    frames: int | None = None,
+    readout_hz: float = 20_000,
+    flip: bool | None = None,
+) -> str:
+    """Write the raw frames in ``source`` as the stream file ``out``; returns its content_sha256.
+
+    ``frames`` takes the first so many (None: all); ``readout_hz`` in 1/s is not in the file; ``flip`` says
+    that the bottom row comes first (None: as the layout usually has it). Memory does not grow with the file.
+    Raises BadInput when the file's size is no whole number of frames, telling what would fit, and
+    when it holds fewer than ``frames``; like :func:`export_raw_frames` it refuses to write over its source.
+    """
+    kind, path = _layout(layout), Path(source)
+    total = _frame_count(path, layout, frames)
+    _check_apart(path, out)
+    turned = kind.flip if flip is None else bool(flip)
+    which = kind.bit_indices(turned)
+    how = {"file": path.name, "layout": layout, "flip": turned, "frames": total}
+    metadata = Metadata(provenance={"import": dumps(how, ensure_ascii=False)})
+    shape = (total, kind.rows, kind.columns)
+    with (
+        path.open("rb") as file,
+        StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer,
+    ):
+        for first in range(0, total, _FRAMES):
+            count = min(_FRAMES, total - first)
+            raw = np.fromfile(file, np.uint8, count * kind.frame_bytes)
+            if raw.size != count * kind.frame_bytes:
+                raise BadInput("became shorter while it was read", where=str(source), hint="import it again")
+            tracks = bits.frames_to_spike_trains(raw.reshape(count, kind.frame_bytes))
+            writer.write(tracks[which].reshape(kind.rows, kind.columns, -1))
+    return writer.content_sha256
+
+
+def export_raw_frames(
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    layout: str = "416",
+    flip: bool | None = None,
+) -> int:
+    """Write the stream file ``source`` as raw frames, ignored bits 0; returns the bytes written.
+
+    The inverse of :func:`import_raw_frames`; focus, light and truth have no place in the layout and stay
+    behind. Raises BadInput when the stream's size is not the layout's, and when ``out`` cannot be written.
+    """
+    kind = _layout(layout)
+    which = kind.bit_indices(kind.flip if flip is None else bool(flip))
+    with open_stream(source) as stream:
+        _check_apart(source, out)
+        total, rows, columns = stream.shape
+        if (rows, columns) != (kind.rows, kind.columns):
+            fitting = [n for n, of in RAW_LAYOUTS.items() if (of.rows, of.columns) == (rows, columns)]
+            raise BadInput(
+                f"the stream has {rows} x {columns} pixels",
+                where=str(source),
+                allowed=f"{kind.rows} x {kind.columns} for layout {layout}",
+                hint=f"layouts that fit: {', '.join(fitting)}"
+                if fitting
+                else "no known layout has this size",
+            )
+        with write_atomically(out) as part, part.open("wb") as file:
+            for first in range(0, total, _FRAMES):
+                count = min(_FRAMES, total - first)
+                packed = stream.packed(first // 8, first // 8 + -(-count // 8))
+                tracks = np.zeros((8 * kind.frame_bytes, packed.shape[2]), np.uint8)
+                tracks[which] = packed.reshape(-1, packed.shape[2])
+                file.write(bits.spike_trains_to_frames(tracks, count).data)
+    return total * kind.frame_bytes

@@ -1,0 +1,217 @@
+"""What a stream file holds beside the spikes, and the digest over all of it.
+
+``content_sha256`` says what a file holds, however it is stored. It is the SHA-256 of a text: the lines
+``readout_hz`` and ``frames``, then one line a dataset, sorted by name, with name, dtype, shape and the
+SHA-256 of the values (little-endian, C order; text as UTF-8, each string ended by a zero byte). The values of
+``/spikes`` are hashed as consecutive time blocks of 250 bytes along time, each in C order, so that writer and
+verifier both stream. The group ``/provenance`` says how, not what, and is left out.
+"""
+
+import hashlib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from saf_gen.errors import BadInput, unknown
+
+__all__ = [
+    "ARRAY_DATASETS",
+    "Metadata",
+    "Truth",
+    "content_digest",
+    "digest_line",
+    "format_digest_line",
+    "metadata_from_datasets",
+    "metadata_from_options",
+    "metadata_to_datasets",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is known of the true focus; NaN or None where the stream has none.
+
+    ``position``: optical best focus of the target, fraction of travel. ``depth_of_focus``: near and far
+    position at which the target's blur reaches one pixel. ``frame``: 0-based, fractional, when the lens
+    first passes ``position``. ``depth`` float32 (H, W) m; ``target`` bool (H, W); ``best_position`` float32
+    (H, W), fraction of travel; ``sharpness`` float64 (K,), noise-free SD at evenly spaced positions;
+    ``track`` float32 (T,), ``position`` over time where the scene moves (the rest is of the frame ``frame``).
+    """
+
+    position: float = math.nan
+    depth_of_focus: tuple[float, float] = (math.nan, math.nan)
+    frame: float = math.nan
+    depth: np.ndarray | None = None
+    target: np.ndarray | None = None
+    best_position: np.ndarray | None = None
+    sharpness: np.ndarray | None = None
+    track: np.ndarray | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether the position of best focus is known."""
+        return math.isfinite(self.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Metadata:
+    """Everything beside the spikes, all optional.
+
+    ``focus_position`` float32 (T,), fraction of travel at the middle of each readout; ``image_distance`` and
+    ``object_distance`` float32 (T,) m; ``gain`` float32 (T, G), 1; ``light_names`` G names; ``truth``;
+    ``provenance``: name to text.
+    """
+
+    focus_position: np.ndarray | None = None
+    image_distance: np.ndarray | None = None
+    object_distance: np.ndarray | None = None
+    gain: np.ndarray | None = None
+    light_names: tuple[str, ...] = ()
+    truth: Truth = field(default_factory=Truth)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+
+# Field of Metadata or Truth -> dataset, dtype, axes (T, H, W, G lights, K positions).
+ARRAY_DATASETS = {
+    "focus_position": ("/focus/position", "float32", "T"),
+    "image_distance": ("/focus/image_distance", "float32", "T"),
+    "object_distance": ("/focus/object_distance", "float32", "T"),
+    "gain": ("/light/gain", "float32", "TG"),
+    "position": ("/truth/position", "float64", ""),
+    "depth_of_focus": ("/truth/depth_of_focus", "float64", "2"),
+    "frame": ("/truth/frame", "float64", ""),
+    "depth": ("/truth/depth", "float32", "HW"),
+    "target": ("/truth/target", "bool", "HW"),
+    "best_position": ("/truth/best_position", "float32", "HW"),
+    "sharpness": ("/truth/sharpness", "float64", "K"),
+    "track": ("/truth/track", "float32", "T"),
+}
+_SCALARS = ("position", "depth_of_focus", "frame")
+_IN_EVERY_FRAME = ("focus_position", "track")
+"""Known in each readout or not given at all: an answer is judged by both, wherever it lies."""
+
+
+def _shaped(name: str, value: Any, shape: tuple[int, int, int]) -> np.ndarray:
+    _, dtype, axes = ARRAY_DATASETS[name]
+    given = np.asarray(value)
+    if given.dtype.kind not in "buif":
+        raise BadInput(f"{name} has dtype {given.dtype}", allowed=f"numbers ({dtype})")
+    known = dict(zip("THW", shape, strict=True)) | {"2": 2}
+    wanted = tuple(known.get(axis, -1) for axis in axes)
+    if given.ndim != len(axes) or any(w not in (-1, g) for w, g in zip(wanted, given.shape, strict=True)):
+        text = ", ".join(str(w) if w >= 0 else f"any {axis}" for w, axis in zip(wanted, axes, strict=True))
+        raise BadInput(f"{name} has shape {given.shape}", allowed=f"({text}) for T, H, W = {shape}")
+    return np.ascontiguousarray(given, dtype=dtype).reshape(given.shape)
+
+
+def _check_finite(name: str, array: np.ndarray) -> None:
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        raise BadInput(
+            f"{name} is not finite in {bad.size} of {len(array)} frames, the first is frame {bad[0]}",
+            allowed="a finite position in every frame",
+            hint="fill the gaps, or leave the field out",
+        )
+
+
+def metadata_to_datasets(
+    metadata: Metadata, shape: tuple[int, int, int]
+) -> dict[str, np.ndarray | tuple[str, ...] | str]:
+    """Every dataset but /spikes, checked, by name.
+
+    Raises BadInput naming the field: one of another dtype or shape, a lens or a track that is not finite.
+    """
+    truth = metadata.truth
+    held = {f: getattr(truth if hasattr(truth, f) else metadata, f) for f in ARRAY_DATASETS}
+    if all(np.isnan(np.asarray(held[f], float)).all() for f in _SCALARS):
+        held |= dict.fromkeys(_SCALARS)
+    out: dict[str, Any] = {
+        ARRAY_DATASETS[f][0]: _shaped(f, v, shape) for f, v in held.items() if v is not None
+    }
+    for f in _IN_EVERY_FRAME:
+        if ARRAY_DATASETS[f][0] in out:
+            _check_finite(f, out[ARRAY_DATASETS[f][0]])
+    lights = tuple(_checked_text("light_names", name) for name in metadata.light_names)
+    if lights:
+        out["/light/names"] = lights
+    gain = out.get("/light/gain")
+    if gain is not None and lights and gain.shape[1] != len(lights):
+        raise BadInput(
+            f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="as many of both"
+        )
+    for name, text in metadata.provenance.items():
+        if not name or "/" in name or name.startswith("."):
+            raise BadInput(
+                f"provenance has the name {name!r}", allowed="names without '/', not starting with '.'"
+            )
+        out[f"/provenance/{name}"] = _checked_text(f"provenance/{name}", text)
+    return out
+
+
+def _checked_text(name: str, text: object) -> str:
+    if not isinstance(text, str) or "\0" in text:
+        raise BadInput(f"{name} holds {text!r:.40}", allowed="text without zero bytes")
+    return text
+
+
+def digest_line(name: str, value: Any) -> str:
+    """The digest's line of a small dataset."""
+    array = np.asarray(value)
+    if array.dtype.kind in "OSU":
+        strings = [s if isinstance(s, bytes) else str(s).encode() for s in array.ravel()]
+        dtype, data = "text", b"".join(s + b"\0" for s in strings)
+    else:
+        dtype, data = array.dtype.name, array.astype(array.dtype.newbyteorder("<"), order="C").tobytes()
+    return format_digest_line(name, dtype, array.shape, hashlib.sha256(data).hexdigest())
+
+
+def format_digest_line(name: str, dtype: str, shape: tuple[int, ...], sha256: str) -> str:
+    return f"{name} {dtype} {'x'.join(map(str, shape)) or 'scalar'} {sha256}"
+
+
+def content_digest(readout_hz: float, frames: int, lines: list[str]) -> str:
+    text = "\n".join([f"readout_hz {float(readout_hz)!r}", f"frames {frames}", *sorted(lines)])
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def metadata_from_options(options: Mapping[str, Any]) -> Metadata:
+    """Metadata from keyword arguments; ``truth`` may be a mapping. Raises BadInput for an unknown name."""
+    _known("optional field", options, Metadata)
+    truth = options.get("truth")
+    if isinstance(truth, Mapping):
+        _known("field of truth", truth, Truth)
+        options = {**options, "truth": Truth(**truth)}
+    return Metadata(**{name: value for name, value in options.items() if value is not None})
+
+
+def _known(what: str, names: Iterable[str], cls: type) -> None:
+    allowed = [f.name for f in fields(cls)]
+    for name in names:
+        if name not in allowed:
+            raise unknown(what, name, allowed)
+
+
+def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
+    """Metadata from the small datasets of a file, by name: the inverse of :func:`metadata_to_datasets`.
+
+    Raises BadInput naming the field whose shape does not fit (T, H, W).
+    """
+    stored = {f: values[name] for f, (name, _, _) in ARRAY_DATASETS.items() if name in values}
+    found: dict[str, Any] = {f: _shaped(f, value, shape) for f, value in stored.items()}
+    truth = {f: found.pop(f) for f in tuple(found) if f in Truth.__dataclass_fields__}
+    for name in ("position", "frame"):
+        if name in truth:
+            truth[name] = float(truth[name])
+    if "depth_of_focus" in truth:
+        near, far = truth["depth_of_focus"]
+        truth["depth_of_focus"] = (float(near), float(far))
+    how = {n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")}
+    return Metadata(
+        **found,
+        light_names=tuple(str(name) for name in values.get("/light/names", ())),
+        truth=Truth(**truth),
+        provenance=how,
+    )

@@ -1,0 +1,399 @@
+"""The stream file, layout version 1: one HDF5 file a sequence, the one contract of both halves.
+
+Spikes are stored time-packed, uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of
+byte t div 8; unused bits of the last byte are 0. Chunks hold some rows, all columns and 250 bytes (2,000
+frames), so one window of all pixels and one band of rows over all time each leave the rest alone. Deflate
+runs in isa-l on threads, beside HDF5's lock; any HDF5 reads the result without a plug-in. Inflating and
+turning are in :mod:`saf_gen.stream.time_blocks`; what stands beside the spikes, and ``content_sha256`` (over
+names, dtypes, shapes and values, not over the file), in :mod:`saf_gen.stream.metadata`.
+"""
+
+import hashlib
+import math
+import operator
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+
+from saf_gen.core import bits
+from saf_gen.core.files import unwritable_error, write_atomically
+from saf_gen.core.region import Region, region_shape, validate_region, validate_window
+from saf_gen.errors import BadInput, closest
+from saf_gen.stream import time_blocks
+from saf_gen.stream.metadata import (
+    Metadata,
+    Truth,
+    content_digest,
+    digest_line,
+    format_digest_line,
+    metadata_from_datasets,
+    metadata_from_options,
+    metadata_to_datasets,
+)
+from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
+
+__all__ = [
+    "FORMAT",
+    "LAYOUT",
+    "Metadata",
+    "SpikeStream",
+    "StreamWriter",
+    "Truth",
+    "open_stream",
+    "write_stream",
+]
+
+FORMAT = "saf-gen stream"
+LAYOUT = 1
+
+
+def _small(file: h5py.File) -> Iterator[tuple[str, Any]]:
+    """Name and value of every dataset but /spikes; text as str."""
+    names: list[str] = []
+    file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+    for name in names:
+        if name != "spikes":
+            item = file[name]
+            yield f"/{name}", (item.asstr() if h5py.check_string_dtype(item.dtype) else item)[()]
+
+
+class _WriteAborted(Exception):
+    """Undoes a writer: what the caller raised may be an OSError, and not one of our file."""
+
+
+class StreamWriter:
+    """Writes a stream time block by time block; the final name appears only when the file is whole and read
+    back.
+
+    ``shape`` is (T, H, W), ``readout_hz`` the readouts a second, ``threads`` how many deflate (None: one a
+    core, eight at most). Use it as a context manager: it writes to a temporary beside ``path``, and on a
+    clean exit closes it, opens it again, compares what the file holds with what was given (the small datasets
+    by value, each chunk of spikes by the CRC-32 of its deflated bytes), and renames it. After that
+    ``content_sha256`` is set. On an exception it removes the temporary. Memory does not grow with T. Raises
+    BadInput for wrong shapes and for a folder that cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        shape: tuple[int, int, int],
+        readout_hz: float = 20_000,
+        metadata: Metadata | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self.path, self._threads = Path(path), threads
+        if len(shape) != 3 or min(shape) < 1:
+            raise BadInput(f"shape is {tuple(shape)}", where=str(path), allowed="T, H, W, each at least 1")
+        if not (math.isfinite(readout_hz) and readout_hz > 0):
+            raise BadInput(f"readout_hz is {readout_hz}", where=str(path), allowed="a finite number above 0")
+        frames, self._rows, self._columns = (operator.index(n) for n in shape)
+        self.shape, self.readout_hz = (frames, self._rows, self._columns), float(readout_hz)
+        self.content_sha256 = ""
+        self._datasets = metadata_to_datasets(metadata or Metadata(), self.shape)
+        self._length = -(-frames // 8)
+        self._chunk = time_blocks.chunk_shape((self._rows, self._columns, self._length))
+        self._sha, self._crcs = hashlib.sha256(), dict[tuple[int, int], int]()
+        self._gathered = time_blocks.TimeBlockAssembler(self.shape, where=str(path))
+        self._done = 0  # bytes along time in the file
+        self._file: h5py.File | None = None
+
+    def __enter__(self) -> Self:
+        with ExitStack() as undo:
+            self._part = undo.enter_context(write_atomically(self.path))
+            self._file = h5py.File(self._part, "w")
+            undo.callback(self._close)
+            self._spikes = self._file.create_dataset(
+                "spikes",
+                (self._rows, self._columns, self._length),
+                "uint8",
+                chunks=self._chunk,
+                compression="gzip",
+                compression_opts=1,
+            )
+            self._spikes.attrs.update(frames=self.shape[0], readout_hz=self.readout_hz)
+            for name, value in self._datasets.items():
+                text = isinstance(value, str | tuple)
+                self._file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
+            self._pool = undo.enter_context(time_blocks.make_thread_pool("deflate", self._threads))
+            self._undo = undo.pop_all()
+        return self
+
+    def write(self, packed: np.ndarray) -> None:
+        """Append ``packed`` uint8 (H, W, bytes), the next bytes along time; any number of them."""
+        if self._file is None:
+            raise BadInput("the writer is not open", where=str(self.path), hint="use it in a with statement")
+        for time_block in self._gathered.add(packed):
+            self._store(time_block)
+
+    def _store(self, time_block: np.ndarray) -> None:
+        height = self._chunk[0]
+        starts = range(0, self._rows, height)
+
+        def stored(row: int) -> bytes:
+            return time_blocks.deflate_chunk(time_block[row : row + height], self._chunk)
+
+        def hashed() -> None:
+            for row in starts:
+                self._sha.update(np.ascontiguousarray(time_block[row : row + height]).data)
+
+        hashing = self._pool.submit(hashed)
+        try:
+            for row, data in zip(starts, self._pool.map(stored, starts), strict=True):
+                self._crcs[row, self._done] = time_blocks.checksum(data)
+                self._spikes.id.write_direct_chunk((row, 0, self._done), data)
+        except OSError as error:
+            raise unwritable_error(self.path, error) from error
+        finally:
+            hashing.result()
+        self._done += time_block.shape[2]
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(_WriteAborted), self._undo:
+            if kind is not None:
+                raise _WriteAborted
+            sha256 = self._checked()
+        if kind is None:
+            self.content_sha256 = sha256
+
+    def _checked(self) -> str:
+        """The file closed, read back and compared; its content_sha256."""
+        self._gathered.check_complete()
+        spikes = format_digest_line("/spikes", "uint8", self._spikes.shape, self._sha.hexdigest())
+        lines = [digest_line(n, v) for n, v in self._datasets.items() if not n.startswith("/provenance/")]
+        sha256 = content_digest(self.readout_hz, self.shape[0], [*lines, spikes])
+        if self._file is not None:
+            self._file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=sha256)
+            self._file.close()
+        with h5py.File(self._part, "r") as file:
+            stored = [digest_line(n, v) for n, v in _small(file) if not n.startswith("/provenance/")]
+            chunks = file["spikes"].id
+            same = all(
+                time_blocks.checksum(chunks.read_direct_chunk((row, 0, at))[1]) == crc
+                for (row, at), crc in self._crcs.items()
+            )
+        if not same or content_digest(self.readout_hz, self.shape[0], [*stored, spikes]) != sha256:
+            raise BadInput(
+                "what was read back is not what was written", where=str(self.path), hint="check the disk"
+            )
+        return sha256
+
+    def _close(self) -> None:
+        # A full disk cannot take what HDF5 still holds, nor always be told to forget it: the cause is known.
+        with suppress(OSError, RuntimeError):
+            if self._file is not None:
+                self._file.close()
+        self._file = None
+
+
+def write_stream(
+    path: str | os.PathLike[str], frames: Any, readout_hz: float = 20_000, **optional: Any
+) -> str:
+    """Write anybody's frames as a stream file; returns its content_sha256.
+
+    ``frames`` (T, H, W) holds 0 and 1 (or bool) and may be anything that slices along time to arrays, such
+    as a memory map: it is read 2,000 frames at a time. ``readout_hz`` is in 1/s. ``optional`` are the fields
+    of :class:`Metadata`; ``truth`` may be a mapping of fields of :class:`Truth`. Raises BadInput naming the
+    field.
+    """
+    if not hasattr(frames, "shape"):
+        frames = np.asarray(frames)
+    if len(frames.shape) != 3 or min(frames.shape) < 1:
+        raise BadInput(
+            f"frames have shape {tuple(frames.shape)}", where=str(path), allowed="(T, H, W), T at least 1"
+        )
+    total = int(frames.shape[0])
+    metadata = metadata_from_options(optional)
+    with StreamWriter(path, shape=tuple(frames.shape), readout_hz=readout_hz, metadata=metadata) as writer:
+        for first in range(0, total, 8 * TIME_BLOCK_BYTES):
+            time_block = np.asarray(frames[first : first + 8 * TIME_BLOCK_BYTES])
+            wrong = time_block[(time_block != 0) & (time_block != 1)]
+            if time_block.dtype.kind not in "buif" or wrong.size:
+                value = f"value {wrong[0]!s}" if wrong.size else f"dtype {time_block.dtype}"
+                raise BadInput(
+                    f"frames {first} and on hold the {value}", where=str(path), allowed="0 and 1, or bool"
+                )
+            writer.write(bits.pack(time_block))
+    return writer.content_sha256
+
+
+def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
+    """Open a stream file for reading; a context manager. ``threads``: as of :class:`StreamWriter`.
+
+    Raises BadInput when there is no such file (naming the nearest), and when it is no HDF5 file, cut short or
+    damaged, HDF5 of another kind, or of a newer layout.
+    """
+    where = Path(path)
+    if not where.is_file():
+        if where.is_dir():
+            raise BadInput("this is a folder", where=str(path), allowed="a stream file (.h5)")
+        others = [p.name for p in where.parent.iterdir()] if where.parent.is_dir() else []
+        missing = (
+            "there is no such file" if where.parent.is_dir() else f"there is no folder {str(where.parent)!r}"
+        )
+        raise BadInput(missing, where=str(path), nearest=closest(where.name, others))
+    try:
+        with where.open("rb") as raw:
+            start = raw.read(8)
+        if start != b"\x89HDF\r\n\x1a\n":
+            problem = "is empty" if not start else "is not an HDF5 file"
+            raise BadInput(
+                problem, where=str(path), allowed="a saf-gen stream", hint="import foreign files first"
+            )
+        file = h5py.File(where, "r")
+    except OSError as error:
+        raise _damaged(where, error) from error
+    try:
+        return SpikeStream(where, file, threads)
+    except BaseException:
+        file.close()
+        raise
+
+
+def _damaged(path: Path, error: Exception) -> BadInput:
+    reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
+    return BadInput(
+        f"is cut short, damaged or cannot be read: {reason}", where=str(path), hint="make it again"
+    )
+
+
+class SpikeStream:
+    """An open stream file; make it with :func:`open_stream`. One thread at a time.
+
+    ``path``; ``shape`` (T, H, W); ``readout_hz`` in 1/s; ``content_sha256`` as stored; ``metadata``, and from
+    it ``truth``, ``focus_position`` (None if absent), ``gain`` and ``light_names``. Frame t is the readout
+    [t, t+1)/readout_hz. A region is (slice of rows, slice of columns), of step 1, inside the frame.
+    Spikes read once stay in memory, up to 1 GiB.
+    """
+
+    def __init__(self, path: Path, file: h5py.File, threads: int | None = None) -> None:
+        self.path, self._file = path, file
+        kind, layout = file.attrs.get("format"), file.attrs.get("layout")
+        if kind != FORMAT:
+            raise BadInput(
+                "is HDF5, but no saf-gen stream", where=str(path), allowed=f"attribute format = {FORMAT!r}"
+            )
+        if layout != LAYOUT:
+            raise BadInput(
+                f"has layout {layout}", where=str(path), allowed=f"layout {LAYOUT}", hint="update saf_gen"
+            )
+        try:
+            self._spikes = file["spikes"]
+            rows, columns, length = self._spikes.shape
+            frames = int(self._spikes.attrs["frames"])
+            self.readout_hz = float(self._spikes.attrs["readout_hz"])
+            self.content_sha256 = str(file.attrs["content_sha256"])
+            self.metadata = metadata_from_datasets(dict(_small(file)), (frames, rows, columns))
+        except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
+            raise _damaged(path, error) from error
+        if self._spikes.dtype != np.uint8 or length != -(-frames // 8) or frames < 1:
+            raise BadInput(
+                f"/spikes is {self._spikes.dtype} {self._spikes.shape} for {frames} frames",
+                where=str(path),
+                allowed="uint8 (H, W, ceil(T/8))",
+            )
+        self.shape = (frames, rows, columns)
+        self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
+        self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
+        read = self._read_own_chunk if self._has_own_chunks() else self._read_any_chunk
+        self._time_blocks = time_blocks.TimeBlocks(self._spikes.shape, read=read, count=threads)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file and free what was read ahead."""
+        self._time_blocks.close()
+        self._file.close()
+
+    def frames(self, a: int, b: int, region: Region | None = None) -> np.ndarray:
+        """Frames ``a <= t < b`` as uint8 (b-a, h, w), 0 or 1. Raises BadInput unless 0 <= a < b <= T."""
+        window, part = self._checked(a, b, region)
+        out = np.empty((len(window), *region_shape(part)), np.uint8)
+        for start, first, stop in self._time_blocks.split_frames(window.start, window.stop):
+            begin = 8 * start + first - window.start
+            bits.unpack(self._planes(start, part), first, out[begin : begin + stop - first])
+        return out
+
+    def counts(self, a: int, b: int, region: Region | None = None) -> np.ndarray:
+        """Spikes in frames ``a <= t < b`` as uint32 (h, w). Raises BadInput unless 0 <= a < b <= T."""
+        window, part = self._checked(a, b, region)
+        out = np.zeros(region_shape(part), np.uint32)
+        for start, first, stop in self._time_blocks.split_frames(window.start, window.stop):
+            bits.add_counts(self._planes(start, part), first, stop, out)
+        return out
+
+    def packed(self, first_byte: int, stop_byte: int, region: Region | None = None) -> np.ndarray:
+        """Bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes). Raises BadInput outside."""
+        total = self._spikes.shape[2]
+        window = validate_window(first_byte, stop_byte, total, what="bytes", where=str(self.path))
+        part = validate_region(region, self.shape[1:], where=str(self.path))
+        with self._report_damage():
+            return self._time_blocks.packed(window.start, window.stop, part)
+
+    def verify(self) -> None:
+        """Read everything and raise BadInput when it is not what ``content_sha256`` says."""
+        sha = hashlib.sha256()
+        for start in range(0, self._spikes.shape[2], TIME_BLOCK_BYTES):
+            with self._report_damage():
+                for block in self._time_blocks.row_bands(start):
+                    sha.update(block.data)
+        lines = [digest_line(n, v) for n, v in _small(self._file) if not n.startswith("/provenance/")]
+        lines.append(format_digest_line("/spikes", "uint8", self._spikes.shape, sha.hexdigest()))
+        found = content_digest(self.readout_hz, self.shape[0], lines)
+        if found != self.content_sha256:
+            raise BadInput(
+                f"the content has SHA-256 {found[:12]}...",
+                where=str(self.path),
+                allowed=f"{self.content_sha256[:12]}... as stored",
+                hint="the file was changed or damaged: make it again",
+            )
+
+    def _checked(self, a: int, b: int, region: Region | None) -> tuple[range, Region]:
+        where = str(self.path)
+        return validate_window(a, b, self.shape[0], where=where), validate_region(
+            region, self.shape[1:], where=where
+        )
+
+    def _planes(self, start: int, region: Region) -> np.ndarray:
+        with self._report_damage():
+            return self._time_blocks.planes(start, region[0])[:, region[0], region[1]]
+
+    @contextmanager
+    def _report_damage(self) -> Iterator[None]:
+        try:
+            yield
+        except (DamagedChunk, OSError, RuntimeError) as error:
+            raise _damaged(self.path, error) from error
+
+    def _has_own_chunks(self) -> bool:
+        """Whether chunks can be read as they are stored: our shape, deflate alone, none left out."""
+        chunk = time_blocks.chunk_shape(self._spikes.shape)
+        grid = math.prod(-(-n // c) for n, c in zip(self._spikes.shape, chunk, strict=True))
+        filters = self._spikes.id.get_create_plist()
+        return (
+            self._spikes.chunks == chunk
+            and filters.get_nfilters() == 1
+            and filters.get_filter(0)[0] == h5py.h5z.FILTER_DEFLATE
+            and self._spikes.id.get_num_chunks() == grid
+        )
+
+    def _read_own_chunk(self, top: int, start: int) -> bytes | np.ndarray:
+        skipped, data = self._spikes.id.read_direct_chunk((top, 0, start))
+        # HDF5 itself leaves out the filter where deflate would make a chunk larger.
+        return np.frombuffer(data, np.uint8).reshape(self._spikes.chunks) if skipped else data
+
+    def _read_any_chunk(self, top: int, start: int) -> np.ndarray:
+        rows, _, time_block = time_blocks.chunk_shape(self._spikes.shape)
+        return self._spikes[top : top + rows, :, start : start + time_block]

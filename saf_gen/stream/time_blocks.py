@@ -1,0 +1,231 @@
+"""Between chunks on disk and windows in memory: gather, deflate, inflate, and the time blocks a reader keeps.
+
+A chunk holds some rows, all columns and 250 bytes along time; the chunks of one stretch of time are a time
+block.
+In a chunk bytes stand pixel by pixel, as they deflate best; a kept time block is turned to planes (bytes, H,
+W),
+where a window of all pixels is one contiguous run. Work on chunks runs on threads: isa-l and numpy release
+Python's lock.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+
+import numpy as np
+from isal import igzip_lib, isal_zlib
+
+from saf_gen.core.cores import usable_cores
+from saf_gen.core.region import Region, region_shape
+from saf_gen.errors import BadInput
+
+__all__ = [
+    "TIME_BLOCK_BYTES",
+    "DamagedChunk",
+    "TimeBlockAssembler",
+    "TimeBlocks",
+    "checksum",
+    "chunk_shape",
+    "deflate_chunk",
+    "make_thread_pool",
+]
+
+TIME_BLOCK_BYTES = 250
+_CHUNK_BYTES = 1_000_000  # bytes in a chunk before deflate: 10 rows of 400 columns
+_CACHE_BYTES = 1 << 30  # bytes of planes that a reader keeps, and three time blocks at least
+
+checksum = isal_zlib.crc32
+
+
+class DamagedChunk(ValueError):
+    """Stored bytes that do not inflate to a chunk."""
+
+
+def make_thread_pool(name: str, count: int | None = None) -> ThreadPoolExecutor:
+    """A pool of ``count`` threads; where not given, one for each core this process may use, eight at most."""
+    return ThreadPoolExecutor(count or min(8, usable_cores()), thread_name_prefix=name)
+
+
+def chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+    """The chunk for packed spikes of ``shape`` (H, W, bytes): about one megabyte, all columns."""
+    rows, columns, length = shape
+    time_block = min(TIME_BLOCK_BYTES, length)
+    return min(rows, max(1, _CHUNK_BYTES // (columns * time_block))), columns, time_block
+
+
+def deflate_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
+    """``block`` (rows, W, bytes) as one stored chunk; at the edges zeros fill it, as HDF5 wants."""
+    if block.shape != chunk:
+        whole = np.zeros(chunk, np.uint8)
+        whole[: block.shape[0], :, : block.shape[2]] = block
+        block = whole
+    return isal_zlib.compress(np.ascontiguousarray(block), 1, isal_zlib.MAX_WBITS)
+
+
+def _inflated(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
+    if isinstance(data, np.ndarray):
+        return data
+    size = chunk[0] * chunk[1] * chunk[2]
+    try:
+        return np.frombuffer(isal_zlib.decompress(data, isal_zlib.MAX_WBITS, size), np.uint8).reshape(chunk)
+    except (igzip_lib.IsalError, ValueError) as error:  # type: ignore[misc]  # its stub says instance
+        raise DamagedChunk(str(error)) from error
+
+
+class TimeBlockAssembler:
+    """Turns pieces of packed spikes, of any length, into the time blocks of a stream of ``shape`` (T, H, W).
+
+    ``length`` is the bytes along time taken so far. A piece that is a whole time block already is not copied.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], *, where: str) -> None:
+        self.length, self._frames, self._size, self._where = 0, shape[0], shape[1:], where
+        self._total = -(-shape[0] // 8)
+        self._time_block = min(TIME_BLOCK_BYTES, self._total)
+        self._held = np.empty((0, 0, 0), np.uint8)
+
+    def check_complete(self) -> None:
+        """Raise BadInput unless all bytes have come."""
+        if self.length != self._total:
+            raise BadInput(
+                f"only {self.length} bytes along time were written",
+                where=self._where,
+                allowed=f"{self._total} for {self._frames} frames",
+            )
+
+    def _check(self, piece: np.ndarray) -> None:
+        if piece.dtype != np.uint8 or piece.ndim != 3 or piece.shape[:2] != self._size:
+            raise BadInput(
+                f"packed spikes have dtype {piece.dtype} and shape {piece.shape}",
+                where=self._where,
+                allowed=f"uint8 ({self._size[0]}, {self._size[1]}, bytes)",
+            )
+        end, unused = self.length + piece.shape[2], self._frames % 8
+        if end > self._total:
+            raise BadInput(
+                f"{end} bytes along time were written",
+                where=self._where,
+                allowed=f"{self._total} for {self._frames} frames",
+            )
+        if end == self._total and unused and piece.shape[2] and (piece[:, :, -1] >> unused).any():
+            raise BadInput(
+                "the last byte holds spikes after the last frame",
+                where=self._where,
+                allowed=f"0 in bits {unused} to 7, as T = {self._frames}",
+            )
+
+    def add(self, piece: np.ndarray) -> Iterator[np.ndarray]:
+        """Every time block that ``piece`` uint8 (H, W, bytes) completes, the shorter last one included.
+
+        Raises BadInput for a wrong dtype or shape, too many bytes, and spikes after frame T.
+        """
+        self._check(piece)
+        at = 0
+        while at < piece.shape[2]:
+            filled = self.length % self._time_block
+            whole = min(self._time_block, self._total - self.length + filled)
+            part = piece[:, :, at : at + whole - filled]
+            at += part.shape[2]
+            self.length += part.shape[2]
+            if part.shape[2] == whole:
+                yield part
+                continue
+            if not self._held.size:
+                self._held = np.empty((*self._size, self._time_block), np.uint8)
+            self._held[:, :, filled : filled + part.shape[2]] = part
+            if filled + part.shape[2] == whole:
+                yield self._held[:, :, :whole]
+
+
+class TimeBlocks:
+    """Reads packed spikes of ``shape`` (H, W, bytes) and keeps the time blocks used last.
+
+    ``read(top, start)`` gives the chunk at that row and byte: deflated bytes, or an array already cut to the
+    edges. It is called from the caller's thread only. ``count``: see :func:`make_thread_pool`.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int, int],
+        *,
+        read: Callable[[int, int], bytes | np.ndarray],
+        count: int | None = None,
+    ) -> None:
+        self.shape, self.chunk, self._read = shape, chunk_shape(shape), read
+        self._kept: OrderedDict[int, tuple[np.ndarray, dict[int, Future]]] = OrderedDict()
+        self._last = -1
+        self._pool = make_thread_pool("inflate", count)
+
+    def close(self) -> None:
+        """Free threads and memory."""
+        self._pool.shutdown(cancel_futures=True)
+        self._kept.clear()
+
+    def split_frames(self, a: int, b: int) -> Iterator[tuple[int, int, int]]:
+        """Frames ``a <= t < b`` time block by time block: the time block's first byte, and the first and
+        stop bit in it."""
+        time_block = 8 * self.chunk[2]
+        for start in range(a // time_block * time_block, b, time_block):
+            yield start // 8, max(a - start, 0), min(b - start, time_block)
+
+    def row_bands(self, start: int) -> Iterator[np.ndarray]:
+        """The time block at byte ``start`` in C order, as bands of rows (rows, W, bytes)."""
+        length = min(self.chunk[2], self.shape[2] - start)
+
+        def block(top: int, data: bytes | np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(_inflated(data, self.chunk)[: self.shape[0] - top, :, :length])
+
+        waiting = [
+            self._pool.submit(block, top, self._read(top, start))
+            for top in self._tops(slice(0, self.shape[0]))
+        ]
+        for future in waiting:
+            yield future.result()
+
+    def planes(self, start: int, rows: slice) -> np.ndarray:
+        """The time block at byte ``start`` as uint8 (bytes, H, W); only ``rows`` of it are sure to be
+        filled."""
+        planes, filling = self._time_block(start, rows)
+        after = start + self.chunk[2]
+        if start - self._last == self.chunk[2] and after < self.shape[2]:
+            self._time_block(
+                after, rows
+            )  # a sweep: inflate the next time block while the caller works on this one
+        self._last = start
+        for top in self._tops(rows):
+            filling[top].result()
+        return planes
+
+    def packed(self, a: int, b: int, region: Region) -> np.ndarray:
+        """Bytes ``a <= i < b`` along time of a region, uint8 (h, w, b-a)."""
+        out = np.empty((*region_shape(region), b - a), np.uint8)
+        for start, first, stop in self.split_frames(8 * a, 8 * b):
+            part = slice(first // 8, stop // 8)
+            piece = out[:, :, start + part.start - a : start + part.stop - a]
+            planes = self.planes(start, region[0])[part, region[0], region[1]]
+            for y in range(out.shape[0]):  # row by row: the transpose of one row fits in the cache
+                piece[y] = planes[:, y].T
+        return out
+
+    def _tops(self, rows: slice) -> range:
+        return range(rows.start // self.chunk[0] * self.chunk[0], rows.stop, self.chunk[0])
+
+    def _time_block(self, start: int, rows: slice) -> tuple[np.ndarray, dict[int, Future]]:
+        if start in self._kept:
+            self._kept.move_to_end(start)
+        elif len(self._kept) >= max(3, _CACHE_BYTES // (self.chunk[2] * self.shape[0] * self.shape[1])):
+            planes, filling = self._kept.popitem(last=False)[1]
+            wait(filling.values())
+            self._kept[start] = planes, {}  # memory is used again: fresh pages cost time
+        else:
+            self._kept[start] = np.empty((self.chunk[2], *self.shape[:2]), np.uint8), {}
+        planes, filling = self._kept[start]
+
+        def turn(top: int, data: bytes | np.ndarray) -> None:
+            block = _inflated(data, self.chunk)[: self.shape[0] - top]
+            planes[: block.shape[2], top : top + block.shape[0]] = block.transpose(2, 0, 1)
+
+        for top in self._tops(rows):
+            if top not in filling:
+                filling[top] = self._pool.submit(turn, top, self._read(top, start))
+        return planes, filling
