@@ -1,0 +1,137 @@
+"""Pinned numbers of both tracks: what saf_gen/benchmark/versions.py counts cannot move unnoticed."""
+
+import hashlib
+import json
+from dataclasses import fields
+from numbers import Number
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen import write_stream
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.method_spec import parse_method
+from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop_method
+from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
+from saf_gen.benchmark.view.captured_frames import rows_to_encode
+from saf_gen.camera import get_sensor
+from saf_gen.core.seeds import make_generator
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.optics.actuators import get_actuator
+from saf_gen.stack.capture import Capture
+from saf_gen.stack.focal_stack import FocalStack, StackSpec
+from saf_gen.stack.time_resolved import PlaneSource
+from saf_gen.stream.stream_file import Truth
+
+RECORDED = "aa2e182e1936da1693556edc996570246a58de64b297b72cd1c6c68f7460180d"
+CLOSED_LOOP = "329a954d7c5d3b806b64a4e3ca89202d30a8efdb6206c097aa0708229b0d8920"
+FRAMES, ROWS, COLUMNS, PEAK = 800, 24, 32, 300
+BOARD = np.where(np.add.outer(np.arange(ROWS) // 4, np.arange(COLUMNS) // 4) % 2, 1, -1)
+RECORDED_METHODS = [
+    "sd+argmax:window=50,refine=parabola",
+    "gradient_code_n+egs_code",
+    "mfdct_lee_n+sgfs_code",
+    "sd_code+sgfs_causal",
+    "tenengrad_n_tfi+egs",
+    "sd_debiased+argmax:window=40",
+    "cen+argmax@frame",
+    "structure_calibrated+photon_aware",
+]
+CLOSED_LOOP_METHODS = [
+    "sd+golden_section",
+    "gradient_code_n+coarse_to_fine",
+    "sd+hill_climb",
+    "tenengrad_n_tfi+argmax:window=80",
+    "sd_debiased+sgfs_causal",
+    "sd_calibrated+photon_aware",
+]
+
+
+def digest(records: list[Record]) -> str:
+    """Sha256 of every number of these records but the seconds, to 12 digits: machines differ in the last."""
+
+    def rounded(value: object) -> object:
+        if isinstance(value, tuple):
+            return [rounded(one) for one in value]
+        return f"{round(value, 12):.12g}" if isinstance(value, Number) else value
+
+    left_out = ("seconds", "note", "data", "code", "machine", "parameters", "rig")
+    names = [f.name for f in fields(Record) if f.name not in left_out]
+    lines = [{name: rounded(getattr(record, name)) for name in names} for record in records]
+    return hashlib.sha256(json.dumps(lines).encode()).hexdigest()
+
+
+def write_recording(path: Path) -> None:
+    """A chequered board, sharp at frame PEAK, in light that grows: whole numbers, the same on every machine."""
+    frame = np.arange(FRAMES)
+    contrast = 12 + 230 * np.maximum(0, 150 - abs(frame - PEAK)) // 150  # in 256
+    light = 8000 + 20 * frame  # in 65536 spikes per readout
+    rate = (light[:, None, None] * (256 + contrast[:, None, None] * BOARD)) // 256
+    phase = make_generator("test_versions").integers(0, 65_536, (ROWS, COLUMNS))
+    spikes = np.diff((phase + np.cumsum(rate, axis=0)) // 65_536, axis=0, prepend=0).clip(0, 1)
+    target = np.zeros((ROWS, COLUMNS), bool)
+    target[3:20, 5:30] = True
+    position = PEAK / FRAMES
+    truth = Truth(
+        position=position, depth_of_focus=(position - 0.05, position + 0.05), frame=PEAK, target=target
+    )
+    lens = (frame / FRAMES).astype(np.float32)
+    gain = (light / 8000).astype(np.float32)[:, None]
+    write_stream(
+        path, spikes.astype(np.uint8), focus_position=lens, truth=truth, gain=gain, light_names=("lamp",)
+    )
+
+
+def make_capture() -> Capture:
+    """The board before a running camera, sharp at 0.375 of the travel, its contrast falling to both sides."""
+    sensor = get_sensor("vidar_400x250", rows=ROWS, columns=COLUMNS)
+    drive = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
+    contrast = np.maximum(8, 240 - 40 * abs(np.arange(33) - 12))[:, None, None] / 256
+    radiance = (1 + contrast * BOARD)[None].astype(np.float32)
+    spec = StackSpec(
+        scene="board", scene_digest="", groups=("lamp",), drive=drive, rows=ROWS, columns=COLUMNS,
+        pitch_m=sensor.pitch_m, positions=33, samples=1, max_depth=1,
+    )  # fmt: skip
+    whole = np.ones((ROWS, COLUMNS), bool)
+    stack = FocalStack(spec, radiance, np.float32(drive.focus_depth(0.375)) * whole, whole, "none")
+    gain = np.linspace(0.75, 1.5, 4000, dtype=np.float32)[:, None]
+    truth = Truth(position=0.375, depth_of_focus=(0.33, 0.42))
+    return Capture(PlaneSource.from_stack(stack), sensor, gain, 4.0, 5, 1, truth, len(gain))
+
+
+def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
+    """When it fails, raise COUNTS_VERSION or JUDGEMENT_VERSION in saf_gen/benchmark/versions.py (none for a
+    change of a measure or a search: their digests stand in each record), pin the new digest, and add a line
+    under *Numbers that moved* in CHANGELOG.md."""
+    write_recording(tmp_path / "a.h5")
+    (tmp_path / "p.jsonl").write_text(
+        '{"method": "early", "sequence": "a", "frame": 250.5, "frames_seen": 400}\n'
+        '{"method": "none", "sequence": "a", "frame": null}\n'
+    )
+    found = evaluate(
+        tmp_path / "a.h5", methods=RECORDED_METHODS, region="both", predictions=tmp_path / "p.jsonl"
+    )
+    assert digest(found.records) == RECORDED
+
+
+def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
+    """When it fails, raise CAPTURE_VERSION (or the version of what moved) in saf_gen/benchmark/versions.py,
+    pin the new digest, and add a line under *Numbers that moved* in CHANGELOG.md. A new ``MODEL`` of spikes
+    moves it as well."""
+    capture, box = make_capture(), (slice(4, 20), slice(2, 28))
+    task = SequenceTask("a", "test", "board", "ramp", Path("a.h5"), None)
+    sequence = ClosedLoopSequence(
+        task, capture, box, "target", capture.open_charge_source(rows_to_encode(capture, box)), ""
+    )
+    records = []
+    for drive in ("voice_coil", "liquid_lens"):
+        protocol = ClosedLoopProtocol(get_actuator(drive))
+        for method in map(parse_method, CLOSED_LOOP_METHODS):
+            run = run_closed_loop_method(capture, sequence.exposed, box, method, protocol)
+            records.append(
+                sequence.make_record(run, protocol, method=method.name, code="", parameters="", said={})
+            )
+    assert digest(records) == CLOSED_LOOP
