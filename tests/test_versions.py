@@ -65,7 +65,7 @@ def digest(records: list[Record]) -> str:
 
 
 def write_recording(path: Path) -> None:
-    """A chequered board, sharp at frame PEAK, in light that grows: whole numbers, the same on every machine."""
+    """A chequered board, sharp at frame PEAK, in growing light; integers, so the same on every machine."""
     frame = np.arange(FRAMES)
     contrast = 12 + 230 * np.maximum(0, 150 - abs(frame - PEAK)) // 150  # in 256
     light = 8000 + 20 * frame  # in 65536 spikes per readout
