@@ -63,7 +63,7 @@ def read_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidM
     """
     card, script = str(scene.folder / "scene.yaml"), str(scene.folder / "scene.py")
     moving = {name: (motion, card) for name, motion in scene.card.motion.items()}
-    own = call_script(scene, "motion", {}) if scene.has_script else {}
+    own = call_script(scene, "motion", default={}) if scene.has_script else {}
     for name, motion in validate_motions(own, script).items():
         if name in moving:
             raise BadInput(

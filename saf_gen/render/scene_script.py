@@ -1,11 +1,14 @@
-"""Runs a scene's own ``scene.py``. Only :func:`saf_gen.scene.scene_folder.find_scene` gives scenes that may
-have one."""
+"""Runs a scene's own ``scene.py``.
+
+Only :func:`saf_gen.scene.scene_folder.find_scene` gives scenes that may have one.
+"""
 
 import importlib.util
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from saf_gen.errors import BadInput
@@ -14,35 +17,51 @@ from saf_gen.scene.scene_folder import Scene
 __all__ = ["call_script"]
 
 
-def call_script(scene: Scene, function: str, absent: Any = None) -> Any:
-    """What a function of the folder's script gives for the parameters; ``absent`` where it has none."""
+def call_script(scene: Scene, function: str, *, default: Any = None) -> Any:
+    """Return what a function of the scene's script gives for its parameters.
+
+    A function that the script lacks gives ``default``, where that is not None.
+
+    Raises BadInput, in one line, for whatever the script raises.
+    """
     script = scene.folder / "scene.py"
-    spec = importlib.util.spec_from_file_location(f"saf_gen_scene_{scene.id}", script)
-    if spec is None or spec.loader is None:
-        raise BadInput(f"{script} cannot be loaded")
-    module = importlib.util.module_from_spec(spec)
-    with _on_path(scene.folder):
+    with _own_modules(scene):
         try:
-            spec.loader.exec_module(module)
-            if absent is not None and not hasattr(module, function):
-                return absent
+            module = _execute(f"saf_gen_scene_{scene.id}", script)
+            if default is not None and not hasattr(module, function):
+                return default
             return getattr(module, function)(dict(scene.params))
         except BadInput:
             raise
-        except Exception as error:  # a scene is anybody's code: whatever it raises is told in one line
+        except Exception as error:  # a scene is anybody's code and may raise anything
             raise BadInput(f"{script} failed: {type(error).__name__}: {error}") from error
 
 
+def _execute(name: str, file: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise BadInput(f"{file} cannot be loaded")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @contextmanager
-def _on_path(folder: Path) -> Iterator[None]:
-    """Lets scene.py import its neighbours, and forgets them after, so that two scenes never mix."""
-    before = set(sys.modules)
-    sys.path.insert(0, str(folder))
+def _own_modules(scene: Scene) -> Iterator[None]:
+    """Let scene.py import its neighbours and its library, and forget them all afterwards.
+
+    Two scenes may then have different modules of the same name.
+    """
+    before = dict(sys.modules)
+    files = scene.library_files()
+    sys.path.insert(0, str(scene.folder))
     try:
+        sys.modules.update({name: _execute(name, file) for name, file in files.items()})
         yield
     finally:
-        sys.path.remove(str(folder))
-        for name in set(sys.modules) - before:
+        sys.path.remove(str(scene.folder))
+        for name in set(sys.modules) - set(before):
             origin = getattr(sys.modules[name], "__file__", None)
-            if origin and Path(origin).parent == folder:
+            if name in files or (origin and Path(origin).parent == scene.folder):
                 del sys.modules[name]
+        sys.modules.update({name: before[name] for name in files if name in before})

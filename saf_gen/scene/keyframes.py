@@ -1,4 +1,4 @@
-"""How the shapes of a scene move: rigid poses at a few moments, straight lines between them."""
+"""Rigid motion of shapes: poses at a few moments, linear in time between them."""
 
 import math
 from itertools import pairwise
@@ -8,13 +8,13 @@ from pydantic import Field, model_validator
 
 from saf_gen.core.config.yaml_document import FrozenModel
 
-__all__ = ["Keyframe", "RigidMotion"]
+__all__ = ["Keyframe", "RigidMotion", "Vector"]
 
 Vector = tuple[float, float, float]
 
 
 class Keyframe(FrozenModel):
-    """Where a shape is at ``time_s``: turned by ``rotate_deg`` about its motion's axis, then shifted."""
+    """The pose of a shape at ``time_s``: rotated about the axis of its motion, then translated."""
 
     time_s: float
     translate_m: Vector = (0.0, 0.0, 0.0)
@@ -24,8 +24,8 @@ class Keyframe(FrozenModel):
 class RigidMotion(FrozenModel):
     """The rigid motion of one shape, on top of the pose that the scene gives it; world axes.
 
-    Shift and angle are linear in time between keyframes, and stay as they are before the first and after
-    the last. The axis goes through ``centre_m``, a point of the shape as the scene places it.
+    Translation and angle are linear in time between keyframes and constant before the first and after the
+    last. The axis goes through ``centre_m``, a point of the shape where the scene puts it.
     """
 
     keyframes: tuple[Keyframe, ...] = Field(min_length=2)
@@ -42,7 +42,7 @@ class RigidMotion(FrozenModel):
         return self
 
     def pose_at(self, time_s: float) -> np.ndarray:
-        """World-to-world matrix of the shape at this time, float64 (4, 4)."""
+        """Return the world-to-world matrix of the shape at this time, float64 (4, 4)."""
         times = [k.time_s for k in self.keyframes]
         shift = [np.interp(time_s, times, [k.translate_m[j] for k in self.keyframes]) for j in range(3)]
         angle = math.radians(float(np.interp(time_s, times, [k.rotate_deg for k in self.keyframes])))
@@ -55,7 +55,7 @@ class RigidMotion(FrozenModel):
 
 
 def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Rotation by an angle (radians) about an axis: Rodrigues' formula."""
+    """Return the rotation by an angle (radians) about an axis, by Rodrigues' formula, float64 (3, 3)."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)

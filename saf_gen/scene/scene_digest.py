@@ -1,4 +1,4 @@
-"""The digest of a scene's folder: what tells a stored focal stack from that of an edited scene."""
+"""The digest of a scene's folder, which tells a stored focal stack from that of an edited scene."""
 
 import hashlib
 import os
@@ -9,25 +9,29 @@ from saf_gen.errors import BadInput
 
 __all__ = ["folder_digest"]
 
-MOST = 100_000  # files and folders of a scene: a link to somebody's whole disk leads to more
-SEEN_IN_NO_PICTURE = ".md", "preview.png"  # prose; what `saf-gen scenes preview` writes, at the top alone
+MAX_FILES = 100_000  # files and folders of a scene; a link to a whole disk would lead to more
+PROSE, OWN_PREVIEW = (
+    ".md",
+    "preview.png",
+)  # files without effect on a rendered pixel; the preview at the top only
 
 
-def folder_digest(folder: Path, *, contents: Mapping[str, bytes], leave: bool) -> str:
-    """SHA-256 (hex) over names and bytes of the files in a folder, prose and the scene's own picture aside.
+def folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_links: bool) -> str:
+    """Return the SHA-256 (hex) over names and bytes of a folder's files, without prose and its own preview.
 
-    contents : by name, what counts in place of a file's bytes. leave : whether linked folders may lie out of
-    this one; what is in them counts under the link's name.
+    ``contents`` gives by name the bytes that count in place of a file's own, or for a file that is not in the
+    folder. What lies in a linked folder counts under the name of the link; ``allow_outside_links`` says
+    whether such a link may lead out of the folder.
 
-    Raises BadInput where a file or folder cannot be read, for links in a circle or to where they may not
-    lead, and for more files than a scene has.
+    Raises BadInput for a file or folder that cannot be read, for links that form a circle or lead where they
+    must not, and for more files than a scene can have.
     """
     sha = hashlib.sha256()
-    prose, picture = SEEN_IN_NO_PICTURE
     try:
-        for path in _files(folder, leave):
+        files = {*_list_files(folder, allow_outside_links), *(folder / name for name in contents)}
+        for path in sorted(files):
             name = path.relative_to(folder).as_posix()
-            if path.suffix != prose and name != picture:
+            if path.suffix != PROSE and name != OWN_PREVIEW:
                 content = contents[name] if name in contents else path.read_bytes()
                 sha.update(f"{name}\0{len(content)}\0".encode() + content)
     except OSError as error:
@@ -35,35 +39,35 @@ def folder_digest(folder: Path, *, contents: Mapping[str, bytes], leave: bool) -
     return sha.hexdigest()
 
 
-def _files(folder: Path, leave: bool) -> list[Path]:
-    """Every regular file in a folder and below, sorted, linked folders followed."""
+def _list_files(folder: Path, allow_outside_links: bool) -> list[Path]:
+    """Return every regular file in a folder and below it; linked folders are followed."""
     found: list[Path] = []
     todo: list[tuple[Path, tuple[str, ...]]] = [(folder, ())]
-    looked = 0
+    seen = 0
     while todo:
-        at, above = todo.pop()
-        within = (*above, os.path.realpath(at))  # on the way here: to meet one again is to go in a circle
-        for path in at.iterdir():
-            looked += 1
-            if looked > MOST:
+        current, parents = todo.pop()
+        parents = (*parents, os.path.realpath(current))  # to meet one of these again is to go in a circle
+        for path in current.iterdir():
+            seen += 1
+            if seen > MAX_FILES:
                 raise BadInput(
-                    f"{folder} holds more than {MOST:,} files", hint="remove what is not the scene's"
+                    f"{folder} holds more than {MAX_FILES:,} files", hint="remove what is not the scene's"
                 )
             if path.is_file():
                 found.append(path)
             elif path.is_dir() and path.name != "__pycache__":
-                _check_way(path, within, leave)
-                todo.append((path, within))
-    return sorted(found)
+                _check_link(path, parents, allow_outside_links)
+                todo.append((path, parents))
+    return found
 
 
-def _check_way(path: Path, within: tuple[str, ...], leave: bool) -> None:
+def _check_link(path: Path, parents: tuple[str, ...], allow_outside: bool) -> None:
     real = os.path.realpath(path)
-    if real in within:
+    if real in parents:
         raise BadInput(f"{path} leads in a circle, back to {real}", hint="remove the link")
-    if not (leave or Path(real).is_relative_to(within[0])):
+    if not (allow_outside or Path(real).is_relative_to(parents[0])):
         raise BadInput(
             f"{path} is a link to {real}",
-            allowed="for a scene.xml, what lies in the scene's folder",
-            hint=f"copy it into {within[0]}",
+            allowed="links within the scene's folder, for a scene.xml",
+            hint=f"copy it into {parents[0]}",
         )

@@ -1,6 +1,7 @@
-"""A scene: a folder with its card (``scene.yaml``) and its geometry (``scene.py`` with ``build(params)``).
+"""A scene: a folder with a card (``scene.yaml``) and a geometry (``scene.py`` or ``scene.xml``).
 
-This module reads and checks the card and knows where scenes live; only :mod:`saf_gen.render` builds one.
+This module reads and checks the card and knows where scenes live; only :mod:`saf_gen.render` builds the
+geometry.
 """
 
 import json
@@ -20,7 +21,8 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.lights._schedule import RESERVED_GROUP_NAMES, check_light_groups
 from saf_gen.optics import Drive
 from saf_gen.optics.lens_card import LensCard
-from saf_gen.scene.keyframes import RigidMotion
+from saf_gen.scene.keyframes import RigidMotion, Vector
+from saf_gen.scene.library import find_library_module
 from saf_gen.scene.scene_digest import folder_digest
 
 __all__ = [
@@ -35,14 +37,14 @@ __all__ = [
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
-    "title licence source illuminance_lux params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
+    "title licence source library illuminance_lux params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
 )
-"""Keys of a card that change no focal stack, or that a stack's own name tells."""
-Vector = tuple[float, float, float]
+"""Keys of a card that the digest leaves out: they change no pixel, or a stack records them itself (``params``
+and the moment), or their files count in their place (``library``)."""
 
 
 class CameraPose(FrozenModel):
-    """Where the lens centre is, a point on its axis, and which way is up (m, world axes)."""
+    """The lens centre (m), a point on the optical axis (m), and the upward direction; world axes."""
 
     origin_m: Vector
     look_at_m: Vector
@@ -62,22 +64,33 @@ class CameraPose(FrozenModel):
 
 
 class SceneCard(FrozenModel):
-    """What a scene says of itself.
+    """Everything about a scene that is not geometry.
 
-    ``motion``: how shapes move, on top of the pose that the scene gives them. ``slices_per_s``: time slices
-    to render of a scene that moves, so many that the straight line between two hardly differs from a render.
-    ``interpolation_error``: how far that line is from a render half way at most, for every member: rms over
-    the box round the target in focus, over the mean brightness there; :mod:`saf_gen.authoring.checks`
-    measures it. ``still_s``: the moment that is seen where the scene is to stand still.
-    ``unit_m``: metres in one unit of the scene's geometry; the card itself is in metres all the same.
-    ``illuminance_lux``: mean illuminance of the target at gain 1 by each light group alone, for all of them
-    or for none; light schedules in lux need it.
+    Lengths are in metres, except in keys that end in ``_mm``.
+
+    Attributes
+    ----------
+    id, title, licence, source : the folder's name, a line for lists, an SPDX name, the origin or its file.
+    library : module of :mod:`saf_gen.scene.library` by the name under which ``scene.py`` imports it.
+    unit_m : metres per unit of the geometry.
+    lights : emitters by light group.
+    illuminance_lux : mean illuminance of the target at gain 1 by each light group alone, for all groups or
+        none. Light schedules in lux need it.
+    target : shapes that the lens is to focus on.
+    params : parameters of the geometry; a range makes the scene a family of members.
+    motion : motions by shape, on top of the pose that the geometry gives the shape.
+    slices_per_s : rendered time slices per second of a moving scene. A recording interpolates between them.
+    interpolation_error : largest error of that interpolation, for every member: the rms difference to a
+        render half way between two slices, over the mean brightness, in the target's bounding box.
+        :mod:`saf_gen.authoring.checks` measures it.
+    still_s : the moment that is seen where a moving scene is to stand still.
     """
 
     id: str = Field(pattern=r"^[a-z0-9][a-z0-9_]*$")
     title: str
     licence: str
     source: str
+    library: dict[str, str] = Field(default_factory=dict)
     unit_m: float = Field(default=1.0, gt=0)
     camera: CameraPose
     lens: LensCard
@@ -102,8 +115,13 @@ class SceneCard(FrozenModel):
 class Scene:
     """A scene folder whose card has been read: one member of the family that its open parameters make.
 
-    ``digest`` covers every file that can change a picture, so that a stored focal stack is never taken
-    for that of an edited scene. ``params`` are the parameters, all of them, with every range drawn.
+    Attributes
+    ----------
+    folder : the scene's folder.
+    card : its card.
+    digest : SHA-256 (hex) over everything that can change a pixel, so that a stored focal stack is never
+        taken for that of an edited scene.
+    params : all parameters, with a value drawn for every range.
     """
 
     folder: Path
@@ -121,11 +139,11 @@ class Scene:
         return (self.folder / SCRIPT_FILE).is_file()
 
     def build_drive(self, f_number: float | None = None) -> Drive:
-        """The lens with its drive; ``f_number`` replaces the card's."""
+        """Return the card's lens with its drive; ``f_number`` replaces the card's."""
         return self.card.lens.build_drive(f_number)
 
     def draw_member(self, *stream: str | int) -> "Scene":
-        """The member of the family that the random streams of this name draw."""
+        """Return the member of the family that the random streams of this name draw."""
         params = {
             key: draw_value(value, seeds.make_generator(*stream, "param", key))
             for key, value in self.card.params.items()
@@ -133,18 +151,23 @@ class Scene:
         return replace(self, params=params)
 
     def with_params(self, chosen: Mapping[str, Any]) -> "Scene":
-        """This scene with some parameters as given; raises BadInput for one that the card does not have."""
+        """Return this scene with some parameters replaced; raise BadInput for an unknown one."""
         for key in chosen:
             if key not in self.params:
                 raise unknown(f"parameter of scene {self.id!r}:", key, self.params)
         return replace(self, params={**self.params, **chosen})
 
+    def library_files(self) -> dict[str, Path]:
+        """Return the library modules that the script imports: file by the name under which it is imported."""
+        return {name: find_library_module(module) for name, module in self.card.library.items()}
+
 
 def scene_roots() -> list[Path]:
-    """Folders of scenes that the user trusts to run code, the first that has a name wins.
+    """Return the folders of scenes that the user trusts to run code; the first that has a name wins.
 
-    ``$SAF_GEN_SCENES`` (folders separated as in PATH), ``scenes/`` here, ``scenes/`` of the checkout. The
-    ``scenes/`` of a dataset is somebody's data, and no root although a user may have gone into the dataset.
+    They are those of ``$SAF_GEN_SCENES`` (separated as in PATH), ``scenes/`` of the working directory, and
+    ``scenes/`` of the checkout. The ``scenes/`` of a dataset is somebody else's data and never a root, even
+    where the dataset is the working directory.
     """
     named = [Path(p) for p in os.environ.get("SAF_GEN_SCENES", "").split(os.pathsep) if p]
     here = [] if Path("manifest.json").exists() else [Path("scenes").resolve()]
@@ -152,15 +175,16 @@ def scene_roots() -> list[Path]:
 
 
 def scene_names() -> list[str]:
-    """Names of every scene that can be found."""
+    """Return the names of all scenes that can be found, sorted."""
     return sorted({p.parent.name for root in scene_roots() for p in root.glob(f"*/{CARD_FILE}")})
 
 
 def find_scene(name: str) -> Scene:
-    """The scene ``name``, with open parameters drawn once and for all, for looking at it.
+    """Return the scene of this name, with one fixed draw of its open parameters.
 
-    A name is no path: a recipe from somewhere cannot lead to code from elsewhere. Raises BadInput where there
-    is none of that name, its card does not fit, or its geometry is missing.
+    A name is not a path: a recipe of unknown origin cannot lead to code outside the trusted folders.
+
+    Raises BadInput for an unknown name, a card that does not fit, and a missing geometry.
     """
     for root in scene_roots():
         if Path(name).name == name and (root / name / CARD_FILE).is_file():
@@ -169,9 +193,9 @@ def find_scene(name: str) -> Scene:
 
 
 def load_scene_folder(folder: Path) -> Scene:
-    """The scene of a folder, wherever it lies; one with a script only where the user trusts that place.
+    """Return the scene of any folder; one with a script only where the user trusts that folder.
 
-    Raises BadInput as :func:`find_scene` does, and for a ``scene.py`` out of all :func:`scene_roots`.
+    Raises BadInput as :func:`find_scene` does, and for a ``scene.py`` outside all :func:`scene_roots`.
     """
     folder = folder.resolve()
     trusted = folder.parent in {root.resolve() for root in scene_roots()}
@@ -202,6 +226,15 @@ def _read(folder: Path) -> Scene:
     check_light_groups(card.lights, document)
     for key, value in card.params.items():
         check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
+    for name, module in card.library.items():
+        where = document.locate("library", name)
+        find_library_module(module, where=where)
+        if not name.isidentifier() or (folder / f"{name}.py").exists() or geometry != [SCRIPT_FILE]:
+            raise BadInput(
+                f"library has the name {name!r}",
+                where=where,
+                allowed=f"a name that {SCRIPT_FILE} can import and no file of the folder has",
+            )
     scene = Scene(folder, card, _digest(folder, card), {}).draw_member("scene", card.id)
     try:
         scene.build_drive()
@@ -211,12 +244,16 @@ def _read(folder: Path) -> Scene:
 
 
 def _digest(folder: Path, card: SceneCard) -> str:
-    """SHA-256 over the files of the folder that change a picture; linked folders count with what they hold.
+    """Return the SHA-256 over everything of a scene that can change a pixel.
 
-    Of the card only what it says counts, and of that nothing that changes no picture: a title mended or a lux
-    measured anew renders nothing again. Parameters and moments are named by each stack itself.
+    Of the card only the values count, and of those only the ones that change a pixel: a corrected title or a
+    newly measured illuminance renders nothing again. A library module counts as if it were the file of the
+    folder that the script imports.
     """
-    said = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
-    # Only a script can read out of the folder: what an XML scene names must lie within.
-    leave = (folder / SCRIPT_FILE).is_file()
-    return folder_digest(folder, contents={CARD_FILE: json.dumps(said, sort_keys=True).encode()}, leave=leave)
+    values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
+    contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
+    contents |= {
+        f"{name}.py": find_library_module(module).read_bytes() for name, module in card.library.items()
+    }
+    # Only a script can read files outside of its folder: those that an XML scene names must lie within.
+    return folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())

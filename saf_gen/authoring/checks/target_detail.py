@@ -68,9 +68,7 @@ def check_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
 
 def _contrast(subject: SceneUnderTest, shown: TargetDetail, blur: float) -> SceneFinding:
     pixel_mm = subject.pixel_footprint_m * 1e3
-    text = (
-        f"contrast {shown.contrast:.2g}, of whose square a {blur:.2g} px blur takes {shown.blur_loss:.1%}"
-    )
+    text = f"contrast {shown.contrast:.2g}, of whose square a {blur:.2g} px blur takes {shown.blur_loss:.1%}"
     wanted = f"details of {pixel_mm:.3g} to {5 * pixel_mm:.3g} mm; a pixel sees {pixel_mm:.3g} mm"
     if not shown.contrast > BLANK:
         return error(

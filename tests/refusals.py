@@ -1,0 +1,16 @@
+"""How tests look at an error that a user would see."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from saf_gen.errors import BadInput
+
+
+def refusal(call: Callable[..., Any], *args: Any, **options: Any) -> BadInput:
+    """Return the error that a call raises; its message is one line."""
+    with pytest.raises(BadInput) as caught:
+        call(*args, **options)
+    assert "\n" not in str(caught.value)
+    return caught.value
