@@ -1,11 +1,14 @@
-"""YAML is read strictly, and what does not fit is told with its line."""
+"""YAML and JSON are read strictly, and an error names the line of what does not fit."""
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import pytest
 from pydantic import Discriminator, Field, Tag
 
-from saf_gen.core.config.yaml_document import FrozenModel, read_model
+from saf_gen.core.config.document import STRICT, FrozenModel, validate
+from saf_gen.core.config.json_document import parse_json, read_json
+from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput
 
 
@@ -23,7 +26,8 @@ class Outer(FrozenModel):
 def read(tmp_path, text):
     path = tmp_path / "doc.yaml"
     path.write_text(text)
-    return read_model(Outer, path)
+    document = read_yaml(path)
+    return validate(Outer, document), document
 
 
 def complaint(tmp_path, text):
@@ -114,20 +118,20 @@ def test_what_does_not_fit_one_of_several_kinds_is_told_by_that_kind(tmp_path, t
     path = tmp_path / "doc.yaml"
     path.write_text(text)
     with pytest.raises(BadInput) as caught:
-        read_model(Drawing, path)
+        validate(Drawing, read_yaml(path))
     assert str(caught.value).replace(str(tmp_path) + "/", "") == told
 
 
 def test_a_missing_file_is_told_with_the_nearest_one(tmp_path):
     (tmp_path / "quickstart.yaml").write_text("name: x")
     with pytest.raises(BadInput, match=r"quickstrt.yaml does not exist; did you mean '.*quickstart.yaml'\?"):
-        read_model(Outer, tmp_path / "quickstrt.yaml")
+        read_yaml(tmp_path / "quickstrt.yaml")
 
 
 def test_a_file_that_is_not_text_is_told(tmp_path):
     (tmp_path / "doc.yaml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(BadInput, match="doc.yaml cannot be read"):
-        read_model(Outer, tmp_path / "doc.yaml")
+        read_yaml(tmp_path / "doc.yaml")
 
 
 TOO_MANY = "1" * 5000  # digits: more than Python takes
@@ -160,3 +164,65 @@ def test_what_only_looks_like_a_value_is_told_with_its_line(tmp_path, text, told
     line = complaint(tmp_path, text)
     assert line.startswith(told)
     assert "\n" not in line
+
+
+@dataclass(frozen=True)
+class Row:
+    __pydantic_config__ = STRICT
+    name: str
+    score: float | None = None
+
+
+JSON = """{
+ "name": "a \\" {[,:]} b",
+ "inner": {"size": 3,
+   "kind": "round"},
+ "many": {
+   "first": {"size": 1}, "second":
+     {"size": 2}
+ }
+}"""
+
+
+def test_a_json_document_knows_its_lines(tmp_path):
+    path = tmp_path / "doc.json"
+    path.write_text(JSON)
+    document = read_json(path)
+    assert validate(Outer, document).many["second"].size == 2
+    for keys, line in [((), 1), (("inner", "kind"), 4), (("many", "second", "size"), 7), (("inner", "x"), 3)]:
+        assert document.locate(*keys) == f"{path}:{line}"
+    listed = parse_json('[1,\n[2, {"a": [3,\n4]}]]', path, first_line=10)
+    assert listed.locate(1, 1, "a", 1) == f"{path}:12"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('{"name": "x",\n"scor": 1}', "r.jsonl:8: unknown key 'scor'; allowed: name, score; did you mean"),
+        ('{"score":\n 1}', "r.jsonl:7: the key 'name' is missing; make it again"),
+        ('{"name": "x",\n "score": "high"}', "r.jsonl:8: score is 'high'; allowed: a valid number; make it"),
+        ('{"name": "x",\n "score": 1e999}', "r.jsonl:8: score is inf; allowed: a finite number"),
+        ('{"name": "x",\n "score": NaN}', "r.jsonl:8: NaN is not a number of JSON; make it again"),
+        ('{"name": "x",\n "score": -Infinity}', "r.jsonl:8: -Infinity is not a number of JSON"),
+        ('{"name": "NaN",\n "name": {"b": 1, "b": 2}', "r.jsonl:8: the key 'name' stands twice; make it"),
+        ('{"name": "x",\n "score": -' + TOO_MANY, "r.jsonl:8: -11111111111… has too many digits"),
+        ('{"name": "x",\n "score"}', "r.jsonl:8: this is not JSON: Expecting ':' delimiter; make it again"),
+        ("", "r.jsonl:7: this is not JSON: Expecting value"),
+        ("[" * 100_000, "r.jsonl:7: this is nested too deep; make it again"),
+        ("[1]", "r.jsonl:7: the file holds no keys; allowed: name, score; make it again"),
+    ],
+    ids=lambda held: held[:24],
+)
+def test_what_does_not_fit_in_json_is_told_with_its_line(text, told):
+    with pytest.raises(BadInput) as caught:
+        validate(Row, parse_json(text, "r.jsonl", first_line=7, hint="make it again"), hint="make it again")
+    assert str(caught.value).startswith(told)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_json_file_that_cannot_be_read_is_told(tmp_path):
+    (tmp_path / "tuned.json").write_bytes(b"\xff")
+    with pytest.raises(BadInput, match=r"tuned.json cannot be read: .*; make it again"):
+        read_json(tmp_path / "tuned.json", hint="make it again")
+    with pytest.raises(BadInput, match=r"tune.json does not exist; did you mean '.*tuned.json'\?"):
+        read_json(tmp_path / "tune.json")

@@ -6,7 +6,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from saf_gen.core.config.yaml_document import YamlDocument, parse_yaml, read_yaml
+from saf_gen.core.config.document import Document
+from saf_gen.core.config.yaml_document import parse_yaml, read_yaml
 from saf_gen.errors import BadInput, closest, unknown
 
 __all__ = ["NoiseSwitches", "Sensor", "get_sensor", "is_sensor_file", "sensor_from_text", "sensor_names"]
@@ -178,7 +179,7 @@ def sensor_from_text(text: str, where: str | Path) -> Sensor:
     return _from_document(parse_yaml(text, where))
 
 
-def _from_document(document: YamlDocument) -> Sensor:
+def _from_document(document: Document) -> Sensor:
     if not isinstance(document.data, dict):
         raise BadInput("the file holds no keys", where=str(document.path), allowed=", ".join(_names(Sensor)))
     card: dict[str, Any] = document.data

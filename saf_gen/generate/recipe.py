@@ -11,8 +11,9 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from saf_gen.core.config import components
+from saf_gen.core.config.document import Document, FrozenModel, validate
 from saf_gen.core.config.ranges import check_parameter, extreme_values
-from saf_gen.core.config.yaml_document import FrozenModel, YamlDocument, read_model
+from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
 from saf_gen.lights import _schedule
 
@@ -176,7 +177,8 @@ def read_recipe(path: str | Path) -> Recipe:
 
     Raises BadInput with file and line where something does not fit.
     """
-    recipe, document = read_model(Recipe, path)
+    document = read_yaml(path)
+    recipe = validate(Recipe, document)
     lights = {}
     for name, schedule in recipe.lights.items():
         _check_name("light", name, document, ("lights", name))
@@ -212,7 +214,7 @@ def read_recipe(path: str | Path) -> Recipe:
     return recipe
 
 
-def _check_name(what: str, name: str, document: YamlDocument, keys: tuple[str, ...]) -> None:
+def _check_name(what: str, name: str, document: Document, keys: tuple[str, ...]) -> None:
     if not name.replace("_", "").replace("-", "").isalnum() or name != name.lower():
         raise BadInput(
             f"{what} {name!r} cannot be part of a file name",

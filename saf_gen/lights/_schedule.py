@@ -18,8 +18,8 @@ import numpy as np
 
 from saf_gen.core.config import components, registry
 from saf_gen.core.config.components import Component
+from saf_gen.core.config.document import Document
 from saf_gen.core.config.ranges import RANGE_FORMS, is_range
-from saf_gen.core.config.yaml_document import YamlDocument
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
 
@@ -89,7 +89,7 @@ def build_light(
     return light if offset == 0 and one == 1 else _Combined(light, offset, one)
 
 
-def check_light_groups(lights: Mapping[str, Sequence[str]], document: YamlDocument) -> None:
+def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) -> None:
     """Check the light groups of a scene's card: each with its emitters.
 
     Raises BadInput for a name that cannot be a file of a stack, or that a schedule could not say, for a group
@@ -137,7 +137,7 @@ def split_by_group(schedule: dict[str, Any], where: str = "") -> dict[str, Compo
     return schedule
 
 
-def read_schedule(schedule: dict[str, Any], document: YamlDocument, keys: tuple[str, ...]) -> dict[str, Any]:
+def read_schedule(schedule: dict[str, Any], document: Document, keys: tuple[str, ...]) -> dict[str, Any]:
     """The schedule at these keys of a recipe, checked, as it was written but with its files read.
 
     Raises BadInput with file and line where something does not fit.
@@ -148,7 +148,7 @@ def read_schedule(schedule: dict[str, Any], document: YamlDocument, keys: tuple[
     return {group: _read(part, document, (*keys, group)) for group, part in parts.items()}
 
 
-def _read(part: Component, document: YamlDocument, keys: tuple[str, ...]) -> Component:
+def _read(part: Component, document: Document, keys: tuple[str, ...]) -> Component:
     return components.read_component("lights", part, document, keys, common=COMMON_KEYS, build=_without_scene)
 
 

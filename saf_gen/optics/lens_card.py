@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from saf_gen.core.config.yaml_document import FrozenModel
+from saf_gen.core.config.document import FrozenModel
 from saf_gen.optics._drive import Drive
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive

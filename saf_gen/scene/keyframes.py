@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from pydantic import Field, model_validator
 
-from saf_gen.core.config.yaml_document import FrozenModel
+from saf_gen.core.config.document import FrozenModel
 
 __all__ = ["Keyframe", "RigidMotion", "Vector"]
 

@@ -15,8 +15,9 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from saf_gen.core import seeds
+from saf_gen.core.config.document import FrozenModel, validate
 from saf_gen.core.config.ranges import check_parameter, draw_value
-from saf_gen.core.config.yaml_document import FrozenModel, read_model
+from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
 from saf_gen.lights._schedule import RESERVED_GROUP_NAMES, check_light_groups
 from saf_gen.optics import Drive
@@ -210,7 +211,8 @@ def load_scene_folder(folder: Path) -> Scene:
 
 def _read(folder: Path) -> Scene:
     path = folder / CARD_FILE
-    card, document = read_model(SceneCard, path)
+    document = read_yaml(path)
+    card = validate(SceneCard, document)
     if card.id != folder.name:
         raise BadInput(
             f"id is {card.id!r}", where=document.locate("id"), allowed=f"{folder.name}, as the folder"

@@ -17,7 +17,7 @@ from pydantic import ConfigDict, Field, ValidationError
 
 from saf_gen.benchmark.records import MAX_COUNT, MAX_SECONDS_OR_TRAVELS
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
-from saf_gen.core.config.yaml_document import FrozenModel
+from saf_gen.core.config.document import FrozenModel
 from saf_gen.errors import BadInput, closest, unknown
 
 __all__ = ["Prediction", "PredictionSet", "read_predictions"]

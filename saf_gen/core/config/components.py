@@ -10,8 +10,8 @@ from typing import Any
 
 from saf_gen.core import seeds
 from saf_gen.core.config import registry
+from saf_gen.core.config.document import Document, Key
 from saf_gen.core.config.ranges import draw_value, extreme_values, is_range
-from saf_gen.core.config.yaml_document import Key, YamlDocument
 from saf_gen.core.csv_table import read_text_beside
 from saf_gen.errors import BadInput, SafGenError, unknown
 
@@ -23,7 +23,7 @@ Component = dict[str, Any]
 def read_component(
     plugin_kind: str,
     part: Any,
-    document: YamlDocument,
+    document: Document,
     keys: tuple[Key, ...],
     *,
     common: Iterable[str] = (),
@@ -69,7 +69,7 @@ def read_component(
     return {"kind": kind, **options}
 
 
-def _with_text(value: Any, document: YamlDocument, where: str) -> Any:
+def _with_text(value: Any, document: Document, where: str) -> Any:
     """The path of a file, or each of a choice, with its text: what a sequence is made from goes with it."""
     if is_range(value) and isinstance(value.get("choice"), list):
         return {"choice": [_with_text(one, document, where) for one in value["choice"]]}

@@ -1,0 +1,95 @@
+"""JSON files read strictly: manifests, records, predictions, tuned methods."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+from saf_gen.core.config.document import Document, Key, Lines, read_text
+from saf_gen.errors import BadInput
+
+__all__ = ["parse_json", "read_json"]
+
+TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
+CONSTANTS = ("NaN", "Infinity", "-Infinity")
+
+
+def read_json(path: str | Path, *, hint: str = "") -> Document:
+    """Read a JSON file.
+
+    Raises BadInput, with ``hint`` as the next step, for a missing or unreadable file, broken JSON, NaN or an
+    infinity, a key given twice, or nesting too deep for Python.
+    """
+    return parse_json(read_text(Path(path), hint=hint), path, hint=hint)
+
+
+def parse_json(text: str, path: str | Path, *, first_line: int = 1, hint: str = "") -> Document:
+    """Read JSON text that begins in line ``first_line`` of the file ``path``; raises as :func:`read_json`."""
+    path = Path(path)
+    try:
+        data = json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse)
+    except json.JSONDecodeError as error:
+        where = f"{path}:{error.lineno + first_line - 1}"
+        raise BadInput(f"this is not JSON: {error.msg}", where=where, hint=hint) from error
+    except RecursionError:
+        raise BadInput("this is nested too deep", where=f"{path}:{first_line}", hint=hint) from None
+    except ValueError as error:
+        problem, line = _refusal(text, first_line)
+        raise BadInput(problem, where=f"{path}:{line}", hint=hint) from error
+    return Document(data, path, find_lines=lambda: _find_lines(text, first_line))
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key stands twice")
+    return found
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(constant)
+
+
+def _refusal(text: str, line: int) -> tuple[str, int]:
+    """Return what JSON's grammar allows or Python can read and we refuse, and its line."""
+    seen = set()
+    for keys, at, token in _walk(text, line):
+        if token == ":" and keys in seen:
+            return f"the key {keys[-1]!r} stands twice", at
+        if token in CONSTANTS:
+            return f"{token} is not a number of JSON", at
+        if len(token) > 4000 and token.lstrip("-").isdigit():
+            return f"{token[:12]}… has too many digits", at
+        seen.add(keys)
+    return "this is not JSON", line
+
+
+def _find_lines(text: str, line: int) -> Lines:
+    lines: dict[tuple[Key, ...], int] = {}
+    for keys, at, _ in _walk(text, line):
+        lines.setdefault(keys, at)
+    return lines
+
+
+def _walk(text: str, line: int) -> Iterator[tuple[tuple[Key, ...], int, str]]:
+    """Yield the path and line of every key (with ':') and of every value (with its first token).
+
+    The text must be JSON at least up to where the caller stops.
+    """
+    keys: list[Any] = []  # None where the key of an object is still to come
+    end = 0
+    for match in TOKEN.finditer(text):
+        line += text.count("\n", end, match.start())
+        token, end = match[0], match.start()
+        if token in "}]":
+            keys.pop()
+        elif token == ",":
+            keys[-1] = keys[-1] + 1 if isinstance(keys[-1], int) else None
+        elif token != ":" and keys and keys[-1] is None:
+            keys[-1] = json.loads(token)
+            yield tuple(keys), line, ":"
+        elif token != ":":
+            yield tuple(keys), line, token
+            if token in "{[":
+                keys.append(None if token == "{" else 0)
