@@ -86,7 +86,7 @@ def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, samples
         {"sky": {"type": "constant", "radiance": 3.0}}, ("sky",), 2
     )
     stack = render_stack_once(
-        replace(setup, world=sky, integrator=integrator), positions=9, samples=samples, seed=1
+        replace(setup, mitsuba_scene=sky, integrator=integrator), positions=9, samples=samples, seed=1
     )
     assert stack == pytest.approx(3.0, rel=1e-5)
 

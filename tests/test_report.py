@@ -22,7 +22,7 @@ from saf_gen.leaderboard.report.worst_answers import MAX_ANSWERS
 
 pytestmark = pytest.mark.slow
 
-ASSETS = Path(__file__).parent.parent / "saf_gen/report/assets"
+ASSETS = Path(__file__).parent.parent / "saf_gen/leaderboard/report/assets"
 VOID = {"meta", "img", "br", "input"}
 NASTY = "<script>alert('$x')</script>&\"{}/../ü"
 

@@ -136,10 +136,10 @@ def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
         film.encode_until(400, readout_positions(motion, 800, stream.readout_hz))
         # The same light, through other paths: as many spikes, not the same ones.
         assert film.window(0, 400).mean() == pytest.approx(stream.counts(0, 400, region).mean(), rel=0.01)
-        assert ClosedLoopProtocol(get_actuator("voice_coil")).frames(take)[0] == 400
+        assert ClosedLoopProtocol(get_actuator("voice_coil")).count_frames(take)[0] == 400
         allowed = r"0\.8 to 20 ms, as long as its time slices hold all focus positions"
         with pytest.raises(BadInput, match=f"a budget of 30 ms.*{allowed}"):
-            ClosedLoopProtocol(get_actuator("voice_coil"), budget_s=0.03).frames(take)
+            ClosedLoopProtocol(get_actuator("voice_coil"), budget_s=0.03).count_frames(take)
         (job,) = list_sequence_tasks(folder, None, None)
         setting = ClosedLoopSequence.from_stream(job, stream, "target")
         assert setting.data != stream.content_sha256
