@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from small import HERE, SCENES, SMALL_RECIPE
+from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 
 @pytest.fixture

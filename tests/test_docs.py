@@ -25,7 +25,7 @@ import pytest
 import typer
 import yaml
 from pydantic import BaseModel, TypeAdapter
-from small import HERE, SCENES
+from small_dataset import HERE, SCENES
 
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.camera import get_sensor, sensor_names

@@ -1,0 +1,568 @@
+"""The checks of a scene, each against a fault that was planted for it, and figures against closed forms."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from scipy.special import j1
+from small_dataset import SCENES
+from written_scenes import needs_llvm, write_scene
+
+from saf_gen.authoring import checks
+from saf_gen.authoring.checks import SceneUnderTest, check_scene
+from saf_gen.authoring.checks.licence import check_licence
+from saf_gen.authoring.checks.target_detail import measure_detail
+from saf_gen.authoring.checks.target_motion import find_fastest_shape
+from saf_gen.authoring.template import create_scene
+from saf_gen.camera import get_sensor
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.render import backend
+from saf_gen.scene.scene_folder import find_scene
+from saf_gen.stack.focal_stack import FocalStack, StackSpec
+
+pytestmark = pytest.mark.slow
+
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+
+
+@pytest.fixture
+def skeleton(tmp_path, monkeypatch):
+    """The skeleton of a script, no family, as ``mine``; gives a function that edits it and finds it."""
+    monkeypatch.chdir(tmp_path)
+    create_scene("mine", tmp_path / "scenes")
+    folder = tmp_path / "scenes/mine"
+    card = folder / "scene.yaml"
+    text = re.sub(r"tilt_deg: .*", "tilt_deg: 0", card.read_text())
+    card.write_text(re.sub(r"square_mm: .*", "square_mm: 2", text))
+
+    def edit(*pairs):
+        for old, new in pairs:
+            at = [p for p in (card, folder / "scene.py") if old in p.read_text()]
+            assert len(at) == 1, old
+            at[0].write_text(at[0].read_text().replace(old, new))
+        return find_scene("mine")
+
+    return edit
+
+
+@pytest.fixture
+def sensor():
+    """The middle of the vidar_400x250: pixels of its size, but few of them."""
+    return get_sensor("vidar_400x250", rows=64, columns=100)
+
+
+@pytest.fixture
+def sensor_file(tmp_path, small_sensor):
+    """The same as a file."""
+    text = re.sub(
+        r"rows: \d+\ncolumns: \d+\npitch_m: .*",
+        "rows: 64\ncolumns: 100\npitch_m: 2.0e-5",
+        small_sensor.read_text(),
+    )
+    path = tmp_path / "crop.yaml"
+    path.write_text(text)
+    return path
+
+
+def found(scene, sensor, check):
+    """Level and text of one check's findings."""
+    run = getattr(checks, f"check_{check}")
+    return [(f.level, f.text) for f in run(SceneUnderTest(scene, sensor, VARIANT))]
+
+
+def ends_with(scene, sensor):
+    """Check, level and text of the last finding of all checks."""
+    last = list(check_scene(scene, sensor, variant=VARIANT))[-1]
+    return last.check, last.level, last.text
+
+
+def only(scene, sensor, check):
+    """The one finding of a check that is not ok."""
+    (bad,) = [(level, text) for level, text in found(scene, sensor, check) if level != "ok"]
+    return bad
+
+
+# --- licence and source -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("licence", "level", "told"),
+    [
+        ("Apache-2.0", "ok", "Apache-2.0"),
+        ("MIT OR Apache-2.0", "ok", "MIT OR Apache-2.0"),
+        ("CC-BY-NC-4.0", "warning", "forbids some uses or changes"),
+        ("CC BY 4.0", "warning", "CC is no SPDX name of an open licence that is known here"),
+        ("Apache2", "warning", "did you mean Apache-2.0?"),
+        ("''", "error", "licence is empty: name one that lets others use the scene"),
+    ],
+)
+def test_the_licence_is_one_that_lets_others_use_the_scene(skeleton, licence, level, told):
+    finding = next(check_licence(skeleton(("licence: CC-BY-4.0", f"licence: {licence}"))))
+    assert finding.level == level
+    assert told in finding.text
+
+
+@pytest.mark.parametrize(
+    ("source", "words", "level", "told"),
+    [
+        ("SOURCE.md", "Made by hand of nothing but a pencil, here, this very year.", "ok", "SOURCE.md"),
+        ("SOURCE.md", "", "warning", "SOURCE.md says hardly anything: write in it who made each mesh"),
+        ("ORIGIN.md", "", "error", "ORIGIN.md does not exist"),
+        ("made here", "", "ok", "made here"),
+        ("''", "", "error", "source is empty: name SOURCE.md"),
+    ],
+)
+def test_the_source_is_told(skeleton, source, words, level, told):
+    scene = skeleton(("source: SOURCE.md", f"source: {source}"))
+    (scene.folder / "SOURCE.md").write_text(words)
+    finding = list(check_licence(scene))[1]
+    assert finding.level == level
+    assert told in finding.text
+
+
+def test_a_picture_that_nobody_explains_is_told(skeleton):
+    scene = skeleton(("source: SOURCE.md", "source: made here"))
+    shutil.copy(SCENES / "workbench/textures/print.png", scene.folder / "photo.png")
+    assert "photo.png is not explained" in list(check_licence(scene))[1].text
+
+
+# --- geometry and units -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("pair", "told"),
+    [
+        (("target: [card]", "target: [cart]"), "unknown target shape 'cart'.*did you mean 'card'"),
+        (("lamp: [lamp]", "lamp: [lump]"), "unknown emitter of light group 'lamp': 'lump'"),
+        (('"type": "rectangle",  # from', '"type": "rectangel",  # from'), "Mitsuba cannot load the scene"),
+        (("    t = mi", "    t = nix"), "scene.py failed: NameError"),
+    ],
+)
+def test_geometry_that_cannot_be_built_ends_the_checks(skeleton, sensor, pair, told):
+    check, level, text = ends_with(skeleton(pair), sensor)
+    assert (check, level) == ("geometry", "error")
+    assert re.search(told, text)
+
+
+IN_MM = (
+    ("WIDTH_M = 0.1\n", "WIDTH_M = 100.0\n"),
+    ("TEXEL_M = 0.0001", "TEXEL_M = 0.1"),
+    ('["square_mm"] / 1000', '["square_mm"]'),
+    ("translate([0, 0, -0.2]).scale(0.5)", "translate([0, 0, -200]).scale(500)"),
+    ("origin=[0.3, 0.3, 0.6]", "origin=[300, 300, 600]"),
+    (".scale(0.08)", ".scale(80)"),
+)
+
+
+def test_a_camera_in_millimetres_is_told_with_its_factor(skeleton, sensor):
+    scene = skeleton(("origin_m: [0, 0, 0.5]", "origin_m: [0, 0, 500]"))
+    check, level, text = ends_with(scene, sensor)
+    assert (check, level) == ("reach", "error")
+    assert "if camera.origin_m is in millimetres, multiply it and look_at_m by 0.001" in text
+
+
+def test_geometry_in_millimetres_is_told_with_its_factor(skeleton, sensor):
+    """Its card 0.1 m off the world's origin, so that the unit moves it out of reach."""
+    away = ("t.rotate([0, 1, 0], params", "t.translate([0, 0, 50]).rotate([0, 1, 0], params")
+    scene = skeleton(*IN_MM, away, ("origin_m: [0, 0, 0.5]", "origin_m: [0, 0, 0.55]"))
+    check, level, text = ends_with(scene, sensor)
+    assert (check, level) == ("reach", "error")
+    assert "if the geometry is in millimetres, write unit_m: 0.001 on the card" in text
+    mended = skeleton(("id: mine", "unit_m: 0.001\nid: mine"))
+    assert {level for level, _ in found(mended, sensor, "reach")} == {"ok"}
+
+
+def test_a_small_target_is_told(skeleton, sensor):
+    level, text = only(skeleton(("WIDTH_M = 0.1\n", "WIDTH_M = 0.006\n")), sensor, "units")
+    assert level == "warning"
+    assert "pixels are little to focus on, move the camera nearer" in text
+
+
+def test_sizes_and_distances_are_told(skeleton, sensor):
+    ((level, text),) = found(skeleton(), sensor, "units")
+    assert level == "ok"
+    assert "target 100 × 100 × 0 mm, 0.5 m away" in text
+
+
+# --- reach and family ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("travel", "level", "told"),
+    [
+        ("[0.9, 0.6]", "error", "out of the lens's reach"),
+        ("[0.9, 0.49]", "warning", "widen focus_range_m, the focus lies at the end of the travel"),
+        ("[0.51, 0.49]", "warning", "never much blurred, open the lens or widen focus_range_m"),
+    ],
+)
+def test_a_travel_that_does_not_fit_is_told(skeleton, sensor, travel, level, told):
+    scene = skeleton(("[0.65, 0.40]", travel))
+    findings = [f for f in check_scene(scene, sensor, variant=VARIANT) if f.check == "reach"]
+    assert [f.level for f in findings] == [level]
+    assert told in findings[0].text
+
+
+def test_the_positions_that_recipes_need_are_told(skeleton, sensor):
+    """No farther apart than half the depth of focus."""
+    scene = skeleton()
+    ((_, text),) = found(scene, sensor, "reach")
+    positions = int(re.search(r"focus.positions: (\d+)", text)[1])
+    subject = SceneUnderTest(scene, sensor, VARIANT)
+    low, high = subject.depth_of_focus
+    assert 1 / (positions - 1) <= (high - low) / 2 < 2 / (positions - 1)
+
+
+def test_a_member_of_the_family_out_of_reach_is_named(skeleton, sensor):
+    """0.66 to 0.69 m away, where the lens reaches 0.65 m."""
+    script = ("t.rotate([0, 1, 0], params", 't.translate([0, 0, params["z"]]).rotate([0, 1, 0], params')
+    scene = skeleton(script, ("square_mm: 2", "square_mm: 2\n  z: {uniform: [-0.19, -0.16]}"))
+    told = [
+        text for level, text in found(scene.with_params({"z": 0.0}), sensor, "family") if level == "error"
+    ]
+    assert len(told) == 3
+    assert re.match(r"with z -0\.1\d+: the target is .* out of the lens's reach.*narrow the ranges", told[0])
+
+
+# --- exposure -----------------------------------------------------------------------------------------
+
+
+def test_a_light_group_that_does_not_reach_the_target_is_told(skeleton, sensor):
+    turned = (
+        "look_at(origin=[0.3, 0.3, 0.6], target=[0, 0, 0]",
+        "look_at(origin=[0.3, 0.3, 0.6], target=[9, 9, 9]",
+    )
+    wall = ("translate([0, 0, -0.2]).scale(0.5)", "translate([0, 0, -0.2]).scale(0.01)")
+    text = next(text for level, text in found(skeleton(turned, wall), sensor, "exposure") if level == "error")
+    assert "light group 'lamp' does not reach the target: move its lamps, or remove it" in text
+
+
+def test_the_lux_to_write_are_told_and_compared(skeleton, sensor):
+    """The room alone: 0.5 W m⁻² sr⁻¹ from everywhere the card can see, π·0.5·683 = 1,073 lux."""
+    _, text = found(skeleton(), sensor, "exposure")[0]
+    written = re.search(r"illuminance_lux: \{lamp: ([\d.]+), room: ([\d.]+)\}", text)
+    lamp, room = (float(n) for n in written.groups())
+    assert room == pytest.approx(np.pi * 0.5 * 683, rel=0.02)
+    key = "illuminance_lux: {lamp: %g, room: %g}\ntarget: [card]"
+    scene = skeleton(("target: [card]", key % (lamp, room)))
+    level, text = found(scene, sensor, "exposure")[0]
+    assert level == "ok"
+    assert "as the card says" in text
+    level, text = found(skeleton((f"lamp: {lamp:g},", f"lamp: {2 * lamp:g},")), sensor, "exposure")[0]
+    assert level == "warning"
+    assert f"lux from 'lamp', the card says {2 * lamp:,g}: write illuminance_lux: {{lamp: {lamp:g}" in text
+
+
+def test_light_that_no_lamp_gives_is_told(skeleton, sensor):
+    level, text = found(skeleton(('"radiance": 60.0', '"radiance": 6e5')), sensor, "exposure")[0]
+    assert level == "warning"
+    assert "hardly physical" in text
+
+
+def test_every_scene_here_states_its_light_and_how_well_slices_go_over():
+    cards = [
+        find_scene(p.parent.name).card for p in sorted((SCENES.parent.parent / "scenes").glob("*/scene.yaml"))
+    ]
+    assert [card.id for card in cards if not card.illuminance_lux] == []
+    assert [card.id for card in cards if card.slices_per_s and not card.interpolation_error] == []
+
+
+# --- detail -------------------------------------------------------------------------------------------
+
+
+def test_a_target_without_detail_is_an_error(skeleton, sensor):
+    """One grey, under a sky: the lamp would shade it."""
+    grey = ('"reflectance": printed(params["square_mm"] / 1000)', '"reflectance": 0.5')
+    level, text = found(skeleton(grey, ('"radiance": 60.0', '"radiance": 1e-6')), sensor, "detail")[0]
+    assert level == "error"
+    assert "the target shows next to nothing" in text
+    assert "give it details of 0.38 to 1.9 mm; a pixel sees 0.38 mm" in text
+
+
+def test_a_coarse_texture_is_told(skeleton, sensor):
+    """Texels of 4 mm where a pixel sees 0.38 mm."""
+    coarse = ("np.ones((round(square_m / TEXEL_M),) * 2)", "np.ones((1, 1))")
+    told = found(skeleton(coarse, ("square_mm: 2", "square_mm: 4")), sensor, "detail")
+    (text,) = [text for level, text in told if level == "warning" and "texel" in text]
+    size = float(re.search(r"a texel of the target is ([\d.]+) pixels large: use a picture with", text)[1])
+    assert size == pytest.approx(4 / 0.38, rel=0.05)
+
+
+def planted(signal, noise, seed):
+    """Five positions at 0, 0.25, ...: the picture times ``signal`` of each, and noise of its own."""
+    random = np.random.default_rng(seed)
+    picture = np.random.default_rng(1).standard_normal((200, 200))
+    radiance = np.array([3 + s * picture + noise * random.standard_normal((200, 200)) for s in signal])
+    drive = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
+    spec = StackSpec("plane", "0" * 64, ("all",), drive, 200, 200, 2e-5, 5, 16, 4)
+    everywhere = np.ones((200, 200), dtype=bool)
+    return FocalStack(spec, radiance[None].astype(np.float32), np.ones((200, 200)), everywhere, "none")
+
+
+def test_loss_and_noise_are_those_that_were_planted():
+    """40,000 pixels: noise and loss are known to half a per cent at one sigma; four are allowed."""
+    signal = (0.5, 0.8, 1.0, 0.9, 0.6)
+    shown = measure_detail(planted(signal, 0.3, 2), planted(signal, 0.3, 3), 0.5, 0.25)
+    assert shown.blur_loss == pytest.approx(1 - 0.8**2, abs=0.02)
+    assert shown.noise == pytest.approx(0.3, rel=0.02)
+    assert shown.contrast == pytest.approx(1 / 3, rel=0.02)
+
+
+def test_a_picture_of_noise_alone_has_no_detail():
+    shown = measure_detail(planted((0,) * 5, 0.3, 2), planted((0,) * 5, 0.3, 5), 0.5, 0.25)
+    assert shown.contrast < 0.01  # 0.3/3 of noise, squared, over the root of 40,000: 0.007 at one sigma
+
+
+@needs_llvm
+def test_the_loss_of_stripes_is_that_of_the_discs_transfer(tmp_path, monkeypatch, sensor):
+    """Stripes of eight pixels a period, aslant, blurred by a disc of three: harmonic k falls by 2·J1(x)/x,
+    x = 3π·k/8; a pixel takes its own sinc of each first."""
+    drive = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
+    footprint_m = 20e-6 * 0.5 / float(drive.image_distance(drive.best_position(0.5)))
+    period, slant, periods = 8, np.radians(10), 50
+    texture = f"mi.Bitmap(np.tile(np.array([0.2, 0.8], dtype='float32'), (2, {periods})))"
+    shapes = (
+        "{'plane': {'type': 'rectangle', 'to_world': t.rotate([0, 1, 0], 180).rotate([0, 0, 1], 10)"
+        f".scale({periods * period / 2 * footprint_m}), 'bsdf': {{'type': 'diffuse', 'reflectance':"
+        f" {{'type': 'bitmap', 'raw': True, 'filter_type': 'nearest', 'bitmap': {texture}}}}}}},"
+        " 'sky': {'type': 'constant', 'radiance': 1.0}}"
+    )
+    lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
+    scene = write_scene(
+        tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="plane"
+    )
+    subject = SceneUnderTest(scene, sensor, "llvm")
+    loss = measure_detail(*subject.near_stacks, subject.true_focus, 3 * subject.half_depth_of_focus).blur_loss
+    k = np.arange(1, 400, 2) / period
+    weight = (np.sinc(k * np.cos(slant)) * np.sinc(k * np.sin(slant)) / k) ** 2
+    left = (2 * j1(3 * np.pi * k) / (3 * np.pi * k)) ** 2
+    assert loss == pytest.approx(1 - (weight * left).sum() / weight.sum(), abs=0.02)
+
+
+# --- curve --------------------------------------------------------------------------------------------
+
+
+def test_something_sharper_in_the_box_is_told(skeleton, sensor):
+    """A faint target before a wall of strong print: the box is sharpest where the wall is."""
+    pairs = (
+        ('"reflectance": printed(params["square_mm"] / 1000)', '"reflectance": 0.3'),
+        (
+            '"bsdf": {"type": "diffuse", "reflectance": 0.3},\n        },\n        "lamp"',
+            '"bsdf": {"type": "diffuse", "reflectance": printed(0.02)},\n        },\n        "lamp"',
+        ),
+        ("WIDTH_M = 0.1\n", "WIDTH_M = 0.05\n"),
+        ("WIDTH_M / square_m)", "1.0 / square_m)"),
+        ("TEXEL_M = 0.0001", "TEXEL_M = 0.002"),
+        ("[0.65, 0.40]", "[0.9, 0.40]"),
+    )
+    level, text = found(skeleton(*pairs), sensor, "curve")[0]
+    assert level in ("warning", "error")
+    assert "something else in the target's box is sharper there" in text
+
+
+# --- motion -------------------------------------------------------------------------------------------
+
+MOVES = """motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: %s}]}}
+slices_per_s: %d
+target: [card]"""
+
+
+def moving(skeleton, way, slices=500):
+    return skeleton(("target: [card]", MOVES % (way, slices)))
+
+
+def test_the_speed_of_a_shift_is_the_closed_form(skeleton, sensor):
+    """0.1 m/s across at 0.5 m: v/u of it on the sensor, over the pitch."""
+    subject = SceneUnderTest(moving(skeleton, "[0.1, 0, 0]"), sensor, VARIANT)
+    name, speed = find_fastest_shape(subject, [0.0, 0.5])
+    assert name == "card"
+    assert speed == pytest.approx(0.1 / subject.pixel_footprint_m, rel=1e-3)
+
+
+def test_the_speed_of_a_turn_is_that_of_the_corners(skeleton, sensor):
+    card = MOVES.replace("translate_m: %s", "rotate_deg: %s")
+    subject = SceneUnderTest(skeleton(("target: [card]", card % (90, 500))), sensor, VARIANT)
+    _, speed = find_fastest_shape(subject, [0.5])
+    assert speed == pytest.approx(np.pi / 2 * 0.05 * np.sqrt(2) / subject.pixel_footprint_m, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("way", "slices", "level", "told"),
+    [
+        ("[0.01, 0, 0]", 500, "ok", "in focus from 0.4"),
+        ("[0.12, 0, 0]", 5000, "warning", "the target has left the frame at 0.625 s"),
+        ("[0, 0, 0.16]", 5000, "warning", "out of the lens's reach for a while"),
+        ("[0.05, 0, 0]", 20, "warning", "slices_per_s: 13"),
+    ],
+)
+def test_motion_is_told(skeleton, sensor, way, slices, level, told):
+    assert any(f[0] == level and told in f[1] for f in found(moving(skeleton, way, slices), sensor, "motion"))
+
+
+def test_a_target_that_is_never_there_is_an_error(skeleton, sensor):
+    always = "{time_s: 0, translate_m: [3, 0, 0]}, {time_s: 1, translate_m: [3, 1, 0]}"
+    scene = skeleton(("target: [card]", f"motion: {{card: {{keyframes: [{always}]}}}}\ntarget: [card]"))
+    check, level, text = ends_with(scene, sensor)
+    assert (check, level) == ("reach", "error")
+    assert "is not visible to the camera" in text
+
+
+def test_a_motion_without_slices_and_slices_without_motion_are_told(skeleton, sensor):
+    scene = moving(skeleton, "[0.01, 0, 0]")
+    card = scene.folder / "scene.yaml"
+    text = card.read_text()
+    card.write_text(text.replace("slices_per_s: 500\n", ""))
+    assert "recordings of it stand still: slices_per_s: 26" in only(find_scene("mine"), sensor, "motion")[1]
+    card.write_text(re.sub(r"motion: .*\n", "", text))
+    assert "nothing moves: remove it, or add motion" in only(find_scene("mine"), sensor, "motion")[1]
+
+
+LAMPS = {
+    "spot": "'to_world': t.look_at(origin=[0.1, 0, -0.5], target=[0, 0, 0], up=[0, 1, 0])",
+    "point": "'position': [0.1, 0, -0.5]",
+    "directional": "'to_world': t.look_at(origin=[0.1, 0, -0.5], target=[0, 0, 0], up=[0, 1, 0])",
+}
+GLIDES = "motion: {%s: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.01, 0, 0]}]}}\n"
+
+
+@pytest.fixture
+def lit_by(tmp_path, monkeypatch):
+    """A chequered plane under one lamp; gives a function that makes it, with more of its card."""
+
+    def scene(lamp, more):
+        chequers = "{'type': 'checkerboard', 'to_uv': t.scale(60)}"
+        shapes = (
+            "{'plane': {'type': 'rectangle', 'to_world': t.rotate([0, 1, 0], 180).scale(0.1),"
+            f" 'bsdf': {{'type': 'diffuse', 'reflectance': {chequers}}}}}, 'lamp': {{{lamp}}}}}"
+        )
+        lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
+        made = write_scene(
+            tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="lamp", target="plane"
+        )
+        with (made.folder / "scene.yaml").open("a") as card:
+            card.write(more)
+        return find_scene("made")
+
+    return scene
+
+
+@pytest.mark.parametrize("kind", LAMPS)
+def test_a_lamp_without_a_body_may_move(lit_by, sensor, kind):
+    lamp = f"'type': '{kind}', {LAMPS[kind]}"
+    scene = lit_by(lamp, GLIDES % "lamp" + "slices_per_s: 40\n")
+    assert found(scene, sensor, "motion")[1] == (
+        "ok",
+        "no shape goes anywhere, what moves is 'lamp'; slices_per_s: 40",
+    )
+
+
+def test_a_lamp_that_moves_is_told_where_recordings_stand_still(lit_by, sensor):
+    scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", GLIDES % "lamp")
+    assert only(scene, sensor, "motion")[1] == (
+        "no shape goes anywhere, what moves is 'lamp', but recordings of it stand still: write slices_per_s, "
+        "with which the check measures how well slices go over"
+    )
+
+
+def test_the_fastest_of_a_lamp_and_a_shape_is_the_shape(lit_by, sensor):
+    both = "motion: {lamp: {keyframes: %s}, plane: {keyframes: %s}}\n"
+    moves = "[{time_s: 0}, {time_s: 1, translate_m: [%s, 0, 0]}]"
+    scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", both % (moves % 3, moves % 0.01))
+    subject = SceneUnderTest(scene, sensor, VARIANT)
+    assert find_fastest_shape(subject, [0.5]) == (
+        "plane",
+        pytest.approx(0.01 / subject.pixel_footprint_m, rel=1e-3),
+    )
+
+
+def test_a_scene_in_the_dark_goes_through_all_checks(lit_by, sensor):
+    """It moves, and its one lamp faces away."""
+    lamp = (
+        "'type': 'rectangle', 'to_world': t.translate([0, 0, -0.6]).rotate([0, 1, 0], 180).scale(0.05),"
+        " 'emitter': {'type': 'area', 'radiance': 5.0}"
+    )
+    scene = lit_by(lamp, GLIDES % "plane" + "slices_per_s: 100\n")
+    errors = {f.check: f.text for f in check_scene(scene, sensor, variant=VARIANT) if f.level == "error"}
+    assert errors == {
+        "exposure": "light group 'lamp' does not reach the target: move its lamps, or remove it",
+        "detail": "the target shows next to nothing (contrast 0): give it details of 0.38 to 1.9 mm; "
+        "a pixel sees 0.38 mm",
+        "curve": "the target's box has no sharpness: nothing in it is bright, or all is alike",
+        "slices": "no light comes from the target's box at 0 s, and slices have nothing to be compared with: "
+        "turn a lamp to it, or give the scene light from all sides",
+    }
+
+
+def test_a_scene_that_is_dark_for_a_while_is_measured_where_it_is_not(lit_by, sensor):
+    """A spot that turns away."""
+    turns = (
+        "motion: {lamp: {keyframes: [{time_s: 0}, {time_s: 1, rotate_deg: 90}], axis: [0, 1, 0],"
+        " centre_m: [0.1, 0, -0.5]}}\nslices_per_s: 100\nstill_s: 0\n"
+    )
+    told = found(lit_by(f"'type': 'spot', {LAMPS['spot']}", turns), sensor, "slices")
+    assert [level for level, _ in told] == ["warning", "warning"]
+    assert "no light comes from the target's box at 1 s" in told[0][1]
+    assert "(rms, at 0 s): write interpolation_error" in told[1][1]
+
+
+# --- the command --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def call(capsys):
+    from saf_gen.cli import main
+
+    def run(*args):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main([str(a) for a in args])
+        return stop.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_the_command_prints_a_line_a_finding_and_ends_with_0(call, skeleton, sensor_file):
+    skeleton()
+    code, out, err = call("scenes", "check", "mine", "--sensor", sensor_file, "--variant", VARIANT)
+    assert (code, err) == (0, "")
+    assert all(line.startswith("mine ok ") for line in out.splitlines())
+
+
+def test_the_command_ends_with_1_where_there_is_an_error(call, skeleton, sensor_file):
+    skeleton(("target: [card]", "target: [cart]"))
+    code, out, _ = call("scenes", "check", "mine", "--sensor", sensor_file, "--json", "--variant", VARIANT)
+    assert code == 1
+    last = json.loads(out)[-1]
+    assert (last["scene"], last["check"], last["level"]) == ("mine", "geometry", "error")
+
+
+def test_one_scene_with_a_broken_card_does_not_stop_the_others(call, skeleton, monkeypatch, sensor_file):
+    scene = skeleton(("target: [card]", "target: [cart]"))
+    broken = scene.folder.parent / "broken"
+    broken.mkdir()
+    (broken / "scene.yaml").write_text("id: broken\n")
+    monkeypatch.setattr("saf_gen.scene.scene_folder.scene_names", lambda: ["broken", "mine"])
+    code, out, _ = call("scenes", "check", "--sensor", sensor_file, "--variant", VARIANT)
+    assert code == 1
+    assert "broken error card: " in out
+    assert "mine error geometry: " in out
+
+
+def test_a_scene_that_is_not_there_is_bad_input(call, skeleton):
+    code, _, err = call("scenes", "check", "mein")
+    assert code == 2
+    assert "unknown scene 'mein'" in err
+
+
+@pytest.mark.slow
+def test_a_folder_may_be_named_and_its_script_is_not_run(call, tmp_path, sensor_file):
+    shutil.copytree(SCENES / "workbench", tmp_path / "x/workbench")
+    code, _, err = call(
+        "scenes", "check", tmp_path / "x/workbench", "--sensor", sensor_file, "--variant", VARIANT
+    )
+    assert (code, err) == (0, "")
+    shutil.copytree(SCENES / "plane", tmp_path / "x/plane")
+    code, _, err = call("scenes", "check", tmp_path / "x/plane")
+    assert code == 2
+    assert "scene.py is code, and would be run" in err

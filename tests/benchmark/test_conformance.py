@@ -1,0 +1,220 @@
+"""What every focus measure, search and lens motion must keep, run over whatever is registered.
+
+The checks of measures and searches are the package's own; that each of them bites is shown beside.
+"""
+
+import importlib
+import math
+import random
+import re
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from saf_gen import get_measure, get_motion, get_search
+from saf_gen.benchmark.conformance import check_measure, check_search
+from saf_gen.benchmark.conformance._check_result import CheckFailure
+from saf_gen.benchmark.conformance._declaration_checks import check_class
+from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, gaussian_curve
+from saf_gen.core.config import registry
+from saf_gen.errors import BadInput
+from saf_gen.measures import measure_names
+from saf_gen.motions import readout_positions
+from saf_gen.parts import commands, wants_halves
+from saf_gen.searches import search_names
+
+PAGE = Path(__file__).parents[2] / "docs" / "add-a-method.md"
+DOUBTS = {"sgfs_printed": ["finds a bell"]}  # the paper's algorithm to the letter stops at once
+"""Registered searches that a check warns of, and that are kept as they are."""
+
+
+def amiss(findings):
+    """Findings that are no pass."""
+    return [finding for finding in findings if finding.level != "pass"]
+
+
+def check_motion(motion, *, first=None):
+    """A motion keeps its word: it begins at ``first``, stays in the travel, and does not jump."""
+    check_class(motion)
+    for duration in (0.5, 1.0):
+        times = np.linspace(0, duration, 8001)
+        times.flags.writeable = False
+        position = motion.positions(times, duration)
+        assert position.shape == times.shape, "it does not give a position for each time"
+        assert position.dtype == np.float64, "its positions are no float64"
+        assert np.isfinite(position).all(), "its positions are not finite"
+        assert position.min() >= 0, "it leaves the travel"
+        assert position.max() <= 1, "it leaves the travel"
+        assert np.array_equal(motion.positions(times, duration), position), (
+            "the same times get another motion"
+        )
+        few = motion.positions(times[5::7], duration)
+        assert few == pytest.approx(position[5::7], abs=1e-12), "other readouts see another motion"
+        if first is not None:
+            assert position[0] == pytest.approx(first, abs=1e-9), "it does not begin where it says"
+        widest, half = (np.abs(np.diff(position[::step])).max() for step in (2, 1))
+        assert half <= 0.75 * widest + 1e-12, "it jumps"  # twice as many readouts: steps half as wide
+        assert readout_positions(motion, 800, 800 / duration).shape == (800,)
+
+
+MOTIONS = {
+    "sweep": {"from": 0.9, "to": 0.2},
+    "sweep_and_return": {"from": 0.1, "dwell_s": 0.1},
+    "steps": {"count": 6, "natural_hz": 50.0, "damping": 0.15},
+    "hand": {"reversals": True, "irregularity": 0.9, "bandwidth_hz": 8.0},
+    "from_csv": {"file": {"path": "a.csv", "text": "time_s,position\n0,0.2\n0.3,0.9\n2,0.5\n"}},
+    "hold": {"position": 0.4},
+}
+"""Options that a motion of ours is built with; another's must do without any."""
+
+
+@pytest.mark.parametrize("name", registry.names("motions"))
+def test_a_registered_motion_conforms(name):
+    options = MOTIONS.get(name, {})
+    check_motion(get_motion(name, **options), first=options.get("from"))
+
+
+def test_every_motion_of_ours_is_tried_with_options():
+    assert set(MOTIONS) == registry._own("motions")
+
+
+@pytest.mark.parametrize("name", measure_names())
+def test_a_registered_measure_conforms(name):
+    assert amiss(check_measure(get_measure(name))) == []
+
+
+@pytest.mark.parametrize("name", [n for n in measure_names() if not wants_halves(get_measure(n))])
+def test_a_registered_measure_conforms_on_textures(name):
+    measure = get_measure(f"{name}_tfi")
+    assert amiss(check_measure(measure)) == []
+    assert measure.degree == get_measure(name).degree
+
+
+@pytest.mark.parametrize("name", search_names())
+@pytest.mark.slow
+def test_a_registered_search_conforms(name):
+    found = amiss(check_search(get_search(name)))
+    assert [f for f in found if f.level == "fail"] == []
+    assert [f.check for f in found] == DOUBTS.get(name, [])
+
+
+@pytest.mark.parametrize("refine", ["parabola", "centroid"])
+def test_a_refined_argmax_conforms(refine):
+    assert amiss(check_search(get_search("argmax", refine=refine))) == []
+
+
+def test_the_paper_s_measures_and_searches_are_registered():
+    measures = {"sd", "sd_code", "er_sumsq", "er_count", "gradient_code", "mfdct_code", "mfdct_lee"}
+    assert measures <= set(measure_names())
+    estimating = set("argmax naive egs egs_code sgfs_code sgfs_causal sgfs_printed photon_aware".split())
+    commanding = set("golden_section fibonacci ternary hill_climb rule_based coarse_to_fine".split())
+    assert registry._own("searches") == estimating | commanding
+    assert {name for name in registry._own("searches") if commands(get_search(name))} == commanding
+
+
+# The page for those who add one: what it shows is run as it stands.
+
+
+def shown(language):
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
+
+
+@pytest.fixture
+def package_of_the_page(tmp_path, monkeypatch):
+    """The package that the page describes, as pip would install it; forgotten afterwards."""
+    modules = []
+    for text in shown("python"):
+        name = re.match(r"# (\w+)\.py\n", text)[1]
+        modules.append(name)
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+    project = tomllib.loads(shown("toml")[0])["project"]
+    info = tmp_path / "my_methods-0.1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
+    groups = [
+        "\n".join([f"[{group}]", *(f"{name} = {value}" for name, value in entries.items())])
+        for group, entries in project["entry-points"].items()
+    ]
+    (info / "entry_points.txt").write_text("\n".join(groups))
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.invalidate_caches()
+    registry._offered.cache_clear()
+    registry.plugin_class.cache_clear()
+    yield
+    registry._offered.cache_clear()
+    registry.plugin_class.cache_clear()
+    for name in modules:
+        sys.modules.pop(name, None)
+
+
+def test_the_files_shown_are_complete_short_and_conform(package_of_the_page):
+    assert all(len(text.splitlines()) <= 25 for text in shown("python"))
+    assert {"my_measure", "my_measure_n"} <= set(measure_names())
+    assert {"my_search", "my_lens_search"} <= set(search_names())
+    for name in ("my_measure", "my_measure_n"):
+        assert amiss(check_measure(get_measure(name))) == []
+        assert get_measure(name, apart=2) != get_measure(name)
+    for name in ("my_search", "my_lens_search"):
+        assert amiss(check_search(get_search(name))) == []
+    assert (
+        abs(get_search("my_search", window=50)(SyntheticRecording(gaussian_curve(5000, 0.3))).frame - 1500)
+        <= 25
+    )
+
+
+def test_a_package_that_cannot_be_loaded_is_told_and_breaks_no_other(package_of_the_page, tmp_path):
+    (tmp_path / "my_measure.py").write_text("import a_module_that_is_nowhere\n")
+    assert {"my_measure", "sd", "er_count_n"} <= set(measure_names())
+    assert "my_measure_n" not in measure_names()
+    for name in ("my_measure", "my_measure_n"):
+        with pytest.raises(
+            BadInput, match=r"'my_measure' .*cannot be loaded: .*a_module_that_is_nowhere.*mend or"
+        ):
+            get_measure(name)
+
+
+# Motions broken on purpose: each must be caught, for its own fault.
+
+
+@dataclass(frozen=True)
+class Even:
+    """From one end to the other."""
+
+    def positions(self, seconds, duration_s):
+        return np.asarray(seconds) / duration_s
+
+
+def motion_of(positions=Even.positions, *, frozen=True, **members):
+    members = {"__doc__": "Broken.", "positions": positions} | members
+    return dataclass(frozen=frozen)(type("Broken", (), members))()
+
+
+way = Even.positions
+BROKEN_MOTIONS = {
+    "its dataclass is not frozen": motion_of(frozen=False),
+    "its class has no docstring": motion_of(__doc__=None),
+    "it does not give a position for each time": motion_of(lambda self, t, T: way(self, t, T)[:-1]),
+    "its positions are no float64": motion_of(lambda self, t, T: way(self, t, T).astype(np.float32)),
+    "its positions are not finite": motion_of(lambda self, t, T: way(self, t, T) * math.nan),
+    "it leaves the travel": motion_of(lambda self, t, T: way(self, t, T) * 1.01),
+    "the same times get another motion": motion_of(lambda self, t, T: way(self, t, T) * random.random()),
+    "other readouts see another motion": motion_of(lambda self, t, T: np.linspace(0.1, 1, len(t))),
+    "it does not begin where it says": motion_of(lambda self, t, T: 1 - way(self, t, T)),
+    "it jumps": motion_of(lambda self, t, T: np.floor(4 * way(self, t, T)) / 4),
+}
+
+
+def test_the_motion_that_the_broken_ones_are_made_of_conforms():
+    check_motion(motion_of(), first=0)
+
+
+@pytest.mark.parametrize("fault", BROKEN_MOTIONS)
+def test_a_broken_motion_is_caught(fault):
+    with pytest.raises((AssertionError, CheckFailure), match=fault):
+        check_motion(BROKEN_MOTIONS[fault], first=0)

@@ -1,0 +1,598 @@
+import json
+from dataclasses import replace
+from fractions import Fraction
+
+import h5py
+import numpy as np
+import pytest
+from planted_sweeps import SHAPE, make_spikes, make_truth, write_sweep
+
+from saf_gen.benchmark import evaluate as evaluate_module
+from saf_gen.benchmark.evaluate import evaluate, score_blocks
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
+from saf_gen.benchmark.records import record_to_json
+from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.seeds import make_generator
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard import rank_methods
+from saf_gen.measures import get_measure
+from saf_gen.motions import readout_positions
+from saf_gen.parts import Answer, View
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.stream_file import open_stream, write_stream
+
+PEAK = 300.0
+BRIGHTENING = np.linspace(0.4, 2.0, SHAPE[0])
+
+
+@pytest.fixture(scope="module")
+def stream_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("one") / "sweep.h5"
+    write_sweep(path, PEAK)
+    return path
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    entries = []
+    for split, scene, light, gain in [
+        ("train", "board", "constant", 1.0),
+        ("test", "board2", "constant", 1.0),
+        ("test", "board2", "ramp", BRIGHTENING),
+    ]:
+        name = f"{scene}-{light}-0"
+        (folder / split).mkdir(exist_ok=True)
+        digest = write_sweep(folder / split / f"{name}.h5", PEAK, gain=gain)
+        entries.append(
+            SequenceEntry(
+                id=name,
+                split=split,
+                scene=scene,
+                variant=0,
+                scene_motion="static",
+                lens_motion="sweep",
+                light=light,
+                repeat=0,
+                seed=1,
+                file=f"{split}/{name}.h5",
+                frames=SHAPE[0],
+                fingerprint="f",
+                content_sha256=digest,
+            )
+        )
+    write_manifest(
+        folder, Manifest(name="small", recipe_fingerprint="r", variant="scalar_rgb", sequences=tuple(entries))
+    )
+    return folder
+
+
+def one(path, method, **options):
+    (record,) = evaluate(path, methods=[method], **options).records
+    return record
+
+
+# -- method names ------------------------------------------------------------------------------------
+
+
+def test_a_method_is_a_measure_a_search_and_their_options():
+    method = parse_method("sd_code+argmax:window=50,refine=parabola")
+    assert (method.measure_name, method.search_name) == ("sd_code", "argmax")
+    assert (method.search.window, method.search.refine) == (50, "parabola")
+    assert method.name == "sd_code+argmax:window=50,refine=parabola"
+
+
+def test_every_default_method_exists():
+    assert (
+        len({parse_method(spec).name for spec in DEFAULT_RECORDED_METHODS})
+        == len(DEFAULT_RECORDED_METHODS)
+        == 21
+    )
+
+
+def test_the_code_digest_follows_options_and_parts_and_nothing_else():
+    assert parse_method("sd+argmax").code == parse_method("sd+argmax").code
+    codes = {
+        parse_method(spec).code
+        for spec in ("sd+argmax", "sd+argmax:window=50", "sd_code+argmax", "sd+egs_code")
+    }
+    assert len(codes) == 4
+
+
+@pytest.mark.parametrize("spec", ["sd_code", "sd_code+", "+argmax", "a+b+c", ""])
+def test_a_method_that_is_no_pair_is_refused_with_an_example(spec):
+    with pytest.raises(BadInput, match=r"allowed: MEASURE\+SEARCH.*saf-gen methods"):
+        parse_method(spec)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("sd_cod+argmax", r"method 'sd_cod\+argmax': unknown focus measure 'sd_cod'.*did you mean 'sd_code'"),
+        ("sd_code+egs_cod", r"unknown search 'egs_cod'.*did you mean 'egs_code'"),
+        ("sd_code+argmax:windw=5", r"unknown key.*'windw'.*did you mean 'window'"),
+        ("sd_code+argmax:window", r"option 'window' of method.*allowed: KEY=VALUE"),
+        ("sd_code+argmax:window=many", "window is 'many'"),
+    ],
+)
+def test_a_wrong_name_or_option_is_named_with_the_nearest(spec, message):
+    with pytest.raises(BadInput, match=message):
+        parse_method(spec)
+
+
+# -- one stream ----------------------------------------------------------------------------------------
+
+
+def test_argmax_finds_the_planted_focus_within_a_block(stream_file):
+    record = one(stream_file, "sd+argmax:window=50")
+    assert record.status == "answered"
+    assert abs(record.frame - PEAK) <= 25.5
+    assert record.error_frames == pytest.approx(record.frame - PEAK)
+    assert record.error == pytest.approx(record.error_frames / (SHAPE[0] - 1), abs=1e-6)
+    assert record.error_dof == pytest.approx(record.error / 0.1)
+    assert record.success_1dof is True
+    assert record.windows == 16
+    assert (record.frames_seen, record.frames) == (800, 800)
+    assert record.lens_travel == pytest.approx(1 + (1 - record.position))
+
+
+def test_the_record_carries_the_digest_of_the_stream_and_what_it_is_of(stream_file):
+    record = one(stream_file, "sd+argmax")
+    with open_stream(stream_file) as stream:
+        assert record.data == stream.content_sha256
+    assert (record.sequence, record.scene, record.split, record.light) == ("sweep", "sweep", None, None)
+
+
+def test_the_traces_of_egs_code_come_through_as_they_are(stream_file):
+    trace = one(stream_file, "sd_code+egs_code").trace
+    assert trace[0] == 400  # the midpoint of the 1-based frames 1 ... 800
+    assert abs(trace[-1] - PEAK) < 80
+
+
+def moving(path, lens, *, dof=0.1):
+    """A stream whose contrast follows the lens, sharp at 0.4 of the travel, with what is true of it."""
+    contrast = 0.05 + 0.9 * np.exp(-(((lens - 0.4) / 0.11) ** 2))
+    board = np.where(np.add.outer(np.arange(48) // 4, np.arange(64) // 4) % 2, 1.0, -1.0)
+    rate = 0.25 * (1 + contrast[:, None, None] * board)
+    phase = make_generator("moving").random((48, 64))
+    frames = np.diff(np.floor(phase + np.cumsum(rate, axis=0)), axis=0, prepend=0.0).astype(np.uint8)
+    passed = find_crossings(lens, 0.4)
+    frame = passed[0] if passed.size else float("nan")
+    truth = {"position": 0.4, "depth_of_focus": (0.4 - dof / 2, 0.4 + dof / 2), "frame": frame}
+    write_stream(path, frames, focus_position=lens, truth=truth)
+
+
+MOVED = {
+    "there and back": ({"kind": "sweep_and_return", "dwell_s": 0.005}, True),
+    "backwards": ({"kind": "sweep", "from": 1.0, "to": 0.0}, True),
+    "steps": ({"kind": "steps", "count": 10, "natural_hz": 1500.0, "damping": 0.2}, True),
+    "hand": (
+        {"kind": "hand", "reversals": True, "bandwidth_hz": 150.0, "irregularity": 1.0, "seed": 1},
+        True,
+    ),
+    "hold, sharp": ({"kind": "hold", "position": 0.42}, True),
+    "hold, blurred": ({"kind": "hold", "position": 0.8}, False),
+}
+
+
+@pytest.mark.parametrize(("motion", "in_reach"), MOVED.values(), ids=MOVED)
+def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, in_reach):
+    """All default methods answer, argmax rightly; errors are those of the position and the nearest pass.
+
+    Ours may say of a lens that rests that its curve has no top.
+    """
+    lens = readout_positions(motion, 800, 20_000).astype(np.float32)
+    moving(tmp_path / "s.h5", lens)
+    (*records,) = evaluate(
+        tmp_path / "s.h5", methods=[*DEFAULT_RECORDED_METHODS, "sd+argmax:window=20"]
+    ).records
+    when = find_crossings(lens, 0.4)
+    for record in records:
+        if record.method.endswith("photon_aware") and motion["kind"] == "hold" and record.frame is None:
+            continue
+        assert record.status == "answered"
+        assert record.error == pytest.approx(np.interp(record.frame, np.arange(800), lens) - 0.4, abs=1e-6)
+        assert record.error_dof == pytest.approx(record.error / 0.1)
+        nearest = when[np.abs(when - record.frame).argmin()] if when.size else None
+        assert record.truth_frame == pytest.approx(nearest)
+        assert record.error_frames == (None if nearest is None else pytest.approx(record.frame - nearest))
+    assert records[-1].success_1dof is in_reach
+
+
+def test_a_stream_without_truth_is_searched_with_null_errors(tmp_path):
+    write_sweep(tmp_path / "blind.h5", PEAK, known=False)
+    record = one(tmp_path / "blind.h5", "sd+argmax:window=50")
+    assert abs(record.frame - PEAK) <= 25.5
+    assert record.position == pytest.approx(record.frame / (SHAPE[0] - 1))
+    assert (record.truth, record.error, record.error_frames, record.error_dof) == (None,) * 4
+    assert record.success_1dof is None
+
+
+def test_a_stream_without_a_lens_record_is_searched_too(tmp_path):
+    write_stream(tmp_path / "bare.h5", make_spikes(PEAK))
+    record = one(tmp_path / "bare.h5", "sd+argmax:window=50")
+    assert abs(record.frame - PEAK) <= 25.5
+    assert (record.position, record.error, record.lens_travel) == (None, None, None)
+
+
+def test_nan_never_reaches_json(stream_file):
+    record = replace(one(stream_file, "sd+argmax"), error=float("nan"), trace=(1.0, float("inf")))
+    plain = record_to_json(record)
+    assert plain["error"] is None
+    assert plain["trace"] == [1.0, None]
+    assert json.loads(json.dumps(plain, allow_nan=False)) == plain
+
+
+def test_numpy_numbers_become_plain_ones(stream_file):
+    record = replace(one(stream_file, "sd+argmax"), frame=np.float64(3.5), success_1dof=np.bool_(True))
+    assert json.loads(json.dumps(record_to_json(record)))["frame"] == 3.5
+
+
+@pytest.fixture(scope="module")
+def two_depths(tmp_path_factory):
+    """The target, in the left half, is in focus early; all the rest later."""
+    frames = make_spikes(PEAK)
+    frames[:, :, 32:] = make_spikes(600.0)[:, :, 32:]
+    target = np.zeros(SHAPE[1:], dtype=bool)
+    target[8:40, 36:60] = True
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    path = tmp_path_factory.mktemp("depths") / "two.h5"
+    write_stream(path, frames, focus_position=lens, truth=make_truth(600.0, target=target))
+    return path
+
+
+def test_the_target_region_sees_only_the_box_round_the_target(two_depths):
+    box = one(two_depths, "sd+argmax:window=50")
+    assert box.region == "target"
+    assert abs(box.frame - 600) <= 25.5
+    whole = one(two_depths, "sd+argmax:window=50", region="frame")
+    assert whole.region == "frame"
+
+
+def test_both_regions_are_two_methods_each(two_depths):
+    alone = {region: one(two_depths, "sd+argmax:window=50", region=region) for region in ("target", "frame")}
+    both = evaluate(two_depths, methods=["sd+argmax:window=50", "cen+argmax"], region="both")
+    names = ["sd+argmax:window=50", "cen+argmax", "sd+argmax:window=50@frame", "cen+argmax@frame"]
+    assert [r.method for r in both.records] == names
+    assert [r.region for r in both.records] == ["target", "target", "frame", "frame"]
+    for record, region in ((both.records[0], "target"), (both.records[2], "frame")):
+        assert (record.frame, record.code) == (alone[region].frame, alone[region].code)
+    # What a table sorts by is of the sequence, not of where a method looks.
+    assert alone["target"].mean_rate != alone["frame"].mean_rate
+    assert {record.mean_rate for record in both.records} == {alone["target"].mean_rate}
+    assert {row.method for row in rank_methods(both.records)} == set(names)
+    (sweep,) = both.sweeps
+    assert [curve.measure for curve in sweep.curves] == ["sd", "cen"]
+
+
+def test_a_method_may_say_where_it_looks(two_depths):
+    said = evaluate(two_depths, methods=["sd+argmax", "sd+argmax@frame", "sd+argmax@target"], region="frame")
+    assert {r.method: r.region for r in said.records} == {
+        "sd+argmax": "frame",
+        "sd+argmax@frame": "frame",
+        "sd+argmax@target": "target",
+    }
+    assert parse_method("sd+argmax:window=50@frame").search_name == "argmax"
+    both = evaluate(two_depths, methods=["sd+argmax", "sd+argmax@frame"], region="both")
+    assert [r.method for r in both.records] == ["sd+argmax", "sd+argmax@frame"]
+
+
+def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monkeypatch):
+    run = evaluate_module.run_recorded_sequence
+
+    def breaks(job, methods, region, *rest, **more):
+        if region == "frame" and job.light == "ramp":
+            raise OSError("the disk is gone")
+        return run(job, methods, region, *rest, **more)
+
+    monkeypatch.setattr(evaluate_module, "run_recorded_sequence", breaks)
+    steps = []
+    found = evaluate(dataset, methods=["sd+argmax"], region="both", progress=lambda *told: steps.append(told))
+    assert [failure.problem for failure in found.failures] == ["the disk is gone"]
+    assert {r.light for r in found.records} == {sweep.light for sweep in found.sweeps} == {"constant"}
+    assert steps[-1][:2] == (6, 6)
+
+
+def test_an_at_elsewhere_in_a_method_is_no_region(tmp_path):
+    own = tmp_path / "at@home.py"
+    own.write_text(
+        "from dataclasses import dataclass\n\n\n"
+        "@dataclass(frozen=True)\n"
+        "class Mean:\n"
+        "    tag: str = 'a'\n"
+        "    degree = 1\n"
+        "    source = 'nowhere'\n\n"
+        "    def __call__(self, counts):\n"
+        "        return float(counts.mean())\n"
+    )
+    for name, region in ((f"{own}:Mean:tag=a@b+argmax", ""), (f"{own}:Mean+argmax@frame", "frame")):
+        assert parse_method(name).region == region
+
+
+def test_a_region_that_a_method_cannot_have_is_refused():
+    with pytest.raises(
+        BadInput, match=r"method 'sd\+argmax@fram'.*unknown region 'fram'.*did you mean 'frame'"
+    ):
+        parse_method("sd+argmax@fram")
+
+
+def test_steps_are_counted_once_whatever_the_regions(two_depths):
+    steps = []
+    evaluate(
+        two_depths, methods=["sd+argmax", "cen+argmax"], region="both", progress=lambda *s: steps.append(s)
+    )
+    assert [(done, total) for done, total, _ in steps] == [(n, 4) for n in (1, 2, 3, 4)]
+
+
+def test_without_a_target_the_region_is_the_frame(stream_file):
+    assert one(stream_file, "sd+argmax", region="target").region == "frame"
+
+
+class Abstains:
+    def __call__(self, view):
+        view.score(0, 100)
+        return Answer(None, note="nothing seen")
+
+
+class Breaks:
+    def __call__(self, view):
+        raise ZeroDivisionError("no light")
+
+
+class Outside:
+    def __call__(self, view):
+        return Answer(1e6)
+
+
+def raising(error):
+    def part(given):
+        raise error
+
+    return part
+
+
+def with_search(monkeypatch, search, **more):
+    spec = parse_method("sd+argmax")
+    monkeypatch.setattr(
+        evaluate_module, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more)
+    )
+
+
+def test_an_abstention_is_recorded_apart_from_errors(stream_file, monkeypatch):
+    with_search(monkeypatch, Abstains())
+    record = one(stream_file, "sd+mine")
+    assert (record.status, record.note) == ("abstained", "nothing seen")
+    assert (record.frame, record.error, record.success_1dof) == (None, None, False)
+    assert record.frames_seen == 100
+    assert record.lens_travel == pytest.approx(99 / 799, abs=1e-6)
+
+
+def test_a_method_that_breaks_is_a_failure_with_its_reason(stream_file, monkeypatch):
+    with_search(monkeypatch, Breaks())
+    record = one(stream_file, "sd+mine")
+    assert (record.status, record.note) == ("failed", "ZeroDivisionError: no light")
+    assert (record.frame, record.success_1dof) == (None, False)
+
+
+def test_an_answer_that_is_no_frame_of_the_recording_is_a_failure(stream_file, monkeypatch):
+    with_search(monkeypatch, Outside())
+    record = one(stream_file, "sd+mine")
+    assert record.status == "failed"
+    assert record.note == "answered frame 1000000.0, which was not recorded"
+
+
+@pytest.mark.parametrize(
+    ("search", "note"),
+    [
+        (raising(RuntimeError("two\nlines")), "RuntimeError: two lines"),
+        (raising(AttributeError("counts")), "AttributeError: counts"),
+        (raising(AssertionError()), "AssertionError"),
+        (raising(OSError("no weights")), "OSError: no weights"),
+        (raising(OSError("no /w\udcff.pt")), "OSError: no /w\\udcff.pt"),
+        (lambda view: Answer(5, note="w\udcff"), "its note is 'w\\udcff'; give one line of text"),
+        (raising(BadInput("too dark", where="x")), "BadInput: x: too dark"),
+        (lambda view: 1234.5, "it answers with float 1234.5; return saf_gen.parts.Answer(frame), or "),
+        (lambda view: Answer(5, trace=None), "its trace is None; give a tuple of finite numbers"),
+        (lambda view: Answer(5, trace=(np.nan,)), "its trace is (nan,); give a tuple of finite numbers"),
+        (lambda view: Answer(np.nan), "it answers frame nan; give a finite number, or None to abstain"),
+        (lambda view: Answer(True), "it answers frame True; give a finite number, or None to abstain"),
+        (lambda view: Answer(10**400), "OverflowError: int too large to convert to float"),
+        (lambda view: Answer(position=0.5), "it answers with a place, and does not command the lens; answer"),
+    ],
+)
+def test_whatever_a_method_raises_or_answers_is_its_failure_alone(dataset, monkeypatch, search, note):
+    """A dataset, where an OSError of the data would be a failure of the sequence."""
+    sound = parse_method("sd+argmax")
+    broken = replace(sound, name="sd+mine", search=search)
+    monkeypatch.setattr(evaluate_module, "parse_method", lambda name: broken if name == "sd+mine" else sound)
+    result = evaluate(dataset, methods=["sd+mine", "sd+argmax"], split="test")
+    assert result.failures == ()
+    assert [r.status for r in result.records] == ["failed", "answered"] * 2
+    assert result.records[0].note.startswith(note)
+    assert len(result.records[0].note.splitlines()) == 1
+    assert result.records[0].note.encode("utf-8")  # records are files
+
+
+def test_a_broken_measure_is_a_failure_of_its_method(stream_file, monkeypatch):
+    with_search(monkeypatch, Abstains(), measure=raising(RuntimeError("no light")))
+    record = one(stream_file, "sd+mine")
+    assert (record.status, record.note) == ("failed", "RuntimeError: no light")
+
+
+def test_who_stops_the_contest_stops_it(stream_file, monkeypatch):
+    with_search(monkeypatch, raising(KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt):
+        one(stream_file, "sd+mine")
+
+
+def test_any_kind_of_number_is_an_answer(stream_file, monkeypatch):
+    with_search(monkeypatch, lambda view: Answer(Fraction(601, 2), (np.float32(0.5), 1)))
+    record = one(stream_file, "sd+mine")
+    assert (record.status, record.frame, record.trace) == ("answered", 300.5, (0.5, 1.0))
+
+
+def test_a_recording_that_is_damaged_where_only_a_method_looks_is_no_fault_of_the_method(
+    tmp_path, monkeypatch
+):
+    """The last chunk, 50 frames, is too short for the light to be read in it; no pictures are kept of it."""
+    monkeypatch.setattr(evaluate_module, "THUMBNAIL_SEQUENCES", 0)
+    path = tmp_path / "torn.h5"
+    write_stream(path, make_spikes(20, shape=(20_050, 8, 8)))
+    with h5py.File(path) as file:
+        chunk = file["spikes"].id.get_chunk_info_by_coord((0, 0, 2500))
+    with path.open("r+b") as raw:
+        raw.seek(chunk.byte_offset)
+        raw.write(b"\xff" * chunk.size)
+    with_search(monkeypatch, lambda view: Answer(view.score(0, 1000)))
+    assert one(path, "sd+mine").status == "answered"
+    with_search(monkeypatch, lambda view: Answer(view.score(20_000, 20_050)))
+    with pytest.raises(BadInput, match=r"torn\.h5: is cut short, damaged or cannot be read"):
+        one(path, "sd+mine")
+
+
+def test_a_search_on_a_recording_holds_what_a_view_promises(stream_file, monkeypatch):
+    held = []
+
+    def looks(view):
+        held.append(view)
+        return Answer()
+
+    with_search(monkeypatch, looks)
+    assert one(stream_file, "sd+mine").status == "abstained"
+    promised = {name for name in vars(View) if not name.startswith("_")}
+    assert {name for name in dir(held[0]) if not name.startswith("_")} == promised
+
+
+def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, monkeypatch):
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    write_stream(tmp_path / "out.h5", make_spikes(1200.0), focus_position=lens, truth=make_truth(1200.0))
+    with_search(monkeypatch, Breaks())
+    assert one(tmp_path / "out.h5", "sd+mine").success_1dof is False
+    with_search(monkeypatch, Abstains())
+    assert one(tmp_path / "out.h5", "sd+mine").success_1dof is True
+
+
+def test_two_windows_too_long_for_a_recording_fail_by_name(tmp_path):
+    write_stream(tmp_path / "short.h5", make_spikes(20, shape=(40, 8, 8)))
+    record = one(tmp_path / "short.h5", "sd+argmax")
+    assert record.status == "failed"
+    assert "shorter than one window" in record.note
+
+
+# -- datasets -------------------------------------------------------------------------------------------
+
+
+def test_every_method_meets_every_sequence_in_order(dataset):
+    steps = []
+    out = evaluate(
+        dataset, methods=["sd+argmax", "er_count+argmax"], progress=lambda *step: steps.append(step)
+    )
+    assert [(r.sequence, r.method) for r in out.records] == [
+        (sequence, method)
+        for sequence in ("board-constant-0", "board2-constant-0", "board2-ramp-0")
+        for method in ("sd+argmax", "er_count+argmax")
+    ]
+    assert out.failures == ()
+    assert [done for done, _, _ in steps] == [1, 2, 3, 4, 5, 6]
+    assert {total for _, total, _ in steps} == {6}
+
+
+def test_brightness_fools_the_count_of_spikes_and_not_their_dispersion(dataset):
+    out = evaluate(dataset, methods=["sd+argmax:window=50", "er_count+argmax:window=50"])
+    by = {(r.method.split("+")[0], r.light): r for r in out.records if r.split == "test"}
+    assert by["sd", "ramp"].success_1dof
+    assert by["er_count", "ramp"].frame == 774.5  # the brightest block, at the end
+    assert not by["er_count", "ramp"].success_1dof
+
+
+def test_a_split_picks_its_sequences_and_an_unknown_one_is_named(dataset):
+    assert {r.split for r in evaluate(dataset, methods=["sd+argmax"], split="train").records} == {"train"}
+    with pytest.raises(BadInput, match=r"unknown split 'tset'.*allowed: test, train.*did you mean 'test'"):
+        evaluate(dataset, split="tset")
+
+
+def test_the_curves_are_what_argmax_looked_at(dataset):
+    (sweep,) = evaluate(dataset, methods=["sd+argmax:window=50", "sd+egs_code"], split="train").sweeps
+    (curve,) = sweep.curves
+    with open_stream(dataset / "train" / "board-constant-0.h5") as stream:
+        first, scores = score_blocks(stream, "sd", window=50)
+    np.testing.assert_array_equal(curve.frames, first + 24.5)
+    np.testing.assert_array_equal(curve.scores, scores)
+    assert curve.answer == curve.frames[np.argmax(scores)]
+    assert sweep.rate.mean() == pytest.approx(0.25, rel=0.02)
+
+
+def test_a_sequence_that_cannot_be_read_is_named_and_the_others_go_on(dataset, tmp_path):
+    broken = tmp_path / "copy"
+    (broken / "test").mkdir(parents=True)
+    (broken / "train").mkdir()
+    for file in dataset.rglob("*.*"):
+        data = file.read_bytes()
+        cut = len(data) // 2 if file.name == "board2-constant-0.h5" else len(data)
+        (broken / file.relative_to(dataset)).write_bytes(data[:cut])
+    out = evaluate(broken, methods=["sd+argmax"])
+    assert [r.sequence for r in out.records] == ["board-constant-0", "board2-ramp-0"]
+    (failure,) = out.failures
+    assert failure.sequence == "board2-constant-0"
+    assert "board2-constant-0.h5" in failure.problem
+
+
+def test_a_sequence_that_is_not_the_manifests_is_a_failure(dataset, tmp_path):
+    swapped = tmp_path / "copy"
+    (swapped / "test").mkdir(parents=True)
+    (swapped / "train").mkdir()
+    for file in dataset.rglob("*.*"):
+        (swapped / file.relative_to(dataset)).write_bytes(file.read_bytes())
+    write_sweep(swapped / "train" / "board-constant-0.h5", 500.0)
+    (failure,) = evaluate(swapped, methods=["sd+argmax"]).failures
+    assert failure.sequence == "board-constant-0"
+    assert "not the stream that the manifest names" in failure.problem
+
+
+def test_a_single_stream_that_cannot_be_read_is_bad_input(stream_file, tmp_path):
+    (tmp_path / "cut.h5").write_bytes(stream_file.read_bytes()[:3000])
+    with pytest.raises(BadInput, match=r"cut\.h5"):
+        evaluate(tmp_path / "cut.h5")
+
+
+def test_what_is_not_there_is_said_with_the_way_to_make_it(tmp_path):
+    with pytest.raises(BadInput, match=r"no dataset or stream at .*saf-gen generate"):
+        evaluate(tmp_path / "nothing")
+
+
+def test_an_unknown_region_is_refused(stream_file):
+    with pytest.raises(BadInput, match=r"unknown region 'targt'.*did you mean 'target'"):
+        evaluate(stream_file, methods=["sd+argmax"], region="targt")
+
+
+def test_a_scene_motion_picks_its_sequences_and_another_is_named(dataset, stream_file):
+    assert len(evaluate(dataset, methods=["sd+argmax"], scene_motion="static").records) == 3
+    with pytest.raises(BadInput, match="unknown scene motion 'dynamic'; allowed: static"):
+        evaluate(dataset, methods=["sd+argmax"], scene_motion="dynamic")
+    with pytest.raises(BadInput, match="scene motion 'static' of the single stream"):
+        evaluate(stream_file, methods=["sd+argmax"], scene_motion="static")
+
+
+def test_a_split_of_a_single_stream_is_refused(stream_file):
+    with pytest.raises(BadInput, match="split 'test' of the single stream"):
+        evaluate(stream_file, split="test")
+
+
+# -- score curves ---------------------------------------------------------------------------------------
+
+
+def test_a_score_curve_is_the_measure_of_consecutive_blocks(stream_file):
+    with open_stream(stream_file) as stream:
+        first, scores = score_blocks(stream, "sd", window=150)
+        assert first.tolist() == [0, 150, 300, 450, 600]  # the last 50 frames fill no block
+        sd = get_measure("sd")
+        assert scores.tolist() == [sd(stream.counts(a, a + 150)) for a in first]
+
+
+@pytest.mark.parametrize("window", [0, -1, 801, 2.5])
+def test_a_window_that_fits_no_block_is_refused(stream_file, window):
+    with (
+        open_stream(stream_file) as stream,
+        pytest.raises(BadInput, match=f"window {window}; allowed: 1 to the stream's 800"),
+    ):
+        score_blocks(stream, "sd", window=window)

@@ -1,0 +1,214 @@
+"""Where the focus of a sequence lies: planted sweeps and truths for every bin of the axis, on both tracks."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted_sweeps import make_spikes
+
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge_answer
+from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
+from saf_gen.benchmark.tracks.focus_place import (
+    locate_focus_in_recording,
+    locate_focus_in_travel,
+    truncate_truth,
+)
+from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, list_sequence_tasks
+from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.seeds import make_generator
+from saf_gen.leaderboard import tabulate_by_axis
+from saf_gen.parts import Answer
+from saf_gen.stream.stream_file import Truth, open_stream, write_stream
+
+FRAMES = 800
+UP = np.linspace(0, 1, FRAMES, dtype=np.float32)
+PART = np.linspace(0.5, 1, FRAMES, dtype=np.float32)  # as recipes/saf_bench.yaml has it: from 0.5 to 1
+THERE_AND_BACK = np.concatenate([UP[::2], UP[::-2]]) * np.float32(0.5)
+
+
+def truth(best, dof=0.02, *, lens=None, track=None):
+    passed = math.nan
+    if lens is not None:
+        found = find_crossings(lens - (best if track is None else track), 0.0)
+        passed = float(found[0]) if found.size else math.nan
+    return Truth(position=best, depth_of_focus=(best - dof / 2, best + dof / 2), frame=passed, track=track)
+
+
+PLANTED = [
+    ("early in a part of the travel", PART, 0.52, "first 10 %"),
+    ("the middle of the travel, the beginning of the sweep", PART, 0.501, "first 10 %"),
+    ("in the middle of a part of the travel", PART, 0.72, "middle"),
+    ("late in a part of the travel", PART, 0.98, "last 10 %"),
+    ("where the sweep went the other way", PART[::-1].copy(), 0.98, "first 10 %"),
+    ("just before the beginning", PART, 0.485, "first 10 %"),
+    ("just beyond the end", PART, 1.015, "last 10 %"),
+    ("before the beginning", PART, 0.4, "outside"),
+    ("beyond the end", PART, 1.1, "outside"),
+    ("passed on the way there", THERE_AND_BACK, 0.3, "middle"),
+    ("beyond the turn, and near it", THERE_AND_BACK, 0.51, "middle"),
+    ("beyond the turn", THERE_AND_BACK, 0.6, "outside"),
+    ("where the lens rests", np.full(FRAMES, 0.5, np.float32), 0.51, "first 10 %"),
+]
+
+
+def binned(records):
+    (table,) = (t for t in tabulate_by_axis(records, [records[0].method]) if t.axis.name == "focus_position")
+    (name,) = table.bins
+    return name
+
+
+@pytest.mark.parametrize(("lens", "best", "where"), [p[1:] for p in PLANTED], ids=[p[0] for p in PLANTED])
+def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, where):
+    """Whatever is answered, and outside where an abstention succeeds."""
+    known = truth(best, lens=lens)
+    write_stream(tmp_path / "a.h5", make_spikes(400, shape=(FRAMES, 8, 8)), focus_position=lens, truth=known)
+    lines = (f'{{"method": "m{f}", "sequence": "a", "frame": {f}}}\n' for f in ("null", 5, 700))
+    (tmp_path / "p.jsonl").write_text("".join(lines))
+    abstained, *answered = evaluate(
+        tmp_path / "a.h5", methods=[], predictions=tmp_path / "p.jsonl", region="frame"
+    ).records
+    assert binned([abstained]) == where
+    assert {binned([r]) for r in answered} == {where}
+    assert abstained.success_1dof is (where == "outside")
+    assert not (where == "outside" and any(r.success_1dof for r in answered))
+
+
+@pytest.mark.parametrize(
+    ("best", "where"),
+    [
+        (0.05, (0.05, 0.0)),
+        (0.5, (0.5, 0.0)),
+        (0.95, (0.95, 0.0)),
+        (-0.015, (0.0, 0.75)),
+        (1.015, (1.0, 0.75)),
+        (-0.03, (None, 1.5)),
+        (1.03, (None, 1.5)),
+    ],
+)
+def test_in_the_closed_loop_it_lies_in_the_travel_wherever_the_recording_went(best, where):
+    """Out of the travel by more than 1 depth of focus is where the loop's abstention succeeds."""
+    known = truth(best, lens=PART)
+    place, off = locate_focus_in_travel(known)
+    assert (place, off) == (where[0], pytest.approx(where[1]))
+    run = ClosedLoopRun(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
+    verdict = judge_closed_loop_run(run, known, 20_000)
+    assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == tuple(
+        verdict[f"success_{name}"] for name in ("half_dof", "1dof", "2dof")
+    )
+
+
+def test_a_focus_that_moves_lies_where_the_lens_first_meets_it():
+    """It goes from 0.9 to 0.1 of the travel while the lens goes up: they meet in the middle."""
+    track = np.linspace(0.9, 0.1, FRAMES)
+    known = truth(0.5, lens=UP, track=track)
+    place, off = locate_focus_in_recording(known, UP)
+    assert place == pytest.approx(0.5, abs=1e-3)
+    assert off == pytest.approx(0, abs=0.1)
+    assert locate_focus_in_travel(known) == (0.5, 0.0)
+    away = truth(1.5, lens=UP, track=np.linspace(1.6, 1.4, FRAMES))
+    assert locate_focus_in_recording(away, UP)[0] is None
+    assert locate_focus_in_travel(away) == (None, pytest.approx(20))
+
+
+def test_the_pass_that_the_stream_names_is_the_first():
+    """Of a target that was out of sight before: see saf_gen.stack.true_focus."""
+    both = replace(truth(0.3), frame=700.0)
+    assert locate_focus_in_recording(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
+
+
+@pytest.mark.parametrize(
+    ("known", "lens"),
+    [
+        (Truth(), UP),
+        (truth(0.5), None),
+        (truth(0.5), np.zeros(0, np.float32)),
+        (truth(0.5), np.where(UP > 0.9, np.nan, UP)),
+        (truth(0.5, track=np.full(FRAMES, np.nan)), UP),
+    ],
+    ids=["no truth", "no lens", "no frame", "a lens with gaps", "a track with gaps"],
+)
+def test_where_nobody_knows_nothing_is_said(known, lens):
+    assert locate_focus_in_recording(known, lens) == (None, None)
+
+
+def test_without_a_truth_nothing_is_said_of_the_travel_either():
+    assert (
+        locate_focus_in_travel(Truth())
+        == locate_focus_in_travel(truth(0.5, track=np.full(9, np.nan)))
+        == (None, None)
+    )
+
+
+def test_without_a_depth_of_focus_only_what_is_met_is_known():
+    met, never = Truth(position=0.75), Truth(position=0.2)
+    assert locate_focus_in_recording(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
+    assert locate_focus_in_recording(never, PART) == (None, None)
+    assert locate_focus_in_travel(met) == (0.75, 0.0)
+    assert locate_focus_in_travel(Truth(position=1.2)) == (None, None)
+
+
+def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
+    """300 random lenses, truths and tracks, seed named here: the rule of saf_gen.benchmark.judgement.judge,
+    exactly."""
+    random, seen = make_generator("test_reach", "judge"), set()
+    for _ in range(300):
+        lens = np.cumsum(random.normal(0, 0.01, 60)) + random.uniform(0, 1)
+        lens = lens.astype(np.float32)
+        drift = np.linspace(0, random.uniform(-0.3, 0.3), 60)
+        track = random.uniform(0, 1) + drift if random.random() < 0.3 else None
+        known = truth(float(random.uniform(-0.3, 1.3)), dof=float(random.uniform(0.01, 0.2)), track=track)
+        place, off = locate_focus_in_recording(known, lens)
+        verdict = judge_answer(
+            None, frames_seen=60, focus_position=lens, truth=known.position, track=track,
+            truth_frame=known.frame, ends=known.depth_of_focus,
+        )  # fmt: skip
+        assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == verdict.success
+        assert (place is None) == verdict.success[1]
+        seen.add(verdict.success)
+    assert len(seen) == 4
+
+
+def test_both_tracks_say_it_of_a_sequence(tmp_path):
+    """The fields of a record, from the stream."""
+    known = truth(0.52, lens=PART)
+    write_stream(tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=PART, truth=known)
+    (job,) = list_sequence_tasks(tmp_path / "a.h5")
+    with open_stream(job.path) as stream:
+        recorded, live = (
+            describe_sequence(job, stream, (np.zeros(1), np.ones(1)), t) for t in ("recorded", "closed_loop")
+        )
+    assert recorded["focus_place"] == pytest.approx(0.04, abs=2e-3)
+    assert (live["focus_place"], live["focus_off_dof"]) == (0.52, 0.0)
+    assert (recorded["track"], live["track"]) == ("recorded", "closed_loop")
+
+
+def test_of_a_closed_loop_only_its_frames_count(tmp_path):
+    """A ramp from 1 to 4 and a target that drifts from 0.2 to 0.8, the first 200 of 800 frames of them."""
+    drift, ramp = np.linspace(0.2, 0.8, FRAMES), np.linspace(1, 4, FRAMES, dtype=np.float32)
+    known = Truth(position=0.5, frame=400.0, depth_of_focus=(0.49, 0.51), track=drift)
+    write_stream(
+        tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=UP, truth=known,
+        gain=ramp[:, None], light_names=("lamp",),
+    )  # fmt: skip
+    (job,) = list_sequence_tasks(tmp_path / "a.h5")
+    light = np.arange(FRAMES) + 0.5, ramp / 10
+    with open_stream(job.path) as stream:
+        said, first = (describe_sequence(job, stream, light, "closed_loop", frames=n) for n in (None, 200))
+    assert (said["focus_place"], said["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
+    assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
+    assert first["light_ratio"] == pytest.approx(ramp[199], rel=1e-3)
+    assert first["mean_rate"] == pytest.approx(ramp[:200].mean() / 10)
+
+
+def test_a_focus_that_comes_into_reach_later_is_outside_until_then():
+    comes = truth(0.9, track=np.linspace(1.3, 0.9, FRAMES))
+    assert locate_focus_in_travel(comes) == (0.9, 0.0)
+    place, off = locate_focus_in_travel(truncate_truth(comes, 200))
+    assert place is None
+    assert off > SUCCESS_LIMITS_DOF[1]
+    assert truncate_truth(comes, FRAMES) is comes
+    met = replace(comes, frame=100.0)
+    assert truncate_truth(met, 200).position == 0.9

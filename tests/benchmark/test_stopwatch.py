@@ -1,0 +1,240 @@
+"""What of a run is a method's time: its search, its measure, its textures; by a clock that the parts turn."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from in_memory_stream import InMemory
+
+from saf_gen.benchmark.method_spec import Method
+from saf_gen.benchmark.tracks import closed_loop_run
+from saf_gen.benchmark.tracks.search_run import run_search
+from saf_gen.benchmark.view import RecordingView, WindowCounts, interval_texture, stopwatch, window_counts
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError
+from saf_gen.benchmark.view.running_camera import RunningCamera
+from saf_gen.benchmark.view.stopwatch import Stopwatch
+from saf_gen.measures import get_measure
+from saf_gen.optics.actuators import get_actuator
+from saf_gen.parts import Answer
+
+THINKS, SCORES, LOOKS_UP, COUNTS, READS, ENCODES, DRIVES = 1.0, 16.0, 256.0, 4e3, 6e4, 1e6, 1.6e7
+COMPILES = 2.5e8
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Stands still unless a part turns it."""
+
+    class Clock:
+        now = 0.0
+
+        def takes(self, seconds, call):
+            """The call, after so many seconds."""
+
+            def late(*given, **more):
+                self.now += seconds
+                return call(*given, **more)
+
+            late.signatures = getattr(call, "signatures", [])  # of a compiled loop
+            return late
+
+    clock = Clock()
+    monkeypatch.setattr(stopwatch, "perf_counter", lambda: clock.now)
+    return clock
+
+
+def slow_counts(clock):
+    stream = InMemory(800, 4, 6)
+    stream.counts, stream.packed = clock.takes(COUNTS, stream.counts), clock.takes(READS, stream.packed)
+    return WindowCounts(stream)
+
+
+def slow_search(clock, *windows, answers=None):
+    """Thinks before each look and before it answers."""
+
+    def search(view):
+        for first, stop in windows:
+            clock.now += THINKS
+            view.score(first, stop)
+        clock.now += THINKS
+        return answers or Answer(400.0)
+
+    return search
+
+
+class SlowFilm:
+    """A camera that takes its time, and shows nothing."""
+
+    shape, frames, textures_s = (4, 6), 0, 0.0
+
+    def __init__(self, clock):
+        self.clock = clock
+
+    def encode_until(self, stop, position):
+        self.clock.now += ENCODES
+        self.frames = stop
+
+    def window(self, first, stop):
+        self.clock.now += COUNTS
+        return np.ones(self.shape, np.uint32)
+
+
+def slow_live(clock, *, budget=800):
+    live = RunningCamera(
+        SlowFilm(clock), clock.takes(SCORES, np.mean), get_actuator("ideal"), start=0.0, seed=1,
+        budget=budget, readout_hz=20_000.0,
+    )  # fmt: skip
+    live._lens.run = clock.takes(DRIVES, live._lens.run)
+    return live
+
+
+def test_a_stopwatch_adds_up_what_calls_took_those_that_raise_too(clock):
+    watch = Stopwatch()
+    assert watch.time(clock.takes(2, max), [3, 5], key=lambda x: -x) == 3
+    with pytest.raises(ZeroDivisionError):
+        watch.time(clock.takes(4, lambda: 1 / 0))
+    clock.now += 8
+    assert watch.seconds == 6
+
+
+def test_on_a_recording_search_and_measure_are_paid_and_counting_is_not(clock):
+    recording = RecordingView(slow_counts(clock), clock.takes(SCORES, np.mean))
+    answer, problem = run_search(slow_search(clock, (0, 100), (50, 800)), recording, scorer=recording.scorer)
+    assert (answer.frame, problem) == (400.0, "")
+    assert clock.now > COUNTS
+    assert recording.seconds == 3 * THINKS + 2 * SCORES
+
+
+def test_a_method_pays_nothing_for_what_others_looked_at(clock):
+    counts = slow_counts(clock)
+    first, second = (RecordingView(counts, np.mean) for _ in range(2))
+    first.score(0, 100)
+    run_search(slow_search(clock), second, scorer=second.scorer)
+    assert (first.seconds, second.seconds) == (0, THINKS)
+
+
+@pytest.mark.parametrize("breaks", ["search", "measure"])
+def test_a_method_that_breaks_has_paid_until_then(clock, breaks):
+    measure = clock.takes(SCORES, (lambda counts: 1 / 0) if breaks == "measure" else np.mean)
+    recording = RecordingView(slow_counts(clock), measure)
+
+    def search(view):
+        slow_search(clock, (0, 100))(view)
+        raise ValueError
+
+    _, problem = run_search(search, recording, scorer=recording.scorer)
+    assert problem.startswith("ZeroDivisionError" if breaks == "measure" else "ValueError")
+    assert recording.seconds == (THINKS + SCORES if breaks == "measure" else 2 * THINKS + SCORES)
+
+
+def test_a_texture_is_paid_by_each_that_asks_for_it_without_reading_and_counting(clock, monkeypatch):
+    """The second one gets what was kept from the first, and must not be the cheaper for it."""
+    monkeypatch.setattr(interval_texture, "_look_back", clock.takes(LOOKS_UP, interval_texture._look_back))
+    counts, measure = slow_counts(clock), get_measure("sd_tfi")
+    bills = []
+    for _ in range(2):
+        recording = RecordingView(counts, measure)
+        run_search(slow_search(clock, (0, 100)), recording, scorer=recording.scorer)
+        bills.append(recording.seconds)
+    assert clock.now > READS
+    assert bills[0] == bills[1]
+    looks, rest = divmod(bills[0] - 2 * THINKS, LOOKS_UP)
+    assert looks >= 1
+    assert rest == 0
+
+
+def test_the_time_to_compile_is_not_paid(clock, monkeypatch):
+    """The first look of a process compiles its loop, or loads it, and that is not the method's."""
+    looks = clock.takes(LOOKS_UP, interval_texture._look_back)
+
+    def compiles(*given):
+        if not compiles.signatures:
+            compiles.signatures.append("as asked for")
+            clock.now += COMPILES
+        return looks(*given)
+
+    compiles.signatures = []
+    monkeypatch.setattr(interval_texture, "_look_back", compiles)
+    counts = slow_counts(clock)
+    image = counts.intervals(0, 100)
+    assert clock.now > COMPILES
+    assert LOOKS_UP <= counts.textures_s < COUNTS
+    np.testing.assert_array_equal(image, WindowCounts(InMemory(800, 4, 6)).intervals(0, 100))
+
+
+def test_a_texture_that_was_forgotten_is_timed_again(clock, monkeypatch):
+    monkeypatch.setattr(window_counts, "WINDOW_BYTES", 0)
+    monkeypatch.setattr(interval_texture, "_look_back", clock.takes(LOOKS_UP, interval_texture._look_back))
+    counts = slow_counts(clock)
+    for first in (0, 100, 0):
+        counts.intervals(first, first + 100)
+    assert counts.textures_s >= 3 * LOOKS_UP
+    assert len(counts._made_s) == 1
+
+
+def test_a_texture_on_film_is_paid_too(clock, monkeypatch):
+    monkeypatch.setattr(interval_texture, "_look_ahead", clock.takes(LOOKS_UP, interval_texture._look_ahead))
+    stream = InMemory(80, 4, 6)
+    read, count = clock.takes(READS, stream.packed), clock.takes(COUNTS, stream.counts)
+    image, seconds = interval_texture.time_texture_from_intervals(
+        lambda a, b: read(a, b, (slice(None), slice(None))),
+        lambda a, b: count(a, b, (slice(None), slice(None))),
+        0,
+        stop=80,
+    )
+    np.testing.assert_array_equal(image, WindowCounts(stream).intervals(0, 80))
+    assert seconds >= LOOKS_UP
+    assert seconds % LOOKS_UP == 0
+
+
+def test_in_the_closed_loop_the_camera_and_the_drive_are_not_paid(clock):
+    live = slow_live(clock)
+
+    def search(view):
+        view.move(0.5)
+        view.wait(80)
+        slow_search(clock, (80, 120), (120, 160))(view)
+        return Answer(position=view.position(view.now - 1))
+
+    search.commands = True
+    _, problem = run_search(search, live, scorer=live.scorer)
+    assert problem == ""
+    assert clock.now > ENCODES + DRIVES
+    assert live.seconds == 3 * THINKS + 2 * SCORES
+
+
+@pytest.mark.parametrize("frames", [160, 10_000], ids=["in time", "out of time"])
+@pytest.mark.parametrize("commands", [True, False])
+def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands, frames):
+    """On its own and by a sweep; a budget that is spent while it looks takes nothing off the scorer."""
+    live = slow_live(clock)
+    answer = Answer(position=0.5) if commands else Answer(100.0)
+    found = slow_search(clock, (0, 80), (80, 160), answers=answer)
+
+    class Search:
+        def __call__(self, view):
+            done = found(view)
+            if frames > 800:
+                raise BudgetSpentError
+            return done
+
+    Search.commands = commands
+    monkeypatch.setattr(closed_loop_run, "start_camera", lambda *given, **more: live)
+    terms = SimpleNamespace(count_frames=lambda take: (800, 320))
+    run = closed_loop_run.run_closed_loop_method(
+        None, None, None, Method("a+b", np.mean, Search(), "c"), terms
+    )
+    assert run.problem == ("the budget of 800 frames was spent" if frames > 800 else "")
+    assert (run.windows, run.seconds) == (2, 3 * THINKS + 2 * SCORES)
+
+
+def test_time_is_never_less_than_none(clock):
+    """A search that looks from two threads at once is in the rig for longer than it runs."""
+    recording = RecordingView(slow_counts(clock), np.mean)
+
+    def search(view):
+        view._within.seconds += 5.0  # as another thread would
+        return Answer(3.0)
+
+    run_search(search, recording, scorer=recording.scorer)
+    assert recording.seconds == 0

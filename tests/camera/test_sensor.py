@@ -1,0 +1,268 @@
+"""Sensors: strict reading, changes, the arithmetic behind derived numbers, the laws of every one."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from small_dataset import SMALL_RECIPE
+
+import saf_gen.camera.sensor as sensor_module
+from saf_gen.camera import electrons_per_irradiance, encode, get_sensor, sensor_names
+from saf_gen.errors import BadInput
+from saf_gen.generate.resolve import resolve_recipe, sequence_fingerprint
+
+VIDAR = sensor_module._FOLDER / "vidar_400x250.yaml"
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A copy of the real sensor's file with one text replaced: path."""
+
+    def write(old, new):
+        text = VIDAR.read_text(encoding="utf-8")
+        assert old in text
+        path = tmp_path / "mine.yaml"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", sensor_names())
+def test_every_sensor_that_comes_along_loads_and_names_its_sources(name):
+    sensor = get_sensor(name)
+    assert sensor.name == name
+    assert sensor.sources
+    assert hash(sensor) == hash(get_sensor(name))
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "columns", "readout_hz"),
+    [
+        ("ideal", 250, 400, 20_000),
+        ("spike_1000x1000", 1000, 1000, 20_000),
+        ("vidar_400x250", 250, 400, 20_000),
+        ("vidar_400x250_40khz", 250, 400, 40_000),
+    ],
+)
+def test_a_sensor_has_the_array_and_the_rate_of_its_camera(name, rows, columns, readout_hz):
+    sensor = get_sensor(name)
+    assert (sensor.rows, sensor.columns, sensor.readout_hz) == (rows, columns, readout_hz)
+
+
+def test_every_sensor_that_comes_along_is_in_that_list():
+    assert sensor_names() == ["ideal", "spike_1000x1000", "vidar_400x250", "vidar_400x250_40khz"]
+
+
+def test_the_fast_mode_is_the_same_chip_read_twice_as_often():
+    """What is a matter of seconds keeps its seconds: light, dark current, the time of a reset."""
+    slow, fast = get_sensor("vidar_400x250"), get_sensor("vidar_400x250_40khz")
+    assert electrons_per_irradiance(fast) == pytest.approx(electrons_per_irradiance(slow) / 2)
+    assert fast.mean_dark_e * fast.readout_hz == pytest.approx(slow.mean_dark_e * slow.readout_hz)
+    assert fast.reset_loss / fast.readout_hz == pytest.approx(slow.reset_loss / slow.readout_hz)
+    per_readout = ("name", "readout_hz", "dark_rate", "reset_loss", "sources")
+    assert replace(fast, **{key: getattr(slow, key) for key in per_readout}) == slow
+
+
+def test_the_fast_mode_fires_as_often_a_second():
+    """The same light, 0.2 s of each; shot noise and dark current on, 2,000 pixels, 0.5 % allowed."""
+    seconds = []
+    for name in ("vidar_400x250", "vidar_400x250_40khz"):
+        sensor = get_sensor(name, reset_loss=0, noise={"response": False, "threshold_spread": False})
+        frames = int(0.2 * sensor.readout_hz)
+        charge = np.full((1, 40, 50), 6_000.0 * 20_000 / sensor.readout_hz, np.float32)
+        seconds.append(np.bitwise_count(encode(charge, sensor, frames, 1)).sum() / 2_000 / 0.2)
+    assert seconds[1] == pytest.approx(seconds[0], rel=0.005)
+    assert seconds[0] == pytest.approx((6_000 / 29_900 + 0.0045) * 20_000, rel=0.01)
+
+
+def test_ideal_has_no_noise_at_all():
+    ideal = get_sensor("ideal")
+    assert not any(asdict(ideal.noise).values())
+    assert ideal.post_spike_loss == 0
+    assert ideal.mean_dark_e == 0
+
+
+def test_ideal_counts_charge_to_the_last_spike():
+    """Every pixel of 1,000, over any window: the charge over the threshold, to one spike of phase."""
+    charge = np.linspace(0, 0.99, 1_000, dtype=np.float32).reshape(1, 20, 50) * 29_900
+    spikes = encode(charge, "ideal", 2_000, 4)
+    for frames in (8, 800, 2_000):
+        counted = np.bitwise_count(spikes[..., : frames // 8]).sum(axis=-1)
+        assert abs(counted - charge[0] / 29_900 * frames).max() < 1
+
+
+@pytest.mark.parametrize("name", sensor_names())
+@pytest.mark.parametrize("saturation", ["subtract", "dead_readout"])
+@pytest.mark.parametrize("reset", ["subtract", "hard"])
+def test_every_sensor_obeys_the_law_of_its_reset_and_saturation(name, saturation, reset):
+    """1,000 pixels, 2,000 readouts, no noise; the loss after a spike is ℓ, of a dead readout 1.
+
+    subtract: a spike costs θ + ℓ·q, so rate = q/(θ + ℓ·q). hard: the n-th readout after a spike is the
+    first with (n - ℓ)·q at least θ, so rate = 1/⌈θ/q + ℓ⌉. The phase leaves less than 1/2,000.
+    """
+    off = dict.fromkeys(("shot", "dark", "response", "threshold_spread", "threshold_noise"), False)
+    sensor = get_sensor(name, saturation=saturation, reset=reset, noise=off)
+    theta = sensor.threshold_e
+    ratio = np.array([0.013, 0.11, 0.23, 0.437, 0.6, 0.77, 0.93])  # of charge to threshold
+    rates = np.bitwise_count(
+        encode(np.broadcast_to(np.float32(ratio * theta), (1, 143, 7)), sensor, 2_000, 1)
+    ).sum(axis=-1).mean(axis=0) / 2_000  # fmt: skip
+    loss = 1.0 if saturation == "dead_readout" else sensor.reset_loss
+    law = ratio / (1 + loss * ratio) if reset == "subtract" else 1 / np.ceil(1 / ratio + loss)
+    assert rates == pytest.approx(law, abs=6e-4)
+
+
+def test_the_threshold_is_capacitance_times_voltage():
+    vidar = get_sensor("vidar_400x250")
+    assert vidar.threshold_e == pytest.approx(4.35e-15 * 1.1 / 1.602176634e-19, rel=0.002)
+
+
+def test_the_fill_factor_gives_rate_one_half_at_1700_lux():
+    vidar = get_sensor("vidar_400x250")
+    assert electrons_per_irradiance(vidar) * 1_700 / 683 == pytest.approx(vidar.threshold_e, rel=0.002)
+
+
+def test_the_white_spread_of_rates_is_counted_once():
+    vidar = get_sensor("vidar_400x250")
+    assert np.hypot(vidar.response_white_rms, vidar.threshold_spread_rms) == pytest.approx(0.026, rel=0.002)
+    parts = (vidar.response_column_rms, vidar.response_row_rms, 0.026)
+    assert np.linalg.norm(parts) == pytest.approx(0.057, abs=0.002)
+
+
+def test_a_noise_term_is_switched_alone():
+    vidar = get_sensor("vidar_400x250")
+    quiet = vidar.with_noise(shot=False)
+    assert not quiet.noise.shot
+    assert quiet.with_noise(shot=True) == vidar
+    assert get_sensor("vidar_400x250", noise={"shot": False}) == quiet
+
+
+def test_changes_are_checked_like_a_file():
+    assert get_sensor("vidar_400x250", threshold_e=400).threshold_e == 400
+    with pytest.raises(BadInput, match=r"pitch_m is 20; allowed: 2e-07 to 0.001 metres"):
+        get_sensor("vidar_400x250", pitch_m=20)
+    with pytest.raises(BadInput, match=r"unknown sensor key 'treshold_e'.*did you mean 'threshold_e'\?"):
+        get_sensor("vidar_400x250", treshold_e=400)
+    with pytest.raises(BadInput, match=r"unknown noise term 'shott'.*did you mean 'shot'\?"):
+        get_sensor("vidar_400x250").with_noise(shott=False)
+    with pytest.raises(BadInput, match=r"noise\.dark is 0; allowed: true or false"):
+        get_sensor("vidar_400x250", noise={"dark": 0})
+
+
+def test_a_replaced_value_is_checked_too():
+    with pytest.raises(BadInput, match=r"reset is 'hrd'; allowed: subtract, hard; did you mean 'hard'\?"):
+        replace(get_sensor("ideal"), reset="hrd")
+
+
+def test_shot_noise_needs_electrons_enough_to_be_normal():
+    with pytest.raises(BadInput, match="threshold_e is 4 with shot noise on; allowed: at least 25"):
+        get_sensor("vidar_400x250", threshold_e=4)
+    assert get_sensor("vidar_400x250", threshold_e=4, noise={"shot": False}).threshold_e == 4
+
+
+def test_an_unknown_sensor_is_told_with_the_next_step():
+    with pytest.raises(BadInput, match=r"unknown sensor 'vidar_400x25'.*'vidar_400x250'\?; or give the path"):
+        get_sensor("vidar_400x25")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("pitch_m: 2.0e-5 ", "pitch_mm: 0.02 ", r"mine.yaml:5: unknown sensor key 'pitch_mm'.*'pitch_m'\?"),
+        ("pitch_m: 2.0e-5 ", "pitch_m: 20 ", r"mine.yaml:5: pitch_m is 20; allowed: .* metres"),
+        ("pitch_m: 2.0e-5 ", "pitch_m: 2e-5 ", r"pitch_m is '2e-5'.*write 1.0e-5"),
+        ("rows: 250", "rows: true", r"mine.yaml:3: rows is True; allowed: a whole number"),
+        ("rows: 250", "", r"the sensor key 'rows' is missing"),
+        ("reset: subtract", "reset: soft", r"reset is 'soft'; allowed: subtract, hard"),
+        ("{shot: true, ", "{shots: true, ", r"unknown noise term 'shots'.*'shot'\?"),
+        ("{shot: true, ", "{", r"the noise term 'shot' is missing"),
+        ("noise: {", "noise: 3 # {", r"noise is 3; allowed: shot, dark"),
+        ("name: vidar_400x250", "name: 7", r"mine.yaml:2: name is 7; allowed: a text"),
+        ("sources:\n", "sources: []\nother:\n", r"unknown sensor key 'other'"),
+    ],
+)
+def test_a_file_that_does_not_fit_is_told_by_line(own, old, new, message):
+    with pytest.raises(BadInput, match=message):
+        get_sensor(own(old, new))
+
+
+def test_ones_own_file_is_read(own):
+    assert get_sensor(str(own("rows: 250", "rows: 64"))).rows == 64
+
+
+# --- a file of one's own in a recipe -----------------------------------------------------------------
+
+
+@pytest.fixture
+def recipe(tmp_path, test_scenes, small_sensor):
+    """The small recipe whose sensor is recipes/cameras/mine.yaml, a copy of the small sensor: path."""
+    path = tmp_path / "recipes" / "small.yaml"
+    (path.parent / "cameras").mkdir(parents=True)
+    (path.parent / "cameras" / "mine.yaml").write_text(small_sensor.read_text())
+    text = SMALL_RECIPE.replace(str(small_sensor), "cameras/mine.yaml")
+    assert text != SMALL_RECIPE
+    path.write_text(text)
+    return path
+
+
+def test_a_recipe_finds_its_sensor_from_its_own_folder(recipe, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert resolve_recipe("recipes/small.yaml").sensor.rows == 40
+    monkeypatch.chdir("/")
+    assert resolve_recipe(recipe).sensor == get_sensor(recipe.parent / "cameras" / "mine.yaml")
+
+
+def test_the_content_of_a_sensor_file_decides_and_not_its_name(recipe):
+    def fingerprints():
+        work = resolve_recipe(recipe)
+        return [sequence_fingerprint(work, s, "a stack") for s in work.sequences]
+
+    before, mine = fingerprints(), recipe.parent / "cameras" / "mine.yaml"
+    renamed = mine.rename(mine.with_name("other.yaml"))
+    recipe.write_text(recipe.read_text().replace("mine", "other"))
+    renamed.write_text(renamed.read_text().replace("name: small", "name: other") + "# a remark\n")
+    assert fingerprints() == before
+    text = renamed.read_text()
+    for key in ("dark_rate: 0.0045", "threshold_e: 29900", "readout_hz: 20000", "{shot: true"):
+        assert key in text
+        renamed.write_text(
+            text.replace(key, key.replace("5", "6").replace("2", "3").replace("true", "false"))
+        )
+        assert not set(fingerprints()) & set(before), key
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            "cameras/mine.yaml",
+            "cameras/mein.yaml",
+            r"cameras/mein.yaml does not exist; did you mean .*mine.yaml",
+        ),
+        ("cameras/mine.yaml", "mine.yaml", r"recipes/mine.yaml does not exist"),
+        ("cameras/mine.yaml", "vidar", r"unknown sensor 'vidar'.*or give the path of a .yaml file"),
+    ],
+)
+def test_a_sensor_that_a_recipe_cannot_have_is_told_in_one_line(recipe, old, new, told):
+    recipe.write_text(recipe.read_text().replace(old, new))
+    with pytest.raises(BadInput, match=told) as caught:
+        resolve_recipe(recipe)
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+def test_a_file_that_is_missing_or_empty_is_told(tmp_path):
+    with pytest.raises(BadInput, match="does not exist"):
+        get_sensor(tmp_path / "none.yaml")
+    (tmp_path / "empty.yaml").write_text("")
+    with pytest.raises(BadInput, match="the file holds no keys"):
+        get_sensor(tmp_path / "empty.yaml")
+
+
+@pytest.mark.parametrize("sources", ["", "[]", "[3]", "a book"])
+def test_a_sensor_names_its_sources(tmp_path, sources):
+    head = VIDAR.read_text(encoding="utf-8").split("sources:")[0]
+    (tmp_path / "mine.yaml").write_text(f"{head}sources: {sources}\n", encoding="utf-8")
+    with pytest.raises(BadInput, match=r"sources is .*; allowed: a list of at least one text"):
+        get_sensor(tmp_path / "mine.yaml")

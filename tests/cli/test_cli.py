@@ -1,0 +1,762 @@
+"""The command line as a user meets it: what it prints and writes, exit codes, one line for every error."""
+
+import csv
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from small_dataset import HERE, SCENES, SMALL_RECIPE
+
+import saf_gen
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, read_method_list
+from saf_gen.cli import _terminal, main
+from saf_gen.core.files import write_atomically
+from saf_gen.render import backend
+from saf_gen.stream.manifest import read_manifest, write_manifest
+
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+STREAM = "test/plane-constant-00.h5"
+# A test run started in the background inherits "ignore Ctrl-C", and would hand it on.
+ENTRY = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from saf_gen.cli import main
+if __name__ == "__main__":
+    main()
+"""
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    """The small dataset, made once through the real entry: (folder, the finished process)."""
+    folder = tmp_path_factory.mktemp("cli")
+    (folder / "small.yaml").write_text(SMALL_RECIPE)
+    command = ["generate", "small.yaml", "--out", "made", "--variant", VARIANT]
+    return folder / "made", command_line(*command, cwd=folder)
+
+
+@pytest.fixture
+def dataset(first):
+    """The small dataset; a test must leave it as it is."""
+    folder, run = first
+    assert run.returncode == 0, run.stderr
+    return folder
+
+
+@pytest.fixture
+def copy(dataset, tmp_path):
+    """A copy of the small dataset that a test may spoil."""
+    shutil.copytree(dataset, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+@pytest.fixture
+def call(capsys):
+    """Run a command in this process: (exit code, stdout, stderr)."""
+
+    def run(*args):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main([str(a) for a in args])
+        out, err = capsys.readouterr()
+        return stop.value.code, out, err
+
+    return run
+
+
+@pytest.fixture
+def refused(call):
+    """Run a command that must end with exit code 2 and one line on stderr, which is returned."""
+
+    def run(*args):
+        code, _, err = call(*args)
+        return one_line(code, err)
+
+    return run
+
+
+def one_line(code, err, *, expected=2):
+    assert code == expected, err
+    assert "Traceback" not in err
+    lines = [line for line in err.splitlines() if line.strip() and not line.startswith("done: ")]
+    assert len(lines) == 1, err
+    assert lines[0].startswith("saf-gen: ")
+    return lines[0]
+
+
+def command_line(*args, environment=None, cwd=None):
+    return subprocess.run(
+        [sys.executable, "-m", "saf_gen", *map(str, args)],
+        env=os.environ | {"SAF_GEN_SCENES": str(SCENES)} | (environment or {}),
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        check=False,
+    )
+
+
+def recipe_with(tmp_path, old, new):
+    assert old in SMALL_RECIPE
+    path = tmp_path / "recipe.yaml"
+    path.write_text(SMALL_RECIPE.replace(old, new))
+    return path
+
+
+def records(folder):
+    return [json.loads(line) for line in (folder / "records.jsonl").read_text().splitlines()]
+
+
+# What the commands do
+
+
+def test_generate_says_what_it_made_and_what_is_next(first):
+    folder, run = first
+    assert run.returncode == 0, run.stderr
+    assert "3 sequences recorded, 0 kept from before, 3 pieces of focal stacks rendered" in run.stdout
+    assert "dataset: made   (next: saf-gen evaluate made)" in run.stdout
+    assert {"manifest.json", "README.md", "stacks", "test"} <= {p.name for p in folder.iterdir()}
+
+
+def test_a_log_gets_one_line_for_each_piece_of_work(first):
+    lines = first[1].stderr.splitlines()
+    assert "done: render plane · lamp" in lines
+    assert "done: record plane-constant-00" in lines
+    assert len(lines) == len(set(lines))
+
+
+def test_a_finished_generation_leaves_no_temporary_files(dataset):
+    assert [p for p in dataset.rglob(".*")] == []
+
+
+def test_a_dry_run_says_what_would_be_made_and_writes_nothing(call, small_recipe, test_scenes, tmp_path):
+    code, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run")
+    assert code == 0
+    assert "small: 3 sequences" in out
+    assert out.count("400") == 3
+    assert "focal stacks to render: plane" in out
+    assert "disk still needed" in out
+    assert not (tmp_path / "ds").exists()
+
+
+def test_a_dry_run_of_a_split_lists_its_sequences_only(call, tmp_path):
+    code, out, _ = call(
+        "generate", "recipes/saf_bench.yaml", "--out", tmp_path / "ds", "--dry-run", "--split", "validation"
+    )
+    assert code == 0
+    assert "36 sequences" in out
+
+
+def test_a_dry_run_of_a_shard_lists_its_sequences_only(call, small_recipe, test_scenes, tmp_path):
+    _, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--shard", "2/3")
+    assert "plane-continuous-00" in out
+    assert "plane-constant-00" not in out
+
+
+def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy):
+    code, out, err = call("evaluate", copy)
+    assert (code, err) == (0, "")
+    for method in DEFAULT_RECORDED_METHODS:
+        assert method in out
+    written = copy / "evaluation"
+    names = ["leaderboard.json", "leaderboard.csv", "leaderboard.md", "index.html", "records.jsonl"]
+    for name in [*names, "figures"]:
+        assert (written / name).stat().st_size > 0
+        assert str(written / name) in out.splitlines()
+    for name in ("curves-plane-constant-00", "steps-plane-continuous-00", "errors-plane_test"):
+        assert (written / f"figures/{name}.svg").stat().st_size > 0
+    assert len(records(written)) == 3 * len(DEFAULT_RECORDED_METHODS)
+    keys = {"method", "sequence", "position", "frame", "truth", "error"}
+    keys |= {"trace", "frames_seen", "lens_travel", "seconds"}
+    assert keys <= set(records(written)[0])
+
+
+def test_evaluate_does_what_its_options_say(call, dataset, tmp_path):
+    out = tmp_path / "there"
+    code, shown, _ = call(
+        *("evaluate", dataset, "--out", out, "--split", "test", "--region", "frame"),
+        *("--method", "sd+argmax", "--method", "sd_code+sgfs_code:dt=50"),
+    )
+    assert code == 0
+    assert not (dataset / "evaluation").exists()
+    assert {r["method"] for r in records(out)} == {"sd+argmax", "sd_code+sgfs_code:dt=50"}
+    assert {r["region"] for r in records(out)} == {"frame"}
+    assert "sd_code+sgfs_code:dt=50" in shown
+
+
+def test_a_log_file_hears_of_long_evaluations(call, dataset, tmp_path, monkeypatch):
+    """A line every half minute, and none of what is over sooner."""
+    clock = iter(range(0, 1000, 20))  # seconds, a step later each time it is read
+    monkeypatch.setattr(_terminal, "monotonic", lambda: next(clock))
+    code, _, told = call("evaluate", dataset, "--method", "sd+argmax", "--out", tmp_path / "long")
+    lines = [line for line in told.splitlines() if line.startswith("evaluate ")]
+    assert code == 0
+    assert lines[0].split(": ")[0] in ("evaluate 50%", "evaluate 67%", "evaluate 100%")
+    assert lines[0].endswith("sd+argmax")
+    monkeypatch.setattr(_terminal, "monotonic", lambda: 0.0)
+    assert "%" not in call("evaluate", dataset, "--method", "sd+argmax", "--out", tmp_path / "short")[2]
+
+
+def test_methods_are_named_in_a_file_too(call, dataset, tmp_path):
+    listed = tmp_path / "methods.txt"
+    listed.write_text("# mine\n\nsd+argmax\n cen+argmax:refine=centroid  # published\n", encoding="utf-8")
+    named = ["--methods", listed, "--method", "er_sumsq+argmax", "--method", "sd+argmax"]
+    code, _, err = call("evaluate", dataset, *named, "--split", "test", "--out", tmp_path / "out")
+    assert (code, err) == (0, "")
+    methods = ["er_sumsq+argmax", "sd+argmax", "cen+argmax:refine=centroid"]
+    assert list(dict.fromkeys(r["method"] for r in records(tmp_path / "out"))) == methods
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (b"sd+argmax\n\nsd+argmx\n", "methods.txt:3: method 'sd+argmx': unknown search 'argmx'"),
+        (b"# none\n\n", "methods.txt names no method; allowed: a method a line, such as sd+argmax"),
+        (b"\xff\xfe", "methods.txt is no list of methods: 'utf-8' codec"),
+        (None, "methods.txt is no list of methods: [Errno 2]"),
+    ],
+)
+def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp_path, text, told):
+    listed = tmp_path / "methods.txt"
+    if text is not None:
+        listed.write_bytes(text)
+    assert told in refused("evaluate", dataset, "--methods", listed, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_lists_of_the_contest_name_methods():
+    for name in ("recorded", "closed_loop"):
+        assert len(read_method_list(HERE.parent / f"benchmarks/contest/{name}.txt")) > 10
+
+
+def test_a_lone_stream_is_evaluated_beside_itself(call, dataset, tmp_path):
+    stream = tmp_path / "lone.h5"
+    shutil.copy(dataset / STREAM, stream)
+    code, out, _ = call("evaluate", stream, "--method", "sd+argmax")
+    assert code == 0
+    assert "sd+argmax" in out
+    (record,) = records(tmp_path / "lone-evaluation")
+    assert record["sequence"] == "lone"
+    assert record["truth"] == pytest.approx(0.46199, abs=1e-4)
+
+
+def test_a_stream_without_truth_is_evaluated_with_null_errors(call, tmp_path):
+    path = tmp_path / "bare.h5"
+    frames = np.random.default_rng(5).random((400, 8, 16)) < 0.2
+    saf_gen.write_stream(path, frames)
+    code, _, err = call("evaluate", path)
+    assert (code, err) == (0, "")
+    found = records(tmp_path / "bare-evaluation")
+    assert {r["status"] for r in found} <= {"answered", "abstained"}
+    assert {r["error"] for r in found} == {None}
+    assert any(r["frame"] is not None for r in found)
+
+
+@pytest.mark.parametrize("measure", ["sd", "er_sumsq"])
+def test_score_is_the_measure_of_the_counts_of_each_block(call, dataset, measure):
+    code, out, _ = call("score", dataset / STREAM, "--measure", measure, "--window", 70)
+    assert code == 0
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert [int(row["frame"]) for row in rows] == [0, 70, 140, 210, 280]
+    direct = saf_gen.get_measure(measure)
+    with saf_gen.open_stream(dataset / STREAM) as stream:
+        wanted = [direct(stream.counts(a, a + 70)) for a in (0, 70, 140, 210, 280)]
+    assert [float(row["score"]) for row in rows] == wanted
+
+
+def test_score_writes_to_a_file_what_it_would_print(call, dataset, tmp_path):
+    arguments = ("score", dataset / STREAM, "--measure", "sd", "--window", 100)
+    code, out, _ = call(*arguments, "--out", tmp_path / "curve.csv")
+    assert code == 0
+    assert "4 blocks" in out
+    assert (tmp_path / "curve.csv").read_text() == call(*arguments)[1]
+
+
+def test_an_imported_file_is_exported_as_it_was(call, tmp_path):
+    """Rows of 416 bits; the last 16 of a row are no pixels, and come back as 0."""
+    raw = np.random.default_rng(1).integers(0, 256, (3, 250, 52), dtype=np.uint8)
+    raw[:, :, 50:] = 0
+    foreign, stream, back = tmp_path / "a.dat", tmp_path / "a.h5", tmp_path / "b.dat"
+    foreign.write_bytes(raw.tobytes())
+    code, out, _ = call("import", foreign, "--out", stream)
+    assert code == 0
+    assert "3 frames of 400×250" in out
+    assert call("export", stream, "--out", back)[0] == 0
+    assert back.read_bytes() == foreign.read_bytes()
+    with saf_gen.open_stream(stream) as opened:
+        assert opened.frames(0, 1)[0, 0, :8].tolist() == [raw[0, 0, 0] >> bit & 1 for bit in range(8)]
+
+
+def test_import_takes_so_many_frames_and_the_rate_told(call, tmp_path):
+    (tmp_path / "a.dat").write_bytes(bytes(3 * 13_000))
+    code, _, _ = call("import", tmp_path / "a.dat", "--out", tmp_path / "a.h5", "--frames", 2, "--rate", 1000)
+    assert code == 0
+    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+        assert (stream.shape[0], stream.readout_hz) == (2, 1000)
+
+
+def test_inspect_tells_size_light_and_truth(call, dataset):
+    code, out, _ = call("inspect", dataset / STREAM)
+    assert code == 0
+    for fact in ("64×40", "400 at 20000 Hz", "0.46199 of the travel", "light lamp", "content sha256"):
+        assert fact in out
+
+
+def test_verify_passes_a_whole_dataset(call, dataset):
+    code, out, err = call("verify", dataset)
+    assert (code, err) == (0, "")
+    assert "3 of 3 sequences are whole" in out
+
+
+def test_verify_names_what_is_damaged_and_what_is_missing(call, copy):
+    with h5py.File(copy / STREAM, "r") as file:
+        chunk = file["spikes"].id.get_chunk_info(0)
+    content = bytearray((copy / STREAM).read_bytes())
+    content[chunk.byte_offset + chunk.size // 2] ^= 0x10
+    (copy / STREAM).write_bytes(content)
+    (copy / "test" / "plane-continuous-00.h5").unlink()
+    code, out, err = call("verify", copy)
+    assert code == 1
+    assert "1 of 3 sequences are whole" in out
+    named = sorted(line.split(":")[1].strip() for line in err.splitlines())
+    assert named == ["plane-constant-00", "plane-continuous-00"]
+
+
+def test_methods_lists_every_measure_and_search(call):
+    code, out, _ = call("methods")
+    assert code == 0
+    for spec in DEFAULT_RECORDED_METHODS:
+        for name in spec.split("+"):
+            assert f"│ {name.removesuffix('_n')} " in out
+
+
+def test_scenes_list_names_scenes_of_the_folder_named(call, test_scenes):
+    code, out, _ = call("scenes", "list")
+    assert code == 0
+    assert "│ plane " in out
+    assert "usaf_target" in out
+
+
+def test_recipes_check_counts_sequences_and_makes_nothing(call, small_recipe, test_scenes, tmp_path):
+    before = sorted(tmp_path.iterdir())
+    code, out, _ = call("recipes", "check", small_recipe)
+    assert code == 0
+    assert "is fine: 3 sequences of plane" in out
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_doctor_tells_variant_and_versions(call):
+    code, out, _ = call("doctor")
+    assert code == 0
+    for fact in ("variant", "cores", "mitsuba"):
+        assert f"│ {fact} " in out
+
+
+def test_help_lists_the_commands(call):
+    code, out, err = call("--help")
+    assert (code, err) == (0, "")
+    commands = ["generate", "evaluate", "score", "import", "export", "inspect", "verify", "methods"]
+    for command in [*commands, "doctor", "scenes", "recipes"]:
+        assert f" {command} " in out
+
+
+def test_no_command_at_all_shows_the_help_and_no_empty_error(call):
+    _, out, err = call()
+    assert "Usage" in out + err
+    assert "saf-gen: ;" not in err
+
+
+def test_a_name_with_brackets_is_a_name_and_no_markup(call, dataset, tmp_path):
+    odd = tmp_path / "[bold]a[/x]"
+    code, out, _ = call("evaluate", dataset / STREAM, "--method", "sd+argmax", "--out", odd)
+    assert code == 0
+    assert str(odd / "index.html") in out
+    stream = odd / "ü b.h5"
+    shutil.copy(dataset / STREAM, stream)
+    code, out, _ = call("inspect", stream)
+    assert code == 0
+    assert "[bold]a[/x]" in out
+
+
+# Bad input: exit code 2 and one line
+
+OUT = ("--out", "OUT")
+WRONG = {
+    "unknown command": (("genrate",), ["'genrate'", "generate"]),
+    "unknown subcommand": (("scenes", "lst"), ["'lst'", "list"]),
+    "unknown option": (("generate", "RECIPE", "--wrokers", "2"), ["--wrokers", "--workers"]),
+    "missing argument": (("generate",), ["recipe", "--help"]),
+    "missing option": (("score", "STREAM", "--window", "9"), ["--measure", "--help"]),
+    "shard above its count": (("generate", "RECIPE", "--shard", "3/2"), ["'3/2'", "I/N", "2/8"]),
+    "no such split": (
+        ("generate", "RECIPE", "--split", "tset"),
+        ["unknown split 'tset'", "did you mean 'test'"],
+    ),
+    "shard of words": (("generate", "RECIPE", "--shard", "one"), ["'one'", "I/N"]),
+    "no workers": (("generate", "RECIPE", "--workers", "0"), ["--workers", "1"]),
+    "variant": (("generate", "RECIPE", "--variant", "lvm", *OUT), ["'lvm'", "auto, cuda", "'llvm'"]),
+    "recipe that is nowhere": (("generate", "NEAR"), ["smal.yaml does not exist", "small.yaml"]),
+    "recipe that is a folder": (("generate", "FOLDER"), ["irectory"]),
+    "stream that is nowhere": (("inspect", "FOLDER/a.h5"), ["a.h5", "no such file"]),
+    "stream in no folder": (("inspect", "FOLDER/b/a.h5"), ["no folder"]),
+    "stream that is a folder": (("inspect", "FOLDER"), ["is a folder", "stream file"]),
+    "dataset that is a file": (("verify", "STREAM"), ["no folder", "dataset folder"]),
+    "dataset that is nowhere": (("evaluate", "FOLDER/ds"), ["ds", "dataset folder or a stream", "generate"]),
+    "folder without a manifest": (("evaluate", "FOLDER"), ["manifest.json", "saf-gen generate"]),
+    "verify without a manifest": (("verify", "FOLDER"), ["manifest.json", "saf-gen generate"]),
+    "measure": (
+        ("score", "STREAM", "--measure", "sdd", "--window", "9"),
+        ["focus measure 'sdd'", "er_sumsq", "did you mean 'sd'?"],
+    ),
+    "window of nothing": (("score", "STREAM", "--measure", "sd", "--window", "0"), ["--window", "1"]),
+    "window too long": (
+        ("score", "STREAM", "--measure", "sd", "--window", "401"),
+        ["401", "400"],
+    ),
+    "score's region": (
+        ("score", "STREAM", "--measure", "sd", "--window", "9", "--region", "fram"),
+        ["'fram'", "frame, target", "did you mean 'frame'?"],
+    ),
+    "measure of a method": (
+        ("evaluate", "DATASET", "--method", "sdc+argmax"),
+        ["'sdc'", "sd_code", "saf-gen methods"],
+    ),
+    "search of a method": (
+        ("evaluate", "DATASET", "--method", "sd+argmx"),
+        ["search 'argmx'", "egs_code", "did you mean 'argmax'?"],
+    ),
+    "method without a search": (
+        ("evaluate", "DATASET", "--method", "sd"),
+        ["'sd'", "MEASURE+SEARCH", "try sd+argmax"],
+    ),
+    "option of a method": (
+        ("evaluate", "DATASET", "--method", "sd+sgfs_code:dtt=9"),
+        ["'dtt'", "dt", "did you mean 'dt'?"],
+    ),
+    "value of a method's option": (
+        ("evaluate", "DATASET", "--method", "sd+sgfs_code:dt=x"),
+        ["dt is 'x'", "whole number"],
+    ),
+    "split": (("evaluate", "DATASET", "--split", "tset"), ["'tset'", "test", "did you mean 'test'?"]),
+    "split of a stream": (("evaluate", "STREAM", "--split", "test"), ["'test'", "no split"]),
+    "region": (("evaluate", "DATASET", "--region", "targt"), ["'targt'", "frame, target", "'target'"]),
+    "track": (("evaluate", "DATASET", "--track", "recorde"), ["'recorde'", "recorded"]),
+    "results below a file": (
+        ("evaluate", "STREAM", "--method", "sd+argmax", "--out", "TEXT/x"),
+        ["cannot be written", "another folder"],
+    ),
+    "dataset below a file": (("generate", "RECIPE", "--out", "TEXT/x"), ["cannot be written", "--out"]),
+    "scores below a file": (
+        ("score", "STREAM", "--measure", "sd", "--window", "9", "--out", "TEXT/x.csv"),
+        ["cannot be written", "another folder"],
+    ),
+    "file of another layout": (("import", "TEXT", *OUT), ["13000", "416", "no known layout fits"]),
+    "unknown layout": (
+        ("import", "TEXT", *OUT, "--layout", "4l6"),
+        ["'4l6'", "dense", "did you mean '416'?"],
+    ),
+    "foreign file that is nowhere": (("import", "FOLDER/a.dat", *OUT), ["a.dat", "cannot be read"]),
+    "foreign folder": (("import", "FOLDER", *OUT), ["is a folder", "file of raw frames"]),
+    "import below a file": (
+        ("import", "FRAME", "--out", "TEXT/a.h5"),
+        ["cannot be written", "another folder"],
+    ),
+    "import of too many frames": (("import", "FRAME", *OUT, "--frames", "2"), ["2 frames", "1 to 1"]),
+    "import at no rate": (("import", "FRAME", *OUT, "--rate", "0"), ["readout_hz is 0", "above 0"]),
+    "export of another size": (("export", "STREAM", *OUT), ["40 x 64", "250 x 400"]),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_bad_input_is_one_line_with_what_is_allowed(
+    refused, dataset, small_recipe, test_scenes, tmp_path, what
+):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "text").write_text("hello")
+    (tmp_path / "frame").write_bytes(bytes(13_000))
+    places = {
+        "RECIPE": small_recipe,
+        "NEAR": tmp_path / "smal.yaml",
+        "DATASET": dataset,
+        "STREAM": dataset / STREAM,
+        "FOLDER": tmp_path / "folder",
+        "TEXT": tmp_path / "text",
+        "FRAME": tmp_path / "frame",
+        "OUT": tmp_path / "out",
+    }
+    arguments, told = WRONG[what]
+    filled = [
+        str(places[head]) + arg[len(head) :] if (head := arg.split("/")[0]) in places else arg
+        for arg in arguments
+    ]
+    line = refused(*filled)
+    for part in told:
+        assert part in line
+    assert list((tmp_path / "folder").iterdir()) == []
+    assert not (tmp_path / "out").exists()
+
+
+SLIPS = {
+    "key": ("over_s", "ovr_s", ["'ovr_s'", "over_s", "recipe.yaml:"]),
+    "required key": ("frames: 400", "fames: 400", ["'fames'", "did you mean 'frames'?", "recipe.yaml:"]),
+    "light kind": (
+        "kind: ramp",
+        "kind: rmap",
+        ["'rmap'", "constant, flash", "did you mean 'ramp'?", "recipe.yaml:"],
+    ),
+    "light's key": ("from: 0.5", "frm: 0.5", ["'frm'", "from", "recipe.yaml:"]),
+    "light's name": ("[constant,", "[constnt,", ["'constnt'", "did you mean 'constant'?", "recipe.yaml:"]),
+    "light group": ("lamp: {kind", "lmap: {kind", ["'lmap'", "lamp, room"]),
+    "scene": ("[plane]", "[plain]", ["'plain'", "did you mean 'plane'?", "scenes list"]),
+    "sensor": ("small_sensor.yaml", "smal_sensor.yaml", ["smal_sensor.yaml", "small_sensor.yaml'?"]),
+    "number": ("frames: 400", "frames: many", ["camera.frames is 'many'", "recipe.yaml:"]),
+    "number too small": ("positions: 9", "positions: 1", ["focus.positions is 1", "2", "recipe.yaml:"]),
+    "rate": ("mean_rate: 0.2", "mean_rate: 20", ["20", "above 0 and below 1", "recipe.yaml:"]),
+}
+
+
+@pytest.mark.parametrize("what", SLIPS)
+def test_a_slip_in_a_recipe_is_one_line(refused, test_scenes, tmp_path, what):
+    old, new, told = SLIPS[what]
+    text = SMALL_RECIPE.replace("to: 2.0}", "to: 2.0, over_s: 0.01}")
+    assert old in text
+    (tmp_path / "recipe.yaml").write_text(text.replace(old, new, 1))
+    line = refused("recipes", "check", tmp_path / "recipe.yaml")
+    for part in told:
+        assert part in line
+
+
+def test_an_unknown_sensor_is_one_line_with_those_there_are(refused, test_scenes, tmp_path):
+    text = SMALL_RECIPE[: (start := SMALL_RECIPE.index("sensor: ") + 8)] + "vidar_400x25"
+    (tmp_path / "recipe.yaml").write_text(text + SMALL_RECIPE[SMALL_RECIPE.index(",", start) :])
+    line = refused("recipes", "check", tmp_path / "recipe.yaml")
+    assert "'vidar_400x25'" in line
+    assert "did you mean 'vidar_400x250'?" in line
+
+
+BROKEN = {
+    "empty": b"",
+    "no text at all": bytes(range(256)),
+    "nulls": b"name: a\0b\n",
+    "half a bracket": b"name: [1,\n",
+    "a list": b"- name\n",
+    "a loop": b"name: &a [*a]\n",
+    "a lone word": b"small\n",
+    "an object": b"name: !!python/object:os.system x\n",
+    "a bomb of brackets": b"[" * 2000,
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_a_file_that_is_no_recipe_is_one_line(refused, tmp_path, what):
+    (tmp_path / "recipe.yaml").write_bytes(BROKEN[what])
+    assert "recipe.yaml" in refused("recipes", "check", tmp_path / "recipe.yaml")
+
+
+def foreign(path):
+    with h5py.File(path, "w") as file:
+        file["spikes"] = np.zeros(3)
+
+
+NO_STREAM = {
+    "empty": lambda path, whole: path.write_bytes(b""),
+    "text": lambda path, whole: path.write_text("spikes"),
+    "cut short": lambda path, whole: path.write_bytes(whole[: len(whole) // 2]),
+    "cut very short": lambda path, whole: path.write_bytes(whole[:100]),
+    "foreign": lambda path, whole: foreign(path),
+}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("inspect",),
+        ("evaluate",),
+        ("score", "--measure", "sd", "--window", "9"),
+        ("export", "--out", "x.dat"),
+    ],
+    ids=lambda c: c[0],
+)
+@pytest.mark.parametrize("what", NO_STREAM)
+def test_a_file_that_is_no_stream_is_one_line(refused, dataset, tmp_path, monkeypatch, what, command):
+    monkeypatch.chdir(tmp_path)
+    NO_STREAM[what](tmp_path / "a.h5", (dataset / STREAM).read_bytes())
+    assert "a.h5: is " in refused(command[0], "a.h5", *command[1:])
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_half_a_manifest_is_one_line_that_says_how_to_go_on(refused, call, copy, small_recipe, test_scenes):
+    whole = (copy / "manifest.json").read_text()
+    (copy / "manifest.json").write_text(whole[: len(whole) // 2])
+    for command in ("evaluate", "verify"):
+        assert "manifest.json" in refused(command, copy)
+    line = refused("generate", small_recipe, "--out", copy)
+    assert "manifest.json" in line
+    assert "remove it" in line
+    (copy / "manifest.json").unlink()
+    assert call("generate", small_recipe, "--out", copy)[0] == 0
+    assert (copy / "manifest.json").read_text() == whole
+
+
+def test_a_file_is_not_imported_or_exported_onto_itself(refused, call, tmp_path):
+    path = tmp_path / "a.dat"
+    path.write_bytes(bytes(13_000))
+    refused("import", path, "--out", path)
+    assert path.read_bytes() == bytes(13_000)
+    stream = tmp_path / "a.h5"
+    assert call("import", path, "--out", stream)[0] == 0
+    before = stream.read_bytes()
+    refused("export", stream, "--out", stream)
+    assert stream.read_bytes() == before
+
+
+def test_llvm_that_is_not_there_is_one_line_with_what_to_install(small_recipe, tmp_path):
+    run = command_line(
+        *("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "llvm"),
+        environment={"DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so")},
+    )
+    line = one_line(run.returncode, run.stderr)
+    assert "variant llvm cannot run here: no LLVM library was found" in line
+    assert "libllvm19" in line
+
+
+def test_a_variant_is_checked_even_where_nothing_is_left_to_render(refused, copy, small_recipe, test_scenes):
+    assert "'lvm'" in refused("generate", small_recipe, "--out", copy, "--variant", "lvm")
+
+
+# Some sequences failed: exit code 1, named, the others done
+
+
+def test_a_damaged_sequence_is_named_and_the_others_are_evaluated(call, copy, tmp_path):
+    content = (copy / STREAM).read_bytes()
+    (copy / STREAM).write_bytes(content[: len(content) // 2])
+    code, out, err = call("evaluate", copy, "--method", "sd+argmax", "--out", tmp_path / "out")
+    assert "plane-constant-00 could not be evaluated" in one_line(code, err, expected=1)
+    assert "sd+argmax" in out
+    assert {r["sequence"] for r in records(tmp_path / "out")} == {"plane-continuous-00", "plane-lamp_only-00"}
+    board = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
+    assert [f["sequence"] for f in board["failures"]] == ["plane-constant-00"]
+
+
+def test_where_every_sequence_is_damaged_evaluate_says_so(call, copy, tmp_path):
+    for path in copy.glob("test/*.h5"):
+        path.write_bytes(b"")
+    code, _, err = call("evaluate", copy, "--method", "sd+argmax", "--out", tmp_path / "out")
+    assert code == 1
+    assert err.count("could not be evaluated") == 3
+    assert "Traceback" not in err
+
+
+def test_a_sequence_that_cannot_be_written_is_named_and_the_others_are_made(
+    call, copy, small_recipe, test_scenes
+):
+    (copy / STREAM).unlink()
+    (copy / STREAM).mkdir()
+    code, out, err = call("generate", small_recipe, "--out", copy)
+    assert "record plane-constant-00 failed: " in one_line(code, err, expected=1)
+    assert "0 sequences recorded, 2 kept from before" in out
+    assert [s.id for s in read_manifest(copy).sequences] == ["plane-continuous-00", "plane-lamp_only-00"]
+
+
+def test_finished_sequences_stay_listed_where_their_stacks_are_gone(call, copy, small_recipe, test_scenes):
+    """Stacks are large, and deleted first; a render that then fails must not take the dataset with it."""
+    before = read_manifest(copy)
+    shutil.rmtree(copy / "stacks")
+    (copy / "stacks").write_text("in the way")
+    code, _, err = call("generate", small_recipe, "--out", copy)
+    assert "render plane failed: " in one_line(code, err, expected=2)
+    assert read_manifest(copy).sequences == before.sequences
+
+
+def test_a_dataset_without_sequences_is_one_line(refused, copy):
+    write_manifest(copy, replace(read_manifest(copy), sequences=()))
+    assert "saf-gen generate" in refused("evaluate", copy)
+
+
+# Pipes, and Ctrl-C
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "arguments", [("methods",), ("--help",), ("score", "STREAM", "--measure", "sd", "--window", "1")]
+)
+def test_a_pipe_that_closes_early_is_no_error(dataset, arguments):
+    filled = [str(dataset / STREAM) if arg == "STREAM" else arg for arg in arguments]
+    read, write = os.pipe()
+    os.close(read)
+    run = subprocess.run(
+        [sys.executable, "-m", "saf_gen", *filled],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    os.close(write)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+@pytest.mark.slow
+def test_a_terminal_without_unicode_gets_the_table_all_the_same():
+    plain = {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C"}
+    run = command_line("methods", environment=plain)
+    assert run.returncode == 0, run.stderr
+    assert "er_sumsq" in run.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wanted", ["stacks/*/geometry.exr", "test/*.h5"])
+@pytest.mark.parametrize("whole_group", [True, False], ids=["terminal", "parent alone"])
+def test_ctrl_c_is_one_line_and_the_same_command_completes(
+    dataset, small_recipe, tmp_path, wanted, whole_group
+):
+    """A terminal sends Ctrl-C to parent and workers alike, a process manager to the parent alone."""
+    folder = tmp_path / "ds"
+    arguments = ["generate", str(small_recipe), "--out", str(folder), "--variant", VARIANT]
+    run = subprocess.Popen(
+        [sys.executable, "-c", ENTRY, *arguments],
+        env=os.environ | {"SAF_GEN_SCENES": str(SCENES)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 60
+    while not list(folder.glob(wanted)) and run.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.002)
+    (os.killpg if whole_group else os.kill)(run.pid, signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert "run the same command again" in one_line(run.returncode, err, expected=130)
+    again = command_line(*arguments)
+    assert again.returncode == 0, again.stderr
+    assert list(folder.rglob(".*")) == []
+    assert [s.content_sha256 for s in read_manifest(folder).sequences] == [
+        s.content_sha256 for s in read_manifest(dataset).sequences
+    ]
+
+
+@pytest.mark.slow
+def test_the_next_run_clears_what_a_killed_one_left_half_written(copy, small_recipe, test_scenes, call):
+    """What another process is writing at that moment stays."""
+    begin = """
+import os, sys
+from saf_gen.core.files import write_atomically
+left = [write_atomically(path) for path in sys.argv[1:]]
+for one in left:
+    one.__enter__().write_bytes(b"half")
+os._exit(9)
+"""
+    stack = next(copy.glob("stacks/*"))
+    subprocess.run([sys.executable, "-c", begin, stack / "lamp.exr", copy / STREAM], check=False)
+    assert len(list(copy.rglob(".*"))) == 2
+    with write_atomically(copy / STREAM) as part:
+        shutil.copy(copy / STREAM, part)
+        assert call("generate", small_recipe, "--out", copy)[0] == 0
+        assert list(copy.rglob(".*")) == [part]

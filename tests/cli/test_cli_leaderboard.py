@@ -1,0 +1,255 @@
+"""``saf-gen leaderboard``: evaluations of different days in one table."""
+
+import json
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from planted_sweeps import SHAPE, make_spikes, make_truth, write_sweep
+
+from saf_gen.benchmark.records import read_records
+from saf_gen.cli import main
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.stream_file import write_stream
+
+pytestmark = pytest.mark.slow
+
+FILES = ["axes.csv", "index.html", "leaderboard.csv", "leaderboard.json", "leaderboard.md", "leaderboard.tex"]
+
+
+@pytest.fixture
+def call(capsys):
+    """Run a command in this process: (exit code, stdout, stderr)."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        code = exit_code(*arguments)
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def exit_code(*arguments):
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Two scenes of one split, one of them under a light that grows fourfold, in a sweep of 800 frames."""
+    folder = tmp_path_factory.mktemp("data")
+    (folder / "test").mkdir()
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    gain = np.linspace(0.5, 2.0, SHAPE[0])
+    entries = []
+    for scene, light, peak in (("board", "constant", 300.0), ("leaf", "ramp", 40.0)):
+        name, brightness = f"{scene}-{light}-00", gain if light == "ramp" else np.ones(SHAPE[0])
+        digest = write_stream(
+            folder / f"test/{name}.h5",
+            make_spikes(peak, gain=brightness),
+            focus_position=lens,
+            truth=make_truth(peak),
+            gain=brightness[:, None].astype(np.float32),
+            light_names=("all",),
+        )
+        entries.append(
+            SequenceEntry(
+                id=name,
+                split="test",
+                scene=scene,
+                variant=1,
+                scene_motion="static",
+                lens_motion="sweep",
+                light=light,
+                repeat=0,
+                seed=1,
+                file=f"test/{name}.h5",
+                frames=SHAPE[0],
+                fingerprint="f",
+                content_sha256=digest,
+            )
+        )
+    manifest = Manifest("small", recipe_fingerprint="r", variant="none", sequences=tuple(entries))
+    write_manifest(folder, manifest)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def evaluated(dataset, tmp_path_factory):
+    """Two evaluations of the dataset: two methods, and one that was run later."""
+    folder = tmp_path_factory.mktemp("evaluated")
+    methods = {"first": ["sd+argmax", "er_count+argmax"], "later": ["sd_code+egs_code"]}
+    for name, some in methods.items():
+        options = [word for method in some for word in ("--method", method)]
+        assert exit_code("evaluate", dataset, "--out", folder / name, *options) == 0
+    return folder
+
+
+@pytest.fixture
+def runs(evaluated, tmp_path):
+    return tuple(shutil.copytree(evaluated / name, tmp_path / name) for name in ("first", "later"))
+
+
+def test_records_say_what_was_filmed_and_how(runs):
+    by_light = {r.light: r for r in read_records(runs[0])}
+    for record in by_light.values():
+        assert (record.track, record.variant, record.scene_motion, record.lens_motion) == (
+            "recorded",
+            1,
+            "static",
+            "sweep",
+        )
+        assert record.time_to_focus_s == record.frames_seen / 20_000
+        assert record.reversals is None
+        assert "cores" in record.machine
+    assert by_light["constant"].light_ratio == 1
+    assert by_light["constant"].mean_rate == pytest.approx(0.25, rel=0.02)
+    assert by_light["constant"].truth_first == pytest.approx(300 / 799)
+    assert by_light["ramp"].light_ratio == pytest.approx(4)
+    assert by_light["ramp"].mean_rate == pytest.approx(0.25 * 1.25, rel=0.02)
+    (parameters,) = {r.parameters for r in read_records(runs[1])}
+    assert "sd_code" not in parameters  # the parts as they are, with every option
+    assert parameters.endswith(")")
+    assert " + " in parameters
+
+
+def test_a_method_that_ran_later_joins_the_table(call, runs, tmp_path):
+    out = tmp_path / "both"
+    code, printed, err = call("leaderboard", *runs, "--out", out)
+    assert (code, err) == (0, "")
+    assert "3 methods, 2 sequences, 2 evaluations" in printed
+    assert "There are no intervals: 2 of at least 3 scenes" in " ".join(printed.split())
+    for name in [*FILES, "records.jsonl"]:
+        assert (out / name).is_file()
+        assert name in printed
+    document = json.loads((out / "leaderboard.json").read_text())
+    methods = {"sd+argmax", "er_count+argmax", "sd_code+egs_code"}
+    assert {row["method"] for row in document["rows"]} == methods
+    places = next(a for a in document["axes"] if a["axis"] == "focus_position")
+    assert [b["bin"] for b in places["bins"]] == ["first 10 %", "middle"]
+    assert sorted(map(str, read_records(out))) == sorted(
+        str(record) for run in runs for record in read_records(run)
+    )
+
+
+def test_without_out_it_prints_and_writes_nothing(call, runs, tmp_path):
+    before = sorted(tmp_path.rglob("*"))
+    code, printed, _ = call("leaderboard", runs[0] / "records.jsonl", runs[1])
+    assert code == 0
+    assert "sd_code+egs_code" in printed
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_what_is_merged_can_be_merged_again(call, runs, tmp_path):
+    assert call("leaderboard", *runs, "--out", tmp_path / "both")[0] == 0
+    code, printed, _ = call("leaderboard", tmp_path / "both", runs[0])
+    assert code == 0
+    assert "3 methods, 2 sequences" in printed
+
+
+def refused(call, *arguments):
+    code, printed, err = call("leaderboard", *arguments)
+    assert (code, printed, err.count("\n")) == (2, "", 1), err
+    return err
+
+
+def test_data_that_is_not_the_same_is_refused_in_one_line_that_names_both(call, runs, tmp_path):
+    other = tmp_path / "board-constant-00.h5"
+    write_sweep(other, 500.0)
+    assert call("evaluate", other, "--out", tmp_path / "other", "--method", "sd+argmax")[0] == 0
+    line = refused(call, runs[0], tmp_path / "other", "--out", tmp_path / "both")
+    assert "the data of board-constant-00 differs: " in line
+    assert str(runs[0]) in line
+    assert str(tmp_path / "other") in line
+    assert not (tmp_path / "both").exists()
+
+
+def test_an_evaluation_is_never_written_over(call, runs):
+    before = (runs[0] / "records.jsonl").read_bytes()
+    assert "is one of the evaluations" in refused(call, *runs, "--out", runs[0])
+    assert "is one of the evaluations" in refused(call, runs[0] / "records.jsonl", "--out", runs[0])
+    assert (runs[0] / "records.jsonl").read_bytes() == before
+
+
+def test_what_holds_no_records_is_one_line(call, runs, tmp_path):
+    assert "there is no records.jsonl" in refused(call, runs[0], tmp_path / "nothing")
+    whole = (runs[0] / "records.jsonl").read_text()
+    (runs[0] / "records.jsonl").write_text(whole[:-20])
+    assert "records.jsonl:4: is no JSON" in refused(call, *runs)
+
+
+def test_an_evaluation_replaces_the_earlier_one_as_a_whole_and_says_so(call, dataset, tmp_path):
+    out = tmp_path / "out"
+    code, printed, _ = call("evaluate", dataset, "--out", out, "--method", "sd+argmax", "--method", "sd+egs")
+    assert code == 0
+    assert "replaced" not in printed
+    assert (out / "curves.csv").is_file()
+    (out / "notes.txt").write_text("mine")
+    code, printed, err = call("evaluate", dataset, "--out", out, "--method", "sd+egs")
+    assert (code, err) == (0, "")
+    assert printed.splitlines()[-1] == "replaced the earlier evaluation of 2 methods"
+    assert {r.method for r in read_records(out)} == {"sd+egs"}
+    names = {p.name for p in out.iterdir()}
+    assert names == {
+        *FILES,
+        "records.jsonl",
+        "figures",
+        "notes.txt",
+    }  # no curves of argmax, nothing half done
+    assert not list(out.glob("figures/curves-*"))
+
+
+def test_merging_replaces_what_was_merged_before(call, evaluated, runs, tmp_path):
+    out = tmp_path / "both"
+    assert "replaced" not in call("leaderboard", *runs, "--out", out)[1]
+    code, printed, _ = call("leaderboard", runs[0], "--out", out)
+    assert code == 0
+    assert printed.splitlines()[-1] == "replaced the earlier evaluation of 3 methods"
+    assert len({r.method for r in read_records(out)}) == 2
+
+
+@pytest.mark.parametrize("name", ["focus/position", "truth/track"])
+def test_a_stream_made_elsewhere_with_gaps_is_evaluated_with_what_is_known(call, tmp_path, name):
+    path = tmp_path / "gaps.h5"
+    track = np.full(SHAPE[0], 300 / 799, np.float32)
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    write_stream(path, make_spikes(300.0), focus_position=lens, truth=make_truth(300.0, track=track))
+    with h5py.File(path, "r+") as file:
+        file[name][600:603] = np.nan
+    code, _, err = call("evaluate", path, "--method", "sd+argmax", "--method", "er_count+sgfs_causal")
+    assert (code, err) == (0, "")
+    document = json.loads((tmp_path / "gaps-evaluation/leaderboard.json").read_text())
+    for row in document["rows"]:
+        assert (row["rank"], row["success_1dof"], row["median_error_dof"]) == (None, None, None)
+        assert (row["lens_travel"] is None) == (name == "focus/position")
+    for held in read_records(tmp_path / "gaps-evaluation"):
+        assert (held.error, held.success_1dof) == (None, None)
+
+
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
+
+
+AGAIN = "nothing was written: the same command starts from the beginning"
+
+
+def test_ctrl_c_in_an_evaluation_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.benchmark.evaluate.evaluate", interrupted)
+    code, printed, err = call("evaluate", dataset, "--out", tmp_path / "out")
+    assert (code, printed, err) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_while_tuning_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.leaderboard.tuning.tune", interrupted)
+    file = tmp_path / "cen.json"
+    call_ = ("tune", dataset, "--method", "cen+argmax", "--try", "measure.highest=0.1,0.2", "--out", file)
+    assert call(*call_) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
+    assert not file.exists()
+
+
+def test_ctrl_c_in_a_command_that_writes_nothing_says_no_more_than_that(call, tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.stream.inspection.verify_dataset", interrupted)
+    assert call("verify", tmp_path) == (130, "", "saf-gen: stopped\n")

@@ -1,0 +1,36 @@
+"""The dataset card says what the recipe says."""
+
+import pytest
+from small_dataset import SMALL_RECIPE
+
+from saf_gen.generate.dataset_card import write_dataset_card
+from saf_gen.generate.recipe import read_recipe
+from saf_gen.stream.manifest import Manifest
+
+
+def card(tmp_path, motion):
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL_RECIPE.replace("positions: 9", f"positions: 9, motion: {motion}"))
+    (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n1,1\n")
+    manifest = Manifest(name="small", recipe_fingerprint="r", variant="llvm", sequences=())
+    write_dataset_card(tmp_path, read_recipe(path), manifest, [])
+    return (tmp_path / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        ("{kind: sweep}", "`sweep`"),
+        ("{kind: sweep_and_return, dwell_s: 0.001}", "`sweep_and_return` (dwell_s 0.001)"),
+        ("{kind: hold, position: {uniform: [0.2, 0.8]}}", "`hold` (position uniform 0.2, 0.8)"),
+        ("{choice: [{kind: sweep, to: 0.5}, {kind: sweep}]}", "`sweep` (to 0.5) or `sweep`"),
+        ("{kind: from_csv, file: lens.csv}", "`from_csv` (file lens.csv)"),
+        ("{kind: from_csv, file: {choice: [lens.csv]}}", "`from_csv` (file choice lens.csv)"),
+    ],
+)
+def test_the_card_tells_how_the_lens_moves_in_one_row(tmp_path, motion, words):
+    assert f"| lens motion | {words} |\n" in card(tmp_path, motion)
+
+
+def test_the_card_promises_no_sweep_that_was_not_made(tmp_path):
+    assert "sweep" not in card(tmp_path, "{kind: hold, position: 0.5}")

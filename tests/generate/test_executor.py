@@ -1,0 +1,372 @@
+"""Jobs on cores and on a cluster: results, failures named, dead processes, workers that outlive nobody."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from saf_gen.errors import BadInput
+from saf_gen.generate.executor import run_jobs
+
+
+class Light:
+    """What all jobs here say of themselves."""
+
+    takes_all_cores = False
+
+
+@dataclass(frozen=True)
+class Square(Light):
+    """A job that does well, and reports half way and at its end."""
+
+    number: int
+
+    @property
+    def name(self) -> str:
+        return f"square {self.number}"
+
+    def run(self, report):
+        report(self.name, 0.5)
+        report(self.name, 1.0)
+        return self.number**2, os.getpid()
+
+
+@dataclass(frozen=True)
+class Raises(Light):
+    """A job that fails in a way of its own."""
+
+    error: BaseException
+
+    @property
+    def name(self) -> str:
+        return f"raises {type(self.error).__name__}"
+
+    def run(self, report):
+        raise self.error
+
+
+@dataclass(frozen=True)
+class Dies(Light):
+    """A job whose whole process is gone, as when the kernel takes its memory back."""
+
+    name: str = "dies"
+
+    def run(self, report):
+        os._exit(9)
+
+
+@dataclass(frozen=True)
+class Sleeps(Light):
+    """A job that says where it runs, and takes its time."""
+
+    note: Path
+    seconds: float = 60.0
+    name: str = "sleeps"
+
+    def run(self, report):
+        half = self.note.with_suffix(".half")
+        half.write_text(str(os.getpid()))
+        half.replace(self.note)
+        time.sleep(self.seconds)
+
+
+def done(jobs, **options):
+    options = {"workers": 1, "report": lambda name, done: None} | options
+    ended = run_jobs(jobs, **options)
+    return {job.name: (result, "" if error is None else str(error)) for job, result, error in ended}
+
+
+def alive(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"  # a zombie has ended; nobody in a container may have asked for its end
+
+
+def ended_within(seconds, pids):
+    deadline = time.monotonic() + seconds
+    while any(map(alive, pids)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return not any(map(alive, pids))
+
+
+def test_no_jobs_start_no_process():
+    assert done([]) == {}
+
+
+def test_each_job_gives_its_result_from_another_process():
+    results = done([Square(n) for n in range(4)])
+    assert {name: result[0] for name, (result, _) in results.items()} == {
+        f"square {n}": n * n for n in range(4)
+    }
+    assert {error for _, error in results.values()} == {""}
+    assert os.getpid() not in {result[1] for result, _ in results.values()}
+
+
+def test_all_that_jobs_tell_is_heard_in_order():
+    """Also what the last job told just before it ended."""
+    heard = []
+    done([Square(n) for n in range(6)], workers=2, report=lambda name, done: heard.append((name, done)))
+    for n in range(6):
+        assert [share for name, share in heard if name == f"square {n}"] == [0.5, 1.0]
+
+
+def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
+    results = done(
+        [
+            Raises(BadInput("gain -1", where="a.yaml:3", allowed="0 or more")),
+            Raises(PermissionError(13, "Permission denied", "/there/a.h5")),
+            Raises(MemoryError()),
+            Raises(ZeroDivisionError("division by zero")),
+            Square(3),
+        ]
+    )
+    assert results["raises BadInput"] == (None, "a.yaml:3: gain -1; allowed: 0 or more")
+    assert "Permission denied" in results["raises PermissionError"][1]
+    assert "/there/a.h5" in results["raises PermissionError"][1]
+    assert results["raises MemoryError"][1] == "out of memory; run with fewer --workers"
+    assert "division by zero" in results["raises ZeroDivisionError"][1]
+    assert results["square 3"][0][0] == 9
+
+
+def followers(job, result):
+    """A square of a one-digit number is squared again."""
+    return [Square(result[0])] if result[0] < 10 else []
+
+
+def test_what_follows_from_a_job_runs_after_it():
+    order = []
+    for job, result, error in run_jobs(
+        [Square(3), Raises(MemoryError())], workers=1, report=lambda name, done: None, follow_up=followers
+    ):
+        order.append((job.name, error is None and result[0]))
+    assert set(order) == {("square 3", 9), ("square 9", 81), ("raises MemoryError", False)}
+    assert order.index(("square 3", 9)) < order.index(("square 9", 81))
+
+
+@pytest.mark.slow
+def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another():
+    """The light one ends although the heavy ones, one after the other, are still at it."""
+    heavy = [Heavy(1.0, "one"), Heavy(1.0, "two")]
+    ended = list(run_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None))
+    first, second = sorted(result for job, result, _ in ended if isinstance(job, Heavy))
+    assert first[1] <= second[0]
+    assert ended[-1][0].name != "square 1"
+
+
+@pytest.mark.slow
+def test_a_job_that_follows_a_dead_process_fails_with_that_cause():
+    """Its pool is broken by then: what should run next is named too, nothing hangs."""
+    ended = run_jobs(
+        [Heavy(), Dies()],
+        workers=1,
+        report=lambda name, done: None,
+        follow_up=lambda job, result: [Square(2)],
+    )
+    results = {job.name: error for job, _, error in ended}
+    assert results["heavy"] is None
+    assert "its process died" in str(results["square 2"])
+
+
+def test_bad_input_is_told_apart_from_other_failures():
+    jobs = [Raises(BadInput("gain -1")), Raises(ZeroDivisionError("division by zero"))]
+    errors = {job.name: error for job, _, error in run_jobs(jobs, workers=1, report=lambda name, done: None)}
+    assert errors["raises BadInput"].exit_code == 2
+    assert errors["raises ZeroDivisionError"].exit_code == 1
+
+
+def test_a_job_whose_process_dies_is_named_with_what_to_do():
+    """Jobs that the same broken pool still held are named too: none is lost."""
+    jobs = [Square(1), Dies(), *(Square(n) for n in range(2, 8))]
+    results = done(jobs)
+    assert set(results) == {job.name for job in jobs}
+    assert results["square 1"][0][0] == 1
+    result, error = results["dies"]
+    assert result is None
+    assert "its process died" in error
+    assert "run the same command again" in error
+    for result, error in results.values():
+        assert (result is None) is bool(error)
+
+
+def test_workers_end_when_the_caller_stops_listening(tmp_path):
+    note = tmp_path / "pid"
+    jobs = run_jobs([Square(1), Sleeps(note)], workers=2, report=lambda name, done: None)
+    next(jobs)
+    deadline = time.monotonic() + 30
+    while not note.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    worker = int(note.read_text())
+    assert alive(worker)
+    jobs.close()
+    assert ended_within(10, [worker])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGTERM], ids=["SIGKILL", "SIGTERM"])
+def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
+    """Else every killed run leaves a process behind that holds memory and a hand on the dataset."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import sys
+            from pathlib import Path
+            from saf_gen.generate.executor import run_jobs
+            from test_executor import Sleeps
+            if __name__ == "__main__":
+                notes = [Path(n) for n in sys.argv[1:]]
+                jobs = [Sleeps(note, name=note.name) for note in notes]
+                list(run_jobs(jobs, workers=len(jobs), report=lambda name, done: None))
+            """
+        )
+    )
+    notes = [tmp_path / "one", tmp_path / "two"]
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    run = subprocess.Popen(
+        [sys.executable, str(script), *map(str, notes)],
+        env=os.environ | {"PYTHONPATH": path},
+        start_new_session=True,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        deadline = time.monotonic() + 30
+        while not all(note.exists() for note in notes) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        workers = [int(note.read_text()) for note in notes]
+        assert all(map(alive, workers))
+        run.send_signal(blow)
+        run.wait()
+        assert ended_within(10, workers)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
+
+
+@dataclass(frozen=True)
+class Heavy:
+    """A job that wants the machine for itself; long enough for another one to die meanwhile."""
+
+    seconds: float = 3.0
+    name: str = "heavy"
+    takes_all_cores: bool = True
+
+    def run(self, report):
+        begin = time.monotonic()  # one clock for all processes of a machine
+        time.sleep(self.seconds)
+        return begin, time.monotonic()
+
+
+# A cluster. The stand-in does what run_jobs needs of dask.distributed; the real one is tried where it is.
+
+
+class FakeFuture(Future):
+    def release(self):
+        self.released = True
+
+
+class FakeClient:
+    """Runs each job at once, here."""
+
+    def __init__(self, address, timeout):
+        if address != "tcp://here:8786":
+            raise OSError(f"Timed out trying to connect to {address} after 10 s")
+        self.futures = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        assert all(future.released for future in self.futures)
+
+    def submit(self, work, job, *, pure):
+        assert pure is False
+        future = FakeFuture()
+        self.futures.append(future)
+        try:
+            future.set_result(work(job))
+        except BadInput as error:
+            future.set_exception(error)
+        return future
+
+
+class FakeCompleted(list):
+    """The last first, and what is added meanwhile."""
+
+    def __iter__(self):
+        while self:
+            yield self.pop()
+
+    update = list.extend
+
+
+@pytest.fixture
+def fake_dask(monkeypatch):
+    fake = SimpleNamespace(Client=FakeClient, as_completed=FakeCompleted)
+    monkeypatch.setitem(sys.modules, "distributed", fake)
+
+
+def test_a_cluster_gives_results_and_names_what_failed(fake_dask):
+    heard = []
+    results = done(
+        [Square(2), Raises(BadInput("no such group")), Square(3)],
+        address="tcp://here:8786",
+        report=lambda name, done: heard.append((name, done)),
+    )
+    assert results["square 2"][0][0] == 4
+    assert results["square 3"][0][0] == 9
+    assert results["raises BadInput"] == (None, "no such group")
+    assert ("square 2", 1.0) in heard
+
+
+def test_what_follows_from_a_job_runs_on_the_cluster_too(fake_dask):
+    results = done([Square(3)], address="tcp://here:8786", follow_up=followers)
+    assert {name: result[0] for name, (result, _) in results.items()} == {"square 3": 9, "square 9": 81}
+
+
+def test_a_scheduler_that_does_not_answer_is_one_line(fake_dask):
+    with pytest.raises(
+        BadInput, match=r"no Dask scheduler answers at 'tcp://gone:1': .*; allowed: an address"
+    ):
+        done([Square(1)], address="tcp://gone:1")
+
+
+def test_a_cluster_without_dask_is_one_line_with_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(BadInput, match=r"--cluster needs .*distributed; pip install 'saf-gen\[cluster\]'"):
+        done([Square(1)], address="tcp://here:8786")
+
+
+def test_the_command_line_tells_a_missing_dask_in_one_line(
+    monkeypatch, capsys, small_recipe, test_scenes, tmp_path
+):
+    from saf_gen.cli import main
+
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(SystemExit) as stop:
+        main(["generate", str(small_recipe), "--out", str(tmp_path / "ds"), "--cluster", "tcp://here:8786"])
+    lines = capsys.readouterr().err.splitlines()
+    assert stop.value.code == 2
+    assert len(lines) == 1
+    assert "pip install 'saf-gen[cluster]'" in lines[0]
+
+
+@pytest.mark.slow
+def test_a_real_cluster_gives_what_cores_give():
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        results = done([Square(2), Raises(OSError(28, "No space left"))], address=cluster.scheduler_address)
+    assert results["square 2"][0][0] == 4
+    assert "No space left" in results["raises OSError"][1]

@@ -1,0 +1,248 @@
+"""Generating: whole, the same whoever works, resumed after a kill, refused before anything is made."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import namedtuple
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from small_dataset import SCENES, SMALL_RECIPE
+
+import saf_gen
+from saf_gen.errors import BadInput
+from saf_gen.generate.recorder import group_gains
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.render import backend
+from saf_gen.stack.exr import read_planes
+from saf_gen.stack.focal_stack import StackStore
+from saf_gen.stream.manifest import read_manifest
+
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+
+
+def digests(folder):
+    return {e.id: e.content_sha256 for e in read_manifest(folder).sequences}
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    """The small dataset, made once; tests get copies of it."""
+    folder = tmp_path_factory.mktemp("first")
+    recipe = folder / "small.yaml"
+    recipe.write_text(SMALL_RECIPE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SAF_GEN_SCENES", str(SCENES))
+        return generate(resolve_recipe(recipe), folder / "made", variant=VARIANT)
+
+
+@pytest.fixture
+def work(test_scenes, small_recipe):
+    return resolve_recipe(small_recipe)
+
+
+@pytest.fixture
+def made(first, test_scenes, tmp_path):
+    """A copy of the small dataset that a test may spoil."""
+    assert first.failed == {}
+    shutil.copytree(first.folder, tmp_path / "made")
+    return replace(first, folder=tmp_path / "made")
+
+
+def test_a_recipe_becomes_streams_with_truth(made):
+    assert made.rendered == ["plane · geometry", "plane · lamp", "plane · room"]
+    assert made.recorded == ["plane-constant-00", "plane-continuous-00", "plane-lamp_only-00"]
+    with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
+        assert stream.shape == (400, 40, 64)
+        assert stream.truth.position == pytest.approx(0.46199, abs=1e-4)
+        assert stream.truth.frame == pytest.approx(0.46199 * 400 - 0.5, abs=0.1)
+        assert stream.focus_position[0] == pytest.approx(0.5 / 400, abs=1e-7)  # on a grid of 2⁻²⁴
+        assert stream.truth.target.all()
+        assert stream.truth.sharpness.shape == (9,)
+        counts = stream.counts(0, 400)
+    # Mean rate 0.2 in the target at its best focus: 1.02 million pixel readouts round it, so sampling
+    # noise is below 0.1 %; the light over the sweep varies by 1 % (bellows).
+    assert counts.mean() / 400 == pytest.approx(0.2, rel=0.02)
+
+
+def test_the_file_says_how_it_was_made(made):
+    with h5py.File(made.folder / "test" / "plane-constant-00.h5") as file:
+        recipe = file["provenance/recipe"][()].decode()
+        versions = json.loads(file["provenance/versions"][()])
+        assert file["provenance/variant"][()].decode() == VARIANT
+    assert "name: small" in recipe
+    assert versions["mitsuba"] == "3.9.1"
+
+
+def test_a_recording_holds_the_sensor_that_made_it_as_a_sensor_file(work, made, tmp_path):
+    with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
+        (tmp_path / "again.yaml").write_text(stream.metadata.provenance["sensor"])
+    assert saf_gen.get_sensor(tmp_path / "again.yaml") == work.sensor
+
+
+def test_light_schedules_are_stored_a_group_a_column(made):
+    with saf_gen.open_stream(made.folder / "test" / "plane-lamp_only-00.h5") as stream:
+        assert stream.light_names == ("lamp", "room")
+        assert stream.gain[:, 1] == pytest.approx(1.0)
+        assert stream.gain[:, 0] == pytest.approx(np.repeat([1.0, 0.4, 2.0, 1.0], 100), rel=1e-5)
+
+
+@pytest.mark.slow
+def test_one_and_two_workers_give_the_same_digests(work, made, tmp_path):
+    other = generate(work, tmp_path / "other", workers=2, variant=VARIANT)
+    assert digests(other.folder) == digests(made.folder)
+
+
+@pytest.mark.slow
+def test_shards_make_the_same_dataset_together(small_recipe, made, tmp_path):
+    for i in (1, 2):
+        part = generate(resolve_recipe(small_recipe, part=(i, 2)), tmp_path / "shards", variant=VARIANT)
+        assert part.failed == {}
+    assert digests(tmp_path / "shards") == digests(made.folder)
+
+
+def test_generating_again_keeps_everything(work, made):
+    again = generate(work, made.folder, variant=VARIANT)
+    assert (again.rendered, again.recorded) == ([], [])
+    assert again.kept == made.recorded
+    assert digests(again.folder) == digests(made.folder)
+
+
+def test_a_damaged_sequence_is_made_again_alone(work, made):
+    before = digests(made.folder)
+    path = made.folder / "test" / "plane-constant-00.h5"
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    again = generate(work, made.folder, variant=VARIANT)
+    assert again.recorded == ["plane-constant-00"]
+    assert again.rendered == []
+    assert digests(again.folder) == before
+
+
+@pytest.mark.slow
+def test_another_seed_records_anew_and_renders_nothing(small_recipe, made):
+    small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
+    again = generate(resolve_recipe(small_recipe), made.folder, variant=VARIANT)
+    assert again.rendered == []
+    assert len(again.recorded) == 3
+
+
+@pytest.mark.slow
+def test_a_shard_after_a_change_of_recipe_lists_nothing_of_the_old_one(small_recipe, made):
+    small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
+    part = generate(resolve_recipe(small_recipe, part=(1, 3)), made.folder, variant=VARIANT)
+    assert [e.id for e in part.manifest.sequences] == part.recorded == ["plane-constant-00"]
+
+
+def spec_of(work):
+    """The one stack of the small dataset."""
+    ((spec,),) = (time_stack.specs for time_stack in work.sequences_by_stack())
+    return spec
+
+
+@pytest.mark.slow
+def test_another_stack_records_anew(small_recipe, work, made):
+    for path in made.folder.glob("stacks/*/lamp.*"):
+        path.unlink()
+    store = StackStore(made.folder / "stacks", spec_of(work))
+    store.write_group("lamp", store_radiance(made.folder, work) * 2, VARIANT)
+    again = generate(work, made.folder, variant=VARIANT)
+    assert again.rendered == []
+    assert len(again.recorded) == 3
+
+
+def store_radiance(folder, work):
+    """The room's radiance, here to stand in for another lamp's."""
+    planes, _ = read_planes(next(folder.glob("stacks/*/room.exr")))
+    return np.array([planes[f"focus.{k:04d}"] for k in range(spec_of(work).positions)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["after the first piece of the stack", "after the first sequence"])
+def test_a_killed_generation_goes_on_where_it_was(small_recipe, made, tmp_path, when):
+    """SIGKILL to the whole process group, then the same command: same digests, nothing rendered twice."""
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "saf_gen", "generate", str(small_recipe), "--out", str(folder)]
+    command += ["--variant", VARIANT]
+    wanted = "stacks/*/lamp.exr" if "stack" in when else "test/*.h5"
+    run = subprocess.Popen(
+        command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + 60
+    while not list(folder.glob(wanted)) and run.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.001)
+    os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+    done = {p.relative_to(folder): p.read_bytes() for p in folder.glob("stacks/*/*.exr")}
+    assert done, "killed before anything was made"
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    assert digests(folder) == digests(made.folder)
+    for name, content in done.items():
+        assert (folder / name).read_bytes() == content
+
+
+def test_a_group_that_the_scene_lacks_is_told_before_anything_is_made(small_recipe, test_scenes):
+    small_recipe.write_text(small_recipe.read_text().replace("    lamp:", "    lmap:"))
+    with pytest.raises(
+        BadInput, match=r"light 'lamp_only' on plane: the scene has no light group 'lmap'; allowed"
+    ):
+        resolve_recipe(small_recipe)
+
+
+def test_a_scene_that_is_nowhere_is_told(small_recipe, test_scenes):
+    small_recipe.write_text(small_recipe.read_text().replace("[plane]", "[plain]"))
+    with pytest.raises(BadInput, match=r"unknown scene 'plain'; .*did you mean 'plane'\?"):
+        resolve_recipe(small_recipe)
+
+
+def test_a_folder_that_cannot_be_written_is_told(work, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(BadInput, match=r"file/ds cannot be written: .*; give another folder with --out"):
+        generate(work, tmp_path / "file" / "ds", variant=VARIANT)
+
+
+def test_the_folder_of_another_dataset_is_not_touched(work, made, small_recipe):
+    small_recipe.write_text(small_recipe.read_text().replace("name: small", "name: other"))
+    before = sorted(made.folder.rglob("*"))
+    with pytest.raises(
+        BadInput, match=r"holds the dataset 'small', the recipe makes 'other'; give another folder"
+    ):
+        generate(resolve_recipe(small_recipe), made.folder, variant=VARIANT)
+    assert sorted(made.folder.rglob("*")) == before
+
+
+def test_a_disk_too_small_is_told_before_anything_is_made(work, tmp_path, monkeypatch):
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr("shutil.disk_usage", lambda path: usage(1, 1, 0))
+    with pytest.raises(BadInput, match=r"the dataset needs about .* MB in .*, 0 MB are free"):
+        generate(work, tmp_path / "ds", variant=VARIANT)
+    assert not list((tmp_path / "ds").iterdir())
+
+
+def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(
+    small_recipe, tmp_path, monkeypatch, test_scenes
+):
+    shutil.copytree(test_scenes / "plane", tmp_path / "scenes" / "plane")
+    script = tmp_path / "scenes" / "plane" / "scene.py"
+    script.write_text(script.read_text().replace("return {", "return 1/0, {"))
+    monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path / "scenes"))
+    outcome = generate(resolve_recipe(small_recipe), tmp_path / "ds", variant=VARIANT)
+    assert list(outcome.failed) == ["render plane"]
+    assert "ZeroDivisionError: division by zero" in str(outcome.failed["render plane"])
+    assert outcome.exit_code == 2
+    assert outcome.manifest.sequences == ()
+    assert not list((tmp_path / "ds").rglob("*.h5"))
+
+
+def test_a_group_without_a_schedule_stays_at_gain_one():
+    gains = group_gains({"lamp": {"kind": "constant", "level": 0.5}}, ("lamp", "room"), 20, 1000.0)
+    assert gains[:, 0] == pytest.approx(0.5)
+    assert gains[:, 1] == pytest.approx(1.0)

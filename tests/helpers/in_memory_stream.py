@@ -1,0 +1,26 @@
+"""A stream that lies in memory, for tests of what a method sees."""
+
+import numpy as np
+
+from saf_gen.core import bits
+from saf_gen.core.seeds import make_generator
+
+
+class InMemory:
+    """A stream of random spikes with the members that the rig uses; notes what was counted."""
+
+    readout_hz, focus_position = 20_000.0, None
+
+    def __init__(self, frames, height, width, *, rate=0.3):
+        self.shape = (frames, height, width)
+        chance = make_generator("test_rig", frames, height, width).random(self.shape, dtype=np.float32)
+        self.spikes = (chance < rate).astype(np.uint8)
+        self.asked, self.read = [], []
+
+    def counts(self, first, stop, region):
+        self.asked.append((first, stop))
+        return self.spikes[first:stop, *region].sum(axis=0, dtype=np.uint32)
+
+    def packed(self, first_byte, stop_byte, region):
+        self.read.append((first_byte, stop_byte))
+        return bits.pack(self.spikes[:, *region])[:, :, first_byte:stop_byte]

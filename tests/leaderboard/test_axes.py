@@ -1,0 +1,165 @@
+import csv
+import json
+
+import pytest
+from handmade_records import failed, record
+
+from saf_gen.leaderboard import AXES, rank_methods, tabulate_by_axis, write_leaderboard
+
+
+def axis(records, name, methods=("a+s",)):
+    (found,) = (t for t in tabulate_by_axis(records, methods) if t.axis.name == name)
+    return found
+
+
+def one(number, error=0.0, *, method="a+s", **more):
+    return record(method, f"s{number}", error, **more)
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "bins"),
+    [
+        (
+            "focus_position",
+            "focus_place",
+            {
+                0.0: "first 10 %",
+                0.0999: "first 10 %",
+                0.1: "middle",
+                0.9: "middle",
+                0.9001: "last 10 %",
+                1.0: "last 10 %",
+            },
+        ),
+        ("focus_position", "focus_off_dof", {1.001: "outside", 40.0: "outside"}),
+        (
+            "photon_budget",
+            "mean_rate",
+            {0.0099: "below 1", 0.01: "1 to 3", 0.05: "3 to 10", 0.2: "10 to 30", 0.3: "30 and more"},
+        ),
+        (
+            "light_ratio",
+            "light_ratio",
+            {1.0: "up to 1.1", 1.1: "1.1 to 2", 4.0: "2 to 5", 1000.0: "5 and more"},
+        ),
+    ],
+)
+def test_numbers_fall_into_their_bins(name, field, bins):
+    for value, expected in bins.items():
+        assert axis([one(0, **{field: value})], name).bins == (expected,)
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "values"),
+    [
+        ("light", "light", ("constant", "ramp")),
+        ("scene_motion", "scene_motion", ("dynamic", "static")),
+        ("lens_motion", "lens_motion", ("hold", "sweep")),
+        ("scene", "scene", ("camel", "fan")),
+    ],
+)
+def test_names_are_bins_of_their_own(name, field, values):
+    found = axis([one(i, **{field: value}) for i, value in enumerate(reversed(values))], name)
+    assert found.bins == values
+    assert found.sequences == (1, 1)
+
+
+def test_bins_of_numbers_stand_in_their_order_and_only_where_there_is_something():
+    some = [one(i, mean_rate=rate) for i, rate in enumerate((0.5, 0.001, 0.02))]
+    assert axis(some, "photon_budget").bins == ("below 1", "1 to 3", "30 and more")
+
+
+def test_an_axis_of_which_nothing_is_known_has_no_table_and_an_unknown_sequence_no_bin():
+    some = [one(0), one(1, scene_motion="static")]
+    assert {t.axis.name for t in tabulate_by_axis(some, ["a+s"])} == {"light", "scene", "scene_motion"}
+    assert axis(some, "scene_motion").sequences == (1,)
+
+
+def test_a_bin_weighs_scenes_and_lights_as_the_whole_table_does():
+    static = [
+        *(one(i, 0.0, scene="a", scene_motion="static") for i in range(3)),
+        one(3, 9.0, scene="a", light="ramp", scene_motion="static"),
+        one(4, 0.0, scene="b", scene_motion="static"),
+    ]
+    moving = [one(5, 2.0, scene="a", scene_motion="dynamic")]
+    found = axis([*static, *moving], "scene_motion")
+    assert found.bins == ("dynamic", "static")
+    assert (found.scenes, found.sequences) == ((1, 2), (1, 5))
+    dynamic, still = found.cells["a+s"]
+    assert (dynamic.success_1dof, dynamic.median_error_dof) == (0, 2)
+    assert still.success_1dof == pytest.approx(rank_methods(static)[0].success_1dof) == pytest.approx(0.75)
+    assert still.median_error_dof == 0
+
+
+def test_bins_of_light_agree_with_the_columns_of_light():
+    some = [one(0), one(1, 9.0, light="ramp"), one(2, light="ramp", scene="fan")]
+    found = axis(some, "light")
+    by_column = dict(rank_methods(some)[0].success_by_light)
+    assert dict(zip(found.bins, (c.success_1dof for c in found.cells["a+s"]), strict=True)) == by_column
+
+
+def test_every_method_meets_the_same_sequences_in_a_bin_and_no_answer_is_counted():
+    some = [
+        one(0, scene_motion="static"),
+        failed("b+s", "s0", "abstained", scene_motion="static"),
+    ]
+    found = axis(some, "scene_motion", ["a+s", "b+s"])
+    assert found.sequences == (1,)
+    assert (found.cells["b+s"][0].abstained, found.cells["b+s"][0].median_error_dof) == (1, None)
+
+
+@pytest.mark.parametrize("track", ["recorded", "closed_loop"])
+@pytest.mark.parametrize(
+    ("place", "off", "bins"),
+    [
+        (0.0, 0.9, ("first 10 %",)),
+        (0.5, 0.0, ("middle",)),
+        (0.5, None, ("middle",)),
+        (1.0, 1.0, ("last 10 %",)),
+        (None, 1.001, ("outside",)),
+    ],
+)
+def test_the_focus_lies_where_the_lens_meets_it_or_outside_whatever_was_answered(track, place, off, bins):
+    known = {"focus_place": place, "focus_off_dof": off, "track": track, "truth_first": 0.3}
+    for answered in (one(0, **known), one(0, 9.0, **known), failed("a+s", "s0", "abstained", **known)):
+        assert axis([answered], "focus_position").bins == bins
+
+
+def test_where_nobody_knows_the_focus_it_has_no_bin():
+    known = one(0, focus_place=0.5)
+    assert axis([known, one(1, truth_first=0.5), one(2, focus_off_dof=0.5)], "focus_position").sequences == (
+        1,
+    )
+
+
+def test_the_files_tell_every_axis(tmp_path):
+    places = ({"focus_place": 0.05}, {"focus_place": 0.5}, {"focus_off_dof": 2.0})
+    some = [
+        record(m, f"s{i}", e, scene=f"scene{i}", mean_rate=0.2, **place)
+        for m, errors in {"a+s": (0.0, 0.4, 3.0), "b|c+s": (5.0, 5.0, 5.0)}.items()
+        for i, (e, place) in enumerate(zip(errors, places, strict=True))
+    ]
+    write_leaderboard(tmp_path, rows=rank_methods(some), records=some)
+    document = json.loads((tmp_path / "leaderboard.json").read_text())
+    by_name = {a["axis"]: a for a in document["axes"]}
+    assert [b["bin"] for b in by_name["focus_position"]["bins"]] == ["first 10 %", "middle", "outside"]
+    assert [c["success_1dof"] for c in by_name["focus_position"]["methods"]["a+s"]] == [1, 1, 0]
+    with (tmp_path / "axes.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == sum(len(a["bins"]) for a in document["axes"]) * 2
+    (outside,) = (line for line in lines if line["bin"] == "outside" and line["method"] == "a+s")
+    assert (outside["axis"], outside["success_1dof"], outside["median_error_dof"]) == (
+        "focus_position",
+        "0.0",
+        "3.0",
+    )
+    text = (tmp_path / "leaderboard.md").read_text()
+    assert "## Focus position" in text
+    assert "| a+s | 100% (0.00) | 100% (0.40) | 0% (3.00) |" in text
+    assert r"| b\|c+s | 0% (5.00) |" in text
+    assert "## Photon budget" not in text  # one bin tells nothing that the table does not
+
+
+def test_every_axis_has_a_name_a_title_and_a_meaning():
+    assert len({a.name for a in AXES}) == len({a.title for a in AXES}) == len(AXES) == 7
+    assert all(a.meaning.endswith(".") for a in AXES)

@@ -1,0 +1,154 @@
+"""The folder of an evaluation: a later one replaces it as a whole, and what is not ours stays."""
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from handmade_evaluations import make_sweep
+from handmade_records import record
+
+from saf_gen.benchmark.records import read_records
+from saf_gen.benchmark.results import Evaluation
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.report import evaluation_folder, write_evaluation
+
+pytestmark = pytest.mark.slow
+
+TABLES = {
+    "axes.csv",
+    "index.html",
+    "leaderboard.csv",
+    "leaderboard.json",
+    "leaderboard.md",
+    "leaderboard.tex",
+    "records.jsonl",
+}
+CURVES = {"curves.csv", "measures.csv", "figures/curves-camel-constant.svg"}
+ERRORS = "figures/errors-camel_test.svg"
+
+
+def with_curves():
+    records = tuple(record(m, "camel-constant", 0.1) for m in ("sd+argmax", "er_count+argmax"))
+    return Evaluation(records, (make_sweep(measures=("sd",)),), ())
+
+
+def of_one_method(scene="camel"):
+    return Evaluation((record("sd+egs_code", f"{scene}-constant", 0.1, scene=scene),), (), ())
+
+
+def write(folder, made):
+    return write_evaluation(folder, evaluation=made, rows=rank_methods(made.records), title="small")
+
+
+def held(folder):
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_all_files_are_written_and_told(tmp_path):
+    written = write(tmp_path / "new/out", with_curves())
+    assert held(tmp_path / "new/out") == TABLES | CURVES | {ERRORS}
+    assert {p.relative_to(tmp_path / "new/out").as_posix() for p in written.paths} == {
+        *TABLES,
+        "curves.csv",
+        "measures.csv",
+        "figures",
+    }
+    assert written.replaced == ""
+
+
+def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_or_figure_of_it(tmp_path):
+    write(tmp_path, with_curves())
+    for name in ("notes.txt", "figures/mine.svg", "figures/curves-camel-constant-edited.svg"):
+        (tmp_path / name).write_text("not ours")
+    written = write(tmp_path, of_one_method("fan"))
+    assert written.replaced == "replaced the earlier evaluation of 2 methods"
+    foreign = {"notes.txt", "figures/mine.svg", "figures/curves-camel-constant-edited.svg"}
+    assert held(tmp_path) == TABLES | {"figures/errors-fan_test.svg"} | foreign
+    assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
+    again = write(tmp_path, with_curves())
+    assert again.replaced == "replaced the earlier evaluation of 1 method"
+    assert held(tmp_path) == TABLES | CURVES | {ERRORS} | foreign
+
+
+def test_a_folder_of_figures_that_nobody_needs_goes(tmp_path):
+    write(tmp_path, with_curves())
+    write(tmp_path, Evaluation((), (), ()))
+    assert not (tmp_path / "figures").exists()
+    assert held(tmp_path) == TABLES
+
+
+def test_an_evaluation_that_cannot_be_read_is_replaced_and_told(tmp_path):
+    write(tmp_path, with_curves())
+    (tmp_path / "records.jsonl").write_text('{"half": ')
+    assert write(tmp_path, of_one_method()).replaced == "replaced an earlier evaluation that cannot be read"
+    assert held(tmp_path) == TABLES | {ERRORS}
+
+
+def test_curves_and_figures_that_somebody_else_made_stay(tmp_path):
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "curves.csv").write_text("t,y\n0,1\n")
+    (tmp_path / "index.html").write_text('<figure id="mine">')
+    (tmp_path / "figures/mine.svg").write_text("<svg/>")
+    assert write(tmp_path, of_one_method()).replaced == ""
+    assert held(tmp_path) == TABLES | {ERRORS, "curves.csv", "figures/mine.svg"}
+
+
+@pytest.mark.parametrize("moved", [0, 1, 2, len(TABLES)])  # of these and a figure
+def test_a_folder_half_replaced_is_no_evaluation_and_the_next_one_clears_it(tmp_path, monkeypatch, moved):
+    write(tmp_path, with_curves())
+    replace, left = Path.replace, [moved]
+
+    def until_killed(self, target):
+        if evaluation_folder.ASIDE in str(self) and evaluation_folder.ASIDE not in str(target):
+            if not left[0]:
+                raise KeyboardInterrupt
+            left[0] -= 1
+        return replace(self, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", until_killed)
+        with pytest.raises(KeyboardInterrupt):
+            write(tmp_path, of_one_method("fan"))
+    with pytest.raises(BadInput, match=r"there is no records\.jsonl"):
+        read_records(tmp_path)
+    write(tmp_path, of_one_method("usaf"))
+    assert held(tmp_path) == TABLES | {"figures/errors-usaf_test.svg"}
+
+
+def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tmp_path, monkeypatch):
+    write(tmp_path, with_curves())
+    before = {name: (tmp_path / name).read_bytes() for name in held(tmp_path)}
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(evaluation_folder, "plot_report_figures", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path, of_one_method("fan"))
+    assert {name: (tmp_path / name).read_bytes() for name in held(tmp_path)} == before
+
+
+def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluation_stays(tmp_path):
+    write(tmp_path, Evaluation(of_one_method().records, (), ()))
+    (tmp_path / ERRORS).unlink()
+    (tmp_path / "figures").rmdir()
+    (tmp_path / "figures").write_text("in the way")
+    with pytest.raises(BadInput, match=r"figures cannot be written: File exists"):
+        write(tmp_path, with_curves())
+    assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
+    (tmp_path / "notes").write_text("a file")
+    with pytest.raises(BadInput, match="notes cannot be written"):
+        write(tmp_path / "notes", with_curves())
+
+
+def test_what_a_killed_run_wrote_aside_goes_after_a_day_and_a_neighbour_s_stays(tmp_path):
+    old, new = tmp_path / f"{evaluation_folder.ASIDE}old", tmp_path / f"{evaluation_folder.ASIDE}new"
+    for left in (old, new):
+        left.mkdir()
+        (left / "index.html").write_text("half")
+    os.utime(old, (time.time() - 2 * evaluation_folder.ABANDONED_S,) * 2)
+    write(tmp_path, of_one_method())
+    assert not old.exists()
+    assert (new / "index.html").is_file()

@@ -1,0 +1,405 @@
+import io
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from handmade_evaluations import CENTRES, LENS, make_lens_path, make_records, make_sweep, make_thumbnails
+from handmade_records import failed, record
+from PIL import Image
+
+from saf_gen.benchmark.results import FocusCurve
+from saf_gen.leaderboard.figures import (
+    CONDITIONS,
+    MAX_MEASURES,
+    add_paper_background,
+    assign_styles,
+    build_image_strip,
+    error_figure,
+    inline_svg,
+    locate_cursor,
+    normalise_curve,
+    plot_condition,
+    plot_errors,
+    plot_focus_curves,
+    plot_lens_paths,
+    plot_search_steps,
+    split_method,
+    to_svg,
+)
+from saf_gen.leaderboard.figures._style import VARIABLES, describe_omissions, shorten_middle
+from saf_gen.leaderboard.figures.condition_figure import bin_sequences
+
+pytestmark = pytest.mark.slow
+
+LOOKS = assign_styles(["sd", "sd_code", "er_count"])
+RATIO, BUDGET = CONDITIONS
+
+
+def curves(one, records=(), styles=LOOKS):
+    return plot_focus_curves(one, records, styles, title="camel")
+
+
+def main(figure):
+    return next(a for a in figure.axes if a.get_label() == "curves")
+
+
+def curves_of(axes):
+    return [line for line in axes.get_lines() if len(line.get_xdata()) == CENTRES.size]
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_normalised_scores_run_from_0_to_1_and_a_flat_curve_is_0():
+    assert normalise_curve(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
+    assert normalise_curve(np.array([2.0, 2.0])).tolist() == [0, 0]
+    assert np.isnan(normalise_curve(np.array([np.nan, 1.0, 2.0]))[0])
+
+
+def test_a_figure_is_well_formed_and_its_text_is_text():
+    root = ET.fromstring(to_svg(curves(make_sweep()), name="a"))
+    texts = {"".join(e.itertext()).strip() for e in root.iter("{http://www.w3.org/2000/svg}text")}
+    assert {"camel", "sd = sd_code", "er_count", "focus score, normalised"} <= texts
+
+
+def test_the_same_figure_gives_the_same_text():
+    one, other = (to_svg(curves(make_sweep()), name="a") for _ in range(2))
+    assert one == other
+
+
+def test_coordinates_have_two_digits():
+    assert not re.search(r"[\s\"L]\d+\.\d{3,}[\s\"]", to_svg(curves(make_sweep()), name="a"))
+
+
+def test_a_figure_of_a_file_lies_on_paper():
+    text = add_paper_background(to_svg(curves(make_sweep()), name="a"))
+    first = next(e for e in ET.fromstring(text) if e.tag.endswith("rect"))
+    assert first.get("fill") == "#ffffff"
+
+
+def test_within_a_page_colours_are_the_pages_and_names_do_not_meet():
+    parts = [inline_svg(to_svg(curves(make_sweep()), name=name), label=name) for name in ("a", "b")]
+    ids = [re.findall(r' id="([^"]+)"', text) for text in parts]
+    assert all(len(i) == len(set(i)) for i in ids)
+    assert ids[0]
+    assert not set(ids[0]) & set(ids[1])
+    for text in parts:
+        ET.fromstring(text)
+        assert not set(re.findall(r"#[0-9a-f]{6}\b", text))
+        assert set(re.findall(r"var\((--\w+)\)", text)) <= set(VARIABLES.values())
+        used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text))
+        assert used == set(re.findall(r' id="([^"]+)"', text))
+        assert "xlink" not in text.replace("xmlns:xlink", "")
+
+
+def test_pictures_leave_matplotlib_as_it_was():
+    before = dict(matplotlib.rcParams)
+    to_svg(curves(make_sweep()), name="a")
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_looks_differ_and_are_the_same_in_every_figure():
+    names = [f"m{i}" for i in range(MAX_MEASURES * MAX_MEASURES)]
+    styles = assign_styles(names)
+    assert len({(s.colour, s.marker) for s in styles.values()}) == MAX_MEASURES * MAX_MEASURES
+    assert len({(s.colour, s.dashes) for s in styles.values()}) == MAX_MEASURES * MAX_MEASURES
+    assert len({s.colour for s in list(styles.values())[:MAX_MEASURES]}) == MAX_MEASURES
+
+
+def test_a_method_is_a_measure_and_a_search_or_a_name_alone():
+    assert split_method("sd:a=1+egs:b=2") == ("sd:a=1", "egs:b=2")
+    assert split_method("my_net") == ("my_net", "")
+
+
+def test_curves_run_over_the_focus_position_with_the_truth_among_them():
+    axes = main(curves(make_sweep()))
+    sd, count = curves_of(axes)  # sd_code is sd times a number: they share a line
+    np.testing.assert_allclose(sd.get_xdata(), CENTRES / 799, atol=1e-6)
+    assert (count.get_ydata().min(), count.get_ydata().max()) == (0, 1)
+    assert 0.375 in [line.get_xdata()[0] for line in axes.get_lines()]
+
+
+def test_measures_whose_curves_coincide_share_a_line_else_not():
+    assert legend(curves(make_sweep()))[:2] == ["sd = sd_code", "er_count"]
+    other = make_sweep()
+    moved = tuple(replace(c, scores=c.scores[::-1]) if c.measure == "sd" else c for c in other.curves)
+    assert legend(curves(replace(other, curves=moved)))[:3] == ["sd", "sd_code", "er_count"]
+
+
+def test_no_more_lines_than_can_be_told_apart():
+    many = tuple(FocusCurve(f"m{i}", CENTRES, np.roll(np.arange(CENTRES.size), i), None) for i in range(15))
+    figure = curves(replace(make_sweep(), curves=many), styles=assign_styles([c.measure for c in many]))
+    assert [t for t in legend(figure) if t.startswith("m")] == [f"m{i}" for i in range(MAX_MEASURES)]
+
+
+def test_every_search_has_a_row_with_the_answers_of_its_measures():
+    records = [
+        record("sd+argmax", "x", 0.0, frame=300.0),
+        record("er_count+argmax", "x", 3.0, frame=700.0),
+        record("sd+egs_code", "x", 0.0, frame=310.0),
+        failed("er_count+egs_code", "x", "abstained"),
+        record("other+argmax", "x", 0.0, frame=5.0),
+    ]
+    strip = curves(make_sweep(), records).axes[0]
+    assert [t.get_text() for t in strip.get_yticklabels()] == ["argmax", "egs_code"]
+    marks = [line for line in strip.get_lines() if line.get_marker() in ("o", "D", "s")]
+    rows = sorted((round(float(m.get_ydata()[0])), float(m.get_xdata()[0]) * 799) for m in marks)
+    assert [row for row, _ in rows] == [0, 0, 1]
+    assert [frame for _, frame in rows] == pytest.approx([300, 700, 310], abs=0.01)
+
+
+def note(figure):
+    """What a figure says that it leaves out."""
+    return figure.legends[0].get_title().get_text()
+
+
+def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
+    records = [
+        record("sd+egs_code", "x", 0.0, frame=310.0),
+        record("my_net", "x", 1.0, frame=400.0),
+        failed("er_count+egs_code", "x", "abstained"),
+    ]
+    styles = assign_styles(["sd", "my_net", "er_count"])
+    bare = make_sweep(measures=())
+    figure = curves(bare, records, styles)
+    strip, axes, light = figure.axes[0], main(figure), figure.axes[-1]
+    assert [t.get_text() for t in strip.get_yticklabels()] == ["egs_code", "predictions"]
+    assert legend(figure) == ["sd", "my_net", "light (mean counts)", "true focus, its depth of focus"]
+    assert 0.375 in [line.get_xdata()[0] for line in axes.get_lines()]
+    assert light.get_ylabel() == "spikes a pixel, readout"
+    assert light.collections
+    assert (axes.get_ylabel(), list(axes.get_yticks())) == ("", [])
+    across = locate_cursor(figure, bare, np.array([0.0, 799.0])).across
+    assert 0 < across[0] < across[1] < 1
+
+    resting = make_sweep(measures=(), lens=np.concatenate([LENS[::2], LENS[::-2]]))
+    figure = curves(resting, records, styles)
+    (lens,) = (line for line in main(figure).get_lines() if len(line.get_xdata()) == 400)
+    assert lens.get_ydata().max() == pytest.approx(1, abs=0.01)
+    assert main(figure).get_ylabel() == "focus position"
+    one_block = replace(bare, frames=np.array([399.5]), rate=np.array([0.2]))
+    ET.fromstring(to_svg(curves(one_block, records, styles), name="a"))
+
+
+def test_a_measure_that_has_an_answer_and_no_curve_has_its_mark():
+    records = [record("my_net", "x", 0.0, frame=300.0), record("sd+argmax", "x", 0.0, frame=310.0)]
+    figure = curves(make_sweep(measures=("sd",)), records, assign_styles(["my_net", "sd"]))
+    assert legend(figure)[:2] == ["sd", "my_net"]
+    assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == ["predictions", "argmax"]
+    assert len(curves_of(main(figure))) == 1
+
+
+def test_what_a_figure_leaves_out_it_says():
+    assert describe_omissions((9, 14, "searches"), (8, 20, "measures")) == (
+        "Drawn: the first 9 of 14 searches, the first 8 of 20 measures"
+    )
+    assert describe_omissions((2, 2, "searches")) == ""
+    names = [f"m{i}" for i in range(MAX_MEASURES + 3)]
+    styles = assign_styles(names)
+    searches = [f"s{i}" for i in range(11)]
+    answered = [
+        record(f"{m}+{s}", "x", 0.1, frame=300.0, trace=(1.0, 9.0, 300.0)) for s in searches for m in names
+    ]
+    both = "Drawn: the first {} of 11 searches, the first 8 of 11 measures"
+    assert note(curves(make_sweep(measures=()), answered, styles)) == both.format(6)
+    assert note(plot_search_steps(make_sweep(), answered, styles, title="t")) == both.format(9)
+    ways = [make_lens_path(r.method) for r in answered]
+    assert note(plot_lens_paths(ways, styles, title="t")) == both.format(9)
+    against = [
+        record(f"{m}+s", f"{ratio}", 0.1, light_ratio=float(ratio)) for m in names for ratio in (1, 2, 4)
+    ]
+    said = note(plot_condition(against, RATIO, styles, title="t"))
+    assert said == "Drawn: the first 8 of 11 measures"
+    few = [r for r in answered if r.method in ("m0+s0", "m1+s0")]
+    for figure in (
+        curves(make_sweep(measures=()), few, styles),
+        plot_search_steps(make_sweep(), few, styles, title="t"),
+        plot_errors(few, title="t"),
+    ):
+        assert note(figure) == ""
+
+
+def test_many_methods_stand_closer_and_very_many_are_cut_and_said():
+    def of(count):
+        return plot_errors([record(f"m{i}+s", "x", 0.1) for i in range(count)], title="t")
+
+    high = {count: of(count).get_size_inches()[1] for count in (30, 60, 90)}
+    assert high[60] < 1.5 * high[30]
+    most = error_figure.MOST_ROWS
+    assert len(of(most + 10).axes[0].get_yticklabels()) == most
+    assert note(of(most + 10)) == f"Drawn: the first {most} of {most + 10} methods"
+
+
+def test_long_names_keep_their_ends_and_stay_in_the_figure():
+    assert shorten_middle("sd+argmax", 9) == "sd+argmax"
+    assert shorten_middle("sd:a=1+egs:final=20", 9) == "sd:a…l=20"
+    assert len(shorten_middle("x" * 99, 18)) == 18
+    names = [f"a_measure_of_a_very_long_name:option={i},another_one=0.25" for i in range(3)]
+    records = [record(f"{n}+a_search_of_a_long_name:{n}", "x", 0.1, frame=300.0) for n in names]
+    figure = curves(make_sweep(measures=()), records, assign_styles(names))
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.width
+    figure = plot_errors(records, title="a scene of a long name (validation), flicker, dynamic: errors")
+    figure.draw_without_rendering()
+    axes = figure.axes[0].get_position()
+    assert axes.width > 0.35
+    title = figure._suptitle.get_window_extent()
+    assert title.x1 <= figure.bbox.width
+
+
+def test_short_names_share_lines_of_the_legend():
+    records = [record(f"m{i}+s", "x", 0.1, frame=300.0) for i in range(4)]
+    figure = curves(make_sweep(measures=()), records, assign_styles([f"m{i}" for i in range(4)]))
+    assert figure.legends[0]._ncols == 2
+
+
+def test_a_sweep_with_less_than_everything_is_drawn_too():
+    nan = float("nan")
+    unknown = {"truth": nan, "truth_frame": nan, "depth_of_focus": (nan, nan)}
+    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
+    sweeps = [
+        make_sweep("blind", **unknown),
+        make_sweep("no lens", lens=None),
+        make_sweep("there and back", lens=there_and_back),
+        make_sweep("backwards", lens=LENS[::-1]),
+        make_sweep("at rest", lens=np.full(800, 0.5, dtype=np.float32)),
+        make_sweep(None, truth=1.4, depth_of_focus=(1.3, 1.5), truth_frame=nan),
+    ]
+    figures = {s.light: curves(s) for s in sweeps}
+    for figure in figures.values():
+        ET.fromstring(to_svg(figure, name="a"))
+    over_frames = {light for light, f in figures.items() if main(f).get_xlabel() == "frame"}
+    assert over_frames == {"no lens", "there and back", "at rest"}
+
+
+def test_over_frames_every_pass_of_the_truth_and_the_lens_are_drawn():
+    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
+    figure = curves(make_sweep(lens=there_and_back))
+    (passed,) = (c for c in main(figure).collections if len(c.get_paths()) == 2)
+    when = sorted(path.vertices[0, 0] for path in passed.get_paths())
+    assert when == pytest.approx([0.375 * 399.5, 799 - 0.375 * 399.5], abs=1)
+    (drawn,) = (line for line in main(figure).get_lines() if len(line.get_xdata()) == 400)
+    assert drawn.get_ydata().max() == pytest.approx(1, abs=0.01)
+    assert "focus position, 0 to 1" in legend(figure)
+
+
+def test_a_lens_that_rests_on_its_way_is_drawn_over_frames():
+    stop_and_go = np.repeat(np.linspace(0, 1, 8, dtype=np.float32), 100)
+    assert main(curves(make_sweep(lens=stop_and_go))).get_xlabel() == "frame"
+    assert main(curves(make_sweep(lens=LENS**2))).get_xlabel() == "focus position, fraction of travel"
+
+
+def test_a_truth_outside_the_travel_does_not_stretch_the_axis():
+    axes = main(curves(make_sweep(truth=1.4, depth_of_focus=(1.3, 1.5))))
+    assert axes.get_xlim() == (0, 1)
+    assert "focus at 1.40 →" in [text.get_text() for text in axes.texts]
+
+
+def test_the_cursor_of_a_frame_is_where_the_picture_has_it():
+    one = make_sweep()
+    figure = curves(one)
+    found = locate_cursor(figure, one, np.array([0.0, 399.5, 799.0]))
+    left, right = main(figure).get_position().x0, main(figure).get_position().x1
+    assert found.across == pytest.approx([left, (left + right) / 2, right], abs=1e-3)
+    assert 0 < found.top < found.bottom == pytest.approx(1 - main(figure).get_position().y0)
+
+
+def test_errors_show_every_method_and_light_and_mark_what_gave_no_answer():
+    records = [record("a+s", "x", 0.2), record("b+s", "x", -12.0), failed("c+s", "x", "abstained")]
+    (axes,) = plot_errors(records, title="camel").axes
+    assert [t.get_text() for t in axes.get_yticklabels()] == ["a+s", "b+s", "c+s"]
+    marks = {line.get_marker(): line for line in axes.get_lines() if line.get_marker() in ("o", "x")}
+    assert marks["o"].get_xdata().tolist() == [0.2, -12.0]
+    assert marks["x"].get_xdata().tolist()[0] > 12
+    assert marks["x"].get_ydata().round().tolist() == [2]
+
+
+def test_few_values_of_a_condition_are_each_on_their_own():
+    found = bin_sequences(make_records(), RATIO)
+    assert [round(value, 6) for value, _ in found] == [1, 2.5, 4]
+    assert [len(names) for _, names in found] == [3, 3, 6]
+
+
+def test_many_values_make_bins_of_about_as_many_sequences():
+    records = [record("sd+argmax", f"s{i}", 0.1, mean_rate=0.01 * 1.1**i) for i in range(36)]
+    found = bin_sequences(records, BUDGET)
+    assert [len(names) for _, names in found] == [6] * 6
+    assert found[0][0] == pytest.approx(1.1**2.5)
+
+
+def test_a_condition_that_hardly_differs_has_no_figure():
+    same = [record("sd+argmax", f"s{i}", 0.1, light_ratio=1 + 0.01 * i, mean_rate=0.2) for i in range(9)]
+    two = [record("sd+argmax", f"s{i}", 0.1, light_ratio=1.0 + i % 2) for i in range(9)]
+    for records, condition in ((same, RATIO), (same, BUDGET), (two, RATIO), ([BLIND], RATIO), ([], RATIO)):
+        assert plot_condition(records, condition, LOOKS, title="t") is None
+
+
+BLIND = record("sd+argmax", "x", None)
+
+
+def test_success_and_error_against_a_condition_follow_the_leaderboards_rule():
+    records = [
+        record("sd+argmax", "a", 0.5, scene="a", light_ratio=1.0),
+        record("sd+argmax", "b", 3.0, scene="a", light_ratio=2.0),
+        record("sd+argmax", "c", 0.5, scene="b", light_ratio=2.0),
+        record("sd+argmax", "d", 0.1, scene="b", light_ratio=2.0),
+        record("sd+argmax", "e", 9.0, scene="b", light_ratio=8.0),
+    ]
+    above, below = plot_condition(records, RATIO, LOOKS, title="t").axes
+    assert above.get_lines()[0].get_ydata().tolist() == [1, 0.5, 0]
+    assert below.get_lines()[0].get_ydata().tolist() == [0.5, 0.5, 9]
+    assert above.get_lines()[0].get_xdata() == pytest.approx([1, 2, 8])
+
+
+def test_steps_of_a_search_are_drawn_where_the_lens_was_in_frames_from_0():
+    coded = record("sd+egs_code", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 300.0))
+    ours = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
+    alone = record("sd+argmax", "x", 0.0, frame=299.0, trace=(299.0,))
+    figure = plot_search_steps(make_sweep(), [coded, ours, alone], LOOKS, title="t")
+    assert [a.get_title(loc="left") for a in figure.axes] == ["egs_code", "egs"]
+    ends = [next(line for line in a.get_lines() if len(line.get_xdata()) == 3) for a in figure.axes]
+    assert [float(line.get_ydata()[-1]) * 799 for line in ends] == pytest.approx([299, 299], abs=0.01)
+    assert 0.375 in [line.get_ydata()[0] for line in figure.axes[0].get_lines()]
+    assert plot_search_steps(make_sweep(), [alone], LOOKS, title="t") is None
+
+
+def test_steps_over_frames_have_every_pass_of_the_truth():
+    there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
+    one = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
+    (axes,) = plot_search_steps(make_sweep(lens=there_and_back), [one], LOOKS, title="t").axes
+    flat = sorted(line.get_ydata()[0] for line in axes.get_lines() if line.get_xdata()[0] == 0)
+    assert pytest.approx(flat, abs=1) == [150, 400, 649]
+    assert axes.get_ylabel() == "frame"
+
+
+def test_the_way_of_the_lens_ends_with_a_mark_or_a_cross():
+    paths = [
+        make_lens_path("sd+hill_climb"),
+        make_lens_path("er_count+hill_climb", problem="the budget was spent"),
+    ]
+    (axes,) = plot_lens_paths(paths, LOOKS, title="t").axes
+    ends = {line.get_marker() for line in axes.get_lines() if len(line.get_xdata()) == 1}
+    assert ends == {"o", "x"}
+    assert axes.get_title(loc="left") == "hill_climb"
+    assert plot_lens_paths([], LOOKS, title="t") is None
+
+
+def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():
+    made = build_image_strip(make_thumbnails(12), max_bytes=20_000)
+    sheet = np.asarray(Image.open(io.BytesIO(made.jpeg)), dtype=float)
+    assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 12)
+    assert sheet.shape == (40, 256)
+    grey = [sheet[y : y + 20, x : x + 32].mean() for y in (0, 20) for x in range(0, 256, 32)]
+    assert grey[:12] == sorted(grey[:12])
+    assert grey[12:] == pytest.approx([0] * 4, abs=3)
+    noise = np.random.default_rng(1).integers(0, 9, (48, 175, 280)).astype(np.uint32)
+    noisy = replace(make_thumbnails(48), images=noise)
+    assert len(build_image_strip(noisy, max_bytes=500_000).jpeg) <= 500_000
+    assert len(build_image_strip(noisy, max_bytes=1).jpeg) < len(
+        build_image_strip(noisy, max_bytes=10**9).jpeg
+    )

@@ -1,0 +1,372 @@
+import csv
+import json
+from dataclasses import replace
+
+import pytest
+from handmade_records import failed, record
+
+from saf_gen.benchmark.evaluate import SequenceFailure
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard import (
+    compose_notes,
+    format_latex,
+    format_markdown,
+    list_all_columns,
+    list_shown_columns,
+    rank_methods,
+    write_leaderboard,
+)
+from saf_gen.leaderboard.columns import format_percent
+from saf_gen.leaderboard.table_formats import escape_latex
+
+
+@pytest.fixture
+def records():
+    return [
+        record("sd+argmax", "a", 0.2),
+        record("sd+argmax", "b", -0.8, light="ramp"),
+        record("er+argmax", "a", 0.3),
+        record("er+argmax", "b", 6.0, light="ramp"),
+        failed("odd+argmax", "a", "abstained"),
+        failed("odd+argmax", "b", "failed", light="ramp"),
+    ]
+
+
+def test_success_within_one_depth_of_focus_ranks(records):
+    rows = rank_methods(records)
+    assert [(r.rank, r.method, r.success_1dof) for r in rows] == [
+        (1, "sd+argmax", 1.0),
+        (2, "er+argmax", 0.5),
+        (3, "odd+argmax", 0.0),
+    ]
+
+
+def test_errors_are_medians_of_what_was_answered_in_every_unit(records):
+    sd, er, odd = rank_methods(records)
+    assert sd.median_error_dof == pytest.approx(0.5)
+    assert sd.median_error_travel == pytest.approx(0.05)
+    assert sd.median_error_frames == pytest.approx(40)
+    assert er.median_error_dof == pytest.approx(3.15)
+    assert odd.median_error_dof is None
+
+
+def test_abstentions_and_failures_are_counted_apart(records):
+    odd = rank_methods(records)[-1]
+    assert (odd.abstained, odd.failed, odd.sequences) == (1, 1, 2)
+
+
+def test_each_light_has_its_success(records):
+    assert dict(rank_methods(records)[1].success_by_light) == {"constant": 1.0, "ramp": 0.0}
+
+
+def test_scenes_weigh_the_same_however_many_sequences_they_have():
+    rows = rank_methods(
+        [
+            *(record("m+s", f"a{i}", 0.0, scene="a") for i in range(9)),
+            record("m+s", "b0", 9.0, scene="b"),
+        ]
+    )
+    assert rows[0].success_1dof == pytest.approx(0.5)
+
+
+def test_costs_weigh_scenes_and_lights_as_success_does():
+    rows = rank_methods(
+        [
+            *(record("m+s", f"a{i}", 0.0, scene="a", seconds=1.0, frames_seen=200) for i in range(3)),
+            record("m+s", "a9", 0.0, scene="a", light="ramp", seconds=3.0, frames_seen=400, lens_travel=0.5),
+            record("m+s", "b0", 0.0, scene="b", seconds=6.0, frames_seen=800),
+        ]
+    )
+    assert rows[0].seconds == pytest.approx(((1 + 3) / 2 + 6) / 2)
+    assert rows[0].frames_seen == pytest.approx(((0.25 + 0.5) / 2 + 1) / 2)
+    assert rows[0].lens_travel == pytest.approx(((1.5 + 0.5) / 2 + 1.5) / 2)
+
+
+def test_lights_of_a_scene_weigh_the_same_however_many_repeats_they_have():
+    rows = rank_methods(
+        [
+            *(record("m+s", f"a{i}", 0.0, light="constant") for i in range(3)),
+            record("m+s", "a9", 9.0, light="ramp"),
+            record("m+s", "b0", 0.0, scene="b"),
+        ]
+    )
+    assert rows[0].success_1dof == pytest.approx((0.5 + 1) / 2)
+
+
+def test_ties_share_a_rank_are_named_and_the_next_rank_counts_them():
+    rows = rank_methods(
+        [
+            record("a+s", "x", 0.9),
+            record("b+s", "x", 0.1),
+            record("c+s", "x", 0.4),
+            record("d+s", "x", 5.0),
+        ]
+    )
+    assert [(r.rank, r.method) for r in rows] == [(1, "b+s"), (1, "c+s"), (1, "a+s"), (4, "d+s")]
+    assert rows[0].tied == ("a+s", "c+s")
+    assert rows[3].tied == ()
+    rank = list_shown_columns(rows)[0]
+    assert [rank.format_value(r) for r in rows] == ["1=", "1=", "1=", "4"]
+
+
+def test_equal_fractions_tie_whatever_their_last_bit():
+    def spread(method, errors):
+        return [record(method, f"{i}", e, scene=f"s{i}") for i, e in enumerate(errors)]
+
+    rows = rank_methods([*spread("a+s", [0, 0, 9, 9, 9, 0, 9]), *spread("b+s", [9, 9, 0, 9, 0, 9, 0])])
+    assert [r.rank for r in rows] == [1, 1]
+
+
+def test_without_truth_nothing_ranks_and_costs_stand():
+    (row,) = rank_methods([record("a+s", "x", None)])
+    assert (row.rank, row.success_1dof, row.median_error_dof) == (None, None, None)
+    assert (row.frames_seen, row.lens_travel, row.seconds) == (1.0, 1.5, 0.25)
+    assert list_shown_columns([row])[0].format_value(row) == "–"
+
+
+def test_methods_without_truth_come_after_those_that_rank():
+    rows = rank_methods([record("a+s", "x", None), record("b+s", "x", 9.0)])
+    assert [r.method for r in rows] == ["b+s", "a+s"]
+
+
+def test_no_record_gives_an_empty_table(tmp_path):
+    assert rank_methods([]) == ()
+    write_leaderboard(tmp_path, rows=(), records=(), failures=[SequenceFailure("x", "cut short")])
+    assert json.loads((tmp_path / "leaderboard.json").read_text())["failures"][0]["sequence"] == "x"
+
+
+def test_the_files_agree(tmp_path, records):
+    rows = rank_methods(records)
+    paths = write_leaderboard(
+        tmp_path, rows=rows, records=records, failures=[SequenceFailure("bad", "truncated")]
+    )
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(p.name for p in paths)
+    document = json.loads((tmp_path / "leaderboard.json").read_text())
+    with (tmp_path / "leaderboard.csv").open(newline="") as file:
+        sheet = list(csv.DictReader(file))
+    lines = [json.loads(line) for line in (tmp_path / "records.jsonl").read_text().splitlines()]
+    text = (tmp_path / "leaderboard.md").read_text()
+    assert [r["method"] for r in document["rows"]] == [r["method"] for r in sheet] == [r.method for r in rows]
+    for one, other in zip(document["rows"], sheet, strict=True):
+        assert set(other) == set(one) - {"tied"}
+        for name, cell in other.items():
+            assert cell == ("" if one[name] is None else str(one[name]))
+    assert format_markdown(rows) in text
+    assert "`bad`: truncated" in text
+    assert [(r["method"], r["sequence"]) for r in lines] == [(r.method, r.sequence) for r in records]
+    assert document["data"] == {"a": "sha-a", "b": "sha-b"}
+
+
+def test_a_record_line_has_the_keys_that_outsiders_read(tmp_path, records):
+    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
+    line = json.loads((tmp_path / "records.jsonl").read_text().splitlines()[0])
+    promised = [
+        "method",
+        "sequence",
+        "position",
+        "frame",
+        "truth",
+        "error",
+        "trace",
+        "frames_seen",
+        "lens_travel",
+        "seconds",
+    ]
+    assert set(promised) <= set(line)
+
+
+def test_nan_never_appears_in_a_file(tmp_path):
+    strange = [record("a+s", "x", None, seconds=0.0, truth=float("nan"), trace=(float("nan"),))]
+    write_leaderboard(tmp_path, rows=rank_methods(strange), records=strange)
+    for path in tmp_path.iterdir():
+        assert "nan" not in path.read_text().lower()
+
+
+def test_a_file_replaces_the_one_before_at_once(tmp_path, records):
+    (tmp_path / "leaderboard.md").write_text("old")
+    write_leaderboard(tmp_path / ".", rows=rank_methods(records), records=records)
+    assert (tmp_path / "leaderboard.md").read_text().startswith("# Leaderboard")
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_folder_that_cannot_be_is_bad_input(tmp_path, records):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="cannot be written"):
+        write_leaderboard(tmp_path / "file" / "out", rows=rank_methods(records), records=records)
+
+
+def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
+    rows = rank_methods(records)
+    shown = list_shown_columns(rows)
+    assert len({c.name for c in shown}) == len({c.header for c in shown}) == len(shown)
+    for column in shown:
+        assert column.meaning.endswith(".")
+        assert all(column.format_value(row) for row in rows)
+    assert {"rank", "method", "success_1dof", "failed"} <= {c.name for c in shown if not c.min_terminal_width}
+    every = list_all_columns(rows)
+    assert len({c.name for c in every}) == len(every)
+    assert {c.name for c in shown} <= {c.name for c in every}
+    assert all(c.meaning.endswith(".") for c in every)
+
+
+def test_a_pipe_in_a_name_does_not_break_the_markdown():
+    rows = rank_methods([record("a|b+s", "x", 0.0)])
+    assert r"a\|b+s" in format_markdown(rows)
+
+
+# -- what the scenes can tell ---------------------------------------------------------------------------
+
+
+def over(method, errors, **more):
+    """One sequence of each scene."""
+    return [record(method, f"s{i}", e, scene=f"scene{i:02d}", **more) for i, e in enumerate(errors)]
+
+
+@pytest.fixture
+def twelve():
+    """Twelve scenes: always right; as right but in one scene; never right."""
+    good = [0.1 + i / 100 for i in range(12)]
+    return [*over("good+s", good), *over("near+s", [*good[:11], 3.0]), *over("bad+s", [4.0] * 12)]
+
+
+def test_rows_say_which_ranks_the_scenes_can_tell_apart(twelve):
+    good, near, bad = rank_methods(twelve)
+    assert (good.rank, near.rank, bad.rank) == (1, 2, 3)
+    assert (good.level_with_best, near.level_with_best, bad.level_with_best) == (True, True, False)
+    assert (near.rank_best, near.rank_worst) == (1, 2)
+    assert (bad.rank_best, bad.rank_worst) == (3, 3)
+    assert (good.success_1dof_low, good.success_1dof_high) == (1, 1)
+    assert near.success_1dof_low < 11 / 12 < near.success_1dof_high
+    assert (bad.behind_best_low, bad.behind_best_high) == (1, 1)
+    assert good.median_error_dof_low < good.median_error_dof == pytest.approx(0.155)
+    by_name = {c.name: c for c in list_shown_columns([good, near, bad])}
+    assert [by_name["rank"].format_value(r) for r in (good, near, bad)] == ["1", "2~", "3"]
+    assert by_name["rank_best"].format_value(near) == "1–2"
+    assert by_name["success_1dof_low"].format_value(good) == "100%–100%"
+
+
+def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
+    some = [*over("a+s", [0, 0]), *over("b+s", [9, 9])]
+    rows = rank_methods(some)
+    assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
+    assert rows[0].missing_reason == "2 of at least 3 scenes"
+    assert "rank_best" not in {c.name for c in list_shown_columns(rows)}
+    assert any(
+        note.startswith("There are no intervals: 2 of at least 3 scenes")
+        for note in compose_notes(rows, some)
+    )
+    write_leaderboard(tmp_path, rows=rows, records=some)
+    document = json.loads((tmp_path / "leaderboard.json").read_text())
+    assert document["intervals"]["unknown"] == "2 of at least 3 scenes"
+    assert document["rows"][0]["success_1dof_low"] is None
+    assert "There are no intervals" in (tmp_path / "leaderboard.md").read_text()
+
+
+def test_few_scenes_and_two_machines_are_said(twelve):
+    assert any("over 12 scenes." in note for note in compose_notes(rank_methods(twelve), twelve))
+    few = over("a+s", [0, 0, 0])
+    assert any(
+        "over 3 scenes; so few make them too narrow." in note
+        for note in compose_notes(rank_methods(few), few)
+    )
+    mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
+    assert "Seconds do not compare, they come from 2 machines: x, 2 cores; y, 9 cores." in compose_notes(
+        rank_methods(mixed), mixed
+    )
+
+
+def test_what_only_a_running_camera_knows_has_a_column_only_there():
+    known = {"track": "closed_loop", "time_to_focus_s": 0.2, "error_frames": None}
+    live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]
+    (row,) = rows = rank_methods(live)
+    assert (row.reversals, row.time_to_focus_s) == (2.5, 0.2)
+    shown = {c.name: c.format_value(row) for c in list_shown_columns(rows)}
+    assert (shown["reversals"], shown["time_to_focus_s"]) == ("2.5", "0.200")
+    assert "median_error_frames" not in shown
+    (recorded,) = rank_methods([record("a+s", "x", 0.1)])
+    assert {"reversals", "time_to_focus_s"} & {c.name for c in list_shown_columns([recorded])} == set()
+    assert {"reversals", "time_to_focus_s"} <= {c.name for c in list_all_columns([recorded])}
+
+
+# -- LaTeX ----------------------------------------------------------------------------------------------
+
+
+def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
+    text = format_latex(rank_methods(twelve))
+    lines = text.splitlines()
+    spec = next(line for line in lines if line.startswith(r"\begin{tabular}"))
+    wide = len(spec.split("{")[2].rstrip("}"))
+    body = lines[lines.index(r"\midrule") + 1 : lines.index(r"\bottomrule")]
+    heads = lines[lines.index(r"\midrule") - 1]
+    assert len(body) == 3
+    assert all(line.endswith(r" \\") and line.count(" & ") == wide - 1 for line in [heads, *body])
+    spans = [int(part.split("}")[0]) for part in text.split(r"\multicolumn{")[1:]]
+    assert sum(spans) == wide
+    assert [lines.count(rf"\{rule}rule") for rule in ("top", "mid", "bottom")] == [1, 1, 1]
+    assert text.isascii()
+
+
+@pytest.mark.parametrize(
+    ("plain", "set_"),
+    [
+        ("sd_code+egs", r"sd\_code+egs"),
+        ("50%", r"50\%"),
+        (r"a\b", r"a\textbackslash{}b"),
+        ("{$x^2$} & #1 ~", r"\{\$x\textasciicircum{}2\$\} \& \#1 \textasciitilde{}"),
+        ("≤½ DoF", r"$\leq$$\frac{1}{2}$ DoF"),
+        ("1–4\n|−2|", "1--4 $|$$-$2$|$"),
+    ],
+)
+def test_latex_escapes_what_means_something_to_it(plain, set_):
+    assert escape_latex(plain) == set_
+
+
+def test_a_table_of_nothing_is_still_latex():
+    assert r"\bottomrule" in format_latex(())
+
+
+def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
+    """Lights named as the ends of an interval are, or as the key of another."""
+    lights = ("low", "high", "constant", "light_low")
+    records = [
+        record("m+s", f"{scene}-{light}", 0.1 if light == "low" else 5.0, scene=scene, light=light)
+        for scene in ("a", "b", "c")
+        for light in lights
+    ]
+    rows = rank_methods(records)
+    keys = [c.key for c in list_all_columns(rows)]
+    assert len(keys) == len(set(keys))
+    assert {f"success_1dof_light_{light}" for light in lights} < set(keys)
+    write_leaderboard(tmp_path, rows=rows, records=records)
+    with (tmp_path / "leaderboard.csv").open(newline="") as file:
+        header, line = csv.reader(file)
+    assert header == keys
+    told = dict(zip(header, map(str, line), strict=True))
+    document = json.loads((tmp_path / "leaderboard.json").read_text())
+    (row,) = document["rows"]
+    assert set(row) == {*keys, "tied"}
+    assert list(document["columns"]) == keys
+    assert (row["success_1dof_light_low"], row["success_1dof_light_high"]) == (1, 0)
+    assert (row["success_1dof_low"], row["success_1dof_high"]) == (0.25, 0.25)  # each scene has a quarter
+    assert (told["success_1dof_light_low"], told["success_1dof_low"]) == ("1.0", "0.25")
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")],
+)
+def test_a_share_that_ends_in_a_half_goes_up(share, text):
+    assert format_percent(share) == format_percent(share - 1e-16) == text
+
+
+def test_the_shares_that_may_stand_the_other_way_round_say_so():
+    """Two scenes whose focus lies 0.8 depths of focus beyond the travel: one method says so on both."""
+    beyond = {"success_half_dof": True, "success_1dof": False, "success_2dof": False}
+    records = [replace(failed("m+s", f"s{i}", "abstained", scene=f"s{i}"), **beyond) for i in range(2)]
+    records += [record("m+s", "s2", 0.1, scene="s2")]
+    (row,) = rank_methods(records)
+    assert row.success_half_dof > row.success_1dof
+    meanings = {c.name: c.meaning for c in list_all_columns([row])}
+    rule = "An abstention is right where no answer could lie so near, so this can be"
+    assert meanings["success_half_dof"].endswith(f"{rule} above ≤1 DoF.")
+    assert meanings["success_2dof"].endswith(f"{rule} below ≤1 DoF.")

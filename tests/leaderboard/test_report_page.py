@@ -1,0 +1,461 @@
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from handmade_evaluations import (
+    LIGHTS,
+    make_evaluation,
+    make_lens_path,
+    make_records,
+    make_sweep,
+    make_thumbnails,
+)
+from handmade_records import failed, record
+
+from saf_gen.benchmark.records import format_records, record_to_json
+from saf_gen.benchmark.results import Evaluation, SequenceFailure
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard import list_shown_columns, rank_methods
+from saf_gen.leaderboard.report import build_page, plot_report_figures, write_report
+from saf_gen.leaderboard.report._html import embed_json
+from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES
+from saf_gen.leaderboard.report.compact_records import MAX_TRACE_STEPS
+from saf_gen.leaderboard.report.html_tables import compose_headline
+from saf_gen.leaderboard.report.page_data import AGGREGATION_RULES, build_page_data
+from saf_gen.leaderboard.report.worst_answers import MAX_ANSWERS
+
+pytestmark = pytest.mark.slow
+
+ASSETS = Path(__file__).parents[2] / "saf_gen/leaderboard/report/assets"
+VOID = {"meta", "img", "br", "input"}
+NASTY = "<script>alert('$x')</script>&\"{}/../ü"
+
+
+class Reader(HTMLParser):
+    """Reads strictly: every element is closed where it must be, every attribute is there once."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.elements, self.headings, self.held = [], [], [], {}
+
+    def handle_starttag(self, tag, attrs):
+        names = [name for name, _ in attrs]
+        assert len(names) == len(set(names)), (tag, names)
+        self.elements.append((tag, dict(attrs), tuple(self.open)))
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs), tuple(self.open)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open:
+            self.held[self.open[-1]] = self.held.get(self.open[-1], "") + data
+
+    def of(self, *tags):
+        return [attrs for tag, attrs, _ in self.elements if tag in tags]
+
+
+def read(text):
+    reader = Reader()
+    reader.feed(text)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    made = make_evaluation()
+    paths = write_report(folder, evaluation=made, rows=rank_methods(made.records), title="small")
+    return folder, paths, (folder / "index.html").read_text(encoding="utf-8")
+
+
+def test_a_report_is_a_page_and_its_figures(whole):
+    folder, paths, _ = whole
+    assert paths == [folder / "index.html", folder / "figures"]
+    names = {p.name for p in (folder / "figures").iterdir()}
+    assert {"curves-camel-constant.svg", "steps-camel-ramp.svg", "errors-fan_train.svg"} <= names
+    assert {"light-ratio-argmax.svg", "photon-budget-egs_code.svg"} <= names
+    assert all(name.endswith(".svg") for name in names)
+
+
+def test_the_page_asks_the_network_for_nothing(whole):
+    reader = read(whole[2])
+    for attrs in reader.of("img", "script", "iframe", "link", "use", "image", "source"):
+        for name in ("src", "href", "srcset"):
+            assert attrs.get(name, "data:").startswith(("data:", "#")), attrs
+    links = {a["href"] for a in reader.of("a")}
+    assert {link for link in links if not link.startswith("#")} == {
+        "records.jsonl",
+        "leaderboard.json",
+        "leaderboard.csv",
+        "leaderboard.md",
+        "leaderboard.tex",
+    }
+    styles = reader.held["style"]
+    assert "@import" not in styles
+    assert "url(" not in styles
+    (policy,) = (m["content"] for m in reader.of("meta") if "http-equiv" in m)
+    assert policy.startswith(
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-"
+    )
+
+
+def test_links_within_the_page_lead_somewhere_and_names_are_there_once(whole):
+    reader = read(whole[2])
+    ids = [attrs["id"] for _, attrs, _ in reader.elements if "id" in attrs]
+    assert len(ids) == len(set(ids))
+    for attrs in reader.of("a", "use"):
+        if attrs["href"].startswith("#"):
+            assert attrs["href"][1:] in ids
+
+
+def test_who_does_not_see_the_page_is_told(whole):
+    reader = read(whole[2])
+    assert all(attrs.get("alt") for attrs in reader.of("img"))
+    for tag, attrs, around in reader.elements:
+        if tag == "svg":
+            assert attrs["role"] == "img"
+            assert attrs["aria-label"]
+        if tag in ("input", "select"):
+            named = {label.get("for") for label in reader.of("label")}
+            assert "label" in around or attrs["id"] in named
+        if tag == "th" and "group" not in attrs.get("class", ""):
+            assert attrs["scope"] == "col"
+    assert reader.headings[0] == 1
+    assert reader.headings.count(1) == 1
+    steps = zip(reader.headings, reader.headings[1:], strict=False)
+    assert all(after <= before + 1 for before, after in steps)
+    tables, captions = (len(reader.of(tag)) for tag in ("table", "caption"))
+    assert tables == captions
+    assert reader.of("html") == [{"lang": "en"}]
+
+
+def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole):
+    rows = rank_methods(make_records())
+    text = whole[2]
+    for row in rows:
+        assert f'<td class="left method">{row.method}</td>' in text
+    for column in list_shown_columns(rows):
+        assert column.header in text
+        assert column.meaning.replace("'", "&#x27;") in text
+    assert "sha-camel-ramp" in text
+    assert "<code>bad</code>: truncated" in text
+    assert "<code>sd+" in text.split('class="lead"')[1][:60]
+    assert "Intervals are 95 % of a paired bootstrap over 3 scenes" in text
+
+
+def test_success_has_its_interval_drawn(whole):
+    row = next(r for r in rank_methods(make_records()) if 0 < r.success_1dof < 1)
+    ends = f"--lo:{row.success_1dof_low:.4g};--hi:{row.success_1dof_high:.4g}"
+    assert ends in whole[2]
+
+
+def test_every_condition_that_differs_has_a_table(whole):
+    text = whole[2].split('id="conditions"')[1].split('id="measures"')[0]
+    titles = re.findall("<h3>(.*?)</h3>", text)
+    assert titles[:4] == ["Light schedule", "Light ratio", "Scene motion", "Photon budget"]
+    assert {"Scene", "Against the light&#x27;s ratio", "Against the photon budget"} <= set(titles)
+    assert "Lens motion" not in titles  # the same for all, so it tells nothing
+
+
+def test_a_sweep_with_pictures_can_be_looked_through(whole):
+    reader = read(whole[2])
+    (reel,) = (attrs for attrs in reader.of("div") if attrs.get("class") == "reel")
+    held = json.loads(reel["data-reel"])
+    assert (held["across"], held["down"], len(held["words"]), len(held["x"])) == (8, 2, 16, 16)
+    assert held["x"] == sorted(held["x"])
+    assert held["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF from the focus, 0.200 spikes")
+    (slider,) = (attrs for attrs in reader.of("input") if attrs.get("type") == "range")
+    assert (slider["min"], slider["max"], slider["value"]) == ("0", "15", "6")  # 6 is nearest to the truth
+    (box,) = (attrs for attrs in reader.of("span") if attrs.get("class") == "box")
+    assert box["style"] == "top:25%;left:12.5%;bottom:calc(100% - 75%);right:calc(100% - 87.5%)"
+
+
+def without_curves():
+    """What an evaluation has where no method is argmax: searches on textures, and predictions."""
+    steps = {"frame": 300.0, "trace": (700.0, 100.0, 300.0)}
+    records = [
+        record(m, f"camel-{light}", 0.1, light=light, split="test", **steps)
+        for light in ("constant", "ramp")
+        for m in ("sd+egs_code", "my_net")
+    ]
+    sweeps = (
+        make_sweep("constant", measures=(), thumbnails=make_thumbnails()),
+        make_sweep("ramp", measures=()),
+    )
+    return Evaluation(tuple(records), sweeps, ())
+
+
+def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
+    made = without_curves()
+    write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="no argmax")
+    names = {p.stem for p in (tmp_path / "figures").iterdir()}
+    for light in ("constant", "ramp"):
+        assert {f"sweep-camel-{light}", f"steps-camel-{light}"} <= names
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    reader = read(text)
+    (reel,) = (attrs for attrs in reader.of("div") if attrs.get("class") == "reel")
+    assert json.loads(reel["data-reel"])["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF")
+    assert "<h3>Sweeps</h3>" in text
+    assert "No method looked at a whole curve of these" in text
+    assert "Focus curves</h3>" not in text
+    labels = [attrs["aria-label"] for attrs in reader.of("svg")]
+    assert "Light and answers on camel-ramp, true focus at 0.375 of the travel" in labels
+
+
+def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
+    searches = [f"s{i}" for i in range(MAX_SEARCHES + 2)]
+    records = [
+        record(f"sd+{search}", f"camel-{light}", 0.1, light=light, light_ratio=ratio)
+        for search in searches
+        for light, ratio in LIGHTS.items()
+    ]
+    made = Evaluation(tuple(records), tuple(make_sweep(light) for light in LIGHTS), ())
+    monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 2)
+    drawn = plot_report_figures(made, rank_methods(records))
+    shown = [p for p in drawn if p.kind == "light-ratio"]
+    assert len(shown) == MAX_SEARCHES
+    said = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure"
+    text = build_page(rank_methods(records), title="x", records=records, report_figures=drawn)
+    assert text.count(said) == 1
+    assert text.count("Drawn: 2 of the scene&#x27;s 3 sequences.") == 1
+    few = [r for r in records if r.method == "sd+s0"]
+    text = build_page(
+        rank_methods(few),
+        title="x",
+        records=few,
+        report_figures=plot_report_figures(replace(made, records=tuple(few)), rank_methods(few)),
+    )
+    assert "searches have a figure" not in text
+
+
+def test_ways_of_the_lens_come_in_the_leaderboards_order():
+    methods = ("sd+bad", "sd+good")
+    records = [
+        record(m, "camel-constant", e, track="closed_loop") for m, e in zip(methods, (9.0, 0.0), strict=True)
+    ]
+    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(m) for m in methods))
+    (lens,) = (p for p in plot_report_figures(made, rank_methods(records)) if p.kind == "lens")
+    assert lens.svg.index(">good<") < lens.svg.index(">bad<")
+
+
+def in_full(held, place):
+    """The record at ``place`` of what the script gets, as the script reads it."""
+
+    def value(name, fact):
+        match fact["by"]:
+            case "known":
+                plural = {"method": "methods", "sequence": "sequences"}.get(name)
+                if plural:
+                    return held[plural][held[name][place]]
+                return held["status"][place] if name == "status" else held["note"].get(place, "")
+            case "value":
+                found = held["values"][fact["held"]][place]
+                return found == 1 if fact.get("flag") and found is not None else found
+            case "all":
+                return fact["held"]
+            case "record":
+                return fact["held"][place]
+            case by:
+                return fact["held"][held[by][place]]
+
+    return {name: value(name, fact) for name, fact in held["facts"].items()}
+
+
+def test_the_page_holds_every_key_of_every_record():
+    records = make_records()
+    records[3] = replace(records[3], trace=tuple(map(float, range(MAX_TRACE_STEPS + 1))))
+    records[4] = replace(records[4], trace=(1.0, float("nan"), 3.25))
+    held = build_page_data(rank_methods(records), records)
+    for place, told_of in enumerate(records):
+        full, found = record_to_json(told_of), in_full(held, place)
+        assert list(found) == list(full)
+        trace, steps = full.pop("trace"), found.pop("trace")
+        assert steps == (pytest.approx(trace, nan_ok=True) if len(trace) <= MAX_TRACE_STEPS else len(trace))
+        for name, value in full.items():
+            assert found[name] == (pytest.approx(value, rel=1e-8) if type(value) is float else value), name
+    assert held["facts"]["data"]["by"] == "sequence"
+    assert held["facts"]["code"]["by"] == "method"
+    assert held["facts"]["region"] == {"by": "all", "held": "target"}
+
+
+def test_a_record_costs_the_page_little():
+    """Eight thousand whole lines would be ten megabytes."""
+    records = make_records()
+    rows = rank_methods(records)
+    more = records + [replace(r, sequence=f"{r.sequence}-again") for r in records]
+    grown = len(embed_json(build_page_data(rows, more))) - len(embed_json(build_page_data(rows, records)))
+    assert grown / len(records) < 0.4 * len(format_records(records)) / len(records)
+
+
+def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
+    records = [record("a+s", f"s{i}", 0.1 * i, scene=f"s{i}") for i in range(MAX_ANSWERS + 5)]
+    records[7] = failed("a+s", "s7", "failed", scene="s7", note="<late>")
+    text = build_page(rank_methods(records), title="x", records=records)
+    rows = text.split('id="answers"')[1].split("<tbody>")[1].split("</tbody>")[0].strip().splitlines()
+    assert len(rows) == MAX_ANSWERS
+    assert 'data-v="8"><a href="records.jsonl">line 8</a></td><td class="left note">&lt;late&gt;' in rows[0]
+    assert '<a href="records.jsonl">line 105</a>' in rows[1]
+    assert f"The {MAX_ANSWERS} worst of {MAX_ANSWERS + 5} answers." in text
+    script = (ASSETS / "answers.js").read_text()
+    assert f"const ANSWERS = {MAX_ANSWERS};" in script
+
+
+def test_text_from_files_cannot_break_the_page(tmp_path):
+    records = [
+        record(f"{NASTY}+{number}", f"{NASTY}{light}", 0.1, light=f"{NASTY}{light}", scene=NASTY, note=NASTY)
+        for number in (1, 2)
+        for light in (1, 2)
+    ]
+    one = make_sweep(NASTY, scene=NASTY, split=NASTY, thumbnails=make_thumbnails())
+    ways = (make_lens_path(f"{NASTY}+s", NASTY, scene=NASTY),)
+    made = Evaluation(tuple(records), (one,), (SequenceFailure(NASTY, NASTY),), ways)
+    write_report(tmp_path / "out", evaluation=made, rows=rank_methods(records), title=NASTY)
+    reader = read((tmp_path / "out/index.html").read_text(encoding="utf-8"))
+    assert len(reader.of("script")) == 2
+    assert json.loads(reader.held["script"].split('"use strict"')[0])["note"] == dict.fromkeys("0123", NASTY)
+    assert {p.name for p in tmp_path.iterdir()} == {"out"}
+    assert all(re.fullmatch(r"[\w.-]+", p.name) for p in (tmp_path / "out/figures").iterdir())
+
+
+def test_figures_whose_names_would_meet_are_files_of_their_own():
+    records = [record("sd+argmax", "camel-a b", 0.1), record("sd+argmax", "camel-a_b", 0.1)]
+    drawn = plot_report_figures(
+        Evaluation(tuple(records), (make_sweep("a b"), make_sweep("a_b")), ()), rank_methods(records)
+    )
+    names = [p.name for p in drawn if p.kind == "curves"]
+    assert names == ["curves-camel-a_b", "curves-camel-a_b-2"]
+
+
+def test_of_many_sequences_some_of_every_scene_are_drawn(monkeypatch):
+    monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 4)
+    sweeps = tuple(make_sweep(light, scene=scene) for scene in ("camel", "fan") for light in ("a", "b", "c"))
+    records = [record("sd+argmax", s.sequence, 0.1, scene=s.scene) for s in sweeps]
+    drawn = plot_report_figures(Evaluation(tuple(records), sweeps, ()), rank_methods(records))
+    shown = [p.scene for p in drawn if p.kind == "curves"]
+    assert shown == ["camel (test)"] * 2 + ["fan (test)"] * 2
+    assert MAX_SEQUENCES >= 12
+
+
+def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
+    records = [
+        record("sd+hill_climb", "camel-constant", 0.1, track="closed_loop", terms="voice_coil, 200 ms"),
+        record(
+            "er_count+hill_climb", "camel-constant", None, track="closed_loop", terms="voice_coil, 200 ms"
+        ),
+    ]
+    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(r.method) for r in records))
+    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="loop")
+    assert (tmp_path / "figures/lens-camel-constant.svg").is_file()
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "Way of the lens" in text
+    assert "closed loop (voice_coil, 200 ms)" in text
+    assert "Focus curves</h3>" not in text
+
+
+def test_a_page_without_truth_says_that_nothing_ranks():
+    records = [record("a+s", "x", None)]
+    text = build_page(rank_methods(records), title="blind", records=records)
+    assert "nothing is ranked" in text
+    assert not re.search(r"\bnan\b", text.split("<script>")[0], re.IGNORECASE)
+
+
+def test_an_empty_evaluation_still_makes_a_page(tmp_path):
+    failures = (SequenceFailure("bad", "truncated"),)
+    paths = write_report(tmp_path, evaluation=Evaluation((), (), failures), rows=(), title="none")
+    assert paths == [tmp_path / "index.html"]
+    text = paths[0].read_text(encoding="utf-8")
+    read(text)
+    assert "truncated" in text
+
+
+def test_a_report_that_cannot_be_written_is_bad_input(tmp_path):
+    made = make_evaluation()
+    (tmp_path / "figures").write_text("in the way")
+    with pytest.raises(BadInput, match="cannot be written"):
+        write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
+
+
+def test_the_script_has_a_rule_for_every_column_but_those_of_intervals():
+    records = make_records()
+    rows = rank_methods(records)
+    held = build_page_data(rows, records)
+    without = {
+        c.name for c, rule in zip(list_shown_columns(rows), held["columns"], strict=True) if rule is None
+    }
+    assert without == {"rank", "rank_best", "method", "success_1dof_low", "median_error_dof_low"}
+    assert set(AGGREGATION_RULES) - {c.name for c in list_shown_columns(rows)} == {
+        "reversals",
+        "time_to_focus_s",
+    }  # not known here
+    lights = [rule["light"] for rule in held["columns"] if rule and "light" in rule]
+    assert lights == ["constant", "ramp", "steps"]
+
+
+def test_what_the_script_gets_is_json_that_cannot_end_its_element():
+    text = embed_json({"a": "</script><!--\u2028", "b": 1.5, "c": None})
+    assert "<" not in text
+    assert "\u2028" not in text
+    assert json.loads(text) == {"a": "</script><!--\u2028", "b": 1.5, "c": None}
+
+
+def luminance(colour):
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one, other):
+    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_and_lines_stand_out_in_both_schemes(scheme):
+    """Text 4.5 : 1, lines and marks 3 : 1, as WCAG 2.2 asks (1.4.3, 1.4.11)."""
+    first, dark = (ASSETS / "page.css").read_text().split("@media screen and (prefers-color-scheme: dark)")
+    colours = dict(re.findall(r"(--[\w]+): (#[0-9a-f]{6})", dark if scheme == "dark" else first))
+    for text in ("--ink", "--soft", "--best"):
+        for under in ("--paper", "--raised"):
+            assert contrast(colours[text], colours[under]) >= 4.5, (text, under)
+    assert contrast(colours["--ink"], colours["--bar"]) >= 4.5
+    assert contrast(colours["--ink"], colours["--warn"]) >= 4.5
+    for number in range(1, 9):
+        assert contrast(colours[f"--c{number}"], colours["--paper"]) >= 3, number
+
+
+def test_the_lead_and_the_table_say_the_same_share():
+    """Five of eight scenes: 62.5 %."""
+    records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
+    rows = rank_methods(records)
+    (share,) = (c.format_value(rows[0]) for c in list_shown_columns(rows) if c.name == "success_1dof")
+    assert f"within one depth of focus on {share} of the scenes" in compose_headline(rows)
+    assert share == "63%"
+
+
+def test_the_page_has_a_head_for_lights_named_as_the_ends_of_an_interval():
+    records = [
+        record("m+s", f"{scene}-{light}", 0.1, scene=scene, light=light)
+        for scene in ("a", "b", "c")
+        for light in ("low", "high")
+    ]
+    rows = rank_methods(records)
+    names = [
+        a["data-name"]
+        for a in read(build_page(rows, title="x", records=records)).of("th")
+        if "data-name" in a
+    ]
+    assert len(names) == len(set(names))
+    held = [rule["light"] for rule in build_page_data(rows, records)["columns"] if rule and "light" in rule]
+    assert held == ["high", "low"]

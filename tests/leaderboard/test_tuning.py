@@ -1,0 +1,211 @@
+"""Constants found on train: which combinations, which of them is best, what the file says, who cites it."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from own_plugins import PARTS
+from planted_sweeps import write_sweep
+
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.method_spec import parse_method
+from saf_gen.benchmark.tuned_method import format_tuned_method, read_tuned_method
+from saf_gen.cli import main
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.report import write_evaluation
+from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_parameter_grid, tune
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    entries = []
+    for split, peak in (("train", 300.0), ("test", 500.0)):
+        (folder / split).mkdir()
+        entries.append(
+            SequenceEntry(
+                id=f"{split}-one", split=split, scene=split, variant=0, scene_motion="static",
+                lens_motion="sweep", light="constant", repeat=0, seed=1, file=f"{split}/one.h5", frames=800,
+                fingerprint="f", content_sha256=write_sweep(folder / split / "one.h5", peak),
+            )
+        )  # fmt: skip
+    write_manifest(folder, Manifest("small", "r", "scalar_rgb", tuple(entries)))
+    return folder
+
+
+def test_variants_are_every_combination_beside_the_options_that_stay():
+    assert expand_parameter_grid(
+        "cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}
+    ) == [
+        "cen:highest=0.1+argmax:window=50,refine=parabola",
+        "cen:highest=0.1+argmax:window=50,refine=no",
+    ]
+    values = {"measure.highest": ["0.1", "0.2"], "search.window": ["50", "100", "200"]}
+    found = expand_parameter_grid("cen+argmax", values)
+    assert len(set(found)) == 6
+    assert found[1] == "cen:highest=0.1+argmax:window=100"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({}, "nothing to try; allowed: --try"),
+        ({"window": ["5"]}, r"--try 'window'; allowed: measure\.KEY"),
+        ({"searches.window": ["5"]}, r"--try 'searches\.window'"),
+        ({"search.window": ["5", ""]}, "an empty value"),
+        (
+            {"search.window": ["5"] * (MAX_COMBINATIONS + 1)},
+            f"{MAX_COMBINATIONS + 1} combinations; allowed: at most {MAX_COMBINATIONS}",
+        ),
+        ({"search.windw": ["5"]}, "did you mean 'window'"),
+        ({"search.window": ["0"]}, "window is 0"),
+    ],
+)
+def test_what_cannot_be_tried_is_told(values, message):
+    with pytest.raises(BadInput, match=message):
+        expand_parameter_grid("sd+argmax", values)
+
+
+def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
+    """The planted focus is at 300: blocks of 200 frames have centres at 99.5, 299.5, ...; of 100 at 249.5."""
+    tuned, rows = tune(dataset, "sd+argmax", {"search.window": ["100", "200", "800"]})
+    assert tuned.method == "sd+argmax:window=200"
+    assert [trial.method for trial in tuned.trials] == [row.method for row in rows]
+    assert tuned.trials[0].success_1dof == 1.0
+    assert tuned.trials[-1].method == "sd+argmax:window=800"
+    assert (tuned.split, tuned.sequences, tuned.track) == ("train", 1, "recorded")
+
+
+def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
+    tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})
+    path = tmp_path / "tuned.json"
+    path.write_text(format_tuned_method(tuned))
+    assert read_tuned_method(path)[0] == tuned
+    method = parse_method(f"@{path}")
+    assert (method.name, method.tuning) == ("sd+argmax:window=200", read_tuned_method(path)[1])
+    result = evaluate(dataset, methods=[f"@{path}", "sd+argmax"], split="test")
+    record = result.records[0]
+    assert record.tuning == method.tuning
+    assert record.method == tuned.method
+    write_evaluation(tmp_path / "out", rows=rank_methods(result.records), evaluation=result, title="tuned")
+    told = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
+    assert told["tuning"] == {tuned.method: method.tuning}
+    assert f"{method.code}, constants of {method.tuning}" in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
+    path = tmp_path / "found.json"
+    path.write_text(format_tuned_method(tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})[0]))
+    assert expand_parameter_grid(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
+        "sd+argmax:window=50,refine=parabola"
+    ]
+    tuned, _ = tune(dataset, f"@{path}", {"search.refine": ["parabola", "no"]})
+    assert {t.method for t in tuned.trials} == {
+        "sd+argmax:window=200,refine=parabola",
+        "sd+argmax:window=200,refine=no",
+    }
+
+
+def test_constants_of_ones_own_part_are_found_too(tmp_path):
+    path = tmp_path / "parts_of_tune.py"
+    path.write_text(PARTS)
+    assert expand_parameter_grid(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
+        f"{path}:Range:power=1+argmax",
+        f"{path}:Range:power=2+argmax",
+    ]
+
+
+def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
+    tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100", "200"]})
+    for name in ("a.json", "b.json"):
+        (tmp_path / name).write_text(format_tuned_method(replace(tuned, version=name)))
+    specs = [f"@{tmp_path}/a.json", f"@{tmp_path}/b.json", " sd + argmax : window = 200 ", "sd+argmax"]
+    steps = []
+    result = evaluate(dataset, methods=specs, split="test", progress=lambda *step: steps.append(step))
+    assert [r.method for r in result.records] == ["sd+argmax:window=200", "sd+argmax"]
+    assert result.records[0].tuning == read_tuned_method(tmp_path / "a.json")[1]
+    assert [row.method for row in rank_methods(result.records)] == ["sd+argmax:window=200", "sd+argmax"]
+    assert {of for _, of, _ in steps} == {2}
+
+
+def test_a_file_that_names_a_file_is_refused(dataset, tmp_path):
+    path = tmp_path / "found.json"
+    tuned, _ = tune(dataset, "sd+argmax", {"search.window": ["100"]})
+    path.write_text(format_tuned_method(replace(tuned, method=f"@{path}")))
+    with pytest.raises(
+        BadInput, match=r"found\.json names '@.*found\.json'; allowed: MEASURE\+SEARCH in a tuned"
+    ):
+        parse_method(f"@{path}")
+
+
+def test_nothing_is_tuned_on_test(dataset):
+    with pytest.raises(BadInput, match="constants would be tuned on the split 'test'; allowed: train"):
+        tune(dataset, "sd+argmax", {"search.window": ["100"]}, split="test")
+    with pytest.raises(BadInput, match="unknown split 'trian'.*did you mean 'train'"):
+        tune(dataset, "sd+argmax", {"search.window": ["100"]}, split="trian")
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[1]", '{"format": "saf-gen tuning 1"}', '{"format": "other", "method": "a+b"}']
+)
+def test_a_file_of_another_kind_is_refused(tmp_path, text):
+    path = tmp_path / "tuned.json"
+    path.write_text(text)
+    with pytest.raises(BadInput, match="holds no tuned constants of this version.*saf-gen tune"):
+        parse_method(f"@{path}")
+
+
+def test_a_file_that_is_not_there_is_told_with_the_nearest(tmp_path):
+    (tmp_path / "mine.json").write_text("{}")
+    with pytest.raises(BadInput, match=r"mne\.json cannot be read.*did you mean 'mine\.json'"):
+        parse_method(f"@{tmp_path / 'mne.json'}")
+
+
+def test_the_command_line_tunes_and_says_what_is_next(dataset, tmp_path, capsys):
+    path = tmp_path / "found.json"
+    with pytest.raises(SystemExit) as ended:
+        main(
+            [
+                "tune",
+                str(dataset),
+                "--method",
+                "sd+argmax",
+                "--try",
+                "search.window=100,200",
+                "--out",
+                str(path),
+            ]
+        )
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    assert "best: sd+argmax:window=200" in out
+    assert f"--method @{path}" in out
+    assert json.loads(path.read_text())["method"] == "sd+argmax:window=200"
+    with pytest.raises(SystemExit) as ended:
+        main(["tune", str(dataset), "--method", "sd+argmax", "--try", "search.window", "--out", str(path)])
+    assert ended.value.code == 2
+    assert "allowed: KEY=VALUE,VALUE" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("method", ["sd+argmax@frame", "sd+argmax:window=50@frame"])
+def test_a_method_keeps_its_region(method):
+    assert expand_parameter_grid(method, {"search.window": ["100", "200"]}) == [
+        "sd+argmax:window=100@frame",
+        "sd+argmax:window=200@frame",
+    ]
+
+
+def test_constants_of_a_file_may_look_elsewhere(dataset, tmp_path):
+    tuned, _ = tune(dataset, "sd+argmax@target", {"search.window": ["100", "200"]}, region="frame")
+    (tmp_path / "found.json").write_text(format_tuned_method(tuned))
+    name = f"@{tmp_path / 'found.json'}"
+    assert parse_method(name).name == "sd+argmax:window=200@target"
+    assert parse_method(f"{name}@frame").name == "sd+argmax:window=200@frame"
+    assert parse_method(f"{name}@frame").tuning == parse_method(name).tuning != ""
+
+
+def test_constants_are_tuned_for_one_region(dataset):
+    with pytest.raises(BadInput, match="unknown region 'both'; allowed: frame, target"):
+        tune(dataset, "sd+argmax", {"search.window": ["100"]}, region="both")

@@ -1,0 +1,123 @@
+"""Structure at octaves of scale: by hand, a slow twin, closed forms, and what it is for."""
+
+import numpy as np
+import pytest
+from planted_counts import BOARD, CONTRAST, halves_of
+from scipy.ndimage import gaussian_filter
+
+from saf_gen import encode, get_measure, get_sensor
+from saf_gen.core.seeds import make_generator
+from saf_gen.errors import BadInput
+
+
+def slow(halves, frames, *, longest=8, dark=0.0045, dark_rms=0.48):
+    """The formula, pixel by pixel."""
+    lengths = frames // 2, frames - frames // 2
+    d = [dark * n for n in lengths]
+    rows, columns = halves.shape[1:]
+    total, apart = 0.0, 1
+    while apart <= longest:
+        for down, right in ((apart, 0), (0, apart)):
+            products = [
+                np.prod([half[y + down, x + right] - half[y, x] for half in halves.astype(float)])
+                for y in range(rows - down)
+                for x in range(columns - right)
+            ]
+            if products:
+                total += (np.mean(products) + 1 / 6 - 2 * dark_rms**2 * d[0] * d[1]) / apart
+        apart *= 2
+    return total / np.prod([half.mean() - one for half, one in zip(halves, d, strict=True)])
+
+
+@pytest.mark.parametrize("shape", [(7, 11), (1, 6), (5, 1), (20, 3)])
+@pytest.mark.parametrize("options", [{}, {"longest": 1}, {"longest": 5, "dark": 0.01, "dark_rms": 0.1}])
+def test_it_is_the_formula(shape, options):
+    halves = make_generator("structure").poisson(6, (2, *shape)).astype(np.uint32)
+    score = get_measure("structure_calibrated", **options)(halves, frames=101)
+    assert score == pytest.approx(slow(halves, 101, **options), rel=1e-12)
+
+
+def test_by_hand():
+    """Two pixels: differences 4 and 6, means 4 and 6, no dark: (24 + 1/6)/24."""
+    halves = np.array([[[2, 6]], [[3, 9]]])
+    assert get_measure("structure_calibrated")(halves) == pytest.approx((24 + 1 / 6) / 24, rel=1e-12)
+
+
+@pytest.mark.parametrize(("rate", "frames"), [(0.2, 400), (0.01, 1600)])
+def test_the_score_is_the_structure_of_the_light_whatever_the_light(rate, frames):
+    """Six seeds, fixed: standard error 2 % at 1/20 of the light; a fixed pattern in response adds 1 %."""
+    of_the_field = 0.0
+    for apart in (1, 2, 4, 8):
+        for axis, size in enumerate(BOARD.shape):
+            ahead, behind = BOARD.take(range(apart, size), axis), BOARD.take(range(size - apart), axis)
+            of_the_field += CONTRAST**2 * np.mean((ahead - behind) ** 2) / apart
+    measure = get_measure("structure_calibrated")
+    scores = [measure(halves_of(rate, frames, seed=seed), frames=frames) for seed in range(6)]
+    assert np.mean(scores) == pytest.approx(of_the_field, rel=0.07)
+
+
+@pytest.mark.parametrize(("rate", "frames"), [(0.2, 400), (0.01, 1600)])
+def test_an_even_field_has_hardly_any_structure_at_any_light(rate, frames):
+    """0.006 by the fixed pattern in response; chance, at the lower rate: 0.02 a seed, 0.006 of twelve."""
+    sensor, scores = get_sensor("vidar_400x250"), []
+    charge = np.full((1, 64, 96), rate * sensor.threshold_e, np.float32)
+    for seed in range(12):
+        spikes = encode(charge, sensor, frames, seed)
+        shown = np.unpackbits(spikes, axis=2, bitorder="little")[:, :, :frames].astype(np.uint32)
+        halves = np.stack([part.sum(axis=2) for part in np.array_split(shown, 2, axis=2)])
+        scores.append(get_measure("structure_calibrated")(halves, frames=frames))
+    assert np.mean(scores) == pytest.approx(0.006, abs=0.025)
+
+
+def test_in_the_dark_there_is_no_structure():
+    assert get_measure("structure_calibrated")(halves_of(0.0, 2000), frames=2000) == 0.0
+    assert get_measure("structure_calibrated")(np.zeros((2, 4, 4)), frames=100) == 0.0
+
+
+def test_every_octave_has_the_same_say_where_there_are_sharp_edges():
+    """Edges farther apart than the longest length, at random: 2,000 columns, 60 edges, one seed."""
+    random = make_generator("edges")
+    field = np.ones(2000)
+    for k, at in enumerate(np.cumsum(random.integers(20, 46, 60))):
+        field[at:] = 1 + 0.3 * (k % 2)
+    light = np.stack([np.tile(2000 * field, (4, 1))] * 2)
+    said = [get_measure("structure_calibrated", longest=n, dark=0.0)(light) for n in (1, 2, 4, 8)]
+    octaves = np.diff(said, prepend=0.0)
+    assert octaves == pytest.approx(octaves.mean(), rel=0.05)
+
+
+def test_blur_takes_more_of_it_than_of_the_variance():
+    """A random field of spectrum 1/f², blurred by 2 px: four times as much is left of the variance."""
+    white = make_generator("nature").standard_normal((128, 128))
+    waves = np.hypot(*np.meshgrid(np.fft.fftfreq(128), np.fft.fftfreq(128)))
+    scene = np.fft.ifft2(np.fft.fft2(white) / np.maximum(waves, 1 / 128)).real
+    scene = 20 * (1 + 0.2 * scene / scene.std())
+    left = {}
+    for name in ("structure_calibrated", "sd_calibrated"):
+        measure = get_measure(name, dark=0.0)
+        left[name] = measure(np.stack([gaussian_filter(scene, 2, mode="wrap")] * 2)) / measure(
+            np.stack([scene] * 2)
+        )
+    assert left["structure_calibrated"] < 0.15
+    assert left["sd_calibrated"] > 0.4
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"dark": -0.1},
+        {"dark": 0.6},
+        {"dark_rms": float("nan")},
+        {"dark": True},
+        {"longest": 0},
+        {"longest": 65},
+    ],
+)
+def test_an_option_out_of_range_is_refused(options):
+    with pytest.raises(BadInput, match=f"{next(iter(options))} is"):
+        get_measure("structure_calibrated", **options)
+
+
+def test_lengths_are_whole_pixels():
+    with pytest.raises(BadInput, match=r"longest is 2.5; allowed: a whole number of pixels, 1 to 64"):
+        get_measure("structure_calibrated", longest=2.5)

@@ -1,0 +1,706 @@
+"""Actuators: closed forms of every stage, a twin by brute force, the same bits however time is cut."""
+
+import hashlib
+import re
+from dataclasses import asdict, fields, replace
+from math import exp, log, pi, sqrt
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq
+from scipy.stats import chi2
+from small_dataset import HERE
+
+import saf_gen.optics.actuators.actuator as actuator_module
+from saf_gen.errors import BadInput
+from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator, is_actuator_file
+from saf_gen.optics.actuators.oscillator import propagator
+from saf_gen.optics.actuators.trajectory import plan_move, state_at
+
+HZ = 20_000.0
+VOICE_COIL = actuator_module._FOLDER / "voice_coil.yaml"
+SIGNIFICANCE = 1e-3
+
+
+def lens(name="ideal", *, start=0.5, hz=HZ, seed=3, **changes):
+    return ActuatedLens(get_actuator(name, **changes), start=start, readout_hz=hz, seed=seed)
+
+
+def middles(frames, hz=HZ, first=0):
+    return (np.arange(first, first + frames) + 0.5) / hz
+
+
+def within_chance(sum_of_squares, freedom):
+    """A two-sided chi-squared test at SIGNIFICANCE."""
+    low, high = chi2.ppf([SIGNIFICANCE / 2, 1 - SIGNIFICANCE / 2], freedom)
+    return low < sum_of_squares < high
+
+
+# --- presets and files -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", actuator_names())
+def test_every_actuator_that_comes_along_loads_and_names_its_sources(name):
+    actuator = get_actuator(name)
+    assert actuator.name == name
+    assert actuator.sources
+    assert hash(actuator) == hash(get_actuator(name))
+
+
+def test_every_actuator_that_comes_along_is_in_that_list():
+    assert actuator_names() == ["hand", "ideal", "liquid_lens", "stepper", "voice_coil", "voice_coil_hall"]
+
+
+def test_derived_numbers_follow_from_their_sources():
+    coil, hall = get_actuator("voice_coil"), get_actuator("voice_coil_hall")
+    assert coil.damping * 2 * pi * coil.resonance_hz == pytest.approx(log(125 / 5) / 0.05, rel=0.03)
+    assert 1 / (6.3e-3 + 63e-4) < coil.resonance_hz * sqrt(1 - coil.damping**2) < 1 / 6.3e-3
+    assert (coil.step, hall.step) == pytest.approx((1 / 1023, 1 / 4095), rel=1e-6)
+    stepper = get_actuator("stepper")
+    assert stepper.move_s(1) == pytest.approx(0.25)
+    assert 0.20 < stepper.move_s(0.8) < stepper.move_s(0.9) < 0.235
+    assert (stepper.step, stepper.backlash) == pytest.approx((1 / 8390, 60 / 8390), rel=0.03)
+    assert get_actuator("hand").move_s(1) == pytest.approx(1, rel=0.01)
+
+
+def settling_s(name, *, start=0.1, to=0.9, within=0.02):
+    moved = lens(name, start=start, place_rms=0, latency_s=0)
+    moved.command(to)
+    off = abs(moved.run(60_000) - moved.resting_position())
+    return (np.nonzero(off > within * abs(to - start))[0][-1] + 1) / HZ
+
+
+def test_settling_times_are_what_the_files_say():
+    assert settling_s("liquid_lens") == pytest.approx(0.015, rel=0.02)
+    assert settling_s("voice_coil_hall") == pytest.approx(0.012, rel=0.05)
+    half = settling_s("voice_coil", start=0.25, to=0.5, within=0.04)
+    assert half == pytest.approx(0.05, abs=0.005)
+    assert 0.19 < settling_s("stepper") < 0.21
+    assert 0.7 < settling_s("hand") < 1.1
+
+
+@pytest.mark.parametrize(("name", "times", "reaches"), [
+    ("stepper", 1, 0.909), ("stepper", 2, 0.972), ("hand", 1, 0.703), ("hand", 2, 0.870),
+])  # fmt: skip
+def test_a_lens_trails_a_steady_sweep_by_the_closed_form(name, times, reaches):
+    """By the latency, the motor's way to brake, v²/2a, the oscillator's 2ζ/ω, and half the play."""
+    drive = get_actuator(name, place_rms=0)
+    frames = round(times * (drive.latency_s + drive.move_s(1)) * HZ)
+    moved = lens(name, start=0.0, place_rms=0)
+    for frame in range(0, frames, 8):
+        moved.command(min((frame + 1) / frames, 1.0))
+        at = moved.run(8)[-1]
+    speed = HZ / frames
+    seconds = drive.latency_s + speed / (2 * drive.acceleration) + drive.damping / (pi * drive.resonance_hz)
+    assert at == pytest.approx(1 - speed * seconds - drive.backlash / 2, abs=1e-3)
+    assert at == pytest.approx(reaches, abs=1e-3)
+
+
+def led(name, frames):
+    """Where the lens is after so many frames of a sweep that is led from 0 to 1."""
+    moved = lens(name, start=0.0, place_rms=0)
+    course = get_actuator(name).command_sweep_s(frames / HZ) * HZ
+    for frame in range(0, frames, 8):
+        moved.command(min((frame + 8) / course, 1.0))
+        place = moved.run(8)[-1]
+    return place
+
+
+@pytest.mark.parametrize("name", ["stepper", "hand"])
+@pytest.mark.parametrize("times", [1, 1.5, 5])
+def test_a_lens_that_is_led_by_its_motor_arrives_with_the_sweep(name, times):
+    """But for half the play; in the shortest sweep the motor goes at its top speed."""
+    drive = get_actuator(name)
+    frames = round(times * drive.end_to_end_s * HZ)
+    assert led(name, frames) == pytest.approx(1 - drive.backlash / 2, abs=1.5e-3)
+    if times == 1:
+        shortest = drive.command_sweep_s(drive.end_to_end_s)
+        assert 1 / drive.speed < shortest < 1 / drive.speed + 1 / drive.resonance_hz
+        assert drive.command_sweep_s(drive.end_to_end_s / 3) == shortest
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "reaches"),
+    [("liquid_lens", 2000, 0.998), ("liquid_lens", 6000, 0.9995), ("voice_coil_hall", 2000, 1.0)],
+)
+def test_a_lens_on_a_spring_is_left_to_itself_for_6_zeta_over_omega_at_the_end(name, frames, reaches):
+    """The oscillator, in steady pursuit until the commands stop, then free: its matrix exponential."""
+    drive = get_actuator(name)
+    natural, speed = 2 * pi * drive.resonance_hz, 1 / drive.command_sweep_s(frames / HZ)
+    behind = 2 * drive.damping / natural
+    free = expm(np.array([[0, 1], [-(natural**2), -2 * drive.damping * natural]]) * 3 * behind)
+    off = (free @ [-speed * behind, speed])[0]
+    assert led(name, frames) == pytest.approx(min(1 + off, 1), abs=1e-3)  # there is a stop
+    assert led(name, frames) == pytest.approx(reaches, abs=5e-4)
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.7, 1.9])
+def test_what_a_sensor_at_the_motor_does_not_see_falls_to_1_e_in_its_time(damping):
+    """The largest way off in each of two stretches, six lags apart, once the quicker root has died out."""
+    drive = {"damping": damping, "resonance_hz": 50, "place_rms": 0, "latency_s": 0, "backlash": 0}
+    moved = lens("voice_coil", start=0.1, **drive)
+    lag = get_actuator("voice_coil", **drive).lag_s
+    moved.command(0.9)
+    off = abs(moved.run(round(12 * lag * HZ)) - moved.resting_position())
+    cycle = round(HZ / 50 * (1 / sqrt(1 - damping**2) if damping < 1 else 1))  # the two peaks are in phase
+    later = round(6 * lag * HZ / cycle) * cycle if damping < 1 else round(6 * lag * HZ)
+    first = round(3 * lag * HZ)
+    fell = off[first + later : first + later + cycle].max() / off[first : first + cycle].max()
+    assert log(fell) == pytest.approx(-later / HZ / lag, rel=0.01)
+    assert get_actuator("voice_coil", reads="lens", **drive).lag_s == 0
+
+
+def test_changes_are_checked_like_a_file():
+    assert get_actuator("voice_coil", damping=0.2).damping == 0.2
+    with pytest.raises(BadInput, match=r"actuator voice_coil: damping is 0; allowed: 0\.01 to 10 of the cri"):
+        get_actuator("voice_coil", damping=0)
+    with pytest.raises(BadInput, match=r"unknown actuator key 'dampng'.*did you mean 'damping'\?"):
+        get_actuator("voice_coil", dampng=0.2)
+    with pytest.raises(BadInput, match=r"reads is 'lense'; allowed: lens, motor; did you mean 'lens'\?"):
+        replace(get_actuator("ideal"), reads="lense")
+
+
+def test_an_unknown_actuator_is_told_with_the_next_step():
+    with pytest.raises(
+        BadInput, match=r"unknown actuator 'steper'.*'stepper'\?; or give the path of a .yaml"
+    ):
+        get_actuator("steper")
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A copy of the voice coil's file with one text replaced: path."""
+
+    def write(old, new):
+        text = VOICE_COIL.read_text(encoding="utf-8")
+        assert old in text
+        path = tmp_path / "mine.yaml"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("damping: 0.10 ", "dampening: 0.10 ", r"mine.yaml:8: unknown actuator key 'dampening'.*'damping'\?"),
+        ("latency_s: 1.0e-4", "latency_s: 5", r"mine.yaml:17: latency_s is 5; allowed: 0 to 1 seconds$"),
+        ("latency_s: 1.0e-4", "latency_s: 1e-4", r"mine.yaml:17: latency_s is '1e-4'.*; .* write 1.0e-5"),
+        ("speed: 10000 ", "speed: .inf ", r"mine.yaml:4: speed is inf; allowed: 0.001 to 1e\+06 travels a"),
+        ("speed: 10000 ", "speed: true ", r"speed is True; allowed"),
+        ("backlash: 0.01 ", "backlash: 1 ", r"backlash is 1; allowed: 0 to 0.2 of the travel"),
+        ("place_rms: 0\n", "", r"mine.yaml:\d+: the actuator key 'place_rms' is missing"),
+        (
+            "reads: motor ",
+            "reads: motr ",
+            r"mine.yaml:14: reads is 'motr'; allowed: lens, motor; .*'motor'\?",
+        ),
+        ("reads: motor ", "reads: [lens] ", r"reads is \['lens'\]; allowed: lens, motor"),
+        ("name: voice_coil", "name: 7", r"mine.yaml:3: name is 7; allowed: a text"),
+        ("sources:\n", "sources: []\nother:\n", r"unknown actuator key 'other'"),
+    ],
+)
+def test_a_file_that_does_not_fit_is_told_in_one_line(own, old, new, message):
+    with pytest.raises(BadInput, match=message) as caught:
+        get_actuator(own(old, new))
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize("sources", ["", "[]", "[3]", "a book"])
+def test_an_actuator_names_its_sources(tmp_path, sources):
+    head = VOICE_COIL.read_text(encoding="utf-8").split("sources:")[0]
+    (tmp_path / "mine.yaml").write_text(f"{head}sources: {sources}\n", encoding="utf-8")
+    with pytest.raises(BadInput, match=r"sources is .*; allowed: a list of at least one text"):
+        get_actuator(tmp_path / "mine.yaml")
+
+
+def test_a_file_that_is_missing_or_empty_is_told(tmp_path):
+    with pytest.raises(BadInput, match="does not exist"):
+        get_actuator(tmp_path / "none.yaml")
+    (tmp_path / "empty.yaml").write_text("")
+    with pytest.raises(BadInput, match="the file holds no keys; allowed: name, speed"):
+        get_actuator(tmp_path / "empty.yaml")
+
+
+def test_ones_own_file_is_read(own):
+    assert get_actuator(str(own("damping: 0.10 ", "damping: 0.3 "))).damping == 0.3
+    assert is_actuator_file("mine.yaml")
+    assert not is_actuator_file("voice_coil")
+
+
+@pytest.mark.parametrize("name", actuator_names())
+def test_a_preset_is_labelled_by_its_name(name, tmp_path):
+    assert get_actuator(name).label == name
+    copy = tmp_path / "copy.yaml"
+    copy.write_text((VOICE_COIL.parent / f"{name}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    assert get_actuator(copy).label == name
+
+
+def test_another_drive_is_labelled_by_a_digest_of_its_numbers(own):
+    """Of each of them and of no source; 1 and 1.0 are one number."""
+    coil = get_actuator("voice_coil")
+    critical = get_actuator(own("damping: 0.10 ", "damping: 1 "))
+    assert critical.name == "voice_coil"
+    assert re.fullmatch(r"voice_coil \(own, [0-9a-f]{12}\)", critical.label)
+    assert critical.label == get_actuator("voice_coil", damping=1.0).label
+    assert replace(coil, sources=("a book",), backlash=0.010).label == "voice_coil"
+    assert replace(coil, place_rms=-0.0).label == "voice_coil"
+    assert re.fullmatch(r"mine \(own, [0-9a-f]{12}\)", replace(coil, name="mine").label)
+    numbers = [f.name for f in fields(coil) if isinstance(getattr(coil, f.name), int | float)]
+    others = [replace(coil, **{key: getattr(coil, key) + 1e-3}) for key in numbers]
+    labels = {one.label for one in (coil, replace(coil, reads="lens"), *others)}
+    assert len(labels) == len(numbers) + 2
+    assert len(numbers) == 9
+
+
+@pytest.mark.parametrize("place", [-0.01, 1.01, float("nan"), True, "0.5", None])
+def test_a_place_outside_the_travel_is_refused(place):
+    with pytest.raises(BadInput, match=r"to is .*; allowed: 0 to 1, a fraction of the travel"):
+        lens().command(place)
+    with pytest.raises(BadInput, match=r"start is .*; allowed: 0 to 1, a fraction of the travel"):
+        lens(start=place)
+
+
+def test_times_that_make_no_sense_are_refused():
+    with pytest.raises(BadInput, match=r"readout_hz is 0; allowed: readouts a second, above 0"):
+        lens(hz=0)
+    with pytest.raises(BadInput, match=r"-1 frames were to be run; allowed: 0 or more"):
+        lens().run(-1)
+    still = lens()
+    still.run(10)
+    with pytest.raises(BadInput, match=r"frames 5 to 11 were asked for; allowed: .* <= 10"):
+        still.read_sensor(5, 11)
+
+
+# --- the oscillator ----------------------------------------------------------------------------------
+
+
+def step_response(seconds, hz, damping):
+    """1 - the free oscillator from 1 at rest, by the matrix exponential of scipy."""
+    omega = 2 * pi * hz
+    system = np.array([[0.0, 1.0], [-(omega**2), -2 * damping * omega]])
+    return 1 - expm(np.asarray(seconds)[:, None, None] * system)[:, 0, 0]
+
+
+@pytest.mark.parametrize("damping", [0.01, 0.1, 0.7, 1.0, 1.9, 10.0])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.03, 2.0, 40.0])
+def test_the_turn_of_the_oscillator_is_the_matrix_exponential(angle, damping):
+    system = np.array([[0.0, 1.0], [-1.0, -2 * damping]])
+    assert np.reshape(propagator(angle, damping), (2, 2)) == pytest.approx(expm(system * angle), abs=1e-12)
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.3, 1.0, 1.9])
+def test_a_step_is_answered_by_the_closed_form(damping):
+    moved = lens(start=0.3, resonance_hz=90, damping=damping)
+    moved.command(0.5)
+    seconds = middles(400) - moved.actuator.move_s(0.2) / 2  # the quickest motor is late by half a move
+    seconds = np.maximum(seconds, 0)
+    assert moved.run(400) == pytest.approx(0.3 + 0.2 * step_response(seconds, 90, damping), abs=1e-8)
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.2, 0.3, 0.6])
+@pytest.mark.parametrize("way", [1, -1])
+def test_overshoot_and_ringing_are_those_of_an_oscillator(damping, way):
+    """Overshoot exp(-πζ/√(1 - ζ²)); crossings every half period of f·√(1 - ζ²)."""
+    hz, share = 200_000.0, sqrt(1 - damping**2)
+    moved = lens(start=0.5, hz=hz, resonance_hz=85, damping=damping)
+    moved.command(0.5 + 0.2 * way)
+    off = way * (moved.run(6_000) - (0.5 + 0.2 * way)) / 0.2
+    assert off.max() == pytest.approx(exp(-pi * damping / share), rel=1e-4)
+    at_sign = np.nonzero(np.diff(np.sign(off)))[0]
+    crossings = (at_sign + off[at_sign] / (off[at_sign] - off[at_sign + 1])) / hz
+    assert np.diff(crossings) == pytest.approx(np.full(len(crossings) - 1, 0.5 / (85 * share)), rel=1e-4)
+    assert len(crossings) >= 4
+
+
+def twin(part, commands, seconds, start, step=1e-6):
+    """The same lens by brute force: motor by its acceleration, play by clipping, small steps of the ODE."""
+    motor = seat = place = start
+    motor_speed = speed = 0.0
+    omega, target, out = 2 * pi * part.resonance_hz, start, []
+    commands = [(t + part.latency_s, to) for t, to in commands]
+    for n in range(round(seconds / step)):
+        while commands and n * step >= commands[0][0]:
+            target = commands.pop(0)[1]
+        # the speed from which it can still brake in time, reached as fast as allowed
+        wanted = np.sign(target - motor) * min(part.speed, sqrt(2 * part.acceleration * abs(target - motor)))
+        change = part.acceleration * step
+        motor_speed += min(max(wanted - motor_speed, -change), change)
+        motor += motor_speed * step
+        seat = min(max(seat, motor - part.backlash / 2), motor + part.backlash / 2)
+        speed += step * (omega**2 * (seat - place) - 2 * part.damping * omega * speed)
+        place += step * speed
+        if not 0 <= place <= 1:
+            place, speed = min(max(place, 0.0), 1.0), 0.0
+        out.append(place)
+    return np.array(out)
+
+
+@pytest.mark.parametrize(
+    ("commands", "changes"),
+    [
+        ([(0, 0.9), (0.02, 0.4), (0.021, 0.41), (0.05, 0.1)], {}),
+        ([(0, 0.9), (0.004, 0.2), (0.012, 0.21)], {"damping": 1.9, "backlash": 0.05, "latency_s": 0.0031}),
+        ([(0, 1.0), (0.02, 0.0), (0.045, 0.3)], {"damping": 0.05, "speed": 500, "backlash": 0.0}),
+        ([(0.001, 0.31), (0.011, 0.29), (0.021, 0.33)], {"resonance_hz": 300, "backlash": 0.03}),
+    ],
+)
+def test_a_twin_by_brute_force_goes_the_same_way(commands, changes):
+    """Latency, limits, play, ringing and stops together; the twin's own error is of the order of its step."""
+    part = {"resonance_hz": 80, "damping": 0.15, "speed": 40, "acceleration": 8e3, "backlash": 0.01} | changes
+    moved = lens(start=0.3, **part)
+    places, done = [], 0
+    for seconds, to in commands:
+        places.append(moved.run(round(seconds * HZ) - done))
+        done = round(seconds * HZ)
+        moved.command(to)
+    places.append(moved.run(1_500 - done))
+    expected = twin(moved.actuator, commands, 0.075, 0.3)
+    got = np.concatenate(places)
+    assert got == pytest.approx(expected[24::50], abs=5e-4)
+    assert np.ptp(got) > 0.02
+
+
+# --- the motor ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("distance", [0.02, 0.05, 0.3, 0.9])
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_move_takes_the_time_of_its_trapezoid(distance, way):
+    """v = 2/s, a = 80/s²: triangle below v²/a = 0.05, trapezoid above; places by integration of the speed."""
+    start = 0.5 - way * distance / 2
+    moved = lens(start=start, speed=2, acceleration=80)
+    moved.command(start + way * distance)
+    lasts = 2 * sqrt(distance / 80) if distance <= 0.05 else distance / 2 + 2 / 80
+    assert moved.actuator.move_s(distance) == pytest.approx(lasts, rel=1e-12)
+    t = middles(12_000)
+    gone = way * (moved.run(12_000) - start)
+    ramp = min(2 / 80, lasts / 2)
+    top, left = 80 * ramp, np.maximum(lasts - t, 0)
+    expected = np.where(t < ramp, 40 * t**2, np.where(left < ramp, distance - 40 * left**2, 0))
+    cruise = (t >= ramp) & (left >= ramp)
+    expected[cruise] = 40 * ramp**2 + top * (t[cruise] - ramp)
+    assert gone == pytest.approx(expected, abs=2e-6)  # the stiffest spring lags by 2ζv/ω
+
+
+def test_a_move_of_nothing_takes_no_time():
+    assert get_actuator("hand").move_s(0) == 0
+    moved = lens("stepper", start=0.5)
+    before = moved.resting_position()
+    moved.command(0.5)
+    assert abs(moved.resting_position() - before) < moved.actuator.step
+    assert (abs(moved.run(200) - 0.5) < moved.actuator.step).all()
+
+
+def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded():
+    """200 commands at random times, many on the way; differences of the motor's places over 1/20,000 s."""
+    rng = np.random.default_rng(4)
+    moved = lens("ideal", start=0.5, speed=7, acceleration=300, reads="motor")
+    for _ in range(200):
+        moved.command(rng.random())
+        moved.run(int(rng.integers(1, 800)))
+    places = moved.read_sensor(0, moved.frames)
+    speed = np.diff(places) * HZ
+    assert abs(speed).max() == pytest.approx(7, rel=1e-9)
+    assert abs(np.diff(speed) * HZ).max() == pytest.approx(300, rel=1e-6)
+    assert (places >= 0).all()
+    assert (places <= 1).all()
+
+
+def test_a_motor_on_the_move_brakes_before_it_turns():
+    """At speed 1 away from its new place it needs 1/a to stop, 1/(2a) further on, and comes from there."""
+    course = plan_move(0.2, 5.0, 0.5, 1.0, 100.0, 10.0)
+    assert state_at(course, 5.1) == pytest.approx((0.55, 0.0))
+    assert course[-1] == (pytest.approx(5.1 + 2 * sqrt(0.35 / 10)), 0.2, 0.0, 0.0)
+    nearer = plan_move(0.52, 5.0, 0.5, 1.0, 100.0, 10.0)  # ahead, but too near to stop there
+    assert state_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
+    assert nearer[-1] == (pytest.approx(5.1 + 2 * sqrt(0.03 / 10)), 0.52, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("begin", [0, 333])
+def test_a_command_is_in_force_after_the_latency_to_the_microsecond(begin):
+    """1.23 ms are 24.6 readouts; from there on the motor is a·s²/2 ahead."""
+    moved = lens(start=0.2, latency_s=1.23e-3, speed=50, acceleration=2e3, reads="motor")
+    assert (moved.run(begin) == 0.2).all()
+    moved.command(0.9)
+    moved.run(100)
+    s = np.maximum(middles(100, first=begin) - begin / HZ - 1.23e-3, 0)
+    read = moved.read_sensor(begin, begin + 100)
+    assert (read[:25] == 0.2).all()
+    assert read[25] > 0.2
+    assert read == pytest.approx(0.2 + 1e3 * s**2, abs=1e-12)
+
+
+def test_the_command_before_is_in_force_until_the_next_one_is():
+    alone, both = (lens(start=0.2, latency_s=0.005, speed=5, acceleration=500) for _ in range(2))
+    alone.command(0.9)
+    both.command(0.9)
+    first = both.run(40)
+    both.command(0.1)
+    rest = both.run(400)
+    expected = alone.run(440)
+    assert (np.concatenate([first, rest])[:140] == expected[:140]).all()
+    assert (rest[100:] != expected[140:]).all()
+    assert both.target == 0.1
+
+
+def test_of_two_commands_at_once_the_last_holds():
+    once, twice = lens("voice_coil", start=0.2), lens("voice_coil", start=0.2)
+    twice.command(0.9)
+    for moved in (once, twice):
+        moved.command(0.4)
+    assert (once.run(500) == twice.run(500)).all()
+
+
+@pytest.mark.parametrize("step", [0.1, 0.03, 1 / 1023])
+def test_places_are_whole_steps_within_the_travel(step):
+    moved = lens(step=step)
+    for to in (0.0, 0.2345, 0.5, 0.99, 1.0):
+        place = moved.resting_position(to)
+        assert place / step == pytest.approx(round(place / step), abs=1e-9)
+        assert 0 <= place <= 1
+        assert abs(place - to) <= (step / 2 if to < 0.99 else step)
+
+
+# --- backlash ----------------------------------------------------------------------------------------
+
+
+def test_the_lens_rests_half_the_play_short_on_the_side_it_came_from():
+    moved = lens(start=0.1, backlash=0.04)
+    for to, rest in [(0.6, 0.58), (0.9, 0.88), (0.3, 0.32), (0.2, 0.22), (0.5, 0.48)]:
+        assert moved.resting_position(to) == pytest.approx(rest, abs=1e-12)
+        moved.command(to)
+        assert moved.run(2_000)[-1] == pytest.approx(rest, abs=1e-9)
+
+
+def test_a_reversal_within_the_play_does_not_move_the_lens():
+    moved = lens(start=0.1, backlash=0.04, reads="motor")
+    moved.command(0.6)
+    moved.run(1_000)
+    for to in (0.561, 0.599, 0.57):
+        moved.command(to)
+        assert moved.run(500) == pytest.approx(np.full(500, 0.58), abs=1e-9)
+        assert moved.read_sensor(moved.frames - 1, moved.frames)[0] == pytest.approx(to)
+    moved.command(0.559)
+    assert moved.run(500)[-1] == pytest.approx(0.579, abs=1e-9)
+
+
+def test_the_loop_of_hysteresis_is_as_wide_as_the_play():
+    """A slow sweep up and down: at the same place of the motor the lens differs by the play."""
+    moved = lens(start=0.0, backlash=0.04, speed=10, acceleration=1e4, reads="motor")
+    ways = []
+    for to in (1.0, 0.0):
+        moved.command(to)
+        places = moved.run(3_000)
+        ways.append((moved.read_sensor(moved.frames - 3_000, moved.frames), places))
+    (up_motor, up), (down_motor, down) = ways
+    motor = np.linspace(0.1, 0.9, 50)
+    width = np.interp(motor, down_motor[::-1], down[::-1]) - np.interp(motor, up_motor, up)
+    assert width == pytest.approx(np.full(50, 0.04), abs=1e-5)
+
+
+# --- the ends of the travel --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_a_stop_takes_all_speed(end):
+    """Sent to 0.1 before the stop it would swing past it; it leaves the stop as if let go there at rest.
+
+    The moment it comes to the stop is the root of the free response, 0.4·x(t) = -0.1.
+    """
+    to, hz = abs(end - 0.1), 100_000.0
+    moved = lens(start=0.5, hz=hz, resonance_hz=80, damping=0.05)
+    moved.command(to)
+    seconds = middles(3_000, hz) - moved.actuator.move_s(0.4) / 2
+    hit = brentq(lambda t: 0.4 * step_response([t], 80, 0.05)[0] - 0.5, 1 / 400, 1 / 160, xtol=1e-14)
+    before = 0.4 * step_response(np.maximum(seconds[seconds < hit], 0), 80, 0.05) - 0.4
+    after = 0.1 - 0.1 * step_response(seconds[seconds >= hit] - hit, 80, 0.05)
+    way = 1 if end else -1
+    assert way * (moved.run(3_000) - to) == pytest.approx(np.concatenate([before, after]), abs=1e-7)
+
+
+def test_a_lens_sent_to_a_stop_stays_there():
+    moved = lens("voice_coil", start=0.3, backlash=0, step=0)
+    moved.command(1.0)
+    places = moved.run(2_000)
+    there = int(np.argmax(places > 1 - 1e-9))
+    assert 0 < there < 100
+    assert (places[there:] > 1 - 1e-9).all()
+    assert moved.is_settled(1e-9)
+
+
+# --- noise -------------------------------------------------------------------------------------------
+
+
+def test_the_position_sensor_has_white_noise_of_its_rms():
+    """20,000 readings at seed 11: chi-squared of the rms, and the correlation of neighbours, at 0.1 %."""
+    moved = lens("voice_coil_hall", start=0.2, seed=11, position_noise_rms=0.01)
+    moved.command(0.7)
+    places = moved.run(20_000)
+    noise = moved.read_sensor(0, 20_000) - places
+    assert within_chance(np.square(noise / 0.01).sum(), 20_000)
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 3.29 / sqrt(20_000)
+    assert abs(noise.mean()) < 3.29 * 0.01 / sqrt(20_000)
+
+
+def test_a_reading_is_the_same_whenever_it_is_taken():
+    moved, again, other = (lens("hand", start=0.2, seed=seed) for seed in (3, 3, 4))
+    moved.run(9_000)
+    other.run(9_000)
+    early = []
+    for frames in (1, 4_095, 4_904):
+        again.run(frames)
+        early.append(again.read_sensor(again.frames - frames, again.frames))
+    assert (moved.read_sensor(0, 9_000) == np.concatenate(early)).all()
+    assert (moved.read_sensor(4_000, 4_200) == moved.read_sensor(0, 9_000)[4_000:4_200]).all()
+    assert (other.read_sensor(0, 9_000) != moved.read_sensor(0, 9_000)).all()
+
+
+def test_a_sensor_on_the_motor_knows_nothing_of_play_and_ringing():
+    moved = lens("voice_coil", start=0.2)
+    moved.command(0.7)
+    places = moved.run(3_000)
+    read = moved.read_sensor(0, 3_000)
+    assert read[10:] == pytest.approx(np.full(2_990, round(0.7 * 1023) / 1023), abs=1e-6)
+    assert places.max() > 0.9
+    assert places[-1] == pytest.approx(read[-1] - 0.005, abs=1e-4)
+
+
+def test_moves_miss_by_a_fraction_of_their_length():
+    """1,000 moves to and fro, of 0.2 or of 0.1, at seed 3: chi-squared at 0.1 %; misses are independent."""
+    moved, missed = lens(start=0.5, place_rms=0.002), [0.0]
+    for n in range(1_000):
+        moved.command((0.3, 0.5, 0.4, 0.5)[n % 4])
+        missed.append(moved.resting_position() - moved.target)
+    lengths = np.tile([0.2, 0.2, 0.1, 0.1], 250)
+    errors = np.diff(missed) / (0.002 * lengths)
+    assert within_chance(np.square(errors).sum(), 1_000)
+    assert within_chance(np.square(errors[lengths < 0.15]).sum(), 500)
+    assert abs(np.corrcoef(errors[1:], errors[:-1])[0, 1]) < 3.29 / sqrt(1_000)
+
+
+def test_the_same_command_again_corrects_no_miss_and_an_end_of_the_travel_does():
+    moved = lens(start=0.5, place_rms=0.1)
+    moved.command(0.9)
+    missed = moved.resting_position()
+    assert missed != 0.9
+    moved.command(0.9)
+    assert moved.resting_position() == missed
+    homed = 0
+    for seed in range(40):
+        moved = lens(start=0.1, place_rms=0.1, seed=seed)
+        moved.command(1.0)
+        if moved.resting_position() == 1:  # about every other one comes to the stop: no miss is left
+            homed += 1
+            moved.command(0.999)
+            assert abs(moved.resting_position() - 0.999) < 5 * 0.1 * 0.001
+    assert 10 < homed < 30
+
+
+# --- every preset ------------------------------------------------------------------------------------
+
+
+def script(name, seed, **changes):
+    """A lens that has been through 12 random commands, and where it was."""
+    rng = np.random.default_rng(seed)
+    moved = lens(name, start=0.4, **changes)
+    places = []
+    for _ in range(12):
+        moved.command(float(rng.random()))
+        places.append(moved.run(int(rng.integers(0, 900))))
+    return moved, np.concatenate(places)
+
+
+@pytest.mark.parametrize("name", actuator_names())
+def test_cutting_time_into_pieces_changes_no_bit(name):
+    """12 random commands; one call of run between two of them, or calls of 1 to 60 readouts at random."""
+    whole, places = script(name, 5)
+    rng, cuts = np.random.default_rng(5), np.random.default_rng(6)
+    cut, got = lens(name, start=0.4), []
+    for _ in range(12):
+        cut.command(float(rng.random()))
+        left = int(rng.integers(0, 900))
+        while left:
+            n = min(left, int(cuts.integers(0, 61)))
+            got.append(cut.run(n))
+            left -= n
+    assert np.concatenate(got).tobytes() == places.tobytes()
+    assert cut.read_sensor(0, cut.frames).tobytes() == whole.read_sensor(0, whole.frames).tobytes()
+
+
+@pytest.mark.parametrize("name", actuator_names())
+def test_the_motion_does_not_depend_on_how_often_it_is_looked_at(name):
+    """The middle of every third readout of a camera three times as fast is the middle of a readout."""
+    slow, fast = lens(name, start=0.4), lens(name, start=0.4, hz=3 * HZ)
+    for to in (0.95, 0.2, 0.9):
+        slow.command(to)
+        fast.command(to)
+        assert slow.run(500) == pytest.approx(fast.run(1_500)[1::3], abs=1e-9)
+
+
+@pytest.mark.parametrize("name", actuator_names())
+def test_a_lens_stays_in_its_travel_and_comes_to_rest_where_it_said(name):
+    moved, places = script(name, 7)
+    assert places.dtype == np.float64
+    assert (places >= 0).all()
+    assert (places <= 1).all()
+    foreseen = moved.resting_position(0.25)
+    assert moved.run(0).shape == (0,)
+    moved.command(0.25)
+    assert moved.resting_position() == foreseen
+    assert not moved.is_settled(1e-6)
+    part = moved.actuator
+    spare = part.backlash / 2 + part.step / 2 + 5 * part.place_rms * 12
+    assert abs(foreseen - 0.25) <= spare + 1e-12
+    moved.run(int(1.5 * HZ))
+    while not moved.is_settled(1e-7):
+        moved.run(2_000)
+        assert moved.frames < 10 * HZ
+    assert moved.run(1)[0] == pytest.approx(foreseen, abs=1e-7)
+
+
+@pytest.mark.parametrize("name", actuator_names())
+def test_settled_is_a_promise_that_holds(name):
+    """From the first of 300 looks that says settled within 0.001, no place of 1.5 s is further off."""
+    moved = lens(name, start=0.6, place_rms=0)
+    moved.command(0.3)
+    said, places = [], []
+    for _ in range(300):
+        places.append(moved.run(100))
+        said.append(moved.is_settled(1e-3))
+    off = abs(np.concatenate(places) - moved.resting_position())
+    first = said.index(True)
+    assert all(said[first:])
+    assert off[(first + 1) * 100 :].max() <= 1e-3
+    assert lens(name).is_settled(0)
+
+
+def test_seeds_and_names_make_the_bits_the_same_everywhere():
+    """Four operations and square roots alone: this digest holds on every machine."""
+    digest = hashlib.sha256()
+    for name in ("voice_coil", "stepper", "liquid_lens", "voice_coil_hall"):
+        digest.update(script(name, 8)[1].tobytes())
+    assert digest.hexdigest()[:16] == "c94f5aeca51158bb"
+
+
+# --- the page ----------------------------------------------------------------------------------------
+
+
+def test_the_page_lists_every_actuator_and_every_key():
+    page = (HERE.parent / "docs" / "closed-loop.md").read_text(encoding="utf-8")
+    rows = [[c.strip() for c in line.strip("|").split("|")] for line in page.splitlines() if "|" in line]
+    listed = {row[0].strip("`"): row for row in rows}
+    for name in actuator_names():
+        part, row = get_actuator(name), listed[name]
+        assert row[2] == f"{part.latency_s * 1e3:g}"
+        assert row[3] == f"{part.move_s(1) * 1e3:.3g}"
+        assert row[4] == f"{part.resonance_hz:g}"
+        assert row[5] == f"{part.damping:g}"
+        assert row[6] == f"{part.backlash * 100:g}"
+        assert row[7] == part.reads
+    for key in (f.name for f in fields(Actuator)):
+        assert re.search(rf"`{key}`", page), key
+    assert set(asdict(get_actuator("ideal"))) == {f.name for f in fields(Actuator)}

@@ -1,0 +1,135 @@
+"""What the camera looks at where the picture's scale changes much over the travel: sight, and its limits."""
+
+import numpy as np
+import pytest
+from written_scenes import SENSOR_GRID, load_setup, write_scene
+
+from saf_gen.authoring.checks import check_scene
+from saf_gen.camera import get_sensor
+from saf_gen.errors import BadInput
+from saf_gen.optics import ImageDistanceDrive, Stage
+from saf_gen.render import depth_and_target
+
+HALF_M = SENSOR_GRID.columns * SENSOR_GRID.pitch_m / 2
+MACRO = ImageDistanceDrive(0.05, 4.0, (1.0, 0.12))  # its picture grows by 1.6
+STAGE = Stage(0.025, 2.0, 1 / 19, (-0.08, 0.10))
+
+
+def half_field(drive, position, depth_m):
+    """Half of what the frame's width sees (m) of a plane at this depth."""
+    return HALF_M * (depth_m - float(drive.shift(position))) / float(drive.image_distance(position))
+
+
+@pytest.fixture
+def patch(tmp_path, monkeypatch):
+    """A square that shines, 2 % of the half field large, so many half fields beside the axis; loaded."""
+
+    def placed(drive, depth_m, aside, at):
+        across = half_field(drive, at, depth_m)
+        shapes = (
+            f"{{'glow': {{'type': 'rectangle', 'emitter': {{'type': 'area', 'radiance': 1.0}},"
+            f" 'to_world': t.translate([{aside * across}, 0, 0])"
+            f".rotate([0, 1, 0], 180).scale({0.02 * across})}}}}"
+        )
+        lens = "{focal_length_mm: 25, f_number: 2, focus_range_m: [0.6, 0.42]}"  # another is put in its place
+        scene = write_scene(
+            tmp_path, monkeypatch, lens=lens, distance_m=depth_m, shapes=shapes, light="glow", target="glow"
+        )
+        return load_setup(scene, ("glow",), name="scalar", drive=drive)
+
+    return placed
+
+
+def same(one, other):
+    return np.array_equal(one.depth, other.depth) and np.array_equal(one.target, other.target)
+
+
+def at(setup, position):
+    return depth_and_target._look_at(setup, ("glow",), position)
+
+
+@pytest.mark.parametrize("aside", [0.82, 0.9, 0.96])
+@pytest.mark.parametrize("passing", [False, True])
+def test_a_target_that_is_in_the_frame_only_where_it_is_in_focus_is_seen(patch, aside, passing):
+    """0.9 m away the frame sees 1.31 times as much as it does at the middle of the travel."""
+    best = float(MACRO.best_position(0.9))
+    setup = patch(MACRO, 0.9, aside, best)
+    assert not at(setup, 0.5).target.any()
+    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
+    columns = np.flatnonzero(seen.target.any(axis=0))
+    assert columns.mean() + 0.5 == pytest.approx(SENSOR_GRID.columns / 2 * (1 - aside), abs=0.5)
+    assert seen.depth[seen.target] == pytest.approx(0.9, rel=1e-5)
+    assert same(seen, at(setup, MACRO.true_focus(seen.depth[seen.target])))
+
+
+OUT = [
+    pytest.param(MACRO, 0.125, 0.9, 0.5, id="seen half way"),
+    pytest.param(MACRO, 0.125, 0.9, 0.0, id="seen at one end"),
+    pytest.param(STAGE, 0.58, 0.94, 0.5, id="stage"),
+]
+
+
+@pytest.mark.parametrize(("drive", "depth_m", "aside", "seen_at"), OUT)
+def test_a_target_that_has_left_the_frame_where_it_is_in_focus_is_told(patch, drive, depth_m, aside, seen_at):
+    setup = patch(drive, depth_m, aside, seen_at)
+    best = float(drive.best_position(depth_m))
+    assert 0 < best < 1
+    assert at(setup, seen_at).target.any()
+    with pytest.raises(BadInput) as told:
+        depth_and_target.trace_depth_and_target(setup, ("glow",))
+    assert str(told.value) == (
+        f"the target (glow) is out of the frame where it is in focus, at {best:.3f} of the travel: the "
+        "picture's scale changes on the way; allowed: a target shape that at least one pixel sees there; "
+        f"move it towards the middle of the picture, or shorten {drive.travel_key} in scene.yaml"
+    )
+
+
+@pytest.mark.parametrize(("drive", "depth_m", "aside", "seen_at"), OUT)
+def test_a_moment_at_which_it_has_left_the_frame_has_an_empty_mask(patch, drive, depth_m, aside, seen_at):
+    setup = patch(drive, depth_m, aside, seen_at)
+    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=True)
+    assert not seen.target.any()
+    where = float(drive.best_position(depth_m)) if seen_at == 0.5 else 0.5
+    assert seen.depth.shape == (SENSOR_GRID.rows, SENSOR_GRID.columns)
+    assert same(seen, at(setup, where))
+
+
+@pytest.mark.parametrize("passing", [False, True])
+def test_a_target_in_sight_all_the_way_is_looked_at_twice(patch, passing, monkeypatch):
+    """At the middle of the travel and where it is in focus: the mask is that of the second."""
+    setup, places, look_at = patch(MACRO, 0.5, 0.3, 0.5), [], depth_and_target._look_at
+
+    def counted(setup, shapes, position):
+        places.append(position)
+        return look_at(setup, shapes, position)
+
+    monkeypatch.setattr(depth_and_target, "_look_at", counted)
+    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
+    assert places == [0.5, pytest.approx(float(MACRO.best_position(0.5)), abs=1e-5)]
+    assert same(seen, look_at(setup, ("glow",), places[1]))
+
+
+def test_a_target_that_is_in_no_frame_is_told(patch):
+    setup = patch(MACRO, 0.9, 1.2, 0.0)
+    with pytest.raises(
+        BadInput, match=r"the target \(glow\) is not visible to the camera; .*check camera and"
+    ):
+        depth_and_target.trace_depth_and_target(setup, ("glow",))
+    assert not depth_and_target.trace_depth_and_target(
+        setup, ("glow",), allow_unseen_target=True
+    ).target.any()
+
+
+def test_a_target_with_an_id_of_its_own_is_told_by_the_checks(tmp_path, monkeypatch, small_sensor):
+    """And no unit is guessed for it: nobody knows its size."""
+    lens = "{focal_length_mm: 25, f_number: 2, focus_range_m: [0.6, 0.42]}"
+    shapes = "{'card': {'type': 'rectangle', 'id': 'printed'}, 'sky': {'type': 'constant'}}"
+    scene = write_scene(
+        tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="card"
+    )
+    last = list(check_scene(scene, get_sensor(str(small_sensor)), variant="scalar"))[-1]
+    assert (last.check, last.level) == ("reach", "error")
+    assert last.text == (
+        "the target (card) is not visible to the camera; allowed: a target shape that at least one pixel "
+        "sees; no shape has that id: in scene.py let the id of a shape be its key, 'card'"
+    )

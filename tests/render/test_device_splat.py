@@ -1,0 +1,192 @@
+"""The splat on the device against that of the cores: every bit, for the same paths; here on LLVM."""
+
+import re
+from itertools import product
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from random_paths import paths, windows
+from written_scenes import load_setup, needs_llvm
+
+from saf_gen.optics import ImageDistanceDrive, Stage
+from saf_gen.render import backend, device_splat, one_pass
+from saf_gen.render.device_splat import DeviceAccumulator
+from saf_gen.render.host_splat import COUNT_BITS, HostAccumulator, TracedPaths
+from saf_gen.scene.scene_folder import find_scene
+
+SCALE, MOST = 1.2345e9, 0.9  # no power of two, so that products round; a tenth of radiances 0...1 is clipped
+
+
+@pytest.fixture
+def llvm():
+    backend.activate_backend("llvm")
+
+
+def traced(arrays, window=()):
+    return TracedPaths(*map(mi.Float, arrays), *map(mi.Int32, window))
+
+
+def both(arrays, window, shape):
+    """Sums (row, col, focus) of all workers together, stack and clipped, by the cores and by the device."""
+    found = []
+    for kind in (HostAccumulator, DeviceAccumulator):
+        sums = kind(shape, (0, shape[1]), SCALE, MOST)
+        clipped = sums.add(traced(arrays, window))
+        whole = sums.sums.sum(axis=0) if kind is HostAccumulator else sums.sums.numpy()
+        found.append((whole.reshape(*shape[1:], shape[0]), sums.mean_radiance(), clipped))
+    return found
+
+
+def assert_same(host, device):
+    assert np.array_equal(host[0], device[0])
+    assert np.array_equal(host[1], device[1])
+    assert host[1].dtype == device[1].dtype == np.float32
+    assert host[2] == device[2]
+
+
+@needs_llvm
+@pytest.mark.parametrize("windowed", [False, True])
+@pytest.mark.parametrize("shape", [(17, 9, 13), (2, 5, 4), (64, 6, 6), (513, 20, 30)])
+def test_sums_stack_and_clipped_are_those_of_the_cores(llvm, shape, windowed):
+    arrays = paths(5, 50_000, shape)
+    host, device = both(arrays, windows(8, 50_000, shape) if windowed else (), shape)
+    assert_same(host, device)
+    assert 4000 < host[2] < 6000
+    assert (host[1] > 0).mean() > 0.9
+
+
+@needs_llvm
+@pytest.mark.parametrize("windowed", [False, True])
+def test_paths_on_borders_and_corners_and_beyond_the_frame_are_those_of_the_cores(llvm, windowed):
+    """All places, steps and windows that a rule may treat apart, each with each, 146,410 paths.
+
+    Through corners, along borders, at rest on one, out of the frame and into it; with windows that are
+    empty, of one position, to the last and past it.
+    """
+    shape = (9, 4, 5)
+    places = (-2.0, -1.0, -0.5, -0.0, 0.0, 0.25, 1.0, 2.5, 3.999999, 4.0, 7.5)
+    steps = (-8.0, -1.0, -0.5, -1e-7, -0.0, 0.0, 1e-7, 0.125, 0.3, 1.0, 8.0)
+    spans = ((0, 9), (0, 0), (3, 3), (4, 5), (2, 9), (8, 9), (5, 12), (9, 9), (6, 2), (0, -1))
+    ways = [(*way, *span) for *way, span in product(places, places, steps, steps, spans)]
+    *line, begin, end = np.array(ways).T
+    arrays = [a.astype(np.float32) for a in (*line, np.linspace(0, 1, len(ways)))]
+    window = (begin.astype(np.int32), end.astype(np.int32)) if windowed else ()
+    host, device = both(arrays, window, shape)
+    assert_same(host, device)
+    assert (host[1] > 0).all()
+
+
+@needs_llvm
+def test_what_begins_ends_too(llvm):
+    """Past the last position nothing may be left of a path that ended before: counts are those of a loop."""
+    shape = (5, 1, 3)
+    arrays = [np.float32([a, a]) for a in (0.5, 0.5, 1.0, 0.0, 0.5)]
+    _, (sums, stack, _) = both(arrays, (np.int32([0, 1]), np.int32([2, 5])), shape)
+    counts = np.cumsum(sums, axis=2) & ((1 << COUNT_BITS) - 1)
+    assert counts.tolist() == [[[1, 0, 0, 0, 0], [0, 2, 0, 0, 0], [0, 0, 1, 0, 0]]]
+    assert stack[:, 0, 2].tolist() == pytest.approx([0, 0, 0.5, 0.5, 0.5])
+
+
+@needs_llvm
+def test_bands_of_rows_are_the_rows_of_the_stack(llvm, monkeypatch):
+    shape = (17, 9, 13)
+    arrays = paths(6, 20_000, shape)
+    (_, whole, clipped), _ = both(arrays, (), shape)
+    monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 17 * 13 * 4)
+    parts = []
+    for band in DeviceAccumulator.split_into_bands(shape):
+        sums = DeviceAccumulator(shape, band, SCALE, MOST)
+        assert sums.add(traced(arrays)) == clipped
+        parts.append(sums.mean_radiance())
+    assert [part.shape for part in parts] == [(17, 3, 13)] * 3
+    assert np.array_equal(np.concatenate(parts, axis=1), whole)
+
+
+@pytest.mark.parametrize(
+    ("shape", "count"),
+    [
+        ((129, 250, 400), 1),
+        ((513, 250, 400), 1),
+        ((513, 1000, 1000), 2),
+        ((1025, 1000, 1000), 4),
+        ((513, 1100, 1000), 3),
+    ],
+)
+def test_bands_cover_the_film_once_and_fit(shape, count):
+    bands = DeviceAccumulator.split_into_bands(shape)
+    assert len(bands) == count
+    assert [0, *(end for _, end in bands)] == [*(begin for begin, _ in bands), shape[1]]
+    assert all(8 * shape[0] * shape[2] * (b - a) <= device_splat.ACCUMULATOR_BYTES for a, b in bands)
+
+
+def test_a_band_has_a_row_at_least(monkeypatch):
+    monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8)
+    assert DeviceAccumulator.split_into_bands((17, 3, 13)) == [(0, 1), (1, 2), (2, 3)]
+
+
+@needs_llvm
+def test_there_is_nothing_that_a_compiler_may_fuse_or_divide_in_single_precision(llvm):
+    """What CUDA would round otherwise shows in any device's program, so it is looked for in LLVM's.
+
+    No product and no quotient of float32, and no addition of float64: then no product meets an addition
+    before it is rounded.
+    """
+    shape = (17, 9, 13)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        sums = DeviceAccumulator(shape, (0, 9), SCALE, MOST)
+        sums.add(traced(paths(5, 3000, shape), windows(8, 3000, shape)))
+        sums.mean_radiance()
+        programs = [kernel["ir"].getvalue() for kernel in dr.kernel_history([dr.KernelType.JIT])]
+    whole = "\n".join(programs)
+    done = set(re.findall(r"= (f\w+) (?:<\d+ x )?(float|double)\b", whole))
+    assert {("fadd", "float"), ("fmul", "double"), ("fdiv", "double")} <= done
+    assert not done & {("fmul", "float"), ("fdiv", "float"), ("fadd", "double"), ("fsub", "double")}
+    assert "llvm.fma" not in whole
+
+
+DRIVES = {
+    "image_distance": ImageDistanceDrive(0.025, 2.0, (0.60, 0.42)),
+    "stage": Stage(0.025, 2.0, 1 / 19, (-0.08, 0.10)),  # its paths have windows
+}
+
+
+@needs_llvm
+@pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
+def test_a_rendered_stack_is_that_of_the_cores(test_scenes, monkeypatch, drive):
+    setup = load_setup(find_scene("plane"), drive=drive)
+    asked = {"positions": 9, "samples": 16, "seed": 3}
+    host, clipped = one_pass.render_stack(setup, **asked, on_device=False)
+    device = one_pass.render_stack(setup, **asked, on_device=True)
+    assert np.array_equal(host, device[0])
+    assert clipped == device[1]
+    told = []
+    monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 9 * setup.film.columns * 15)
+    banded = one_pass.render_stack(setup, **asked, on_device=True, progress=told.append)
+    assert np.array_equal(host, banded[0])
+    assert clipped == banded[1]
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    assert len(told) == 3
+
+
+@needs_llvm
+def test_the_cores_splat_what_they_traced_and_a_card_what_it_traced(llvm, monkeypatch):
+    assert one_pass._kind(None) is HostAccumulator
+    assert one_pass._kind(True) is DeviceAccumulator
+    monkeypatch.setattr(dr, "backend_v", lambda _: dr.JitBackend.CUDA)
+    assert one_pass._kind(None) is DeviceAccumulator
+    assert one_pass._kind(False) is HostAccumulator
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not backend.probe_backends().cuda, reason="no NVIDIA card that Mitsuba can use")
+@pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
+def test_a_card_makes_the_stack_that_cores_make_of_its_paths(test_scenes, drive):
+    setup = load_setup(find_scene("plane"), name="cuda", drive=drive)
+    asked = {"positions": 129, "samples": 64, "seed": 3}
+    host, device = (one_pass.render_stack(setup, **asked, on_device=where) for where in (False, True))
+    assert np.array_equal(host[0], device[0])
+    assert host[1] == device[1]

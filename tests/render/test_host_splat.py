@@ -1,0 +1,73 @@
+"""The run-by-run splat against adding every path at every position, one by one."""
+
+import numpy as np
+import pytest
+from random_paths import paths, windows
+
+from saf_gen.render import host_splat
+
+
+def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=None):
+    """The readable twin: mean of the values that fall into each pixel at each position."""
+    focus, rows, columns = shape
+    begin = np.zeros(len(value), dtype=int) if begin is None else begin
+    end = np.full(len(value), focus) if end is None else end
+    total, count = np.zeros(shape), np.zeros(shape, dtype=int)
+    for x, y, dx, dy, v, b, e in zip(first_x, first_y, step_x, step_y, value, begin, end, strict=True):
+        for k in range(b, min(e, focus)):
+            column, row = int(np.floor(x + k * dx)), int(np.floor(y + k * dy))
+            if 0 <= row < rows and 0 <= column < columns:
+                total[k, row, column] += v
+                count[k, row, column] += 1
+    return total, count
+
+
+@pytest.mark.parametrize("windowed", [False, True])
+@pytest.mark.parametrize("shape", [(17, 9, 13), (2, 5, 4), (64, 6, 6)])
+def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
+    arrays = paths(5, 3000, shape)
+    window = windows(8, 3000, shape) if windowed else ()
+    sums = host_splat.allocate_accumulators(2, shape)
+    assert host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9, *window) == 0
+    total, count = one_by_one(*arrays, shape, *window)
+    seen = count > 0
+    # float32 places may fall on the other side of a pixel's border in the twin's order of rounding
+    agree = np.isclose(host_splat.resolve_means(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
+    assert agree.mean() > 0.9995
+
+
+def test_a_window_of_all_positions_changes_no_bit():
+    shape = (17, 9, 13)
+    arrays = paths(6, 5000, shape)
+    whole = np.zeros(5000, dtype=np.int32), np.full(5000, 17, dtype=np.int32)
+    plain, windowed = host_splat.allocate_accumulators(2, shape), host_splat.allocate_accumulators(2, shape)
+    host_splat.splat_paths(plain, *arrays, 2.0**30, 1e9)
+    host_splat.splat_paths(windowed, *arrays, 2.0**30, 1e9, *whole)
+    assert np.array_equal(plain, windowed)
+
+
+def test_the_number_of_workers_changes_no_bit():
+    shape = (17, 9, 13)
+    arrays = paths(6, 5000, shape)
+    stacks = []
+    for workers in (1, 2, 5):
+        sums = host_splat.allocate_accumulators(workers, shape)
+        host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9)
+        stacks.append(host_splat.resolve_means(sums, 2.0**30))
+    assert np.array_equal(stacks[0], stacks[1])
+    assert np.array_equal(stacks[0], stacks[2])
+
+
+def test_a_path_that_stays_in_its_pixel_is_seen_at_every_position():
+    one = np.ones(1, dtype=np.float32)
+    sums = host_splat.allocate_accumulators(1, (9, 3, 3))
+    host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, 0.25 * one, 2.0**30, 1e9)
+    assert host_splat.resolve_means(sums, 2.0**30)[:, 1, 1] == pytest.approx(0.25)
+
+
+def test_fireflies_are_clipped_and_counted():
+    one = np.ones(3, dtype=np.float32)
+    sums = host_splat.allocate_accumulators(1, (2, 3, 3))
+    value = np.array([1, 2, 500], dtype=np.float32)
+    assert host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, value, 2.0**20, 100.0) == 1
+    assert host_splat.resolve_means(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)

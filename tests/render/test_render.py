@@ -1,0 +1,339 @@
+"""The renderer against closed forms, and against Mitsuba's own thin lens."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from written_scenes import (
+    dispersion,
+    find_peak,
+    load_setup,
+    measure_edge,
+    needs_llvm,
+    render_stack_once,
+    write_edge_scene,
+)
+
+from saf_gen.errors import BadInput
+from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
+from saf_gen.render import backend, depth_and_target, mitsuba_scene, one_pass, render_missing, thin_lens
+from saf_gen.render.render_setup import SensorGrid
+from saf_gen.scene.scene_folder import find_scene
+from saf_gen.stack.focal_stack import StackSpec, StackStore
+
+# Of the plane at 0.5 m, which lies well inside each travel.
+DRIVES = {
+    "image_distance": ImageDistanceDrive(0.025, 2.0, (0.60, 0.42)),
+    "focal_length": FocalLengthDrive(0.0263, 2.0, (0.60, 0.42)),
+    "stage": Stage(0.025, 2.0, 1 / 19, (-0.08, 0.10)),
+}
+every_drive = pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
+
+
+@pytest.fixture
+def plane(test_scenes):
+    return find_scene("plane")
+
+
+@needs_llvm
+@every_drive
+@pytest.mark.slow
+def test_one_pass_agrees_with_mitsubas_thin_lens(plane, drive):
+    """Welch's t in every pixel of four positions, 8 + 8 renders of 64 samples, fixed seeds.
+
+    With 14 degrees of freedom t² has mean 7/6 and standard deviation about 2.1, so its mean over 2,560
+    pixels scatters by 0.042: the bounds are 5 sigma wide and more (1e-6). A shift of half a pixel, or a
+    scale off by 1 %, gives means of 3 and more.
+    """
+    setup, repeats = load_setup(plane, drive=drive), 8
+    ours = np.array([render_stack_once(setup, positions=4, samples=64, seed=s) for s in range(repeats)])
+    for k, position in enumerate(np.linspace(0, 1, 4)):
+        theirs = np.array(
+            [
+                thin_lens.render_position(setup, position=float(position), samples=64, seed=1000 + s)
+                for s in range(repeats)
+            ]
+        )
+        error = (ours[:, k].var(axis=0, ddof=1) + theirs.var(axis=0, ddof=1)) / repeats
+        t2 = (ours[:, k].mean(axis=0) - theirs.mean(axis=0)) ** 2 / error
+        assert 0.9 < t2.mean() < 1.4, f"position {position}: mean t² {t2.mean():.3f}"
+
+
+@needs_llvm
+@every_drive
+def test_every_position_gets_the_samples_asked_for(plane, drive):
+    """On the film and within the aperture: 50 a pixel, fewer only as a picture grows (v²). Within 1 %."""
+    setup, landed = load_setup(plane, drive=drive), np.zeros(5)
+    for _, band in one_pass._trace(setup, np.linspace(0, 1, 5), 50, 1):
+        paths = band.to_host()
+        for k in range(5):
+            x, y = paths.first_x + k * paths.step_x, paths.first_y + k * paths.step_y
+            counts = (x >= 0) & (x < setup.film.columns) & (y >= 0) & (y < setup.film.rows)
+            if paths.begin is not None:
+                counts &= (paths.begin <= k) & (k < paths.end)
+            landed[k] += counts.sum()
+    scale = drive.image_distance(np.linspace(0, 1, 5)) / drive.image_distance(0.5)
+    assert landed / (setup.film.rows * setup.film.columns) == pytest.approx(50 / scale**2, rel=0.01)
+
+
+@needs_llvm
+@pytest.mark.parametrize("samples", [32, 128])
+@pytest.mark.slow
+def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, samples):
+    """From 0.5 m to 36 mm the samples of a pixel go from 4.2 to 0.4 times those asked for."""
+    setup = load_setup(plane, drive=ImageDistanceDrive(0.025, 2.0, (0.5, 0.036)))
+    sky, integrator = mitsuba_scene.load_lit_scene(
+        {"sky": {"type": "constant", "radiance": 3.0}}, ("sky",), 2
+    )
+    stack = render_stack_once(
+        replace(setup, mitsuba_scene=sky, integrator=integrator), positions=9, samples=samples, seed=1
+    )
+    assert stack == pytest.approx(3.0, rel=1e-5)
+
+
+@needs_llvm
+def test_light_groups_alone_add_up_to_all_together(plane):
+    """Welch's t over 10 + 10 means of a whole stack, bound 5 sigma of 18 degrees of freedom (1e-4)."""
+
+    def means(burning, first_seed):
+        scene = load_setup(plane, burning)
+        stacks = [render_stack_once(scene, positions=2, samples=64, seed=first_seed + s) for s in range(10)]
+        return np.array([float(s.mean()) for s in stacks])
+
+    apart = means(("lamp",), 0) + means(("room",), 100)
+    together = means(("lamp", "room"), 200)
+    error = np.sqrt((apart.var(ddof=1) + together.var(ddof=1)) / 10)
+    assert abs(apart.mean() - together.mean()) < 5 * error
+    assert error < 0.005 * together.mean()
+
+
+@needs_llvm
+@pytest.mark.parametrize("drive", [DRIVES["image_distance"], DRIVES["focal_length"]])
+def test_the_truth_is_the_maximum_of_noise_free_sharpness_within_half_a_step(plane, drive):
+    """Not on this stage: it brings the plane so near that the chequers in the picture are others."""
+    setup = load_setup(plane, drive=drive)
+    seen = depth_and_target.trace_depth_and_target(setup, plane.card.target)
+    stack = render_stack_once(setup, positions=33, samples=256, seed=1)
+    assert abs(find_peak(dispersion(stack)) - 32 * drive.true_focus(seen.depth[seen.target])) < 0.5
+
+
+MM5 = 0.005  # off the axis, 0.5 m away: the edge is seen 0.26 mm from the middle of the picture
+CARDS = {
+    "image_distance": "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.60, 0.42]}",
+    "focal_length": "{drive: focal_length, image_distance_mm: 26.3, f_number: 2, focus_range_m: [0.6, 0.42]}",
+    "stage": "{drive: stage, focal_length_mm: 25, f_number: 2, magnification: 0.0526, travel_m: [-.1, 0.08]}",
+}
+
+
+@needs_llvm
+@pytest.mark.parametrize("kind", CARDS)
+@pytest.mark.slow
+def test_an_edge_is_blurred_and_placed_by_the_closed_forms(tmp_path, monkeypatch, kind):
+    """Width c within 2 %; seen at -v·h/(d - z), within 0.05 pixel; narrowest at best focus, within ½ step.
+
+    One stack of 21 positions, 3.2 million paths. Between seeds the width scatters by 0.4 %, the place by 0.01
+    pixel, the narrowest position by 0.03 step; the stage's own curve is not quite even (0.2 step).
+    """
+    film = SensorGrid(rows=40, columns=160, pitch_m=5e-6)
+    scene = write_edge_scene(tmp_path, monkeypatch, lens=CARDS[kind], distance_m=0.5, edge_m=MM5)
+    setup = load_setup(scene, ("glow",), film=film)
+    drive = setup.drive
+    assert drive.kind == kind
+    stack = render_stack_once(setup, positions=21, samples=400, seed=2)
+    for position in (0.0, 0.25, 0.85, 1.0):
+        width, place = measure_edge(stack[round(position * 20)], film.pitch_m)
+        assert width == pytest.approx(float(drive.blur_diameter(position, 0.5)), rel=0.02)
+        scale = float(drive.image_distance(position) / (0.5 - drive.shift(position)))
+        assert place == pytest.approx(-scale * MM5, abs=0.05 * film.pitch_m)
+    widths = np.array([measure_edge(image, film.pitch_m)[0] for image in stack])
+    assert abs(find_peak(-(widths**2)) - 20 * drive.best_position(0.5)) < 0.5
+
+
+@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+@pytest.mark.slow
+def test_a_sweep_shows_no_beat_with_the_positions(plane, name):
+    """Half way between two positions SD is as large as at them, to 0.1 %.
+
+    Monte Carlo noise that is not shared by neighbours averages out half way: with a seed for each position
+    this is 3 % off at 36 samples. What is left (0.02 to 0.06 %) is the cross-fade of neighbouring blurs.
+    """
+    stack_of = thin_lens.render_stack if name == "scalar" else one_pass.render_stack
+    stack, _ = stack_of(load_setup(plane, name=name), positions=65, samples=36, seed=1)
+    at, half_way = dispersion(stack), dispersion((stack[1:] + stack[:-1]) / 2)
+    assert half_way == pytest.approx((at[1:] + at[:-1]) / 2, rel=0.001)
+
+
+@needs_llvm
+@every_drive
+def test_defocus_conserves_flux(plane, drive):
+    """The mean of a field much larger than the blur stays within 1 % over the travel."""
+    setup = load_setup(plane, ("room",), drive=drive)
+    means = render_stack_once(setup, positions=9, samples=64, seed=4).mean(axis=(1, 2))
+    assert np.ptp(means) < 0.01 * means.mean()
+
+
+@needs_llvm
+@every_drive
+def test_a_window_of_positions_is_that_part_of_the_stack(plane, drive):
+    """Equal within noise: mean squared difference against that of two whole stacks, 5120 pixels, 4 sigma.
+
+    The window has a middle of its own; a step off, the difference is more than twice as large.
+    """
+    setup = load_setup(plane, drive=drive)
+    whole, other = (render_stack_once(setup, positions=5, samples=256, seed=s) for s in (1, 2))
+    part = render_stack_once(setup, positions=5, samples=256, seed=3, window=(3, 4))
+    assert part.shape == (2, setup.film.rows, setup.film.columns)
+    noise = np.mean((whole[3:5] - other[3:5]) ** 2)
+    assert np.mean((part - whole[3:5]) ** 2) < 1.2 * noise
+    assert np.mean((part - whole[2:4]) ** 2) > 2 * noise
+
+
+@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+def test_a_window_of_the_reference_is_that_part_of_its_stack(plane, name):
+    setup = load_setup(plane, name=name)
+    whole, _ = thin_lens.render_stack(setup, positions=5, samples=4, seed=1)
+    part, _ = thin_lens.render_stack(setup, positions=5, samples=4, seed=1, window=(1, 2))
+    assert np.array_equal(part, whole[1:3])
+
+
+@needs_llvm
+@every_drive
+def test_a_stack_is_the_same_bit_for_bit_when_made_again(plane, drive):
+    setup = load_setup(plane, drive=drive)
+    again = [render_stack_once(setup, positions=5, samples=16, seed=9) for _ in range(2)]
+    assert np.array_equal(again[0], again[1])
+
+
+@needs_llvm
+def test_depth_and_target_are_where_the_plane_is(plane):
+    seen = depth_and_target.trace_depth_and_target(load_setup(plane), ("plane",))
+    assert seen.depth == pytest.approx(0.5, abs=1e-6)
+    assert seen.target.all()
+
+
+@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+def test_the_target_is_found_beside_other_scenes_in_the_process(plane, name):
+    others = [load_setup(plane, name=name) for _ in range(2)]
+    assert depth_and_target.trace_depth_and_target(load_setup(plane, name=name), ("plane",)).target.all()
+    assert len(others) == 2
+
+
+@needs_llvm
+def test_a_target_out_of_sight_is_told(plane):
+    setup = load_setup(plane)
+    with pytest.raises(BadInput, match=r"the target \(lamp\) is not visible to the camera"):
+        depth_and_target.trace_depth_and_target(setup, ("lamp",))
+
+
+@needs_llvm
+@pytest.mark.parametrize(
+    ("drive", "told"),
+    [
+        (
+            ImageDistanceDrive(0.025, 2.0, (0.45, 0.42)),
+            r"allowed: 0.42 to 0.45 m \(focus_range_m in scene.yaml\)",
+        ),
+        (
+            FocalLengthDrive(0.026, 2.0, (0.60, 0.52)),
+            r"allowed: 0.52 to 0.6 m \(focus_range_m in scene.yaml\)",
+        ),
+        (Stage(0.025, 2.0, 1 / 19, (0.1, 0.02)), r"allowed: 0.52 to 0.6 m \(travel_m in scene.yaml\)"),
+    ],
+)
+def test_a_target_that_the_lens_cannot_reach_is_told(plane, drive, told):
+    with pytest.raises(BadInput, match=r"is 0.5 m away, out of the lens's reach; " + told):
+        depth_and_target.trace_depth_and_target(load_setup(plane, drive=drive), ("plane",))
+
+
+@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+def test_a_stage_that_runs_into_the_lens_is_told(plane, name):
+    near = Stage(0.3, 2.0, 1.5, (0.3, 0.6))  # focuses 0.5 m away; the plane passes the lens at 0.5 m
+    with pytest.raises(
+        BadInput, match=r"runs the scene into the lens: a surface lies 0.5 m before it; .*0.6 m"
+    ):
+        depth_and_target.trace_depth_and_target(load_setup(plane, name=name, drive=near), ("plane",))
+
+
+@pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
+def test_depth_counts_from_the_lens_of_the_card_wherever_the_stage_is(plane, name):
+    seen = depth_and_target.trace_depth_and_target(
+        load_setup(plane, name=name, drive=DRIVES["stage"]), ("plane",)
+    )
+    assert seen.depth == pytest.approx(0.5, abs=1e-6)
+
+
+def test_the_scalar_variant_renders_the_same_scene(plane, tmp_path):
+    """Means of 3 positions, 64 samples, within 2 % of the one-pass stack's (scatter between seeds 0.3 %).
+
+    Without LLVM there is nothing to compare with; what is stored, and what is not rendered twice, holds.
+    """
+    means = {}
+    spec = StackSpec("plane", plane.digest, ("room",), plane.build_drive(), 40, 64, 60e-6, 3, 64, 3)
+    for name in ("scalar", "llvm") if backend.probe_backends().llvm_usable else ("scalar",):
+        root = tmp_path / name
+        assert render_missing(plane, [spec], root, backend_name=name) == ["geometry", "room"]
+        assert render_missing(plane, [spec], root, backend_name=name) == []
+        stack = StackStore(root, spec).load()
+        assert stack.backend == name
+        assert stack.depth == pytest.approx(0.5, abs=1e-5)
+        means[name] = stack.radiance.mean()
+    assert means["scalar"] == pytest.approx(means.get("llvm", means["scalar"]), rel=0.02)
+
+
+@pytest.mark.parametrize("kind", CARDS)
+def test_the_scalar_variant_has_every_drive(tmp_path, monkeypatch, kind):
+    """An edge at both ends of the travel: width within 3 %, place within 0.12 pixel, by the closed forms.
+
+    200,000 paths a picture, fixed seed; between seeds the width scatters by 0.7 %, the place by 0.03 pixel.
+    """
+    film = SensorGrid(rows=8, columns=64, pitch_m=10e-6)
+    scene = write_edge_scene(tmp_path, monkeypatch, lens=CARDS[kind], distance_m=0.5, edge_m=0.001)
+    setup = load_setup(scene, ("glow",), name="scalar", film=film)
+    drive = setup.drive
+    stack, _ = thin_lens.render_stack(setup, positions=2, samples=400, seed=3)
+    for position, image in zip((0.0, 1.0), stack, strict=True):
+        width, place = measure_edge(image, film.pitch_m)
+        assert width == pytest.approx(float(drive.blur_diameter(position, 0.5)), rel=0.03)
+        scale = float(drive.image_distance(position) / (0.5 - drive.shift(position)))
+        assert place == pytest.approx(-scale * 0.001, abs=0.12 * film.pitch_m)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "file", "told"),
+    [
+        (
+            "lamp: [lamp]",
+            "lamp: [lampe]",
+            "scene.yaml",
+            r"unknown emitter of light group 'lamp': 'lampe'; .*'lamp'\?",
+        ),
+        (
+            "target: [plane]",
+            "target: [plain]",
+            "scene.yaml",
+            r"unknown target shape 'plain'; .*mean 'plane'\?",
+        ),
+        (
+            "  room: [room]\n",
+            "",
+            "scene.yaml",
+            r"the emitter 'room' belongs to no light group; name it under lights",
+        ),
+        ("def build", "def built", "scene.py", r"scene.py failed: AttributeError: .*build"),
+        ("return {", "return 1/0, {", "scene.py", r"scene.py failed: ZeroDivisionError: division by zero"),
+        ("checkerboard", "chequerboard", "scene.py", r"Mitsuba cannot load the scene"),
+    ],
+)
+def test_a_scene_that_cannot_be_built_is_told_in_one_line(plane, tmp_path, monkeypatch, old, new, file, told):
+    import shutil
+
+    folder = tmp_path / "plane"
+    shutil.copytree(plane.folder, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    text = (folder / file).read_text()
+    assert old in text
+    (folder / file).write_text(text.replace(old, new))
+    monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path))
+    backend.activate_backend("scalar")
+    with pytest.raises(BadInput, match=told) as caught:
+        mitsuba_scene.load_lit_scene(mitsuba_scene.build_scene_dict(find_scene("plane")), ("lamp", "room"), 3)
+    assert "\n" not in str(caught.value)

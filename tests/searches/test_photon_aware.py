@@ -1,0 +1,163 @@
+"""Our own method: a contrast that does not move with the light, and a search that counts its photons."""
+
+import numpy as np
+import pytest
+from planted_counts import CONTRAST, halves_of
+
+from saf_gen import get_measure, get_search
+from saf_gen.core.seeds import make_generator
+from saf_gen.errors import BadInput
+
+
+def test_by_hand():
+    """Means 4 and 6, dark 0.5 and 1: cov = 2·3 = 6; (6 + 1/12 − 0.25·0.5·1)/(3.5·5)."""
+    counts = np.array([[[2, 6]], [[3, 9]]])
+    score = get_measure("sd_calibrated", dark=0.05, dark_rms=0.5)(counts, frames=30)
+    assert get_measure("sd_calibrated", dark=0.05, dark_rms=0.5)(counts, frames=20) == pytest.approx(
+        (6 + 1 / 12 - 0.25 * 0.5 * 0.5) / (3.5 * 5.5)
+    )
+    assert score == pytest.approx((6 + 1 / 12 - 0.25 * 0.75 * 0.75) / (3.25 * 5.25))
+
+
+def test_without_the_length_of_the_window_it_is_the_debiased_dispersion():
+    counts = make_generator("calibrated").poisson(5, (2, 20, 30)).astype(np.uint32)
+    assert get_measure("sd_calibrated")(counts) == pytest.approx(
+        get_measure("sd_debiased")(counts), rel=1e-12
+    )
+
+
+def test_the_score_is_the_contrast_of_the_light_whatever_the_light():
+    """A twentieth of the light moves it by less than 6 %, and `sd` by more than a quarter.
+
+    One device and one seed, fixed; 6,144 pixels and at least 12 spikes a pixel give a standard error of the
+    score below 2 % of it, and fixed pattern in response adds 1 %.
+    """
+    bright, dim = halves_of(0.2, 400), halves_of(0.01, 1600)
+    calibrated, sd = get_measure("sd_calibrated"), get_measure("sd")
+    assert calibrated(bright, frames=400) == pytest.approx(CONTRAST**2, rel=0.06)
+    assert calibrated(dim, frames=1600) == pytest.approx(CONTRAST**2, rel=0.06)
+    assert sd(dim.sum(axis=0)) < 0.75 * sd(bright.sum(axis=0))
+
+
+def test_in_the_dark_there_is_no_contrast():
+    assert get_measure("sd_calibrated")(halves_of(0.0, 2000), frames=2000) == 0.0
+    assert get_measure("sd_calibrated")(np.zeros((2, 4, 4)), frames=100) == 0.0
+
+
+@pytest.mark.parametrize(
+    "options", [{"dark": -0.1}, {"dark": 0.6}, {"dark_rms": float("nan")}, {"dark": True}]
+)
+def test_a_calibration_out_of_range_is_refused(options):
+    with pytest.raises(BadInput, match=f"{next(iter(options))} is"):
+        get_measure("sd_calibrated", **options)
+
+
+class Sweep:
+    """A recording with a focus curve over frames, lit by ``light``; notes the windows it was asked for."""
+
+    readout_hz = 20_000.0
+
+    def __init__(self, curve, light=None, *, noise=0.0, broad=None):
+        self.frames = len(curve)
+        self.curve, self.noise, self.broad = curve, noise, curve if broad is None else broad
+        self.light = np.full(self.frames, 0.2) if light is None else light
+        self.spikes = np.concatenate([[0.0], np.cumsum(self.light)])
+        self.asked, self.latest, self.now = [], 0, 0
+
+    def score(self, first, stop, measure=None):
+        assert 0 <= first < stop <= self.frames
+        self.now = max(self.now, stop)
+        count = self.spikes[stop] - self.spikes[first]
+        if measure == "er_count":
+            return 1000 * count
+        if measure == "er_count_n":
+            return 1000.0
+        self.asked.append((first, stop, count))
+        curve = self.broad if measure == "sd_calibrated" else self.curve
+        value = float(np.average(curve[first:stop], weights=self.light[first:stop] + 1e-12))
+        return value + self.noise * float(make_generator("sweep", first, stop).standard_normal()) / np.sqrt(
+            count + 1e-12
+        )
+
+
+def bell(at, *, width=0.08, floor=0.3, frames=20_000):
+    return floor + np.exp(-(((np.arange(frames) / frames - at) / width) ** 2) / 2)
+
+
+STEPS = np.where(np.arange(20_000) // 2_500 % 2, 0.02, 0.2)
+
+
+@pytest.mark.parametrize("light", [None, STEPS], ids=["constant", "sudden"])
+@pytest.mark.parametrize("at", [0.15, 0.5, 0.82])
+def test_it_finds_the_focus_and_stops_behind_it(at, light):
+    view = Sweep(bell(at), light)
+    answer = get_search("photon_aware")(view)
+    assert answer.frame == pytest.approx(at * 20_000, abs=0.2 * 0.08 * 20_000)
+    assert view.now < 20_000 * min(at + 0.3, 1.0)
+    assert "stopped after" in answer.note
+
+
+@pytest.mark.parametrize(("far", "found"), [(True, 0.7), (False, 0.2)])
+def test_a_small_top_of_a_steep_measure_does_not_end_the_sweep_while_contrast_still_rises(far, found):
+    steep = bell(0.7, width=0.03, floor=0.02) + 0.1 * bell(0.2, width=0.03, floor=0.0)
+    view = Sweep(steep, broad=bell(0.7, width=0.25))
+    assert get_search("photon_aware", far=far)(view).frame == pytest.approx(found * 20_000, abs=150)
+
+
+def test_far_is_yes_or_no():
+    with pytest.raises(BadInput, match="far is 1; allowed: true, false"):
+        get_search("photon_aware", far=1)
+
+
+def test_windows_hold_the_spikes_asked_for_and_end_now():
+    view = Sweep(bell(0.5), STEPS)
+    get_search("photon_aware", until=1.0, counts=4.0)(view)
+    full = [w for w in view.asked if w[1] - w[0] < 0.15 * 20_000]
+    assert min(count for *_, count in full) >= 8.0
+    longest = {round(stop / 100): stop - first for first, stop, _ in view.asked}
+    assert longest[20] < longest[48]  # in the dark they grow
+
+
+@pytest.mark.parametrize("at", [-0.1, 1.1])
+def test_it_abstains_where_the_sweep_never_comes_down_again(at):
+    answer = get_search("photon_aware")(Sweep(bell(at, width=0.4)))
+    assert answer.frame is None
+    assert "no focus in it" in answer.note
+
+
+def test_without_light_it_abstains():
+    answer = get_search("photon_aware")(Sweep(bell(0.5), np.full(20_000, 1e-5)))
+    assert answer.frame is None or answer.note != ""
+    assert get_search("photon_aware")(Sweep(bell(0.5), np.zeros(20_000))).frame is None
+
+
+def test_noise_at_the_start_does_not_stop_it():
+    """A curve that is flat but for noise of 2 % until the focus at 0.7; seeds are the windows' own."""
+    view = Sweep(bell(0.7, floor=1.0), noise=0.06)
+    answer = get_search("photon_aware")(view)
+    assert answer.frame == pytest.approx(0.7 * 20_000, abs=0.3 * 0.08 * 20_000)
+
+
+def test_it_looks_at_nothing_beyond_where_it_stops():
+    view = Sweep(bell(0.3))
+    answer = get_search("photon_aware")(view)
+    assert view.now == int(answer.note.split()[2])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"steps": 0}, "steps is 0"),
+        ({"until": 1.5}, "until is 1.5; allowed: 0 to 1"),
+        ({"smooth": float("inf")}, "smooth is inf"),
+        ({"counts": -1}, "counts is -1"),
+    ],
+)
+def test_constants_out_of_range_are_refused(options, message):
+    with pytest.raises(BadInput, match=message):
+        get_search("photon_aware", **options)
+
+
+def test_a_recording_that_is_too_short_is_refused():
+    with pytest.raises(BadInput, match="300 frames is too short for 200 steps; allowed: at least 400"):
+        get_search("photon_aware")(Sweep(np.ones(300)))

@@ -1,0 +1,500 @@
+"""Searches against planted peaks, and against slow twins that list every frame of every window."""
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from reference_searches import literal_egs, literal_feedback, literal_sgfs
+
+from saf_gen import get_search
+from saf_gen.core.seeds import make_generator
+from saf_gen.errors import BadInput
+
+
+@dataclass
+class Peak:
+    """A recording whose score falls with the distance of a window's centre from a peak (0-based frame)."""
+
+    frames: int
+    peak: float
+    asked: list = field(default_factory=list)
+
+    def score(self, first, stop):
+        assert 0 <= first < stop <= self.frames
+        self.asked.append((first, stop))
+        return 1 / (1 + ((first + stop - 1) / 2 - self.peak) ** 2 / self.frames)
+
+
+class Curve:
+    """A recording whose score is the mean of a number a frame: any curve, ties and noise too."""
+
+    def __init__(self, values):
+        self.frames = len(values)
+        self.sums = np.concatenate([[0.0], np.cumsum(values)])
+
+    def score(self, first, stop):
+        assert 0 <= first < stop <= self.frames
+        return float(self.sums[stop] - self.sums[first]) / (stop - first)
+
+
+def focus_curve(frames, peak, *, noise=0.0):
+    """A bell over a slope, one number a frame; noise from a fixed stream."""
+    at = (np.arange(frames) - peak * frames) / (0.15 * frames)
+    return (
+        np.exp(-(at**2)) + 0.1 * at / frames + noise * make_generator("searches", frames).normal(size=frames)
+    )
+
+
+# The released code's rules, said again frame by frame (1-based, inclusive).
+
+
+# Ours, said again frame by frame: 0-based.
+
+
+def mean_of(view, listed):
+    assert listed == list(range(listed[0], listed[-1] + 1))
+    return view.score(listed[0], listed[-1] + 1)
+
+
+def plain_egs(view, listed, threshold=10, ratio=0.618):
+    trace = [sum(listed) / len(listed)]
+    while len(listed) > threshold:
+        n = round(ratio * len(listed))
+        n = min(max(n, 1), len(listed) - 1)
+        earlier, later = listed[:n], listed[-n:]
+        a, b = mean_of(view, earlier), mean_of(view, later)
+        if a == b:
+            cut = (len(listed) - n) // 2
+            if not cut:
+                break
+            listed = listed[cut:-cut]
+        else:
+            listed = earlier if a > b else later
+        trace.append(sum(listed) / len(listed))
+    return trace
+
+
+def stop_by_falls(view, dt, falls):
+    n = view.frames // dt
+    s = [literal_feedback(view, k * dt) for k in range(1, n + 1) if k >= n / 4]
+    first = n - len(s) + 1
+    for i in range(falls, len(s)):
+        if all(s[i - j] < s[i - j - 1] for j in range(falls)):
+            return (first + i) * dt
+    return n * dt
+
+
+LENGTHS = [12, 64, 333, 1000, 1001, 2047, 5000, 20_000]
+PEAKS = [0.03, 0.2, 0.5, 0.61, 0.97]
+
+
+@pytest.mark.parametrize("frames", LENGTHS)
+@pytest.mark.parametrize("peak", PEAKS)
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_egs_code_takes_the_same_steps_as_its_literal_twin(frames, peak, noise):
+    view = Curve(focus_curve(frames, peak, noise=noise))
+    answer = get_search("egs_code")(view)
+    assert list(answer.trace) == literal_egs(view, 1, frames)
+    assert answer.frame == answer.trace[-1] - 1
+
+
+@pytest.mark.parametrize(("threshold", "ratio"), [(1, 0.618), (2.5, 0.7), (50, 0.5), (10, 0.9)])
+def test_egs_code_takes_the_same_steps_for_other_thresholds_and_ratios(threshold, ratio):
+    for peak in PEAKS:
+        view = Curve(focus_curve(1999, peak, noise=0.5))
+        answer = get_search("egs_code", threshold=threshold, ratio=ratio)(view)
+        assert list(answer.trace) == literal_egs(view, 1, 1999, threshold, ratio)
+
+
+@pytest.mark.parametrize(
+    ("frames", "dt"),
+    [
+        (333, 1),
+        (1000, 7),
+        (1001, 7),
+        (1001, 50),
+        (1001, 333),
+        (4090, 50),
+        (4090, 100),
+        (4090, 333),
+        (10_000, 100),
+    ],
+)
+def test_sgfs_code_takes_the_same_steps_as_its_literal_twin(frames, dt):
+    for peak in PEAKS:
+        for noise in (0.0, 1.0):
+            view = Curve(focus_curve(frames, peak, noise=noise))
+            answer = get_search("sgfs_code", dt=dt)(view)
+            assert list(answer.trace) == literal_sgfs(view, dt)
+            assert answer.frame == answer.trace[-1] - 1
+
+
+def test_sgfs_code_takes_the_same_steps_on_a_recording_of_the_paper_s_length():
+    view = Curve(focus_curve(20_000, 0.5, noise=1.0))
+    assert list(get_search("sgfs_code")(view).trace) == literal_sgfs(view, 100)
+
+
+def test_a_window_with_fractional_ends_takes_the_frames_nearest_to_its_steps():
+    view = Peak(1000, 700.0)
+    get_search("egs_code")(view)
+    # 1 ... 618.382 and 382.618 ... 1000; then 382.618 ... 764.13... and 618.48... ... 1000
+    assert view.asked[:2] == [(0, 618), (382, 1000)]
+    left = 1000 - 0.618 * 999
+    width = 1000 - left
+    assert view.asked[2] == (round(left) - 1, round(left) + math.floor(0.618 * width))
+
+
+PROMISES = {"argmax": 50, "naive": 5, "egs": 5, "egs_code": 10, "sgfs_code": 10, "sgfs_causal": 5}
+"""Half a block, half a step, half the threshold; the code's own conventions cost it the other half."""
+
+
+@pytest.mark.parametrize("search", PROMISES)
+@pytest.mark.parametrize("peak", [0.3, 0.45, 0.5, 0.7])
+@pytest.mark.parametrize("frames", [3000, 20_000])
+def test_a_planted_peak_is_found_within_the_promise_of_the_search(search, peak, frames):
+    answer = get_search(search)(Peak(frames, peak * frames))
+    promise = PROMISES[search]
+    assert abs(answer.frame - peak * frames) <= promise
+
+
+@pytest.mark.parametrize("peak", [0.001, 0.999])
+def test_egs_code_and_argmax_find_a_peak_at_either_end(peak):
+    assert abs(get_search("egs_code")(Peak(20_000, peak * 20_000)).frame - peak * 20_000) <= 20
+    assert abs(get_search("argmax")(Peak(20_000, peak * 20_000)).frame - peak * 20_000) <= 50
+
+
+def test_sgfs_code_cannot_answer_in_the_first_tenth_of_a_sweep():
+    for frames in (2000, 20_000):
+        view = Peak(frames, 0.03 * frames)
+        answer = get_search("sgfs_code")(view)
+        earliest = math.floor(frames / 4 - 0.618 * (frames / 4 - 1))
+        assert answer.frame + 1 >= earliest
+        assert earliest / frames == pytest.approx(0.0955, abs=1e-3)
+        assert abs(get_search("egs_code")(view).frame - 0.03 * frames) <= 15
+
+
+def test_sgfs_code_does_not_stop_where_the_later_half_never_scores_higher():
+    falling = Curve(np.linspace(1, 0, 2300))  # 23 blocks: block 5 has no feedback, the later ones have less
+    answer = get_search("sgfs_code")(falling)
+    assert answer.note == "stopped after 500 of 2300 frames"
+    assert list(answer.trace) == literal_sgfs(falling, 100)
+
+
+def test_the_first_window_must_be_larger_to_be_kept():
+    flat = Curve(np.ones(1000))
+    answer = get_search("egs_code")(flat)
+    assert all(later > earlier for earlier, later in zip(answer.trace, answer.trace[1:], strict=False))
+    assert answer.frame > 985
+
+
+def test_of_equal_blocks_the_first_wins():
+    assert get_search("argmax")(Curve(np.ones(1000))).frame == 49.5
+    assert get_search("sgfs_code")(Curve(np.ones(1000))).note == "stopped after 200 of 1000 frames"
+
+
+def test_argmax_answers_with_the_centre_of_the_block():
+    values = np.zeros(1000)
+    values[310] = 1
+    assert get_search("argmax")(Curve(values)).frame == 349.5
+    assert get_search("argmax", window=11)(Curve(values)).frame == 308 + 5
+    assert get_search("argmax", window=1)(Curve(values)).frame == 310
+
+
+def test_argmax_leaves_out_a_partial_block():
+    values = np.zeros(1050)
+    values[1020:] = 1
+    values[500] = 0.1
+    assert get_search("argmax")(Curve(values)).frame == 549.5
+
+
+def test_refinement_finds_the_top_of_a_parabola():
+    frames, peak = 2000, 873.0
+    view = Curve(-((np.arange(frames) - peak) ** 2))
+    coarse, fine = get_search("argmax")(view), get_search("argmax", refine="parabola")(view)
+    assert coarse.frame == 849.5
+    assert fine.frame == pytest.approx(peak, abs=1e-6)
+    assert fine.trace == (849.5,)
+
+
+@pytest.mark.parametrize("peak", [0, 1999])
+def test_refinement_leaves_the_first_and_the_last_block_alone(peak):
+    view = Peak(2000, peak)
+    assert get_search("argmax", refine="parabola")(view) == get_search("argmax")(view)
+
+
+def test_refinement_of_a_plateau_stays_within_half_a_block():
+    search = get_search("argmax", window=10, refine="parabola")
+    assert search(Curve(np.repeat([0, 1, 1, 0.0], 10))).frame == 19.5
+
+
+# The centroid of the curve near its top: blocks of one frame, so that the curve is what is scored.
+
+
+def centroid(scores, *, near=0.5, window=1):
+    """Where the refined search puts the top of a curve of block scores, 0-based frame."""
+    view = Curve(np.repeat(np.asarray(scores, dtype=float), window))
+    return get_search("argmax", window=window, refine="centroid", near=near)(view).frame
+
+
+def lopsided(left, right, peak=200, blocks=600, *, side=lambda u: np.maximum(1 - u, 0)):
+    """A bell that falls to its foot over ``left`` blocks on one side of its peak, ``right`` on the other."""
+    at = np.arange(blocks) - peak
+    return side(np.where(at < 0, -at / left, at / right))
+
+
+@pytest.mark.parametrize("peak", [873, 850.0, 899.5, 1200.25])
+def test_the_centroid_of_a_triangle_is_its_top_wherever_it_lies_between_blocks(peak):
+    """Blocks of 100 frames, sides of 400: hats a whole number of blocks wide keep a straight line's mean."""
+    frames = np.arange(2000)
+    view = Curve(np.maximum(1 - np.abs(frames - peak) / 400, 0))
+    answer = get_search("argmax", refine="centroid", near=1)(view)
+    assert answer.frame == pytest.approx(peak, abs=1e-9)
+    assert answer.trace == get_search("argmax")(view).trace
+
+
+@pytest.mark.parametrize(("left", "right", "near"), [(40, 120, 1.0), (40, 120, 0.5), (80, 20, 0.25)])
+def test_the_centroid_of_a_lopsided_triangle_leans_by_a_third_of_the_difference_of_its_sides(
+    left, right, near
+):
+    found = centroid(7 + 3 * lopsided(left, right), near=near)
+    assert found == pytest.approx(200 + near * (right - left) / 3, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("side", "lean", "reach"),
+    [
+        (lambda u: np.maximum(1 - u**2, 0), 3 / 8, 1.0),
+        (lambda u: np.exp(-(u**2) / 2), math.sqrt(2 / math.pi), 1.0),
+        (lambda u: np.maximum(1 - u**2, 0), 3 / 8, 0.25),
+    ],
+)
+def test_the_centroid_of_a_lopsided_bell_is_its_closed_form(side, lean, reach):
+    """Two halves of a parabola, and of a Gaussian; the parabola above a level is one again, √near as wide."""
+    found = centroid(lopsided(200, 400, peak=2000, blocks=6000, side=side), near=reach)
+    assert found == pytest.approx(2000 + lean * math.sqrt(reach) * 200, abs=0.02)
+
+
+def test_the_centroid_keeps_to_the_run_round_the_best_block():
+    assert centroid([0, 3, 4, 3, 0, 3.9, 0]) == 2  # a second peak, apart
+    assert centroid([0, 3, 4, 3, 2, 3.9, 0]) == 2  # the gap scores the level itself, (4 + 0)/2
+    assert centroid([0, 3, 4, 3, 2.5, 3.9, 0]) > 2.5
+
+
+def test_the_centroid_of_a_plateau_is_its_middle_and_of_an_even_curve_the_first_block():
+    assert centroid([0, 1, 1, 1, 1, 0], window=10) == 29.5
+    assert centroid([0, 1, 1, 0]) == 1.5
+    for blocks in (1, 2, 9):
+        assert centroid(np.ones(blocks), window=10) == 4.5
+    assert centroid([-3.0]) == 0
+
+
+@pytest.mark.parametrize("near", [0.01, 0.5, 1.0])
+def test_a_centroid_near_an_end_is_not_pulled_inwards_by_the_side_that_is_cut_off(near):
+    bell = np.exp(-(((np.arange(100) - 6) / 12) ** 2))
+    assert centroid(bell, near=near) == pytest.approx(6, abs=1e-12)
+    assert centroid(bell[::-1], near=near) == pytest.approx(93, abs=1e-12)
+    assert centroid(bell[:12], near=near) == pytest.approx(6, abs=0.5)  # cut off on both sides
+    assert centroid(bell[6:], near=near) == 0
+    assert centroid(bell[:7], near=near) == 6
+
+
+def test_the_centroid_moves_less_with_noise_than_the_parabola_does():
+    """200 bells, noise of 0.02 rms, seed the stream's: 1.51 and 0.095 blocks rms measured, each to 5 %."""
+    noise = make_generator("searches", "centroid").normal(scale=0.02, size=(200, 200))
+    tops = 80 + np.arange(200) / 10
+    bells = np.exp(-(((np.arange(200) - tops[:, None]) / 20) ** 2)) + noise
+    off = {
+        refine: [get_search("argmax", window=1, refine=refine)(Curve(bell)).frame for bell in bells] - tops
+        for refine in ("parabola", "centroid")
+    }
+    spread = {refine: np.sqrt((error**2).mean()) for refine, error in off.items()}
+    assert spread["centroid"] < spread["parabola"] / 4
+
+
+# Ours.
+
+
+@pytest.mark.parametrize("frames", LENGTHS)
+@pytest.mark.parametrize("peak", PEAKS)
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_egs_takes_the_same_steps_as_its_literal_twin(frames, peak, noise):
+    view = Curve(focus_curve(frames, peak, noise=noise))
+    answer = get_search("egs")(view)
+    assert list(answer.trace) == plain_egs(view, list(range(frames)))
+    assert answer.frame == answer.trace[-1]
+
+
+@pytest.mark.parametrize(("threshold", "ratio"), [(1, 0.618), (2.5, 0.7), (50, 0.5), (10, 0.9)])
+def test_egs_leaves_no_more_frames_than_its_threshold(threshold, ratio):
+    view = Curve(focus_curve(1999, 0.37, noise=0.5))
+    search = get_search("egs", threshold=threshold, ratio=ratio)
+    assert list(search(view).trace) == plain_egs(view, list(range(1999)), threshold, ratio)
+    assert abs(search(Peak(1999, 700)).frame - 700) <= threshold / 2
+
+
+@pytest.mark.parametrize("frames", [64, 333, 1000, 5001])
+def test_a_recording_played_backwards_gives_egs_the_same_place(frames):
+    for peak in PEAKS:
+        forth = np.round(10 * focus_curve(frames, peak, noise=0.3))  # sums are exact, equal scores occur
+        one, other = get_search("egs")(Curve(forth)), get_search("egs")(Curve(forth[::-1]))
+        assert one.frame + other.frame == pytest.approx(frames - 1, abs=1e-9)
+
+
+def test_egs_keeps_the_middle_of_what_scores_alike():
+    answer = get_search("egs")(Curve(np.ones(1000)))
+    assert set(answer.trace) == {499.5}
+    assert len(answer.trace) > 5
+
+
+def test_the_code_s_conventions_put_egs_code_off_the_centre():
+    """The same curve, its peak at each of 200 frames: ours has no bias, the code's answers early."""
+    frames, at = 2000, np.arange(900, 1100)
+    ours = [get_search("egs")(Peak(frames, peak)).frame for peak in at]
+    code = [get_search("egs_code")(Peak(frames, peak)).frame for peak in at]
+    assert abs(np.mean(ours - at)) < 0.5
+    assert abs(np.mean(code - at)) > abs(np.mean(ours - at))
+
+
+def test_naive_takes_the_best_of_all_moments():
+    values = np.zeros(1000)
+    values[310] = 1
+    assert get_search("naive", dt=11, step=1)(Curve(values)).frame == 305  # the first window that holds it
+    view = Peak(2000, 873.2)
+    answer = get_search("naive", dt=101, step=1)(view)
+    assert answer.frame == 873
+    assert len(view.asked) == 2000 - 101 + 1
+    assert {stop - first for first, stop in view.asked} == {101}
+
+
+def test_naive_with_steps_as_long_as_its_window_is_argmax():
+    for peak in PEAKS:
+        view = Curve(focus_curve(3050, peak, noise=1.0))
+        assert get_search("naive", dt=100, step=100)(view).frame == get_search("argmax")(view).frame
+
+
+@pytest.mark.parametrize(("frames", "dt"), [(1000, 7), (1001, 50), (4090, 100)])
+@pytest.mark.parametrize("falls", [1, 3, 5])
+def test_sgfs_causal_stops_where_s_fell_for_the_first_time_as_often_as_asked(frames, dt, falls):
+    for peak in PEAKS:
+        for noise in (0.0, 1.0):
+            view = Curve(focus_curve(frames, peak, noise=noise))
+            answer = get_search("sgfs_causal", dt=dt, falls=falls)(view)
+            stop = stop_by_falls(view, dt, falls)
+            assert answer.note == f"stopped after {stop} of {frames} frames"
+            listed = list(range(math.floor((1 - 0.618) * stop), stop))
+            assert list(answer.trace) == plain_egs(view, listed)
+
+
+@pytest.mark.parametrize("peak", [0.2, 0.3, 0.4, 0.5, 0.6])
+def test_sgfs_causal_sees_frames_in_their_order_and_stops_a_little_after_the_code(peak):
+    causal, code = Peak(20_000, peak * 20_000), Peak(20_000, peak * 20_000)
+    answer, other = get_search("sgfs_causal")(causal), get_search("sgfs_code")(code)
+    stops = [stop for _, stop in causal.asked]
+    assert all(b <= a + 100 for a, b in pairwise(np.maximum.accumulate([5000, *stops]).tolist()))
+    assert abs(answer.frame - peak * 20_000) <= 5
+    later = max(stops) - int(other.note.split()[2])
+    assert later == 300
+    assert max(stops) < 20_000 == max(stop for _, stop in code.asked)
+
+
+@pytest.mark.parametrize("peak", [0.35, 0.55])
+def test_what_comes_after_its_stop_is_nothing_to_sgfs_causal(peak):
+    values = focus_curve(10_000, peak)
+    answer = get_search("sgfs_causal")(Curve(values))
+    stop = int(answer.note.split()[2])
+    assert stop < 10_000
+    values[stop:] = 1e6
+    assert get_search("sgfs_causal")(Curve(values)) == answer
+
+
+@pytest.mark.parametrize("peak", [0.3, 0.5, 0.7, 0.9])
+def test_the_printed_algorithm_stops_in_its_first_control_period(peak):
+    view = Peak(20_000, peak * 20_000)
+    answer = get_search("sgfs_printed")(view)
+    assert answer.note == "stopped after 100 of 20000 frames"
+    assert answer.frame < 100
+    assert abs(answer.frame - peak * 20_000) > 0.29 * 20_000
+
+
+@pytest.mark.parametrize("peak", [0.1, 0.25, 0.4, 0.49])
+def test_with_the_sign_turned_it_stops_at_twice_the_focus_and_looks_behind_it(peak):
+    frames = 20_000
+    view = Peak(frames, peak * frames)
+    answer = get_search("sgfs_printed", turned=True)(view)
+    stop = int(answer.note.split()[2])
+    assert stop == pytest.approx(2 * peak * frames, abs=101)
+    searched = [(a, b) for a, b in view.asked if a > stop / 2]
+    assert min(a for a, _ in searched) == pytest.approx(1.38 * peak * frames, rel=0.01, abs=101)
+    assert answer.frame == pytest.approx(
+        1.38 * peak * frames, rel=0.03, abs=101
+    )  # the end nearest to the focus
+    assert answer.frame - peak * frames > 0.3 * peak * frames
+
+
+def test_the_printed_algorithm_abstains_where_it_does_not_stop():
+    falling, rising = Curve(np.linspace(1, 0, 2300)), Curve(np.linspace(0, 1, 2300))
+    for answer in (get_search("sgfs_printed")(falling), get_search("sgfs_printed", turned=True)(rising)):
+        assert answer.frame is None
+        assert answer.note == "the sweep ended before the algorithm stopped"
+
+
+@pytest.mark.parametrize(
+    ("search", "frames", "message"),
+    [
+        ("argmax", 99, r"99 frames is shorter than one window of 100 frames; allowed: window of 1 \.\.\. 99"),
+        (
+            "egs_code",
+            11,
+            r"11 frames is too short for threshold 10; allowed: more than 11 frames; choose a sm",
+        ),
+        ("sgfs_code", 99, r"99 frames is too short for blocks of 100 frames; allowed: at least one block"),
+        ("sgfs_causal", 99, r"99 frames is too short for blocks of 100 frames; allowed: at least one block"),
+        ("sgfs_printed", 99, r"99 frames is shorter than a control period of 100 frames; allowed: control_p"),
+        ("naive", 99, r"99 frames is shorter than one window of 100 frames; allowed: dt of 1 \.\.\. 99"),
+        ("egs", 10, r"10 frames is too short for threshold 10; allowed: more than 10 frames; choose a sm"),
+    ],
+)
+def test_a_recording_too_short_for_the_option_is_refused(search, frames, message):
+    with pytest.raises(BadInput, match=message):
+        get_search(search)(Peak(frames, frames / 2))
+
+
+def test_the_shortest_recordings_that_fit_are_searched():
+    assert get_search("argmax")(Peak(100, 50)).frame == 49.5
+    assert len(get_search("egs_code")(Peak(12, 3)).trace) == 2
+    assert get_search("sgfs_code", dt=3)(Peak(3, 1)).frame == 1
+    with pytest.raises(BadInput, match="three frames in the first quarter"):
+        get_search("sgfs_code", dt=2)(Peak(3, 1))
+
+
+@pytest.mark.parametrize(
+    ("search", "options", "message"),
+    [
+        ("argmax", {"window": 0}, r"window is 0; allowed: a whole number of frames, at least 1"),
+        ("argmax", {"window": 2.5}, r"window is 2\.5; allowed"),
+        ("argmax", {"window": True}, r"window is True; allowed"),
+        ("argmax", {"refine": "top"}, r"refine is 'top'; allowed: no, parabola, centroid"),
+        ("argmax", {"refine": "centriod"}, r"refine is 'centriod'; .* did you mean 'centroid'\?"),
+        ("argmax", {"refine": True}, r"refine is True; allowed: no, parabola, centroid; .* 'parabola'\?"),
+        ("argmax", {"refine": False}, r"refine is False; allowed: .* did you mean 'no'\?"),
+        ("argmax", {"near": 0}, r"near is 0; allowed: a share of the curve's range, above 0, at most 1"),
+        ("argmax", {"near": 1.5}, r"near is 1\.5; allowed: a share"),
+        ("argmax", {"near": math.nan}, r"near is nan; allowed: a share"),
+        ("argmax", {"near": "half"}, r"near is 'half'; allowed: a share"),
+        ("sgfs_code", {"dt": -5}, r"dt is -5; allowed: a whole number of frames"),
+        ("egs_code", {"threshold": 0.5}, r"threshold is 0\.5; allowed: frames, a number of at least 1"),
+        ("egs_code", {"threshold": "ten"}, r"search 'egs_code': .*allowed: threshold, ratio"),
+        ("egs_code", {"ratio": 1.0}, r"ratio is 1\.0; allowed: 0\.5 up to but not 1"),
+        ("egs_code", {"dt": 5}, r"unknown key of search 'egs_code': 'dt'; allowed: ratio, threshold"),
+        ("egs", {"threshold": 0}, r"threshold is 0; allowed: frames, a number of at least 1"),
+        ("naive", {"step": 0}, r"step is 0; allowed: a whole number of frames"),
+        ("sgfs_causal", {"falls": 0}, r"falls is 0; allowed: a whole number"),
+        ("sgfs_printed", {"turned": 1}, r"turned is 1; allowed: true, false"),
+        ("egs_cod", {}, r"unknown search 'egs_cod'; allowed: .*did you mean 'egs_code'\?"),
+    ],
+)
+def test_wrong_options_of_a_search_are_refused(search, options, message):
+    with pytest.raises(BadInput, match=message):
+        get_search(search, **options)

@@ -1,0 +1,333 @@
+"""Moving scenes on film: which moments, which positions, what is seen between two of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_dataset import make_sequence
+
+import saf_gen
+from saf_gen.camera import Encoder, get_sensor
+from saf_gen.errors import BadInput
+from saf_gen.generate.recorder import Recorder
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
+from saf_gen.stack.time_resolved import (
+    PlaneSource,
+    TimeResolvedStack,
+    needed_focus_windows,
+    time_slice_frames,
+)
+from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
+
+DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
+SPEC = StackSpec("plane", "0" * 64, ("lamp", "room"), DRIVE, 6, 8, 60e-6, 9, 16, 4)
+SENSOR = get_sensor("ideal", rows=6, columns=8, pitch_m=60e-6)
+FRAMES = 400
+AT = (0, 160, 320, 480)
+SWEEP = (np.arange(FRAMES) + 0.5) / FRAMES
+
+
+def stacks(position=SWEEP, at=AT, depths=(0.5, 0.5, 0.5, 0.5)):
+    """A stack at each moment, random light, the target wherever a depth is given."""
+    random = np.random.default_rng(4)
+    made = []
+    for frame, window, depth in zip(
+        at, needed_focus_windows(position, at, SPEC.positions), depths, strict=True
+    ):
+        spec = replace(SPEC, time_s=frame / 20_000, window=window)
+        light = random.uniform(0.1, 1, (2, spec.rendered_count, 6, 8)).astype(np.float32)
+        target = np.full((6, 8), depth is not None)
+        far = np.full((6, 8), 0.5 if depth is None else depth, np.float32)
+        made.append(FocalStack(spec, light, far, target, "llvm"))
+    return made
+
+
+def plane_source(made, at=AT):
+    time_stack = TimeResolvedStack(at, tuple(stack.spec for stack in made))
+    light = lambda j, first, stop: made[j].radiance[:, first:stop]  # noqa: E731
+    return PlaneSource(time_stack, light, lambda j: (made[j].depth, made[j].target), "d", "llvm")
+
+
+def seen(made, frame, position):
+    """The radiance at a moment and a position, worked out one step after the other."""
+    j = max(n for n in range(len(made) - 1) if AT[n] <= frame + 0.5)
+    w = (frame + 0.5 - AT[j]) / (AT[j + 1] - AT[j])
+    pictures = []
+    for stack in made[j : j + 2]:
+        focus = stack.spec.focus
+        k = min(int(np.searchsorted(focus, position, side="right")) - 1, len(focus) - 2)
+        share = (position - focus[k]) / (focus[k + 1] - focus[k])
+        pictures.append((1 - share) * stack.radiance[:, k] + share * stack.radiance[:, k + 1])
+    return (1 - w) * pictures[0] + w * pictures[1]
+
+
+@pytest.mark.parametrize(
+    ("frames", "hz", "a_second", "step"),
+    [(20_000, 20_000, 100, 200), (20_000, 20_000, 64, 312), (400, 20_000, 1, 20_000), (100, 20_000, 1e4, 8)],
+)
+def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, a_second, step):
+    at = time_slice_frames(frames, hz, a_second)
+    assert set(np.diff(at)) == {step}
+    assert at[0] == 0
+    assert at[-2] < frames <= at[-1]
+    assert step % 8 == 0
+
+
+def test_windows_hold_every_position_that_the_lens_passes_between_the_moments_beside_them():
+    there_and_back = np.abs(1 - 2 * SWEEP)
+    for position in (SWEEP, SWEEP[::-1], there_and_back, np.full(FRAMES, 0.25)):
+        found = needed_focus_windows(position, AT, 9)
+        for j, (first, last) in enumerate(found):
+            around = position[AT[max(j - 1, 0)] : AT[min(j + 1, 3)]] * 8
+            assert 0 <= first < last <= 8
+            assert first <= around.min()
+            assert around.max() <= last
+    assert needed_focus_windows(SWEEP, AT, 9)[0][1] < 8  # not the whole travel: that is what windows are for
+    assert set(needed_focus_windows(np.full(FRAMES, 0.25), AT, 9)) == {(2, 3)}
+
+
+@pytest.mark.parametrize("cut", [400, 160, 96, 8])
+def test_runs_cover_every_frame_once_and_never_cross_a_moment(cut):
+    time_stack = plane_source(stacks()).time_stack
+    frames = []
+    for begin in range(0, FRAMES, cut):
+        for first, end, j in time_stack.split_at_slices(begin, min(begin + cut, FRAMES)):
+            assert AT[j] <= first < end <= AT[j + 1]
+            assert first % 8 == 0
+            frames += range(first, end)
+    assert frames == list(range(FRAMES))
+
+
+def test_a_reel_of_one_stack_is_one_run():
+    assert list(TimeResolvedStack((0,), (SPEC,)).split_at_slices(0, 400)) == [(0, 400, 0)]
+    assert not TimeResolvedStack((0,), (SPEC,)).is_moving
+
+
+@pytest.mark.parametrize("frame", [0, 79.5, 159.5, 160, 300, 399])
+def test_a_picture_is_the_straight_line_in_time_and_in_focus(frame):
+    made = stacks()
+    exposed = ChargeSource(plane_source(made), SENSOR)
+    even = [replace_light(stack, 1.0) for stack in made]
+    position = float(np.interp(frame, np.arange(FRAMES), SWEEP))
+    flat = ChargeSource(plane_source(even), SENSOR).charge_image(frame, position)  # lens and sensor alone
+    found = exposed.charge_image(frame, position) / flat
+    # The bellows factor is interpolated with the light: 1e-3 of it over a step of focus.
+    assert found == pytest.approx(seen(made, frame, position), rel=2e-3)
+
+
+def replace_light(stack, radiance):
+    return replace(stack, radiance=np.full_like(stack.radiance, radiance))
+
+
+def test_what_the_encoder_gets_is_the_picture_of_every_readout():
+    exposed = ChargeSource(plane_source(stacks()), SENSOR)
+    exposed.scale = 3.0
+    gain = np.stack([np.linspace(1, 2, FRAMES), np.linspace(1, 0, FRAMES)], axis=1)
+    for begin, end, j in exposed.time_stack.split_at_slices(0, FRAMES):
+        stack, index, fraction, weights = exposed.encoder_inputs(begin, end, j, SWEEP, gain)
+        for t in range(0, end - begin, 37):
+            k, f = index[t], fraction[t]
+            after = stack[:, min(k + 1, stack.shape[1] - 1)]
+            pictures = (1 - f) * stack[:, k] + f * after
+            got = np.tensordot(weights[t], pictures, 1)
+            wanted = np.tensordot(gain[begin + t], exposed.charge_image(begin + t, SWEEP[begin + t]), 1)
+            assert got == pytest.approx(wanted, rel=1e-5)
+
+
+def counted(made):
+    """The plane_source, and what was read of it: (stack, first, stop)."""
+    film, reads = plane_source(made), []
+
+    def planes(j, first, stop):
+        reads.append((j, first, stop))
+        return film.load_planes(j, first, stop)
+
+    return replace(film, load_planes=planes), reads
+
+
+def through(exposed, position, frames=FRAMES):
+    gain = np.ones((FRAMES, 2), np.float32)
+    return [
+        exposed.encoder_inputs(*run, position, gain) for run in exposed.time_stack.split_at_slices(0, frames)
+    ]
+
+
+def test_only_those_positions_are_read_at_which_the_lens_is():
+    whole = [replace_window(stack) for stack in stacks(np.abs(1 - 2 * SWEEP))]
+    film, reads = counted(whole)
+    exposed = ChargeSource(film, SENSOR)
+    got = through(exposed, 0.3 + 0.1 * SWEEP)  # positions 2.4 to 3.2 of 0 to 8
+    assert set(reads) == {(0, 2, 4), (1, 2, 4), (1, 4, 5), (2, 2, 5), (3, 3, 5)}
+    assert len(reads) == 5
+    assert len(exposed._kept) <= 3 * 3  # of three stacks at most
+    for (stack, index, fraction, _), (j, k) in zip(got, [(0, 2), (1, 2), (2, 3)], strict=True):
+        flat = ChargeSource(film, SENSOR)._developed(j, k, k + 1).sum(axis=0)
+        assert stack[0, 0] == pytest.approx(flat[0], rel=1e-6)
+        assert index.min() == 0
+        assert 0 <= fraction.min() <= fraction.max() < 1
+
+
+def replace_window(stack):
+    """The same, rendered at all positions: those of the window as they were, others at random."""
+    light = np.random.default_rng(5).uniform(0.1, 1, (2, SPEC.positions, 6, 8)).astype(np.float32)
+    first, last = stack.spec.window
+    light[:, first : last + 1] = stack.radiance
+    return replace(stack, spec=replace(stack.spec, window=None), radiance=light)
+
+
+@pytest.mark.parametrize(("keep_bytes", "again"), [(1 << 20, 0), (0, 1)])
+def test_what_was_read_is_kept_for_the_next_method_as_far_as_allowed(keep_bytes, again):
+    film, reads = counted(stacks())
+    exposed = ChargeSource(film, SENSOR, keep_bytes=keep_bytes)
+    first = through(exposed, SWEEP)
+    before = len(reads)
+    second = through(exposed, SWEEP)
+    assert (len(reads) > before) == bool(again)
+    assert all(np.array_equal(a[0], b[0]) for a, b in zip(first, second, strict=True))
+
+
+def test_what_is_kept_never_outgrows_what_is_allowed_but_for_the_neighbours():
+    """Full after one pass, and then passes that need more positions of each stack than those before."""
+    at = tuple(range(0, 8 * 61, 8))
+    still = np.full(480, 0.5)
+    made = [replace_window(stack) for stack in stacks(still, at, (0.5,) * len(at))]
+    plane = 2 * 6 * 8 * 4
+    exposed = ChargeSource(plane_source(made, at), SENSOR, keep_bytes=2 * len(at) * plane)
+    gain, most = np.ones((480, 2), np.float32), []
+    for swing in (0.0, 0.2, 0.4, 0.45):
+        position = 0.5 + swing * np.sin(np.arange(480) / 2)
+        for begin, end, j in exposed.time_stack.split_at_slices(0, 480):
+            exposed.encoder_inputs(begin, end, j, position, gain)
+            most.append(len(exposed._kept))
+    assert max(most) <= 2 * len(at) + 3 * SPEC.positions
+    assert most[-1] <= 2 * len(at)
+
+
+def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
+    """Up to the rounding of a sum of two: one spike a pixel."""
+    random = np.random.default_rng(1)
+    light = random.uniform(0.1, 1, (2, 9, 6, 8)).astype(np.float32)
+    whole = FocalStack(SPEC, light, np.ones((6, 8), np.float32), np.ones((6, 8), bool), "llvm")
+    slices = []
+    for stack in stacks():
+        first, last = stack.spec.window
+        slices.append(replace(stack, radiance=light[:, first : last + 1]))
+    counts = []
+    for film in (PlaneSource.from_stack(whole), plane_source(slices)):
+        exposed, encoder = ChargeSource(film, SENSOR), Encoder(SENSOR, (6, 8), 3)
+        exposed.scale = 0.2 * SENSOR.threshold_e / float(exposed.charge_image(0, 0.0).sum(axis=0).mean())
+        gain = np.ones((FRAMES, 2), np.float32)
+        blocks = [
+            encoder.encode(*exposed.encoder_inputs(*run, SWEEP, gain))
+            for run in film.time_stack.split_at_slices(0, FRAMES)
+        ]
+        counts.append(np.unpackbits(np.concatenate(blocks, axis=-1), axis=-1).sum(axis=-1).astype(int))
+    assert np.abs(counts[0] - counts[1]).max() <= 1
+    assert counts[0].sum() > 1_000
+
+
+def test_the_truth_follows_a_target_that_comes_nearer():
+    """Best focus on straight lines between moments; the frame is where the lens meets it."""
+    made = stacks(depths=(0.55, 0.53, 0.51, 0.49))
+    truth = find_true_focus(plane_source(made), SWEEP)
+    best = DRIVE.best_position(np.float32([0.55, 0.53, 0.51, 0.49]).astype(float))
+    assert truth.track[0] == pytest.approx(best[0], abs=0.002)
+    assert truth.track[159] == pytest.approx(best[1], abs=0.001)
+    assert (np.diff(truth.track) > 0).all()
+    frame = truth.frame
+    assert np.interp(frame, np.arange(FRAMES), SWEEP) == pytest.approx(truth.position, abs=1e-6)
+    assert np.interp(frame, np.arange(FRAMES), truth.track) == pytest.approx(truth.position, abs=1e-6)
+    assert truth.depth_of_focus[0] < DRIVE.best_position(truth.depth[0, 0]) < truth.depth_of_focus[1]
+
+
+def test_moments_that_do_not_see_the_target_do_not_count():
+    truth = find_true_focus(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
+    assert np.ptp(truth.track) == 0
+    assert truth.target.any()
+
+
+def test_a_lens_that_comes_when_the_target_is_out_of_sight_does_not_meet_it():
+    """It is where the target was between the second moment and the third."""
+    met = find_true_focus(plane_source(stacks(depths=(0.5, 0.5, 0.5, 0.5))), SWEEP)
+    assert 160 < met.frame < 320
+    gone = find_true_focus(plane_source(stacks(depths=(0.5, 0.5, None, None))), SWEEP)
+    assert np.isnan(gone.frame)
+    assert gone.target.any()
+    assert gone.position == pytest.approx(met.position, abs=1e-6)
+    back = find_true_focus(plane_source(stacks(depths=(None, 0.5, 0.5, None))), SWEEP)
+    assert back.frame == pytest.approx(met.frame)
+
+
+def test_a_lens_that_never_meets_the_target_has_no_frame():
+    position = np.full(FRAMES, 0.9)
+    truth = find_true_focus(plane_source(stacks(position, depths=(0.55, 0.53, 0.51, 0.50))), position)
+    assert np.isnan(truth.frame)
+    assert truth.position == pytest.approx(truth.track.max(), abs=0.01)  # the nearest that it came
+
+
+def test_a_target_that_is_never_seen_is_refused(tmp_path):
+    recorder = Recorder(SENSOR, FRAMES, device_seed=1, provenance={})
+    with pytest.raises(BadInput, match="the target of plane is never seen in 400 frames; check its motion"):
+        recorder.record(
+            make_sequence(), plane_source(stacks(depths=(None,) * 4)), tmp_path / "s.h5", fingerprint=""
+        )
+    assert not (tmp_path / "s.h5").exists()
+
+
+def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
+    film = plane_source(stacks())
+    exposed = ChargeSource(film, SENSOR)
+    found = noise_free_sharpness(exposed, find_true_focus(film, SWEEP), SWEEP)
+    assert np.isfinite(found).all()
+    half = SWEEP / 2
+    film = plane_source(stacks(half))
+    found = noise_free_sharpness(ChargeSource(film, SENSOR), find_true_focus(film, half), half)
+    assert np.isfinite(found[:5]).all()
+    assert np.isnan(found[5:]).all()
+
+
+def test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track(tmp_path):
+    recorder = Recorder(SENSOR, FRAMES, device_seed=1, provenance={})
+    recorder.record(make_sequence(mean_rate=0.25), plane_source(stacks()), tmp_path / "s.h5", fingerprint="")
+    with saf_gen.open_stream(tmp_path / "s.h5") as stream:
+        frame = round(stream.truth.frame)
+        rate = stream.counts(frame - 20, frame + 20).mean() / 40
+        assert stream.truth.track.shape == (FRAMES,)
+        assert stream.metadata.provenance["stack"].count("\n") == 3
+    assert rate == pytest.approx(0.25, rel=0.1)  # the light itself changes over 40 frames
+
+
+def test_the_stacks_of_the_first_readouts_and_the_one_after_them():
+    specs = tuple(replace(SPEC, window=(n, n + 1), time_s=n * 0.008) for n in range(4))
+    time_stack = TimeResolvedStack((0, 160, 320, 480), specs)
+    assert [
+        time_stack.truncated_to(frames).slice_frames[-1] for frames in (1, 160, 160.5, 320, 470, 9000)
+    ] == [*(160, 160, 320, 320, 480, 480)]
+    assert time_stack.truncated_to(200).specs == specs[:3]
+    assert {spec.rendered_count for spec in time_stack.with_full_travel().specs} == {9}
+    assert time_stack.with_full_travel().with_full_travel() == time_stack.with_full_travel() != time_stack
+    assert [spec.time_s for spec in time_stack.with_full_travel().specs] == [spec.time_s for spec in specs]
+
+
+def test_a_reel_on_disk_knows_what_it_lacks(tmp_path):
+    made = stacks()
+    time_stack = plane_source(made).time_stack
+    assert time_stack.find_missing(tmp_path) == list(time_stack.specs)
+    assert time_stack.count_stored(tmp_path) == 0
+    for stack in made:
+        store = StackStore(tmp_path, stack.spec)
+        store.write_geometry(stack.depth, stack.target, "llvm")
+        for group, radiance in zip(SPEC.groups, stack.radiance, strict=True):
+            store.write_group(group, radiance, "llvm")
+    assert time_stack.find_missing(tmp_path) == []
+    assert (time_stack.count_stored(tmp_path), time_stack.with_full_travel().count_stored(tmp_path)) == (4, 0)
+    film = PlaneSource.from_folder(time_stack, tmp_path)
+    stored = film.load_planes(2, 0, made[2].spec.rendered_count)
+    assert stored == pytest.approx(made[2].radiance, rel=2**-11)  # time slices are half floats
+    assert np.array_equal(film.load_planes(2, 1, 3), stored[:, 1:3])
+    assert film.backend == "llvm"
+    digest = time_stack.digest(tmp_path)
+    StackStore(tmp_path, time_stack.specs[1]).write_group("lamp", made[1].radiance[0] * 2, "llvm")
+    assert time_stack.digest(tmp_path) != digest

@@ -1,0 +1,204 @@
+"""Foreign layouts against plain decoders that read FORMATS bit by bit."""
+
+import json
+
+import numpy as np
+import pytest
+from reference_searches import literal_egs, literal_sgfs
+from scipy.ndimage import sobel
+
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.errors import BadInput
+from saf_gen.stream import time_blocks
+from saf_gen.stream.interop import RAW_LAYOUTS, export_raw_frames, import_raw_frames, raw_frames
+from saf_gen.stream.stream_file import open_stream, write_stream
+
+
+def decoded(raw, layout, t):
+    """Frame t of a file's bytes, decoded the slow way; rows in the file's order."""
+    if layout == "416":
+        frame = raw[13_000 * t : 13_000 * (t + 1)]
+        return [[frame[52 * y + x // 8] >> (x % 8) & 1 for x in range(400)] for y in range(250)]
+    if layout == "dense":
+        frame = raw[12_500 * t : 12_500 * (t + 1)]
+        return [
+            [frame[(400 * y + x) // 8] >> ((400 * y + x) % 8) & 1 for x in range(400)] for y in range(250)
+        ]
+    frame = raw[128_000 * t : 128_000 * (t + 1)]
+    columns = [*range(500), *range(512, 1012)]
+    return [[frame[128 * y + c // 8] >> (c % 8) & 1 for c in columns] for y in range(1000)]
+
+
+def raw_file(path, layout, frames, seed=0):
+    """Random bytes, the ignored ones too: a reader that looks at them is found out."""
+    raw = (
+        np.random.default_rng(seed)
+        .integers(0, 256, frames * RAW_LAYOUTS[layout].frame_bytes, np.uint8)
+        .tobytes()
+    )
+    path.write_bytes(raw)
+    return raw
+
+
+@pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
+@pytest.mark.parametrize("flip", [None, False, True])
+@pytest.mark.slow
+def test_a_plain_decoder_agrees(tmp_path, layout, flip):
+    raw = raw_file(tmp_path / "a.dat", layout, 11)
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout, flip=flip)
+    bottom_first = layout == "dense" if flip is None else flip
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.shape == (11, RAW_LAYOUTS[layout].rows, RAW_LAYOUTS[layout].columns)
+        for t in (0, 7, 10):
+            expected = np.array(decoded(raw, layout, t), np.uint8)
+            found = stream.frames(t, t + 1)[0]
+            assert np.array_equal(found, expected[::-1] if bottom_first else expected)
+
+
+@pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
+@pytest.mark.parametrize("flip", [None, True])
+def test_a_stream_goes_out_and_comes_back(tmp_path, layout, flip):
+    size = (RAW_LAYOUTS[layout].rows, RAW_LAYOUTS[layout].columns)
+    frames = np.random.default_rng(1).integers(0, 2, (13, *size), np.uint8)
+    digest = write_stream(tmp_path / "a.h5", frames)
+    written = export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout, flip=flip)
+    assert (tmp_path / "a.dat").stat().st_size == written == 13 * RAW_LAYOUTS[layout].frame_bytes
+    assert import_raw_frames(tmp_path / "a.dat", tmp_path / "b.h5", layout=layout, flip=flip) == digest
+
+
+def test_slabs_join_without_a_seam(tmp_path):
+    raw = raw_file(tmp_path / "a.dat", "416", 2_003)
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", readout_hz=40_000)
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.readout_hz == 40_000
+        for t in (1_999, 2_000, 2_002):
+            assert np.array_equal(stream.frames(t, t + 1)[0], decoded(raw, "416", t))
+        assert json.loads(stream.metadata.provenance["import"]) == {
+            "file": "a.dat", "layout": "416", "flip": False, "frames": 2_003,
+        }  # fmt: skip
+    export_raw_frames(tmp_path / "a.h5", tmp_path / "b.dat")
+    rows = np.frombuffer((tmp_path / "b.dat").read_bytes(), np.uint8).reshape(2_003, 250, 52)
+    assert np.array_equal(rows[:, :, :50], np.frombuffer(raw, np.uint8).reshape(2_003, 250, 52)[:, :, :50])
+    assert not rows[:, :, 50:].any()
+
+
+def test_fewer_frames_are_the_first_ones(tmp_path):
+    raw = raw_file(tmp_path / "a.dat", "416", 5)
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", frames=3)
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.shape[0] == 3
+        assert np.array_equal(stream.frames(2, 3)[0], decoded(raw, "416", 2))
+
+
+@pytest.mark.parametrize("frames", [0, -1, 6])
+def test_more_frames_than_there_are_is_an_error(tmp_path, frames):
+    raw_file(tmp_path / "a.dat", "416", 5)
+    with pytest.raises(BadInput, match=f"{frames} frames were asked for; allowed: 1 to 5"):
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", frames=frames)
+    assert not (tmp_path / "a.h5").exists()
+
+
+def test_a_remainder_is_told_with_the_layouts_that_fit(tmp_path):
+    (tmp_path / "a.dat").write_bytes(bytes(12_500 * 3))
+    message = r"37500 bytes are 2 frames of 13000 bytes and 11500 bytes more; .*fit: dense \(3 frames\)"
+    with pytest.raises(BadInput, match=message):
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
+
+
+def test_a_remainder_that_fits_no_layout_is_told(tmp_path):
+    (tmp_path / "a.dat").write_bytes(bytes(12_999))
+    with pytest.raises(
+        BadInput, match=r"0 frames of 13000 bytes and 12999 bytes more; .*no known layout fits"
+    ):
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
+
+
+def test_an_unknown_layout_names_the_nearest(tmp_path):
+    with pytest.raises(
+        BadInput, match="unknown layout 'dens'; allowed: 416, dense, sps1000; did you mean 'dense'"
+    ):
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout="dens")
+
+
+def test_missing_empty_and_folder_are_told(tmp_path):
+    with pytest.raises(BadInput, match="cannot be read: No such file"):
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
+    (tmp_path / "a.dat").touch()
+    with pytest.raises(BadInput, match="is empty"):
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
+    with pytest.raises(BadInput, match="this is a folder"):
+        import_raw_frames(tmp_path, tmp_path / "a.h5")
+
+
+def test_a_stream_of_another_size_is_not_exported(tmp_path):
+    write_stream(tmp_path / "a.h5", np.zeros((3, 250, 400), np.uint8))
+    with pytest.raises(
+        BadInput, match=r"250 x 400 pixels; allowed: 1000 x 1000 .*layouts that fit: 416, dense"
+    ):
+        export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout="sps1000")
+    (tmp_path / "file").touch()
+    with pytest.raises(BadInput, match=r"cannot be written: (Not a directory|File exists)"):
+        export_raw_frames(tmp_path / "a.h5", tmp_path / "file" / "a.dat")
+    assert not (tmp_path / "a.dat").exists()
+
+
+def test_a_file_is_not_written_over_itself(tmp_path):
+    raw = raw_file(tmp_path / "a.dat", "416", 2)
+    (tmp_path / "link.dat").symlink_to(tmp_path / "a.dat")
+    with pytest.raises(BadInput, match=r"a\.dat: would be written over itself; choose another name"):
+        import_raw_frames(tmp_path / "a.dat", tmp_path / "link.dat")
+    assert (tmp_path / "a.dat").read_bytes() == raw
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
+    with pytest.raises(BadInput, match=r"a\.h5: would be written over itself"):
+        export_raw_frames(tmp_path / "a.h5", tmp_path / "a.h5")
+
+
+# -- from a foreign file to an answer --------------------------------------------------------------------
+
+
+def tiles_in_full(c):
+    tiles = c[:248].reshape(62, 4, 100, 4).transpose(0, 2, 1, 3)
+    v, full = (1, 1, -1, -1), np.zeros((62, 100, 7, 7), np.int64)
+    for i, j in np.ndindex(4, 4):
+        full[:, :, i : i + 4, j : j + 4] += v[i] * v[j] * tiles
+    return (full**2).sum()
+
+
+LITERAL_MEASURES = {
+    "sd_code": lambda c: ((c - c.mean()) ** 2).sum() / c.mean() ** 2,
+    "er_sumsq": lambda c: (c**2).sum(),
+    "gradient_code": lambda c: np.hypot(
+        *(sobel(c.astype(float), axis=i, mode="nearest") for i in (0, 1))
+    ).sum(),
+    "mfdct_code": tiles_in_full,
+}
+
+
+class LiteralView:
+    """Windows of a ``416`` file, read without saf_gen: rows of 50 bytes and 2 that are skipped."""
+
+    def __init__(self, path, measure):
+        rows = np.fromfile(path, np.uint8).reshape(-1, 250, 52)
+        self.spikes = np.unpackbits(rows[:, :, :50], axis=2, bitorder="little")
+        self.frames, self.measure = len(rows), measure
+
+    def score(self, first, stop):
+        return self.measure(self.spikes[first:stop].sum(axis=0, dtype=np.uint16).astype(np.int64))
+
+
+@pytest.mark.parametrize("measure", LITERAL_MEASURES)
+@pytest.mark.slow
+def test_a_foreign_file_is_searched_as_the_released_code_would_to_the_last_frame(
+    tmp_path, monkeypatch, measure
+):
+    monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 20)  # many seams in a short file
+    monkeypatch.setattr(raw_frames, "_FRAMES", 240)
+    raw_file(tmp_path / "a.dat", "416", 403)
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
+    egs, sgfs = evaluate(
+        tmp_path / "a.h5", methods=[f"{measure}+egs_code", f"{measure}+sgfs_code:dt=20"]
+    ).records
+    view = LiteralView(tmp_path / "a.dat", LITERAL_MEASURES[measure])
+    assert list(egs.trace) == literal_egs(view, 1, 403)
+    assert list(sgfs.trace) == literal_sgfs(view, 20)
+    assert (egs.frame, sgfs.frame) == (egs.trace[-1] - 1, sgfs.trace[-1] - 1)

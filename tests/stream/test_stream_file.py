@@ -1,0 +1,601 @@
+"""The stream file: what goes in comes out, plain h5py agrees, nothing half-written is taken for whole."""
+
+import errno
+import hashlib
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import tracemalloc
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from saf_gen.core.bits import pack
+from saf_gen.errors import BadInput
+from saf_gen.stream import time_blocks
+from saf_gen.stream.stream_file import Metadata, StreamWriter, Truth, open_stream, write_stream
+
+DOCS = Path(__file__).parents[2] / "docs" / "file-layout.md"
+
+
+def random_frames(count, rows=6, columns=9, seed=0):
+    return (np.random.default_rng(seed).random((count, rows, columns)) < 0.2).astype(np.uint8)
+
+
+def full_metadata(count, rows=6, columns=9):
+    sweep = np.linspace(0, 1, count, dtype=np.float32)
+    plane = np.arange(rows * columns, dtype=np.float32).reshape(rows, columns)
+    return {
+        "focus_position": sweep,
+        "image_distance": 0.05 + sweep,
+        "object_distance": 1 + sweep,
+        "gain": np.stack([sweep, 1 - sweep], axis=1),
+        "light_names": ("sun", "lámpara"),
+        "truth": Truth(0.4, (0.3, 0.5), 12.5, plane, plane > 3, plane / 54, np.arange(5.0)),
+        "provenance": {"recipe": "name: x\n", "versions": "{}" * 60_000},
+    }
+
+
+def small_time_blocks(monkeypatch):
+    """Many chunks from little data: 2 rows and 8 bytes (64 frames) each."""
+    monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
+    monkeypatch.setattr(time_blocks, "_CHUNK_BYTES", 2 * 9 * 8)
+    monkeypatch.setattr(time_blocks, "_CACHE_BYTES", 0)
+
+
+@pytest.mark.parametrize("count", [1, 8, 63, 64, 2_000, 2_001, 4_013])
+def test_frames_counts_and_bytes_come_back(tmp_path, count):
+    frames = random_frames(count)
+    digest = write_stream(tmp_path / "a.h5", frames)
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.shape == frames.shape
+        assert stream.readout_hz == 20_000
+        assert stream.content_sha256 == digest
+        assert np.array_equal(stream.frames(0, count), frames)
+        assert stream.frames(0, count).dtype == np.uint8
+        assert np.array_equal(stream.counts(0, count), frames.sum(axis=0))
+        assert stream.counts(0, count).dtype == np.uint32
+        assert np.array_equal(stream.packed(0, -(-count // 8)), pack(frames))
+        stream.verify()
+
+
+def test_any_window_and_region_equals_slicing(tmp_path, monkeypatch):
+    small_time_blocks(monkeypatch)
+    frames = random_frames(333)
+    packed = pack(frames)
+    write_stream(tmp_path / "a.h5", frames)
+    draw = np.random.default_rng(3)
+    with open_stream(tmp_path / "a.h5") as stream:
+        with h5py.File(tmp_path / "a.h5") as file:
+            assert file["spikes"].chunks == (2, 9, 8)
+        for _ in range(200):
+            a, b = sorted(draw.choice(334, 2, replace=False))
+            p, q = sorted(draw.choice(43, 2, replace=False))
+            (r0, r1), (c0, c1) = (sorted(draw.choice(n + 1, 2, replace=False)) for n in (6, 9))
+            region = (slice(r0, r1), slice(c0, c1))
+            assert np.array_equal(stream.frames(a, b, region), frames[a:b, r0:r1, c0:c1])
+            assert np.array_equal(stream.counts(a, b, region), frames[a:b, r0:r1, c0:c1].sum(axis=0))
+            assert np.array_equal(stream.packed(p, q, region), packed[r0:r1, c0:c1, p:q])
+
+
+def test_a_sweep_of_windows_equals_slicing(tmp_path, monkeypatch):
+    small_time_blocks(monkeypatch)
+    frames = random_frames(1_000)
+    write_stream(tmp_path / "a.h5", frames)
+    with open_stream(tmp_path / "a.h5") as stream:
+        for a in range(0, 950, 10):
+            assert np.array_equal(stream.counts(a, a + 50), frames[a : a + 50].sum(axis=0))
+
+
+def chunks_read(stream, monkeypatch):
+    """The chunks that a stream reads from now on: (first row, first byte)."""
+    seen, read = [], stream._time_blocks._read
+    monkeypatch.setattr(
+        stream._time_blocks, "_read", lambda top, start: seen.append((top, start)) or read(top, start)
+    )
+    return seen
+
+
+def test_a_stream_that_fits_in_memory_is_inflated_once(tmp_path, monkeypatch):
+    small_time_blocks(monkeypatch)
+    write_stream(tmp_path / "a.h5", random_frames(640))
+    for kept, most in ((10 * 6 * 9 * 8, 30), (0, 60)):
+        monkeypatch.setattr(time_blocks, "_CACHE_BYTES", kept)
+        with open_stream(tmp_path / "a.h5") as stream:
+            seen = chunks_read(stream, monkeypatch)
+            for _ in range(2):
+                stream.counts(0, 640)
+            assert len(seen) == most
+
+
+def test_a_region_leaves_other_chunks_alone(tmp_path, monkeypatch):
+    small_time_blocks(monkeypatch)
+    write_stream(tmp_path / "a.h5", random_frames(640))
+    with open_stream(tmp_path / "a.h5") as stream:
+        seen = chunks_read(stream, monkeypatch)
+        stream.counts(130, 140)
+        assert set(seen) == {(0, 16), (2, 16), (4, 16)}
+        seen.clear()
+        stream.packed(0, 80, (slice(2, 3), slice(0, 9)))
+        assert {top for top, _ in seen} == {2}
+
+
+def test_plain_h5py_reads_the_documented_datasets(tmp_path):
+    frames, metadata = random_frames(2_345), full_metadata(2_345)
+    digest = write_stream(tmp_path / "a.h5", frames, 40_000, **metadata)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert dict(file.attrs) == {"format": "saf-gen stream", "layout": 1, "content_sha256": digest}
+        assert dict(file["spikes"].attrs) == {"frames": 2_345, "readout_hz": 40_000.0}
+        unpacked = np.unpackbits(file["spikes"][:], axis=2, bitorder="little")
+        assert np.array_equal(unpacked[:, :, :2_345].transpose(2, 0, 1), frames)
+        assert not unpacked[:, :, 2_345:].any()
+        assert np.array_equal(file["focus/position"], metadata["focus_position"])
+        assert file["focus/image_distance"].dtype == file["focus/object_distance"].dtype == np.float32
+        assert np.array_equal(file["light/gain"], metadata["gain"])
+        assert file["light/names"].asstr()[:].tolist() == ["sun", "lámpara"]
+        assert file["truth/position"][()] == 0.4
+        assert file["truth/frame"][()] == 12.5
+        assert file["truth/depth_of_focus"][:].tolist() == [0.3, 0.5]
+        assert file["truth/target"].dtype == bool
+        assert file["truth/depth"].shape == file["truth/best_position"].shape == (6, 9)
+        assert file["truth/sharpness"].dtype == np.float64
+        assert file["provenance/recipe"].asstr()[()] == "name: x\n"
+
+
+def test_metadata_comes_back(tmp_path):
+    given = full_metadata(21)
+    write_stream(tmp_path / "a.h5", random_frames(21), **given)
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.truth.known
+        assert (stream.truth.position, stream.truth.depth_of_focus, stream.truth.frame) == (
+            0.4,
+            (0.3, 0.5),
+            12.5,
+        )
+        for name in ("depth", "target", "best_position", "sharpness"):
+            assert np.array_equal(getattr(stream.truth, name), getattr(given["truth"], name))
+        for name in ("focus_position", "image_distance", "object_distance", "gain"):
+            assert np.array_equal(getattr(stream.metadata, name), given[name])
+        assert stream.light_names == ("sun", "lámpara")
+        assert stream.metadata.provenance == given["provenance"]
+
+
+def test_a_stream_without_metadata_has_none(tmp_path):
+    write_stream(tmp_path / "a.h5", [[[True]], [[False]]])
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.focus_position is None
+        assert stream.gain is None
+        assert stream.light_names == ()
+        assert not stream.truth.known
+        assert np.isnan(stream.truth.frame)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert list(file) == ["spikes"]
+
+
+def test_the_digest_is_over_content_not_over_slabs_or_provenance(tmp_path):
+    frames, metadata = random_frames(4_321), full_metadata(4_321)
+    packed, digests = pack(frames), set()
+    for step in (1, 37, 250, 251, 541):
+        described = Metadata(**{**metadata, "provenance": {"step": str(step)}})
+        with StreamWriter(tmp_path / "a.h5", shape=frames.shape, metadata=described) as writer:
+            for first in range(0, 541, step):
+                writer.write(packed[:, :, first : first + step])
+        digests.add(writer.content_sha256)
+    assert digests == {write_stream(tmp_path / "b.h5", frames, **metadata)}
+
+
+def test_the_digest_follows_every_value(tmp_path):
+    frames, metadata = random_frames(20), full_metadata(20)
+    flipped = frames.copy()
+    flipped[13, 2, 3] ^= 1
+    variants = [
+        (frames, 20_000, metadata),
+        (flipped, 20_000, metadata),
+        (frames, 40_000, metadata),
+        (frames[:19], 20_000, full_metadata(19)),
+        (frames, 20_000, metadata | {"light_names": ("sun", "x")}),
+        (frames, 20_000, metadata | {"truth": Truth(0.5)}),
+        (frames, 20_000, metadata | {"gain": None, "light_names": ()}),
+    ]
+    digests = {write_stream(tmp_path / "a.h5", f, hz, **m) for f, hz, m in variants}
+    assert len(digests) == len(variants)
+
+
+def test_the_digest_is_as_documented(tmp_path):
+    """Computed here from the words of docs/file-layout.md alone."""
+    frames = random_frames(2_011)
+    digest = write_stream(tmp_path / "a.h5", frames, truth={"position": 0.25}, light_names=("a", "b"))
+    packed = np.packbits(frames, axis=0, bitorder="little").transpose(1, 2, 0)
+    slabs_ = packed[:, :, :250].tobytes() + packed[:, :, 250:].tobytes()
+
+    def sha(data):
+        return hashlib.sha256(data).hexdigest()
+
+    lines = [
+        "readout_hz 20000.0",
+        "frames 2011",
+        f"/light/names text 2 {sha(b'a' + bytes(1) + b'b' + bytes(1))}",
+        f"/spikes uint8 6x9x252 {sha(slabs_)}",
+        f"/truth/depth_of_focus float64 2 {sha(struct.pack('<dd', np.nan, np.nan))}",
+        f"/truth/frame float64 scalar {sha(struct.pack('<d', np.nan))}",
+        f"/truth/position float64 scalar {sha(struct.pack('<d', 0.25))}",
+    ]
+    assert digest == sha("\n".join(lines).encode())
+
+
+def test_a_file_of_other_chunks_reads_the_same(tmp_path):
+    frames = random_frames(2_345)
+    write_stream(tmp_path / "a.h5", frames, truth={"position": 0.25})
+    for name, how in {
+        "plain": {},
+        "other": {"chunks": (3, 4, 100), "compression": "gzip", "shuffle": True},
+    }.items():
+        path = tmp_path / f"{name}.h5"
+        with h5py.File(tmp_path / "a.h5") as old, h5py.File(path, "w") as new:
+            new.attrs.update(old.attrs)
+            new.create_dataset("spikes", data=old["spikes"][:], **how).attrs.update(old["spikes"].attrs)
+            old.copy("truth", new)
+        with open_stream(path) as stream:
+            stream.verify()
+            assert np.array_equal(stream.frames(1_990, 2_100), frames[1_990:2_100])
+
+
+def test_a_chunk_that_hdf5_did_not_deflate_reads_the_same(tmp_path):
+    """HDF5 skips deflate where it would not help, as in bits without any order."""
+    frames = np.random.default_rng(0).integers(0, 2, (2_000, 20, 20), np.uint8)
+    write_stream(tmp_path / "a.h5", frames)
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        spikes = file["spikes"]
+        spikes.id.write_direct_chunk((0, 0, 0), spikes[:].tobytes(), filter_mask=1)
+    with open_stream(tmp_path / "a.h5") as stream:
+        stream.verify()
+        assert np.array_equal(stream.frames(0, 2_000), frames)
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 2), (0, 2, 2), (2, 0, 2), (1, 2, 3, 4)])
+def test_frames_must_have_three_axes_that_are_not_empty(tmp_path, shape):
+    with pytest.raises(
+        BadInput, match=re.escape(f"frames have shape {shape}; allowed: (T, H, W), T at least 1")
+    ):
+        write_stream(tmp_path / "a.h5", np.zeros(shape))
+
+
+@pytest.mark.parametrize("value", [2, 255, -1, 0.5, np.nan])
+def test_frames_must_hold_zero_and_one(tmp_path, value):
+    frames = np.zeros((9, 2, 2))
+    frames[8, 1, 1] = value
+    with pytest.raises(BadInput, match=rf"hold the value {float(value)!r}; allowed: 0 and 1, or bool"):
+        write_stream(tmp_path / "a.h5", frames)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("focus_position", np.zeros(9), r"focus_position has shape \(9,\); allowed: \(10\)"),
+        ("gain", np.zeros(10), r"gain has shape \(10,\); allowed: \(10, any G\)"),
+        ("gain", np.zeros((9, 2)), r"gain has shape \(9, 2\)"),
+        ("image_distance", ["a"] * 10, "image_distance has dtype"),
+        ("truth", {"depth": np.zeros((2, 2))}, r"depth has shape \(2, 2\); allowed: \(2, 3\)"),
+        ("truth", {"depth_of_focus": (1, 2, 3)}, r"depth_of_focus has shape \(3,\); allowed: \(2\)"),
+        ("truth", {"positon": 1}, "unknown field of truth 'positon'.*did you mean 'position'"),
+        ("focus_positions", np.zeros(10), "unknown optional field 'focus_positions'.*mean 'focus_position'"),
+        ("provenance", {"a/b": ""}, "provenance has the name 'a/b'"),
+        ("provenance", {"a": 3}, "provenance/a holds 3; allowed: text"),
+        ("light_names", ("a\0",), "light_names holds"),
+    ],
+)
+def test_a_wrong_field_is_named(tmp_path, field, value, message):
+    with pytest.raises(BadInput, match=message):
+        write_stream(tmp_path / "a.h5", np.zeros((10, 2, 3)), **{field: value})
+
+
+@pytest.mark.parametrize(
+    ("field", "optional"),
+    [
+        ("focus_position", lambda held: {"focus_position": held}),
+        ("track", lambda held: {"truth": {"position": 0.5, "track": held}}),
+    ],
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_lens_and_a_track_are_known_in_every_frame_or_refused(tmp_path, field, optional, value):
+    held = np.linspace(0, 1, 10)
+    held[[4, 7, 8]] = value
+    told = (
+        f"{field} is not finite in 3 of 10 frames, the first is frame 4; allowed: a finite position in every "
+        "frame; fill the gaps, or leave the field out"
+    )
+    with pytest.raises(BadInput) as caught:
+        write_stream(tmp_path / "a.h5", np.zeros((10, 2, 3)), **optional(held))
+    assert str(caught.value) == told
+    assert not list(tmp_path.iterdir())
+
+
+def test_lights_and_names_must_agree(tmp_path):
+    with pytest.raises(BadInput, match="gain has 2 lights, light_names 1"):
+        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)), gain=np.zeros((3, 2)), light_names=("a",))
+
+
+@pytest.mark.parametrize("readout_hz", [0, -1, np.nan, np.inf])
+def test_the_rate_must_be_above_zero(tmp_path, readout_hz):
+    with pytest.raises(BadInput, match="readout_hz is"):
+        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)), readout_hz)
+
+
+def written(path, pieces, shape=(20, 2, 3)):
+    with StreamWriter(path, shape=shape) as writer:
+        for piece in pieces:
+            writer.write(piece)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "message"),
+    [
+        ([np.zeros((2, 3, 2), np.uint8)], "only 2 bytes along time were written; allowed: 3 for 20 frames"),
+        ([np.zeros((2, 3, 2), np.uint8)] * 2, "4 bytes along time were written; allowed: 3 for 20 frames"),
+        (
+            [np.zeros((3, 2, 3), np.uint8)],
+            r"dtype uint8 and shape \(3, 2, 3\); allowed: uint8 \(2, 3, bytes\)",
+        ),
+        ([np.zeros((2, 3, 3))], "dtype float64"),
+        (
+            [np.full((2, 3, 3), 16, np.uint8)],
+            "spikes after the last frame; allowed: 0 in bits 4 to 7, as T = 20",
+        ),
+    ],
+)
+def test_wrong_slabs_are_refused_and_leave_nothing(tmp_path, pieces, message):
+    with pytest.raises(BadInput, match=message):
+        written(tmp_path / "a.h5", pieces)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_exception_leaves_neither_file_nor_temporary_and_keeps_the_old_one(tmp_path):
+    digest = write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
+    writer = StreamWriter(tmp_path / "a.h5", shape=(8, 1, 1))
+    with pytest.raises(KeyboardInterrupt), writer:
+        raise KeyboardInterrupt if list(tmp_path.glob(f".a.h5.*.{os.getpid()}.part")) else AssertionError
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.content_sha256 == digest
+
+
+def test_a_killed_writer_leaves_no_file_of_that_name(tmp_path):
+    script = f"""
+import numpy as np, time
+from saf_gen.stream.stream_file import StreamWriter
+with StreamWriter({str(tmp_path / "a.h5")!r}, shape=(8000, 20, 20)) as writer:
+    writer.write(np.zeros((20, 20, 500), np.uint8))
+    print("half", flush=True)
+    time.sleep(60)
+"""
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "half\n"
+        process.send_signal(signal.SIGKILL)
+        process.wait(10)
+    assert list(tmp_path.iterdir()) == list(tmp_path.glob(f".a.h5.*.{process.pid}.part"))
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
+    """A limit on the size of a file stands for the full disk: the same path with another errno."""
+    script = f"""
+import resource, signal
+import numpy as np
+from saf_gen.errors import BadInput
+from saf_gen.stream.stream_file import write_stream
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+frames = np.random.default_rng(0).integers(0, 2, (4_000, 40, 40), np.uint8)
+try:
+    write_stream({str(tmp_path / "a.h5")!r}, frames)
+except BadInput as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r".*a\.h5 cannot be written: File too large; choose another folder\n", done.stdout)
+    assert done.stderr == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_space_is_told(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "x")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(BadInput, match="cannot be written: No space left on device; free space"):
+        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_not_there_is_made(tmp_path):
+    write_stream(tmp_path / "none" / "a.h5", np.zeros((3, 1, 1)))
+    assert [p.name for p in (tmp_path / "none").iterdir()] == ["a.h5"]
+
+
+def test_an_error_of_the_disk_that_the_caller_met_elsewhere_is_not_told_as_ours(tmp_path):
+    with pytest.raises(FileNotFoundError), StreamWriter(tmp_path / "a.h5", shape=(8, 1, 1)):
+        (tmp_path / "frames.dat").read_bytes()
+    assert not list(tmp_path.iterdir())
+
+
+def test_writer_and_reader_use_the_threads_they_are_given(tmp_path):
+    with StreamWriter(tmp_path / "a.h5", shape=(4_000, 20, 20), threads=1) as writer:
+        writer.write(pack(random_frames(4_000, 20, 20)))
+        assert sum(t.name.startswith("deflate") for t in threading.enumerate()) == 1
+    with open_stream(tmp_path / "a.h5", threads=1) as stream:
+        stream.verify()
+        assert sum(t.name.startswith("inflate") for t in threading.enumerate()) == 1
+
+
+def test_a_name_that_the_disk_refuses_is_told(tmp_path):
+    with pytest.raises(BadInput, match="cannot be written: File name too long"):
+        write_stream(tmp_path / ("a" * 300), np.zeros((3, 1, 1)))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_may_not_be_written_is_told(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(BadInput, match="cannot be written: Permission denied"):
+        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
+
+
+def test_what_the_disk_changed_is_found_before_the_rename(tmp_path, monkeypatch):
+    kept = time_blocks.deflate_chunk
+    monkeypatch.setattr(time_blocks, "checksum", lambda data: len(data) + 1 if isinstance(data, bytes) else 0)
+    monkeypatch.setattr(time_blocks, "deflate_chunk", lambda block, chunk: bytearray(kept(block, chunk)))
+    with pytest.raises(BadInput, match="what was read back is not what was written; check the disk"):
+        write_stream(tmp_path / "a.h5", np.ones((8, 1, 1)))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("where", ["spikes", "focus/position"])
+def test_a_changed_value_is_found_by_verify(tmp_path, where):
+    write_stream(tmp_path / "a.h5", random_frames(100), focus_position=np.zeros(100))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file[where][0] = file[where][0] + 1
+    with (
+        open_stream(tmp_path / "a.h5") as stream,
+        pytest.raises(BadInput, match=r"content has SHA-256 .* as stored"),
+    ):
+        stream.verify()
+
+
+def test_a_changed_byte_in_a_chunk_is_found(tmp_path):
+    write_stream(tmp_path / "a.h5", random_frames(2_000, 20, 20))
+    with h5py.File(tmp_path / "a.h5") as file:
+        at = file["spikes"].id.get_chunk_info(0)
+    raw = bytearray((tmp_path / "a.h5").read_bytes())
+    for i in range(at.byte_offset + 100, at.byte_offset + 140):
+        raw[i] ^= 0xFF
+    (tmp_path / "a.h5").write_bytes(raw)
+    with open_stream(tmp_path / "a.h5") as stream:
+        for read in (stream.verify, lambda: stream.counts(0, 9), lambda: stream.packed(0, 250)):
+            with pytest.raises(BadInput, match="is cut short, damaged or cannot be read"):
+                read()
+
+
+@pytest.mark.parametrize("kept", [1, 8, 100, 2_000, 0.5, 0.99, -1])
+def test_a_truncated_file_is_told(tmp_path, kept):
+    write_stream(tmp_path / "a.h5", random_frames(2_000, 20, 20), **full_metadata(2_000, 20, 20))
+    raw = (tmp_path / "a.h5").read_bytes()
+    (tmp_path / "a.h5").write_bytes(raw[: int(kept * len(raw)) if 0 < kept < 1 else kept])
+    with pytest.raises(
+        BadInput, match=r"is cut short, damaged or cannot be read|is not an HDF5 file"
+    ) as caught:
+        open_stream(tmp_path / "a.h5")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_names_the_nearest(tmp_path):
+    write_stream(tmp_path / "camel-constant-0.h5", np.zeros((3, 1, 1)))
+    with pytest.raises(BadInput, match=r"no such file; did you mean 'camel-constant-0\.h5'"):
+        open_stream(tmp_path / "camel-constant-1.h5")
+    with pytest.raises(BadInput, match="there is no folder"):
+        open_stream(tmp_path / "none" / "a.h5")
+    with pytest.raises(BadInput, match="this is a folder"):
+        open_stream(tmp_path)
+
+
+def test_a_file_of_another_kind_is_told(tmp_path):
+    path = tmp_path / "a.h5"
+    path.touch()
+    with pytest.raises(BadInput, match="is empty"):
+        open_stream(path)
+    path.write_text("hello, hello, hello")
+    with pytest.raises(BadInput, match="is not an HDF5 file"):
+        open_stream(path)
+    with h5py.File(path, "w") as file:
+        file["x"] = 1
+    with pytest.raises(BadInput, match="is HDF5, but no saf-gen stream; allowed: attribute format"):
+        open_stream(path)
+
+
+def test_a_newer_layout_is_told(tmp_path):
+    write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["layout"] = 2
+    with pytest.raises(BadInput, match="has layout 2; allowed: layout 1; update saf_gen"):
+        open_stream(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.__delitem__("spikes"), "is cut short, damaged"),
+        (lambda f: f["spikes"].attrs.__delitem__("frames"), "is cut short, damaged"),
+        (lambda f: f["spikes"].attrs.__setitem__("frames", 9), r"/spikes is uint8 \(1, 1, 1\) for 9 frames"),
+        (lambda f: f.create_dataset("focus/position", data=[1.0]), r"focus_position has shape \(1,\)"),
+    ],
+)
+def test_a_file_that_breaks_the_layout_is_told(tmp_path, change, message):
+    write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        change(file)
+    with pytest.raises(BadInput, match=message):
+        open_stream(tmp_path / "a.h5")
+
+
+def test_reads_outside_say_the_range(tmp_path):
+    write_stream(tmp_path / "a.h5", np.zeros((20, 2, 3)))
+    with open_stream(tmp_path / "a.h5") as stream:
+        for a, b in ((-1, 3), (0, 21), (5, 4), (5, 5)):
+            with pytest.raises(BadInput, match=rf"frames {a} to {b} were asked for; allowed: .* <= 20"):
+                stream.frames(a, b)
+            with pytest.raises(BadInput, match=rf"frames {a} to {b} were asked for; allowed: .* <= 20"):
+                stream.counts(a, b)
+        with pytest.raises(BadInput, match=r"bytes 0 to 4 were asked for; allowed: .* <= 3"):
+            stream.packed(0, 4)
+        with pytest.raises(BadInput, match="whole numbers"):
+            stream.counts(0, 1.5)
+        for region in ((slice(0, 3), slice(0, 3)), (slice(1, 1), slice(0, 3)), (slice(0, 2), slice(0, 3, 2))):
+            with pytest.raises(BadInput, match=r"the region's (rows|columns) are slice"):
+                stream.counts(0, 1, region)
+
+
+def test_anything_that_slices_along_time_can_be_written(tmp_path):
+    frames = random_frames(4_100)
+    np.save(tmp_path / "f.npy", frames)
+    digest = write_stream(tmp_path / "a.h5", np.load(tmp_path / "f.npy", mmap_mode="r"))
+    assert digest == write_stream(tmp_path / "a.h5", frames.astype(bool))
+    assert digest == write_stream(tmp_path / "a.h5", frames.astype(np.float32).tolist())
+
+
+def test_the_example_in_the_docs_runs(tmp_path, monkeypatch):
+    frames = random_frames(2_345)
+    write_stream(tmp_path / "sequence.h5", frames)
+    monkeypatch.chdir(tmp_path)
+    code = re.search(r"```python\n(import h5py.*?)```", DOCS.read_text(), re.DOTALL)[1]
+    names = {}
+    exec(code, names)
+    assert len(code.splitlines()) <= 12
+    assert np.array_equal(names["frames"], frames)
+    assert np.array_equal(names["counts"], frames[1_000:1_100].sum(axis=0))
+    with open_stream("sequence.h5") as stream:
+        assert names["content_sha256"] == stream.content_sha256
+
+
+@pytest.mark.parametrize("what", ["write", "count", "verify"])
+def test_memory_does_not_grow_with_time(tmp_path, monkeypatch, what):
+    monkeypatch.setattr(time_blocks, "_CACHE_BYTES", 0)
+    slab = pack(random_frames(2_000, 40, 40))
+    peaks = []
+    for count in (10, 40):
+        path = tmp_path / f"{count}.h5"
+        tracemalloc.start()
+        with StreamWriter(path, shape=(2_000 * count, 40, 40)) as writer:
+            for _ in range(count):
+                writer.write(slab)
+        if what != "write":
+            tracemalloc.reset_peak()
+            with open_stream(path) as stream:
+                stream.verify() if what == "verify" else stream.counts(0, 2_000 * count)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + slab.nbytes
