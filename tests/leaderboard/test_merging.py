@@ -88,7 +88,7 @@ def test_what_two_runs_share_is_kept_once_the_first():
         ),
         (
             [ONE[0], record("b+s", "x", 0, rig="other")],
-            r"the rig differs: r0 in a\+s, other in b\+s; allowed: one version of the evaluator in a table; run",
+            r"the rig differs: r0 in a\+s, other in b\+s; allowed: one version of the evaluator in a table",
         ),
         (
             [ONE[0], record("b+s", "x", 0, terms="stepper")],
@@ -116,8 +116,8 @@ def test_records_that_cannot_be_compared_are_refused(records, message):
         ),
         (
             [replace(r, rig="new") for r in LATER],
-            r"^the rig differs: r0 in runs/a, new in runs/b; allowed: one version of the evaluator in a table; "
-            r"run saf-gen evaluate again$",
+            r"^the rig differs: r0 in runs/a, new in runs/b; allowed: one version of the evaluator in a table"
+            r"; run saf-gen evaluate again$",
         ),
         ([replace(r, rig="new") for r in ONE], "the rig differs: r0 in runs/a, new in runs/b"),
         ([replace(ONE[0], code="new")], r"code of a\+s differs: code-a\+s in runs/a, new in runs/b"),
