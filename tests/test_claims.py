@@ -42,7 +42,7 @@ def halves_of(rate, ramp, *, contrast, width, shade=0.5):
     light = rate * sensor.threshold_e * np.linspace(*ramp, len(knots))
     across = np.linspace(1 - shade, 1 + shade, SHAPE[1])
     charge = (light[:, None, None] * across * (1 + sharp[:, None, None] * BOARD)).astype(np.float32)
-    spikes = np.unpackbits(encode(charge, sensor, FRAMES, 1), axis=2, bitorder="little")
+    spikes = np.unpackbits(encode(charge, sensor, frames=FRAMES, seed=1), axis=2, bitorder="little")
     counts = spikes.reshape(*SHAPE, -1, 2, BLOCK // 2).sum(axis=4, dtype=np.uint32)
     return counts.transpose(2, 3, 0, 1)
 

@@ -43,7 +43,7 @@ def make_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
     binned = -(-width // MAX_WIDTH_PX)
     rows, columns = max(height // binned, 1), max(width // binned, 1)
     cut = (slice(0, rows * binned), slice(0, columns * binned)) if binned > 1 else None
-    images = np.stack([_binned(stream.counts(int(a), int(a) + window, cut), binned) for a in first])
+    images = np.stack([_binned(stream.counts(int(a), int(a) + window, region=cut), binned) for a in first])
     return Thumbnails(images, first + (window - 1) / 2, window, binned, _box(region, (height, width)))
 
 

@@ -34,7 +34,7 @@ from saf_gen.errors import BadInput
 __all__ = ["Encoder", "encode", "knot_weights"]
 
 
-def encode(charge: np.ndarray, sensor: Sensor | str, frames: int, seed: int) -> np.ndarray:
+def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) -> np.ndarray:
     """Spikes of a charge that runs linearly between knots.
 
     Parameters
@@ -56,8 +56,8 @@ def encode(charge: np.ndarray, sensor: Sensor | str, frames: int, seed: int) -> 
         raise BadInput(f"frames is {frames!r}", allowed="a whole number of readouts, at least 1")
     sensor = sensor if isinstance(sensor, Sensor) else get_sensor(sensor)
     index, fraction = knot_weights((np.arange(frames) + 0.5) / frames, charge.shape[0])
-    encoder = Encoder(sensor, charge.shape[1:], seed)
-    return encoder.encode(charge[None], index, fraction, np.ones((frames, 1), np.float32))
+    encoder = Encoder(sensor, charge.shape[1:], seed=seed)
+    return encoder.encode(charge[None], index=index, fraction=fraction, gain=np.ones((frames, 1), np.float32))
 
 
 def knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
@@ -87,8 +87,8 @@ class Encoder:
         self,
         sensor: Sensor,
         shape: tuple[int, ...],
-        seed: int,
         *,
+        seed: int,
         device_seed: int | None = None,
         rows: slice | None = None,
         threads: int | None = None,
@@ -134,7 +134,7 @@ class Encoder:
         return self._frames
 
     def encode(
-        self, stack: np.ndarray, index: np.ndarray, fraction: np.ndarray, gain: np.ndarray
+        self, stack: np.ndarray, *, index: np.ndarray, fraction: np.ndarray, gain: np.ndarray
     ) -> np.ndarray:
         """Record the next n readouts.
 

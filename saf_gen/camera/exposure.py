@@ -8,6 +8,7 @@ spike loses.
 """
 
 from math import frexp, ldexp, pi
+from typing import Protocol
 
 import numpy as np
 from scipy.constants import c, h
@@ -22,6 +23,24 @@ __all__ = [
     "irradiance_per_radiance",
     "mean_firing_rate",
 ]
+
+
+class ExposingLens(Protocol):
+    """What the exposure of a sensor depends on in a lens."""
+
+    @property
+    def aperture_radius_m(self) -> float:
+        """Radius of the aperture (m)."""
+        ...
+
+    @property
+    def transmission(self) -> float:
+        """Fraction of the light that the glass lets through."""
+        ...
+
+    def image_distance(self, position: np.ndarray) -> np.ndarray:
+        """Distance (m) from the lens to the sensor at each position."""
+        ...
 
 
 def irradiance_per_radiance(
@@ -52,18 +71,26 @@ def electrons_per_irradiance(sensor: Sensor) -> float:
 
 
 def charge_stack(
-    radiance: np.ndarray,
-    image_distance: np.ndarray,
-    aperture_radius_m: float,
-    sensor: Sensor,
-    *,
-    transmission: float = 1.0,
+    radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray
 ) -> np.ndarray:
-    """Photo-electrons a readout, float32 (G, K, H, W), for radiance (G, K, H, W) in W m⁻² sr⁻¹ at gain 1.
+    """Return the photo-electrons per readout that a focal stack leaves on a sensor.
 
-    ``image_distance`` (K,) in m. Raises BadInput where shapes do not fit or a length is not positive.
+    Parameters
+    ----------
+    radiance : (light, focus, row, col), W m⁻² sr⁻¹ at gain 1.
+    lens : what the light comes through; every :class:`saf_gen.optics.Drive` is one.
+    position : (focus,), where the lens was for each image, fraction of its travel.
+
+    Returns
+    -------
+    float32 (light, focus, row, col).
+
+    Raises
+    ------
+    BadInput : shapes that do not fit, a length that is not positive, a transmission outside 0 to 1.
     """
-    radiance, image_distance = np.asarray(radiance), np.asarray(image_distance, np.float64)
+    radiance, image_distance = np.asarray(radiance), np.asarray(lens.image_distance(position), np.float64)
+    aperture_radius_m, transmission = lens.aperture_radius_m, lens.transmission
     if radiance.ndim != 4 or image_distance.shape != radiance.shape[1:2]:
         raise BadInput(
             f"radiance has shape {radiance.shape}, image_distance {image_distance.shape}",
@@ -100,7 +127,9 @@ def mean_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
     return np.minimum(charge / (sensor.threshold_e + sensor.post_spike_loss * charge), _highest_rate(sensor))
 
 
-def exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, sensor: Sensor, mean_rate: float) -> float:
+def exposure_scale(
+    charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Sensor, mean_rate: float
+) -> float:
     """The factor on light that makes the target fire ``mean_rate`` spikes a readout, dark current included.
 
     Parameters

@@ -65,7 +65,7 @@ class Recorder:
             object_distance=spec.drive.object_distance(position).astype(np.float32),
             gain=gain,
             light_names=spec.groups,
-            truth=replace(truth, sharpness=noise_free_sharpness(exposed, truth, position)),
+            truth=replace(truth, sharpness=noise_free_sharpness(exposed, truth, position=position)),
             provenance={
                 **self.provenance,
                 "fingerprint": fingerprint,
@@ -77,7 +77,9 @@ class Recorder:
             },
         )
         shape = (self.sensor.rows, self.sensor.columns)
-        encoder = Encoder(self.sensor, shape, sequence.seed, device_seed=self.device_seed, threads=threads)
+        encoder = Encoder(
+            self.sensor, shape, seed=sequence.seed, device_seed=self.device_seed, threads=threads
+        )
         with StreamWriter(
             path,
             shape=(self.frames, *shape),
@@ -87,8 +89,9 @@ class Recorder:
         ) as writer:
             for begin in range(0, self.frames, BLOCK_FRAMES):
                 for run in time_stack.split_at_slices(begin, min(begin + BLOCK_FRAMES, self.frames)):
-                    writer.write(encoder.encode(*exposed.encoder_inputs(*run, position, gain)))
-                    progress(run[1] / self.frames)
+                    inputs = exposed.encoder_inputs(run, position=position, gain=gain)
+                    writer.write(encoder.encode(**inputs))
+                    progress(run.end / self.frames)
         return writer.content_sha256
 
     def _expose(self, exposed: ChargeSource, sequence: PlannedSequence, truth: Truth) -> None:
@@ -101,7 +104,7 @@ class Recorder:
         sensitivity = device.response * (self.sensor.threshold_e / device.threshold)
         frame = truth.frame if math.isfinite(truth.frame) else self.frames / 2
         at_best = sensitivity * exposed.charge_image(frame, truth.position).sum(axis=0)
-        exposed.scale = exposure_scale(at_best, target, self.sensor, sequence.mean_rate)
+        exposed.scale = exposure_scale(at_best, target, sensor=self.sensor, mean_rate=sequence.mean_rate)
 
 
 def group_gains(

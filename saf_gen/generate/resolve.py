@@ -53,10 +53,12 @@ class ResolvedRecipe:
         card, hz = self.scenes[sequence.scene].card, self.sensor.readout_hz
         a_second = self.recipe.render.slices_per_s or card.slices_per_s or 0.0
         position = readout_positions(sequence.motion, self.recipe.camera.frames, hz)
-        at = time_slice_frames(position.size, hz, a_second)
+        at = time_slice_frames(position.size, readout_hz=hz, slices_per_s=a_second)
         slices = (
             replace(spec, samples=self.recipe.render.samples_per_slice, time_s=frame / hz, window=window)
-            for frame, window in zip(at, needed_focus_windows(position, at, spec.positions), strict=True)
+            for frame, window in zip(
+                at, needed_focus_windows(position, at, positions=spec.positions), strict=True
+            )
         )
         time_stack = TimeResolvedStack(at, tuple(slices))
         return (

@@ -90,7 +90,7 @@ def _render(
         seen = depth_and_target.trace_depth_and_target(
             setup, scene.card.target, allow_unseen_target=allow_unseen_target
         )
-        store.write_geometry(seen.depth, seen.target, backend_name)
+        store.write_geometry(seen.depth, seen.target, backend=backend_name)
         return
     stack_of = thin_lens.render_stack if backend_name == "scalar" else one_pass.render_stack
     radiance, clipped = stack_of(
@@ -102,4 +102,4 @@ def _render(
         seed=seeds.derive_seed("stack", replace(spec, time_s=0.0, window=None).key, name),
         progress=progress,
     )
-    store.write_group(name, radiance, backend_name, clipped=clipped)
+    store.write_group(name, radiance, backend=backend_name, clipped=clipped)

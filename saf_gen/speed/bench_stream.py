@@ -75,7 +75,7 @@ def _reads(path: Path) -> Iterator[BenchFigure | str]:
         stream.counts(middle, middle + window)
 
     def one_region(stream: SpikeStream) -> None:
-        stream.counts(0, frames, box)
+        stream.counts(0, frames, region=box)
 
     _read(path, scores)  # compiles
     took, _ = _read(path, scores)

@@ -54,10 +54,10 @@ def encode_blocks(
     """
     index, fraction = knot_weights(_sweep(frames), charge.shape[1])
     gain = _gain(light, frames)
-    encoder = Encoder(sensor, charge.shape[2:], seeds.derive_seed("bench", "encoder", number))
+    encoder = Encoder(sensor, charge.shape[2:], seed=seeds.derive_seed("bench", "encoder", number))
     for begin in range(0, frames, BLOCK):
         part = slice(begin, begin + BLOCK)
-        yield encoder.encode(charge, index[part], fraction[part], gain[part])
+        yield encoder.encode(charge, index=index[part], fraction=fraction[part], gain=gain[part])
 
 
 def record_sweep(

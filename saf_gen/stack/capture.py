@@ -102,5 +102,5 @@ class Capture:
         """The camera at rest before the first readout, with the noise of the recording."""
         shape = self.sensor.rows, self.sensor.columns
         return Encoder(
-            self.sensor, shape, self.seed, device_seed=self.device_seed, rows=rows, threads=threads
+            self.sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads
         )

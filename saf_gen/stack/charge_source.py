@@ -7,7 +7,7 @@ which the lens is, and unless told to keep more those of three stacks at most ar
 import numpy as np
 
 from saf_gen.camera import Sensor, charge_stack, knot_weights
-from saf_gen.stack.time_resolved import PlaneSource
+from saf_gen.stack.time_resolved import FrameRun, PlaneSource
 
 __all__ = ["ChargeSource"]
 
@@ -23,7 +23,7 @@ class ChargeSource:
         self, plane_source: PlaneSource, sensor: Sensor, *, rows: slice | None = None, keep_bytes: int = 0
     ) -> None:
         self.time_stack, self.sensor, self.scale = plane_source.time_stack, sensor, 1.0
-        self._footage, self._rows, self._keep_bytes = plane_source, rows, keep_bytes
+        self._plane_source, self._rows, self._keep_bytes = plane_source, rows, keep_bytes
         # Plain dictionaries: an lru_cache over a method would keep both, and the stacks, until a collection.
         self._still: dict[bool, np.ndarray] = {}  # the whole stack: each light alone, all as one
         self._kept: dict[tuple[int, int], np.ndarray] = {}  # (stack, position): charge (light, row, col)
@@ -40,27 +40,28 @@ class ChargeSource:
         return before * np.float32(self.scale)
 
     def encoder_inputs(
-        self, begin: int, end: int, j: int, position: np.ndarray, gain: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What :meth:`saf_gen.camera.Encoder.encode` takes for frames begin <= t < end, a run of the
-        time_stack.
+        self, run: FrameRun, *, position: np.ndarray, gain: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Return the arguments of :meth:`saf_gen.camera.Encoder.encode` for a run of frames.
 
         ``position`` and ``gain`` are those of the whole recording, (T,) and (T, G). One schedule for all
         light groups makes one light of them, as far as the camera can tell.
         """
         positions = self.time_stack.specs[0].positions
-        index, fraction = knot_weights(position[begin:end], positions)
+        index, fraction = knot_weights(position[run.begin : run.end], positions)
         as_one = bool((gain == gain[:, :1]).all())
         if as_one:
             gain = gain[:, :1]
-        gain = gain[begin:end] * self.scale
+        gain = gain[run.begin : run.end] * self.scale
         if not self.time_stack.is_moving:
-            return self._whole(as_one), index - self.time_stack.specs[0].first_index, fraction, gain
+            index = index - self.time_stack.specs[0].first_index
+            return {"stack": self._whole(as_one), "index": index, "fraction": fraction, "gain": gain}
         first, stop = int(index.min()), int((index + (fraction > 0)).max()) + 1
-        both = [self._charge(n, first, stop, as_one) for n in (j, j + 1)]
-        way = self.time_stack.interpolation_weight(begin, end, j)[:, None]
-        gains = np.concatenate([gain * (1 - way), gain * way], axis=1)
-        return np.concatenate(both), index - first, fraction, gains
+        before_and_after = run.slice_index, run.slice_index + 1
+        stack = np.concatenate([self._charge(j, first, stop, as_one) for j in before_and_after])
+        weight = self.time_stack.interpolation_weight(run)[:, None]
+        gain = np.concatenate([gain * (1 - weight), gain * weight], axis=1)
+        return {"stack": stack, "index": index - first, "fraction": fraction, "gain": gain}
 
     def _between(self, frame: float) -> tuple[int, float]:
         """The stack before a moment and the share of the way to the next."""
@@ -115,11 +116,7 @@ class ChargeSource:
     def _developed(self, j: int, first: int, stop: int) -> np.ndarray:
         """The same, read and worked out anew."""
         spec = self.time_stack.specs[j]
-        charge = charge_stack(
-            self._footage.load_planes(j, first - spec.first_index, stop - spec.first_index),
-            spec.drive.image_distance(spec.focus[first - spec.first_index : stop - spec.first_index]),
-            spec.drive.aperture_radius_m,
-            self.sensor,
-            transmission=spec.drive.transmission,
-        )
+        first, stop = first - spec.first_index, stop - spec.first_index
+        radiance = self._plane_source.load_planes(j, first, stop)
+        charge = charge_stack(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
         return charge if self._rows is None else charge[:, :, self._rows].copy()

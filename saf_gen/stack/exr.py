@@ -15,7 +15,7 @@ __all__ = ["read_planes", "write_planes"]
 STORED = {"FLOAT": "<f4", "HALF": "<f2"}
 
 
-def write_planes(path: Path, planes: Mapping[str, np.ndarray], attributes: Mapping[str, str]) -> None:
+def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str]) -> None:
     """Write planes (row, col), all of one shape, as channels of one scan-line image: float16 as half floats,
     all others as float32.
 

@@ -141,19 +141,19 @@ class StackStore:
         """The variants that rendered what is there."""
         return {str(note["variant"]) for note in map(self._note, self.pieces) if "variant" in note}
 
-    def write_group(self, group: str, radiance: np.ndarray, variant: str, *, clipped: int = 0) -> None:
+    def write_group(self, group: str, radiance: np.ndarray, *, backend: str, clipped: int = 0) -> None:
         """Store one light group, float32 (focus, row, col), with the number of paths clipped as fireflies."""
-        facts = {"unit": UNIT, "light_group": group, "clipped_paths": str(clipped), "variant": variant}
+        facts = {"unit": UNIT, "light_group": group, "clipped_paths": str(clipped), "variant": backend}
         if self.spec.window:
             radiance, exponent = _halved(radiance)
             facts |= {"unit": f"2^{exponent} {UNIT}", "exponent": str(exponent)}
         planes = {f"focus.{self.spec.first_index + k:04d}": plane for k, plane in enumerate(radiance)}
         self._put(group, planes, facts)
 
-    def write_geometry(self, depth: np.ndarray, target: np.ndarray, variant: str) -> None:
+    def write_geometry(self, depth: np.ndarray, target: np.ndarray, *, backend: str) -> None:
         """Store depth (m) and target mask."""
         planes = {"depth": depth, "target": target.astype(np.float32)}
-        self._put("geometry", planes, {"unit": "m", "variant": variant})
+        self._put("geometry", planes, {"unit": "m", "variant": backend})
 
     def load(self) -> FocalStack:
         """The whole stack.
@@ -212,7 +212,7 @@ class StackStore:
         with write_atomically(self.folder / f"{name}.exr") as part:
             drive = json.dumps(self.spec.drive.as_dict())
             attributes = {"format": FORMAT, "stack": self.spec.key, "drive": drive, **facts}
-            exr.write_planes(part, planes, attributes)
+            exr.write_planes(part, planes, attributes=attributes)
             sha256 = hashlib.sha256(part.read_bytes()).hexdigest()
         note = {"format": FORMAT, **facts, "sha256": sha256, "spec": self.spec.as_dict()}
         with write_atomically(self.folder / f"{name}.json") as part:

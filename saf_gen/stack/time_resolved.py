@@ -11,16 +11,25 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, takewhile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 
-__all__ = ["PlaneSource", "TimeResolvedStack", "needed_focus_windows", "time_slice_frames"]
+__all__ = ["FrameRun", "PlaneSource", "TimeResolvedStack", "needed_focus_windows", "time_slice_frames"]
 
 FRAMES_PER_BYTE = (
     8  # frames: the encoder records whole bytes, and goes over to the next pair of stacks between two
 )
+
+
+class FrameRun(NamedTuple):
+    """Frames ``begin <= t < end`` between two time slices; ``slice_index`` counts the earlier one."""
+
+    begin: int
+    end: int
+    slice_index: int
 
 
 @dataclass(frozen=True)
@@ -62,22 +71,22 @@ class TimeResolvedStack:
         digests = [StackStore(root, spec).digest() for spec in self.specs]
         return digests[0] if len(digests) == 1 else hashlib.sha256(" ".join(digests).encode()).hexdigest()
 
-    def split_at_slices(self, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
+    def split_at_slices(self, begin: int, end: int) -> Iterator[FrameRun]:
         """The stretches of frames begin <= t < end that lie between the same two stacks.
 
         Yields first frame, end, and the number of the stack before; all in one where nothing moves.
         """
         if not self.is_moving:
-            yield begin, end, 0
+            yield FrameRun(begin, end, 0)
             return
         for j, (first, last) in enumerate(pairwise(self.slice_frames)):
             if first < end and last > begin:
-                yield max(first, begin), min(last, end), j
+                yield FrameRun(max(first, begin), min(last, end), j)
 
-    def interpolation_weight(self, begin: int, end: int, j: int) -> np.ndarray:
+    def interpolation_weight(self, run: FrameRun) -> np.ndarray:
         """How far each readout begin <= t < end is on the way from stack j to the next: float64, 0...1."""
-        first, last = self.slice_frames[j], self.slice_frames[j + 1]
-        return (np.arange(begin, end) + 0.5 - first) / (last - first)
+        first, last = self.slice_frames[run.slice_index], self.slice_frames[run.slice_index + 1]
+        return (np.arange(run.begin, run.end) + 0.5 - first) / (last - first)
 
 
 @dataclass(frozen=True)
@@ -122,7 +131,7 @@ class PlaneSource:
         )
 
 
-def time_slice_frames(frames: int, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
+def time_slice_frames(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
     """Frames, from 0 to the first at or after the end, at which a moving scene is rendered.
 
     As many a second as asked for, or a few more: multiples of 8 frames, at least 8 apart.
@@ -131,7 +140,9 @@ def time_slice_frames(frames: int, readout_hz: float, slices_per_s: float) -> tu
     return tuple(range(0, frames + step, step))
 
 
-def needed_focus_windows(position: np.ndarray, at: tuple[int, ...], positions: int) -> list[tuple[int, int]]:
+def needed_focus_windows(
+    position: np.ndarray, at: tuple[int, ...], *, positions: int
+) -> list[tuple[int, int]]:
     """For each of these moments the first and last rendered position that the recording needs there.
 
     ``position`` (T,) is the lens, fraction of the travel: a stack serves the readouts from the moment before

@@ -77,7 +77,7 @@ def _truth(plane_source: PlaneSource, j: int, position: float, frame: float) -> 
     )
 
 
-def noise_free_sharpness(exposed: ChargeSource, truth: Truth, position: np.ndarray) -> np.ndarray:
+def noise_free_sharpness(exposed: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
     """Noise-free SD (variance over squared mean) in the target's box at each of the evenly spaced positions.
 
     float64 (focus,), at gain 1. Where the scene moves, at the moment when the lens is first there; NaN at

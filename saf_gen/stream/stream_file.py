@@ -195,7 +195,7 @@ class StreamWriter:
 
 
 def write_stream(
-    path: str | os.PathLike[str], frames: Any, readout_hz: float = 20_000, **optional: Any
+    path: str | os.PathLike[str], frames: Any, *, readout_hz: float = 20_000, **optional: Any
 ) -> str:
     """Write anybody's frames as a stream file; returns its content_sha256.
 
@@ -252,7 +252,7 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
     except OSError as error:
         raise _damaged(where, error) from error
     try:
-        return SpikeStream(where, file, threads)
+        return SpikeStream(where, file, threads=threads)
     except BaseException:
         file.close()
         raise
@@ -274,7 +274,7 @@ class SpikeStream:
     Spikes read once stay in memory, up to 1 GiB.
     """
 
-    def __init__(self, path: Path, file: h5py.File, threads: int | None = None) -> None:
+    def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
         self.path, self._file = path, file
         kind, layout = file.attrs.get("format"), file.attrs.get("layout")
         if kind != FORMAT:
@@ -317,7 +317,7 @@ class SpikeStream:
         self._time_blocks.close()
         self._file.close()
 
-    def frames(self, a: int, b: int, region: Region | None = None) -> np.ndarray:
+    def frames(self, a: int, b: int, *, region: Region | None = None) -> np.ndarray:
         """Frames ``a <= t < b`` as uint8 (b-a, h, w), 0 or 1. Raises BadInput unless 0 <= a < b <= T."""
         window, part = self._checked(a, b, region)
         out = np.empty((len(window), *region_shape(part)), np.uint8)
@@ -326,7 +326,7 @@ class SpikeStream:
             bits.unpack(self._planes(start, part), first, out[begin : begin + stop - first])
         return out
 
-    def counts(self, a: int, b: int, region: Region | None = None) -> np.ndarray:
+    def counts(self, a: int, b: int, *, region: Region | None = None) -> np.ndarray:
         """Spikes in frames ``a <= t < b`` as uint32 (h, w). Raises BadInput unless 0 <= a < b <= T."""
         window, part = self._checked(a, b, region)
         out = np.zeros(region_shape(part), np.uint32)
@@ -334,13 +334,13 @@ class SpikeStream:
             bits.add_counts(self._planes(start, part), first, stop, out)
         return out
 
-    def packed(self, first_byte: int, stop_byte: int, region: Region | None = None) -> np.ndarray:
+    def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
         """Bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes). Raises BadInput outside."""
         total = self._spikes.shape[2]
         window = validate_window(first_byte, stop_byte, total, what="bytes", where=str(self.path))
         part = validate_region(region, self.shape[1:], where=str(self.path))
         with self._report_damage():
-            return self._time_blocks.packed(window.start, window.stop, part)
+            return self._time_blocks.packed(window.start, window.stop, region=part)
 
     def verify(self) -> None:
         """Read everything and raise BadInput when it is not what ``content_sha256`` says."""

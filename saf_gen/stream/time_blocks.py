@@ -196,7 +196,7 @@ class TimeBlocks:
             filling[top].result()
         return planes
 
-    def packed(self, a: int, b: int, region: Region) -> np.ndarray:
+    def packed(self, a: int, b: int, *, region: Region) -> np.ndarray:
         """Bytes ``a <= i < b`` along time of a region, uint8 (h, w, b-a)."""
         out = np.empty((*region_shape(region), b - a), np.uint8)
         for start, first, stop in self.split_frames(8 * a, 8 * b):

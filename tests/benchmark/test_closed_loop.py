@@ -266,7 +266,7 @@ def looks_and_goes_on(view):
 @pytest.mark.parametrize("error", [BadInput("is cut short", where="a.exr"), OSError("no such disk")])
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(take, monkeypatch, search, error):
     exposed = take.open_charge_source()
-    monkeypatch.setattr(exposed, "encoder_inputs", lambda *given: Raises(error)(given))
+    monkeypatch.setattr(exposed, "encoder_inputs", lambda run, **given: Raises(error)(run))
     with pytest.raises(type(error), match=str(error)):
         run_closed_loop_method(take, exposed, WHOLE, method(search), ClosedLoopProtocol(IDEAL))
 
@@ -290,10 +290,10 @@ def test_both_regions_are_seen(dataset):
 def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, monkeypatch):
     lights = ChargeSource.encoder_inputs
 
-    def torn(self, *given):
+    def torn(self, run, **given):
         if self.time_stack.is_moving:
             raise BadInput("is cut short", where="a.exr")
-        return lights(self, *given)
+        return lights(self, run, **given)
 
     monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
     monkeypatch.setattr(evaluate_module, "parse_method", lambda _: method(GoTo(0.5)))

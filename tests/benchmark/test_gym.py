@@ -439,10 +439,10 @@ def test_who_stops_a_rollout_stops_it(dataset):
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):
     lights = ChargeSource.encoder_inputs
 
-    def torn(self, begin, *given):
-        if begin >= STILL:
+    def torn(self, run, **given):
+        if run.begin >= STILL:
             raise BadInput("is cut short", where="a.exr")
-        return lights(self, begin, *given)
+        return lights(self, run, **given)
 
     monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
     with pytest.raises(BadInput, match=r"a\.exr: is cut short"):

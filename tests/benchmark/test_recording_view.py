@@ -71,7 +71,7 @@ def test_sums_at_knots_stay_within_their_memory(monkeypatch):
     monkeypatch.setattr(window_counts, "KNOT_BYTES", 10 * 4 * 3600)
     monkeypatch.setattr(window_counts, "WINDOW_BYTES", 0)
     counts = WindowCounts(InMemory(6400, 60, 60, rate=0.5))
-    counts._stream.counts = lambda *_: np.ones((60, 60), np.uint32)  # what the stream needs is its own
+    counts._stream.counts = lambda *_, **__: np.ones((60, 60), np.uint32)  # what the stream needs is its own
     tracemalloc.start()
     counts.window(0, 6400)
     peak = tracemalloc.get_traced_memory()[1]

@@ -62,7 +62,7 @@ def schedule(frames=404, shape=(5, 30), groups=2, seed=3):
 def test_the_bits_are_those_of_the_scalar_twin(changes):
     sensor = vidar(**changes)
     stack, index, fraction, gain = schedule()
-    fast = Encoder(sensor, (5, 30), 11).encode(stack, index, fraction, gain)
+    fast = Encoder(sensor, (5, 30), seed=11).encode(stack, index=index, fraction=fraction, gain=gain)
     assert np.array_equal(
         unpacked(fast, 404), encode_reference(stack, index, fraction, gain, sensor=sensor, seed=11)
     )
@@ -73,7 +73,9 @@ def test_intervals_are_distributed_as_with_normal_noise():
     sensor = vidar(on=("shot", "threshold_noise"), threshold_e=40)
     stack = np.full((1, 1, 10, 100), 10.0, np.float32)
     index, fraction, gain = np.zeros(124, int), np.zeros(124), np.ones((124, 1))
-    fast = unpacked(Encoder(sensor, (10, 100), 5).encode(stack, index, fraction, gain), 124)
+    fast = unpacked(
+        Encoder(sensor, (10, 100), seed=5).encode(stack, index=index, fraction=fraction, gain=gain), 124
+    )
     random = np.random.default_rng(5)
     slow = encode_reference(
         stack, index, fraction, gain, sensor=sensor, seed=6, normal=random.standard_normal
@@ -92,40 +94,40 @@ def test_intervals_are_distributed_as_with_normal_noise():
 @pytest.mark.parametrize("rate", [0.013, 0.2, 0.5, 0.77, 1.0])
 def test_the_rate_of_a_uniform_field_is_charge_over_threshold(rate):
     """5 million pixel·frames; the phase alone leaves 1e-5."""
-    spikes = encode(uniform(rate * THETA), vidar(), 2_000, 1)
+    spikes = encode(uniform(rate * THETA), vidar(), frames=2_000, seed=1)
     assert counts(spikes).mean() / 2_000 == pytest.approx(rate, rel=0.005)
 
 
 def test_with_all_noise_on_the_mean_rate_is_light_plus_dark():
     """2,000 pixels, 4,000 frames, seed 2: spread .055 of .2 leaves 1.3e-3 of white parts, 0.5 % allowed."""
     sensor = get_sensor("vidar_400x250")
-    spikes = encode(uniform(0.2 * THETA, (100, 100)), sensor, 4_000, 2)
+    spikes = encode(uniform(0.2 * THETA, (100, 100)), sensor, frames=4_000, seed=2)
     expected = (0.2 + 0.0045) / (1 + 0.002 * 0.2045)
     assert counts(spikes).mean() / 4_000 == pytest.approx(expected, rel=0.005)
 
 
 @pytest.mark.parametrize("ratio", [0.1, 1.0, 7.0])
 def test_a_dead_readout_gives_its_own_law(ratio):
-    spikes = encode(uniform(ratio * THETA), vidar(saturation="dead_readout"), 2_000, 1)
+    spikes = encode(uniform(ratio * THETA), vidar(saturation="dead_readout"), frames=2_000, seed=1)
     assert counts(spikes).mean() / 2_000 == pytest.approx(1 / (1 + 1 / ratio), rel=0.005)
 
 
 def test_reset_loss_lowers_the_rate_by_its_share_of_a_readout():
-    spikes = encode(uniform(0.5 * THETA), vidar(reset_loss=0.2), 2_000, 1)
+    spikes = encode(uniform(0.5 * THETA), vidar(reset_loss=0.2), frames=2_000, seed=1)
     assert counts(spikes).mean() / 2_000 == pytest.approx(0.5 / (1 + 0.2 * 0.5), rel=0.002)
 
 
 def test_a_hard_reset_makes_a_staircase_that_lies_4_to_20_percent_low():
     rates = np.linspace(0.1, 0.5, 37)[1:-1]
     charge = np.broadcast_to(np.float32(rates * THETA), (1, 20, 35))
-    seen = counts(encode(charge, vidar(reset="hard"), 4_000, 1)).mean(axis=0) / 4_000
+    seen = counts(encode(charge, vidar(reset="hard"), frames=4_000, seed=1)).mean(axis=0) / 4_000
     assert seen == pytest.approx(1 / np.ceil(1 / rates), abs=2e-3)
     assert -0.20 < (seen / rates - 1).mean() < -0.04
 
 
 def test_charge_between_knots_is_a_straight_line():
     ramp = np.stack([uniform(0.0)[0], uniform(0.6 * THETA)[0]])
-    spikes = unpacked(encode(ramp, vidar(), 2_000, 1))
+    spikes = unpacked(encode(ramp, vidar(), frames=2_000, seed=1))
     assert spikes[:1_000].sum(axis=0).mean() == pytest.approx(0.15 * 1_000, rel=0.005)
     assert spikes[1_000:].sum(axis=0).mean() == pytest.approx(0.45 * 1_000, rel=0.005)
 
@@ -133,7 +135,11 @@ def test_charge_between_knots_is_a_straight_line():
 def test_overload_fires_every_readout_and_echoes_at_most_once():
     stack = np.stack([uniform(50 * THETA), uniform(0.0)], axis=1)
     index = np.repeat([0, 1], 80)
-    spikes = unpacked(Encoder(vidar(), (40, 50), 1).encode(stack, index, np.zeros(160), np.ones((160, 1))))
+    spikes = unpacked(
+        Encoder(vidar(), (40, 50), seed=1).encode(
+            stack, index=index, fraction=np.zeros(160), gain=np.ones((160, 1))
+        )
+    )
     assert spikes[:80].all()
     assert spikes[80:].sum(axis=0).max() <= 1
 
@@ -143,7 +149,7 @@ def test_overload_fires_every_readout_and_echoes_at_most_once():
 
 def first_intervals(charge, sensor, frames, seed):
     """Charge between the first two spikes of each pixel, e-."""
-    spikes = unpacked(encode(uniform(charge, (160, 250)), sensor, frames, seed))
+    spikes = unpacked(encode(uniform(charge, (160, 250)), sensor, frames=frames, seed=seed))
     first = spikes.argmax(axis=0)
     after = np.arange(frames)[:, None, None] > first
     return ((spikes & after).argmax(axis=0) - first).ravel() * charge
@@ -171,7 +177,9 @@ def test_threshold_noise_alone_has_its_own_variance():
 
 def test_intervals_are_independent_in_time_and_between_pixels():
     """Correlation of thousands of pairs each, significance 1e-4 two-sided, seed 4."""
-    spikes = unpacked(encode(uniform(1.0, (40, 250)), vidar(on=("shot",), threshold_e=100), 460, 4))
+    spikes = unpacked(
+        encode(uniform(1.0, (40, 250)), vidar(on=("shot",), threshold_e=100), frames=460, seed=4)
+    )
     order = np.argsort(~spikes.astype(bool), axis=0, kind="stable")[:4].reshape(4, -1)
     first, second, third = np.diff(order, axis=0)
     # Whole steps of 1 e- correlate neighbouring intervals by -1/1200 here, far below the limit.
@@ -184,7 +192,7 @@ def test_the_contrast_of_counts_is_light_plus_shot_noise_plus_phase():
     theta, mean, frames = 100.0, 20.0, 400
     wanted = mean * np.linspace(0.95, 1.05, 100_000)  # spikes a pixel: whole periods of the phase
     charge = np.float32(wanted * theta / frames).reshape(1, 250, 400)
-    seen = counts(encode(charge, vidar(on=("shot",), threshold_e=theta), frames, 8)).astype(float)
+    seen = counts(encode(charge, vidar(on=("shot",), threshold_e=theta), frames=frames, seed=8)).astype(float)
     contrast = wanted.var() / mean**2
     noise = (1 / theta) / mean + (1 / 6) / mean**2
     sd = np.sqrt(2 * noise**2 + 4 * contrast * noise) / np.sqrt(seen.size)
@@ -195,7 +203,7 @@ def test_the_contrast_of_counts_is_light_plus_shot_noise_plus_phase():
 def test_adjacent_half_windows_share_the_residue():
     """Covariance -1/12 of 100,000 pixels whose expectation runs over whole spikes; 5 sd, seed 8."""
     wanted = np.linspace(20.0, 22.0, 100_000).reshape(250, 400)
-    spikes = encode(np.float32(wanted * THETA / 200)[None], vidar(), 400, 8)
+    spikes = encode(np.float32(wanted * THETA / 200)[None], vidar(), frames=400, seed=8)
     first = counts(spikes[..., :25]) - wanted
     second = counts(spikes[..., 25:]) - wanted
     assert (first * second).mean() == pytest.approx(-1 / 12, abs=5 * (1 / 6) / np.sqrt(wanted.size))
@@ -205,9 +213,9 @@ def test_flicker_of_100_hz_vanishes_in_windows_of_200_frames():
     edges = np.arange(2_001) / 20_000
     integral = edges - 0.8 * np.cos(2 * np.pi * 100 * edges) / (2 * np.pi * 100)
     gain = (np.diff(integral) * 20_000)[:, None]
-    encoder = Encoder(vidar(), (100, 100), 3)
+    encoder = Encoder(vidar(), (100, 100), seed=3)
     stack = np.full((1, 1, 100, 100), 0.2 * THETA, np.float32)
-    spikes = encoder.encode(stack, np.zeros(2_000, int), np.zeros(2_000), gain)
+    spikes = encoder.encode(stack, index=np.zeros(2_000, int), fraction=np.zeros(2_000), gain=gain)
     whole = unpacked(spikes).reshape(10, 200, 100, 100).sum(axis=1)
     half = unpacked(spikes)[:1_600].reshape(16, 100, 100, 100).sum(axis=1)
     assert abs(whole - 40.0).max() <= 1
@@ -219,7 +227,7 @@ def test_flicker_of_100_hz_vanishes_in_windows_of_200_frames():
 def test_each_noise_term_changes_only_what_it_should(term):
     """Rates over 2,000 frames against the same pixels without noise; sd 15 % of 2,000 pixels, seed 7."""
     charge = uniform(0.2 * THETA)
-    quiet, noisy = (encode(charge, vidar(on=on), 2_000, 7) for on in ((), (term,)))
+    quiet, noisy = (encode(charge, vidar(on=on), frames=2_000, seed=7) for on in ((), (term,)))
     ratio = counts(noisy) / counts(quiet)
     between_pixels = {"response": 0.0525, "threshold_spread": 0.0184, "dark": 0.0225 * 0.47}.get(term, 0.0)
     assert ratio.mean() == pytest.approx(1 + 0.0045 / 0.2 * (term == "dark"), abs=0.003)
@@ -234,10 +242,10 @@ def test_each_noise_term_changes_only_what_it_should(term):
 def test_any_cut_into_blocks_gives_the_same_bits(cut):
     stack, index, fraction, gain = schedule()
     sensor = get_sensor("vidar_400x250", threshold_e=2_000)
-    whole = Encoder(sensor, (5, 30), 11).encode(stack, index, fraction, gain)
-    encoder, parts = Encoder(sensor, (5, 30), 11), []
+    whole = Encoder(sensor, (5, 30), seed=11).encode(stack, index=index, fraction=fraction, gain=gain)
+    encoder, parts = Encoder(sensor, (5, 30), seed=11), []
     for a, b in zip((0, *cut), (*cut, 404), strict=True):
-        parts.append(encoder.encode(stack, index[a:b], fraction[a:b], gain[a:b]))
+        parts.append(encoder.encode(stack, index=index[a:b], fraction=fraction[a:b], gain=gain[a:b]))
     assert np.array_equal(np.concatenate(parts, axis=-1), whole)
     assert encoder.frames == 404
 
@@ -246,9 +254,14 @@ def test_any_cut_into_blocks_gives_the_same_bits(cut):
 def test_the_number_of_threads_does_not_matter(threads):
     stack, index, fraction, gain = schedule(shape=(23, 31))
     sensor = get_sensor("vidar_400x250")
-    one = Encoder(sensor, (23, 31), 11, threads=1).encode(stack, index, fraction, gain)
+    one = Encoder(sensor, (23, 31), seed=11, threads=1).encode(
+        stack, index=index, fraction=fraction, gain=gain
+    )
     assert np.array_equal(
-        one, Encoder(sensor, (23, 31), 11, threads=threads).encode(stack, index, fraction, gain)
+        one,
+        Encoder(sensor, (23, 31), seed=11, threads=threads).encode(
+            stack, index=index, fraction=fraction, gain=gain
+        ),
     )
 
 
@@ -257,10 +270,11 @@ def test_some_rows_fire_as_they_do_in_the_whole(rows):
     """48 columns: blocks of 64 pixels begin in every fourth row."""
     stack, index, fraction, gain = schedule(shape=(23, 48))
     sensor = get_sensor("vidar_400x250")
-    whole = Encoder(sensor, (23, 48), 11).encode(stack, index, fraction, gain)
-    some = Encoder(sensor, (23, 48), 11, rows=rows)
+    whole = Encoder(sensor, (23, 48), seed=11).encode(stack, index=index, fraction=fraction, gain=gain)
+    some = Encoder(sensor, (23, 48), seed=11, rows=rows)
     parts = [
-        some.encode(stack[:, :, rows], index[t], fraction[t], gain[t]) for t in (slice(200), slice(200, None))
+        some.encode(stack[:, :, rows], index=index[t], fraction=fraction[t], gain=gain[t])
+        for t in (slice(200), slice(200, None))
     ]
     assert np.array_equal(np.concatenate(parts, axis=-1), whole[rows])
 
@@ -268,7 +282,7 @@ def test_some_rows_fire_as_they_do_in_the_whole(rows):
 @pytest.mark.parametrize("rows", [slice(3, 9), slice(5, 5)])
 def test_rows_begin_where_a_block_of_noise_does(rows):
     with pytest.raises(BadInput, match="a multiple of 4"):
-        Encoder(get_sensor("vidar_400x250"), (23, 48), 11, rows=rows)
+        Encoder(get_sensor("vidar_400x250"), (23, 48), seed=11, rows=rows)
 
 
 DIGEST = "8a755ee72ea28a462ef0cffdc2717821a6eae923cb5fac8cd8e0745d97b4ab15"
@@ -276,7 +290,9 @@ DIGEST = "8a755ee72ea28a462ef0cffdc2717821a6eae923cb5fac8cd8e0745d97b4ab15"
 
 def digest_of_a_stream():
     stack, index, fraction, gain = schedule(frames=2_000, shape=(20, 33))
-    spikes = Encoder(get_sensor("vidar_400x250"), (20, 33), 11).encode(stack, index, fraction, gain)
+    spikes = Encoder(get_sensor("vidar_400x250"), (20, 33), seed=11).encode(
+        stack, index=index, fraction=fraction, gain=gain
+    )
     return hashlib.sha256(spikes).hexdigest()
 
 
@@ -301,15 +317,22 @@ def test_the_bits_are_the_same_on_a_processor_without_vector_extensions(tmp_path
 
 def test_seeds_name_recordings_and_devices():
     sensor = get_sensor("vidar_400x250")
-    one, two = Encoder(sensor, (20, 30), 1, device_seed=5), Encoder(sensor, (20, 30), 2, device_seed=5)
+    one, two = (
+        Encoder(sensor, (20, 30), seed=1, device_seed=5),
+        Encoder(sensor, (20, 30), seed=2, device_seed=5),
+    )
     assert np.array_equal(one.pattern.response, two.pattern.response)
     charge = uniform(0.2 * THETA)
-    assert np.array_equal(encode(charge, sensor, 64, 1), encode(charge, "vidar_400x250", 64, 1))
-    assert not np.array_equal(encode(charge, sensor, 64, 1), encode(charge, sensor, 64, 2))
+    assert np.array_equal(
+        encode(charge, sensor, frames=64, seed=1), encode(charge, "vidar_400x250", frames=64, seed=1)
+    )
+    assert not np.array_equal(
+        encode(charge, sensor, frames=64, seed=1), encode(charge, sensor, frames=64, seed=2)
+    )
 
 
 def test_the_last_byte_is_filled_with_zeros():
-    spikes = encode(uniform(THETA), vidar(), 11, 1)
+    spikes = encode(uniform(THETA), vidar(), frames=11, seed=1)
     assert spikes.shape == (40, 50, 2)
     assert (spikes[..., 0] == 255).all()
     assert (spikes[..., 1] == 0b111).all()
@@ -317,14 +340,14 @@ def test_the_last_byte_is_filled_with_zeros():
 
 def test_memory_does_not_grow_with_the_recording():
     stack, index, fraction, gain = schedule(frames=800, shape=(50, 64))
-    encoder = Encoder(get_sensor("vidar_400x250"), (50, 64), 1)
+    encoder = Encoder(get_sensor("vidar_400x250"), (50, 64), seed=1)
     peaks = []
     tracemalloc.start()
     try:
         for blocks in (2, 20):
             tracemalloc.reset_peak()
             for _ in range(blocks):
-                encoder.encode(stack, index, fraction, gain)
+                encoder.encode(stack, index=index, fraction=fraction, gain=gain)
             peaks.append(tracemalloc.get_traced_memory()[1])
     finally:
         tracemalloc.stop()
@@ -346,7 +369,7 @@ def test_memory_does_not_grow_with_the_recording():
 )
 def test_charge_and_frames_are_checked(charge, frames, message):
     with pytest.raises(BadInput, match=message):
-        encode(charge, "ideal", frames, 1)
+        encode(charge, "ideal", frames=frames, seed=1)
 
 
 @pytest.mark.parametrize(
@@ -363,17 +386,17 @@ def test_charge_and_frames_are_checked(charge, frames, message):
 def test_a_schedule_that_does_not_fit_is_refused(changes, message):
     given = dict(zip(("stack", "index", "fraction", "gain"), schedule(), strict=True)) | changes
     with pytest.raises(BadInput, match=message):
-        Encoder(get_sensor("ideal"), (5, 30), 1).encode(**given)
+        Encoder(get_sensor("ideal"), (5, 30), seed=1).encode(**given)
 
 
 def test_only_the_last_block_may_end_inside_a_byte():
     stack, index, fraction, gain = schedule()
-    encoder = Encoder(get_sensor("ideal"), (5, 30), 1)
-    encoder.encode(stack, index[:13], fraction[:13], gain[:13])
+    encoder = Encoder(get_sensor("ideal"), (5, 30), seed=1)
+    encoder.encode(stack, index=index[:13], fraction=fraction[:13], gain=gain[:13])
     with pytest.raises(BadInput, match="ended at readout 13; allowed: blocks of a multiple of 8"):
-        encoder.encode(stack, index, fraction, gain)
+        encoder.encode(stack, index=index, fraction=fraction, gain=gain)
 
 
 def test_an_array_without_pixels_is_refused():
     with pytest.raises(BadInput, match=r"shape is \(0, 4\)"):
-        Encoder(get_sensor("ideal"), (0, 4), 1)
+        Encoder(get_sensor("ideal"), (0, 4), seed=1)

@@ -1,5 +1,6 @@
 """Light to charge, and the scale of exposure, against closed forms and against the encoder."""
 
+from dataclasses import dataclass
 from math import atan, cos, hypot, pi
 
 import numpy as np
@@ -12,6 +13,18 @@ from saf_gen.errors import BadInput
 VIDAR = get_sensor("vidar_400x250")
 IDEAL = get_sensor("ideal")
 V, R = 0.052, 0.009
+
+
+@dataclass
+class Lens:
+    """A lens at ``distances`` (m) from the sensor, whatever its positions."""
+
+    distances: np.ndarray
+    aperture_radius_m: float = R
+    transmission: float = 1.0
+
+    def image_distance(self, position):
+        return self.distances
 
 
 def test_irradiance_falls_with_the_fourth_power_of_the_cosine():
@@ -41,11 +54,13 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
     radiance = np.full((2, 2, 60, 80), 0.5 * 0.1, np.float32)  # two groups share the light
     sensor = get_sensor("ideal", pitch_m=2e-4)  # wide angles
     distances = np.array([V, 1.3 * V])
-    stack = charge_stack(radiance, distances, R, sensor)
+    stack = charge_stack(radiance, sensor, lens=Lens(distances), position=np.array([0, 1]))
     assert stack.dtype == np.float32
     for k, v in enumerate(distances):
         n = 2_000
-        spikes = Encoder(sensor, (60, 80), 1).encode(stack, np.full(n, k), np.zeros(n), np.ones((n, 2)))
+        spikes = Encoder(sensor, (60, 80), seed=1).encode(
+            stack, index=np.full(n, k), fraction=np.zeros(n), gain=np.ones((n, 2))
+        )
         rate = np.bitwise_count(spikes).sum(axis=-1) / n
         r2 = ((np.arange(60)[:, None] - 29.5) ** 2 + (np.arange(80) - 39.5) ** 2) * (2e-4) ** 2
         irradiance = pi * R**2 / v**2 * (1 + r2 / v**2) ** -2 * 0.1
@@ -67,14 +82,14 @@ def test_the_scale_makes_the_encoder_fire_at_the_mean_rate(mean_rate, saturation
     sensor = get_sensor(
         "vidar_400x250", saturation=saturation, dark_hot_fraction=0, noise={"response": False, "dark": dark}
     )
-    scale = exposure_scale(charge, target, sensor, mean_rate)
-    spikes = encode((scale * charge)[None].astype(np.float32), sensor, 1_600, 3)
+    scale = exposure_scale(charge, target, sensor=sensor, mean_rate=mean_rate)
+    spikes = encode((scale * charge)[None].astype(np.float32), sensor, frames=1_600, seed=3)
     assert np.bitwise_count(spikes).sum(axis=-1)[target].mean() / 1_600 == pytest.approx(mean_rate, rel=0.01)
 
 
 def test_without_noise_the_scale_is_a_ratio():
     charge = np.array([[100.0, 300.0]])
-    scale = exposure_scale(charge, np.ones((1, 2), bool), IDEAL, 0.2)
+    scale = exposure_scale(charge, np.ones((1, 2), bool), sensor=IDEAL, mean_rate=0.2)
     assert scale == pytest.approx(0.2 * IDEAL.threshold_e / 200, rel=2e-6)
 
 
@@ -82,8 +97,8 @@ def test_the_scale_hides_the_order_of_summation():
     """Differences in a mean's last bits are rounded away: 20 bits are kept."""
     charge = np.random.default_rng(1).uniform(1, 1e3, (50, 50))
     everywhere = np.ones((50, 50), bool)
-    scale = exposure_scale(charge, everywhere, VIDAR, 0.2)
-    assert scale == exposure_scale(charge[::-1].copy(), everywhere, VIDAR, 0.2)
+    scale = exposure_scale(charge, everywhere, sensor=VIDAR, mean_rate=0.2)
+    assert scale == exposure_scale(charge[::-1].copy(), everywhere, sensor=VIDAR, mean_rate=0.2)
     assert (scale * 2.0 ** (20 - np.frexp(scale)[1])).is_integer()
 
 
@@ -100,12 +115,12 @@ def test_the_scale_hides_the_order_of_summation():
 def test_a_mean_rate_out_of_reach_is_refused(mean_rate, saturation, message):
     sensor = get_sensor("vidar_400x250", saturation=saturation)
     with pytest.raises(BadInput, match=message):
-        exposure_scale(np.array([[0.0, 5.0]]), np.ones((1, 2), bool), sensor, mean_rate)
+        exposure_scale(np.array([[0.0, 5.0]]), np.ones((1, 2), bool), sensor=sensor, mean_rate=mean_rate)
 
 
 def test_an_empty_target_is_refused():
     with pytest.raises(BadInput, match="the target holds no pixel"):
-        exposure_scale(np.ones((2, 2)), np.zeros((2, 2), bool), VIDAR, 0.2)
+        exposure_scale(np.ones((2, 2)), np.zeros((2, 2), bool), sensor=VIDAR, mean_rate=0.2)
 
 
 def test_the_law_of_rates_is_capped():
@@ -115,25 +130,20 @@ def test_the_law_of_rates_is_capped():
     dead = get_sensor("ideal", saturation="dead_readout")
     rates = mean_firing_rate(np.array([1.0, 1e9]) * dead.threshold_e, dead)
     assert rates == pytest.approx([0.5, 16 / 17])
-    spikes = encode(np.full((1, 8, 8), 1e9, np.float32), dead, 1_700, 1)
+    spikes = encode(np.full((1, 8, 8), 1e9, np.float32), dead, frames=1_700, seed=1)
     assert np.bitwise_count(spikes).sum(axis=-1).mean() / 1_700 == pytest.approx(16 / 17, rel=1e-3)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"image_distance": np.array([V])}, r"radiance has shape \(1, 2, 3, 4\), image_distance \(1,\)"),
-        ({"image_distance": np.array([V, -1])}, "image distance is -1 m"),
+        ({"distances": np.array([V])}, r"radiance has shape \(1, 2, 3, 4\), image_distance \(1,\)"),
+        ({"distances": np.array([V, -1])}, "image distance is -1 m"),
         ({"aperture_radius_m": 0.0}, "aperture's radius is 0 m"),
         ({"transmission": 1.2}, "transmission is 1.2; allowed: above 0, at most 1"),
     ],
 )
 def test_lenses_that_cannot_be_are_refused(changes, message):
-    given = {
-        "radiance": np.ones((1, 2, 3, 4), np.float32),
-        "image_distance": np.array([V, V]),
-        "aperture_radius_m": R,
-        "sensor": VIDAR,
-    }
+    lens = Lens(**{"distances": np.array([V, V]), **changes})
     with pytest.raises(BadInput, match=message):
-        charge_stack(**given | changes)
+        charge_stack(np.ones((1, 2, 3, 4)), VIDAR, lens=lens, position=np.array([0, 1]))

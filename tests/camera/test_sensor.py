@@ -71,7 +71,7 @@ def test_the_fast_mode_fires_as_often_a_second():
         sensor = get_sensor(name, reset_loss=0, noise={"response": False, "threshold_spread": False})
         frames = int(0.2 * sensor.readout_hz)
         charge = np.full((1, 40, 50), 6_000.0 * 20_000 / sensor.readout_hz, np.float32)
-        seconds.append(np.bitwise_count(encode(charge, sensor, frames, 1)).sum() / 2_000 / 0.2)
+        seconds.append(np.bitwise_count(encode(charge, sensor, frames=frames, seed=1)).sum() / 2_000 / 0.2)
     assert seconds[1] == pytest.approx(seconds[0], rel=0.005)
     assert seconds[0] == pytest.approx((6_000 / 29_900 + 0.0045) * 20_000, rel=0.01)
 
@@ -86,7 +86,7 @@ def test_ideal_has_no_noise_at_all():
 def test_ideal_counts_charge_to_the_last_spike():
     """Every pixel of 1,000, over any window: the charge over the threshold, to one spike of phase."""
     charge = np.linspace(0, 0.99, 1_000, dtype=np.float32).reshape(1, 20, 50) * 29_900
-    spikes = encode(charge, "ideal", 2_000, 4)
+    spikes = encode(charge, "ideal", frames=2_000, seed=4)
     for frames in (8, 800, 2_000):
         counted = np.bitwise_count(spikes[..., : frames // 8]).sum(axis=-1)
         assert abs(counted - charge[0] / 29_900 * frames).max() < 1
@@ -106,7 +106,7 @@ def test_every_sensor_obeys_the_law_of_its_reset_and_saturation(name, saturation
     theta = sensor.threshold_e
     ratio = np.array([0.013, 0.11, 0.23, 0.437, 0.6, 0.77, 0.93])  # of charge to threshold
     rates = np.bitwise_count(
-        encode(np.broadcast_to(np.float32(ratio * theta), (1, 143, 7)), sensor, 2_000, 1)
+        encode(np.broadcast_to(np.float32(ratio * theta), (1, 143, 7)), sensor, frames=2_000, seed=1)
     ).sum(axis=-1).mean(axis=0) / 2_000  # fmt: skip
     loss = 1.0 if saturation == "dead_readout" else sensor.reset_loss
     law = ratio / (1 + loss * ratio) if reset == "subtract" else 1 / np.ceil(1 / ratio + loss)

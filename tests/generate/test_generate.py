@@ -152,7 +152,7 @@ def test_another_stack_records_anew(small_recipe, work, made):
     for path in made.folder.glob("stacks/*/lamp.*"):
         path.unlink()
     store = StackStore(made.folder / "stacks", spec_of(work))
-    store.write_group("lamp", store_radiance(made.folder, work) * 2, VARIANT)
+    store.write_group("lamp", store_radiance(made.folder, work) * 2, backend=VARIANT)
     again = generate(work, made.folder, variant=VARIANT)
     assert again.rendered == []
     assert len(again.recorded) == 3

@@ -13,7 +13,7 @@ def halves_of(rate, frames, *, seed=1):
     """Counts of both halves of a window of a chequered field lit at this mean rate, dark spikes on top."""
     sensor = get_sensor("vidar_400x250")
     charge = (rate * sensor.threshold_e * (1 + CONTRAST * BOARD)).astype(np.float32)
-    spikes = np.unpackbits(encode(charge[None], sensor, frames, seed), axis=2, bitorder="little")[
+    spikes = np.unpackbits(encode(charge[None], sensor, frames=frames, seed=seed), axis=2, bitorder="little")[
         :, :, :frames
     ]
     middle = frames // 2

@@ -95,7 +95,7 @@ def by_the_camera(number):
     """The same of the project's own encoder, the ideal sensor."""
     sensor = get_sensor("ideal")
     charge = np.float32(RATE / FRAMES * sensor.threshold_e)[None]
-    packed = encode(charge, sensor, 2 * FRAMES, seed=number)
+    packed = encode(charge, sensor, frames=2 * FRAMES, seed=number)
     bits = np.unpackbits(packed, axis=-1, bitorder="little")[..., : 2 * FRAMES]
     return bits.transpose(2, 0, 1)
 

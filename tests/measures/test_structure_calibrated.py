@@ -62,7 +62,7 @@ def test_an_even_field_has_hardly_any_structure_at_any_light(rate, frames):
     sensor, scores = get_sensor("vidar_400x250"), []
     charge = np.full((1, 64, 96), rate * sensor.threshold_e, np.float32)
     for seed in range(12):
-        spikes = encode(charge, sensor, frames, seed)
+        spikes = encode(charge, sensor, frames=frames, seed=seed)
         shown = np.unpackbits(spikes, axis=2, bitorder="little")[:, :, :frames].astype(np.uint32)
         halves = np.stack([part.sum(axis=2) for part in np.array_split(shown, 2, axis=2)])
         scores.append(get_measure("structure_calibrated")(halves, frames=frames))

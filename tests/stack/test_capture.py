@@ -41,7 +41,7 @@ def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
         for stop in (8, 96, 800):  # whatever the pieces
             film.encode_until(stop, position)
         for first, last in ((0, 800), (3, 5), (90, 210)):
-            assert np.array_equal(film.window(first, last), stream.counts(first, last, region))
+            assert np.array_equal(film.window(first, last), stream.counts(first, last, region=region))
 
 
 def test_another_lens_sees_other_spikes(dataset):
@@ -135,7 +135,9 @@ def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
         film.encode_until(400, readout_positions(motion, 800, stream.readout_hz))
         # The same light, through other paths: as many spikes, not the same ones.
-        assert film.window(0, 400).mean() == pytest.approx(stream.counts(0, 400, region).mean(), rel=0.01)
+        assert film.window(0, 400).mean() == pytest.approx(
+            stream.counts(0, 400, region=region).mean(), rel=0.01
+        )
         assert ClosedLoopProtocol(get_actuator("voice_coil")).count_frames(take)[0] == 400
         allowed = r"0\.8 to 20 ms, as long as its time slices hold all focus positions"
         with pytest.raises(BadInput, match=f"a budget of 30 ms.*{allowed}"):

@@ -11,7 +11,7 @@ from saf_gen.stack.exr import read_planes, write_planes
 def test_planes_and_attributes_come_back_bit_for_bit(tmp_path):
     random = np.random.default_rng(0)
     planes = {f"focus.{k:04d}": random.random((5, 7), dtype=np.float32) for k in range(12)}
-    write_planes(tmp_path / "a.exr", planes, {"unit": "m"})
+    write_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
     back, attributes = read_planes(tmp_path / "a.exr")
     assert set(back) == set(planes)
     assert all(np.array_equal(back[name], planes[name]) for name in planes)
@@ -22,7 +22,7 @@ def test_half_floats_come_back_as_they_went(tmp_path):
     random = np.random.default_rng(0)
     planes = {name: random.random((5, 7)).astype(np.float16) for name in ("b", "a", "c")}
     planes["depth"] = random.random((5, 7), dtype=np.float32)  # of two bytes and of four, in one file
-    write_planes(tmp_path / "a.exr", planes, {})
+    write_planes(tmp_path / "a.exr", planes, attributes={})
     back, _ = read_planes(tmp_path / "a.exr")
     assert {name: plane.dtype for name, plane in back.items()} == {n: p.dtype for n, p in planes.items()}
     assert all(np.array_equal(back[name], planes[name]) for name in planes)
@@ -30,7 +30,7 @@ def test_half_floats_come_back_as_they_went(tmp_path):
 
 def test_what_is_read_is_what_openexr_reads(tmp_path):
     planes = {f"focus.{k:04d}": np.arange(35, dtype=np.float16).reshape(5, 7) + k for k in (9, 10, 8)}
-    write_planes(tmp_path / "a.exr", planes, {})
+    write_planes(tmp_path / "a.exr", planes, attributes={})
     theirs = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
     ours, _ = read_planes(tmp_path / "a.exr")
     assert set(ours) == set(theirs)
@@ -48,7 +48,7 @@ def test_a_compressed_file_is_told(tmp_path):
 
 def test_some_planes_of_many(tmp_path):
     planes = {f"focus.{k:04d}": np.full((5, 7), k, np.float32) for k in range(12)}
-    write_planes(tmp_path / "a.exr", planes, {"unit": "m"})
+    write_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
     back, attributes = read_planes(tmp_path / "a.exr", ["focus.0010", "focus.0003"])
     assert list(back) == ["focus.0010", "focus.0003"]
     assert all(np.array_equal(back[name], planes[name]) for name in back)
@@ -59,7 +59,7 @@ def test_some_planes_of_many(tmp_path):
 
 @pytest.mark.parametrize("rows", [0, 3])
 def test_a_file_that_is_cut_short_is_told(tmp_path, rows):
-    write_planes(tmp_path / "a.exr", {"depth": np.ones((5, 70), np.float32)}, {})
+    write_planes(tmp_path / "a.exr", {"depth": np.ones((5, 70), np.float32)}, attributes={})
     whole = (tmp_path / "a.exr").read_bytes()
     (tmp_path / "a.exr").write_bytes(whole[: len(whole) - (5 - rows) * 280])
     with pytest.raises(BadInput, match=r"a.exr is no whole OpenEXR file: .*delete it"):
@@ -67,7 +67,7 @@ def test_a_file_that_is_cut_short_is_told(tmp_path, rows):
 
 
 def test_infinite_depth_survives(tmp_path):
-    write_planes(tmp_path / "a.exr", {"depth": np.array([[1.0, np.inf]])}, {})
+    write_planes(tmp_path / "a.exr", {"depth": np.array([[1.0, np.inf]])}, attributes={})
     assert np.isinf(read_planes(tmp_path / "a.exr")[0]["depth"][0, 1])
 
 

@@ -32,8 +32,8 @@ def filled(root):
     depth = random.random((4, 6), dtype=np.float32)
     target = depth > 0.5
     for g, group in enumerate(SPEC.groups):
-        store.write_group(group, radiance[g], "llvm")
-    store.write_geometry(depth, target, "llvm")
+        store.write_group(group, radiance[g], backend="llvm")
+    store.write_geometry(depth, target, backend="llvm")
     return store, radiance, depth, target
 
 
@@ -57,8 +57,8 @@ def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
     radiance[0, 0, :3] = brightest, brightest * 1e-11, 0
     store = StackStore(tmp_path, SLICE)
     for group in SLICE.groups:
-        store.write_group(group, radiance, "llvm")
-    store.write_geometry(np.ones((4, 6)), np.ones((4, 6), bool), "llvm")
+        store.write_group(group, radiance, backend="llvm")
+    store.write_geometry(np.ones((4, 6)), np.ones((4, 6), bool), backend="llvm")
     back = store.load_planes(0, 2)
     assert back.dtype == np.float32
     for stored in back:
@@ -72,8 +72,8 @@ def test_a_time_slice_is_half_floats_of_any_brightness(tmp_path, brightest):
 def test_a_black_time_slice_stays_black(tmp_path):
     store = StackStore(tmp_path, SLICE)
     for group in SLICE.groups:
-        store.write_group(group, np.zeros((2, 4, 6), np.float32), "llvm")
-    store.write_geometry(np.ones((4, 6)), np.ones((4, 6), bool), "llvm")
+        store.write_group(group, np.zeros((2, 4, 6), np.float32), backend="llvm")
+    store.write_geometry(np.ones((4, 6)), np.ones((4, 6), bool), backend="llvm")
     assert not store.load_planes(0, 2).any()
 
 
@@ -88,7 +88,7 @@ def test_a_piece_says_which_drive_it_was_seen_through(tmp_path):
 def test_pieces_are_missing_until_they_are_there(tmp_path):
     store = StackStore(tmp_path, SPEC)
     assert store.missing_pieces() == ["geometry", "lamp", "room"]
-    store.write_group("lamp", np.zeros((3, 4, 6)), "llvm")
+    store.write_group("lamp", np.zeros((3, 4, 6)), backend="llvm")
     assert StackStore(tmp_path, SPEC).missing_pieces() == ["geometry", "room"]
 
 
@@ -136,13 +136,13 @@ def test_the_digest_sees_the_values_of_a_piece(tmp_path):
     store, *_ = filled(tmp_path)
     before = store.digest()
     assert StackStore(tmp_path, SPEC).digest() == before
-    store.write_group("lamp", np.ones((3, 4, 6)), "llvm")
+    store.write_group("lamp", np.ones((3, 4, 6)), backend="llvm")
     assert store.digest() != before
 
 
 def test_a_stack_made_by_two_variants_says_so(tmp_path):
     store, radiance, *_ = filled(tmp_path)
-    store.write_group("lamp", radiance[0], "scalar")
+    store.write_group("lamp", radiance[0], backend="scalar")
     assert store.load().backend == "llvm, scalar"
 
 

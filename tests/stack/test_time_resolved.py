@@ -34,7 +34,7 @@ def stacks(position=SWEEP, at=AT, depths=(0.5, 0.5, 0.5, 0.5)):
     random = np.random.default_rng(4)
     made = []
     for frame, window, depth in zip(
-        at, needed_focus_windows(position, at, SPEC.positions), depths, strict=True
+        at, needed_focus_windows(position, at, positions=SPEC.positions), depths, strict=True
     ):
         spec = replace(SPEC, time_s=frame / 20_000, window=window)
         light = random.uniform(0.1, 1, (2, spec.rendered_count, 6, 8)).astype(np.float32)
@@ -68,7 +68,7 @@ def seen(made, frame, position):
     [(20_000, 20_000, 100, 200), (20_000, 20_000, 64, 312), (400, 20_000, 1, 20_000), (100, 20_000, 1e4, 8)],
 )
 def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, a_second, step):
-    at = time_slice_frames(frames, hz, a_second)
+    at = time_slice_frames(frames, readout_hz=hz, slices_per_s=a_second)
     assert set(np.diff(at)) == {step}
     assert at[0] == 0
     assert at[-2] < frames <= at[-1]
@@ -78,14 +78,16 @@ def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, a_second, s
 def test_windows_hold_every_position_that_the_lens_passes_between_the_moments_beside_them():
     there_and_back = np.abs(1 - 2 * SWEEP)
     for position in (SWEEP, SWEEP[::-1], there_and_back, np.full(FRAMES, 0.25)):
-        found = needed_focus_windows(position, AT, 9)
+        found = needed_focus_windows(position, AT, positions=9)
         for j, (first, last) in enumerate(found):
             around = position[AT[max(j - 1, 0)] : AT[min(j + 1, 3)]] * 8
             assert 0 <= first < last <= 8
             assert first <= around.min()
             assert around.max() <= last
-    assert needed_focus_windows(SWEEP, AT, 9)[0][1] < 8  # not the whole travel: that is what windows are for
-    assert set(needed_focus_windows(np.full(FRAMES, 0.25), AT, 9)) == {(2, 3)}
+    assert (
+        needed_focus_windows(SWEEP, AT, positions=9)[0][1] < 8
+    )  # not the whole travel: that is what windows are for
+    assert set(needed_focus_windows(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
 
 
 @pytest.mark.parametrize("cut", [400, 160, 96, 8])
@@ -125,8 +127,9 @@ def test_what_the_encoder_gets_is_the_picture_of_every_readout():
     exposed = ChargeSource(plane_source(stacks()), SENSOR)
     exposed.scale = 3.0
     gain = np.stack([np.linspace(1, 2, FRAMES), np.linspace(1, 0, FRAMES)], axis=1)
-    for begin, end, j in exposed.time_stack.split_at_slices(0, FRAMES):
-        stack, index, fraction, weights = exposed.encoder_inputs(begin, end, j, SWEEP, gain)
+    for run in exposed.time_stack.split_at_slices(0, FRAMES):
+        begin, end, _ = run
+        stack, index, fraction, weights = exposed.encoder_inputs(run, position=SWEEP, gain=gain).values()
         for t in range(0, end - begin, 37):
             k, f = index[t], fraction[t]
             after = stack[:, min(k + 1, stack.shape[1] - 1)]
@@ -150,7 +153,8 @@ def counted(made):
 def through(exposed, position, frames=FRAMES):
     gain = np.ones((FRAMES, 2), np.float32)
     return [
-        exposed.encoder_inputs(*run, position, gain) for run in exposed.time_stack.split_at_slices(0, frames)
+        list(exposed.encoder_inputs(run, position=position, gain=gain).values())
+        for run in exposed.time_stack.split_at_slices(0, frames)
     ]
 
 
@@ -198,8 +202,8 @@ def test_what_is_kept_never_outgrows_what_is_allowed_but_for_the_neighbours():
     gain, most = np.ones((480, 2), np.float32), []
     for swing in (0.0, 0.2, 0.4, 0.45):
         position = 0.5 + swing * np.sin(np.arange(480) / 2)
-        for begin, end, j in exposed.time_stack.split_at_slices(0, 480):
-            exposed.encoder_inputs(begin, end, j, position, gain)
+        for run in exposed.time_stack.split_at_slices(0, 480):
+            exposed.encoder_inputs(run, position=position, gain=gain)
             most.append(len(exposed._kept))
     assert max(most) <= 2 * len(at) + 3 * SPEC.positions
     assert most[-1] <= 2 * len(at)
@@ -216,11 +220,11 @@ def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
         slices.append(replace(stack, radiance=light[:, first : last + 1]))
     counts = []
     for film in (PlaneSource.from_stack(whole), plane_source(slices)):
-        exposed, encoder = ChargeSource(film, SENSOR), Encoder(SENSOR, (6, 8), 3)
+        exposed, encoder = ChargeSource(film, SENSOR), Encoder(SENSOR, (6, 8), seed=3)
         exposed.scale = 0.2 * SENSOR.threshold_e / float(exposed.charge_image(0, 0.0).sum(axis=0).mean())
         gain = np.ones((FRAMES, 2), np.float32)
         blocks = [
-            encoder.encode(*exposed.encoder_inputs(*run, SWEEP, gain))
+            encoder.encode(**exposed.encoder_inputs(run, position=SWEEP, gain=gain))
             for run in film.time_stack.split_at_slices(0, FRAMES)
         ]
         counts.append(np.unpackbits(np.concatenate(blocks, axis=-1), axis=-1).sum(axis=-1).astype(int))
@@ -279,11 +283,11 @@ def test_a_target_that_is_never_seen_is_refused(tmp_path):
 def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
     film = plane_source(stacks())
     exposed = ChargeSource(film, SENSOR)
-    found = noise_free_sharpness(exposed, find_true_focus(film, SWEEP), SWEEP)
+    found = noise_free_sharpness(exposed, find_true_focus(film, SWEEP), position=SWEEP)
     assert np.isfinite(found).all()
     half = SWEEP / 2
     film = plane_source(stacks(half))
-    found = noise_free_sharpness(ChargeSource(film, SENSOR), find_true_focus(film, half), half)
+    found = noise_free_sharpness(ChargeSource(film, SENSOR), find_true_focus(film, half), position=half)
     assert np.isfinite(found[:5]).all()
     assert np.isnan(found[5:]).all()
 
@@ -318,9 +322,9 @@ def test_a_reel_on_disk_knows_what_it_lacks(tmp_path):
     assert time_stack.count_stored(tmp_path) == 0
     for stack in made:
         store = StackStore(tmp_path, stack.spec)
-        store.write_geometry(stack.depth, stack.target, "llvm")
+        store.write_geometry(stack.depth, stack.target, backend="llvm")
         for group, radiance in zip(SPEC.groups, stack.radiance, strict=True):
-            store.write_group(group, radiance, "llvm")
+            store.write_group(group, radiance, backend="llvm")
     assert time_stack.find_missing(tmp_path) == []
     assert (time_stack.count_stored(tmp_path), time_stack.with_full_travel().count_stored(tmp_path)) == (4, 0)
     film = PlaneSource.from_folder(time_stack, tmp_path)
@@ -329,5 +333,5 @@ def test_a_reel_on_disk_knows_what_it_lacks(tmp_path):
     assert np.array_equal(film.load_planes(2, 1, 3), stored[:, 1:3])
     assert film.backend == "llvm"
     digest = time_stack.digest(tmp_path)
-    StackStore(tmp_path, time_stack.specs[1]).write_group("lamp", made[1].radiance[0] * 2, "llvm")
+    StackStore(tmp_path, time_stack.specs[1]).write_group("lamp", made[1].radiance[0] * 2, backend="llvm")
     assert time_stack.digest(tmp_path) != digest

@@ -79,9 +79,9 @@ def test_any_window_and_region_equals_slicing(tmp_path, monkeypatch):
             p, q = sorted(draw.choice(43, 2, replace=False))
             (r0, r1), (c0, c1) = (sorted(draw.choice(n + 1, 2, replace=False)) for n in (6, 9))
             region = (slice(r0, r1), slice(c0, c1))
-            assert np.array_equal(stream.frames(a, b, region), frames[a:b, r0:r1, c0:c1])
-            assert np.array_equal(stream.counts(a, b, region), frames[a:b, r0:r1, c0:c1].sum(axis=0))
-            assert np.array_equal(stream.packed(p, q, region), packed[r0:r1, c0:c1, p:q])
+            assert np.array_equal(stream.frames(a, b, region=region), frames[a:b, r0:r1, c0:c1])
+            assert np.array_equal(stream.counts(a, b, region=region), frames[a:b, r0:r1, c0:c1].sum(axis=0))
+            assert np.array_equal(stream.packed(p, q, region=region), packed[r0:r1, c0:c1, p:q])
 
 
 def test_a_sweep_of_windows_equals_slicing(tmp_path, monkeypatch):
@@ -122,13 +122,13 @@ def test_a_region_leaves_other_chunks_alone(tmp_path, monkeypatch):
         stream.counts(130, 140)
         assert set(seen) == {(0, 16), (2, 16), (4, 16)}
         seen.clear()
-        stream.packed(0, 80, (slice(2, 3), slice(0, 9)))
+        stream.packed(0, 80, region=(slice(2, 3), slice(0, 9)))
         assert {top for top, _ in seen} == {2}
 
 
 def test_plain_h5py_reads_the_documented_datasets(tmp_path):
     frames, metadata = random_frames(2_345), full_metadata(2_345)
-    digest = write_stream(tmp_path / "a.h5", frames, 40_000, **metadata)
+    digest = write_stream(tmp_path / "a.h5", frames, readout_hz=40_000, **metadata)
     with h5py.File(tmp_path / "a.h5") as file:
         assert dict(file.attrs) == {"format": "saf-gen stream", "layout": 1, "content_sha256": digest}
         assert dict(file["spikes"].attrs) == {"frames": 2_345, "readout_hz": 40_000.0}
@@ -203,7 +203,7 @@ def test_the_digest_follows_every_value(tmp_path):
         (frames, 20_000, metadata | {"truth": Truth(0.5)}),
         (frames, 20_000, metadata | {"gain": None, "light_names": ()}),
     ]
-    digests = {write_stream(tmp_path / "a.h5", f, hz, **m) for f, hz, m in variants}
+    digests = {write_stream(tmp_path / "a.h5", f, readout_hz=hz, **m) for f, hz, m in variants}
     assert len(digests) == len(variants)
 
 
@@ -325,7 +325,7 @@ def test_lights_and_names_must_agree(tmp_path):
 @pytest.mark.parametrize("readout_hz", [0, -1, np.nan, np.inf])
 def test_the_rate_must_be_above_zero(tmp_path, readout_hz):
     with pytest.raises(BadInput, match="readout_hz is"):
-        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)), readout_hz)
+        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)), readout_hz=readout_hz)
 
 
 def written(path, pieces, shape=(20, 2, 3)):
@@ -556,7 +556,7 @@ def test_reads_outside_say_the_range(tmp_path):
             stream.counts(0, 1.5)
         for region in ((slice(0, 3), slice(0, 3)), (slice(1, 1), slice(0, 3)), (slice(0, 2), slice(0, 3, 2))):
             with pytest.raises(BadInput, match=r"the region's (rows|columns) are slice"):
-                stream.counts(0, 1, region)
+                stream.counts(0, 1, region=region)
 
 
 def test_anything_that_slices_along_time_can_be_written(tmp_path):

@@ -102,12 +102,5 @@ class SceneUnderTest:
 
     def collected_charge(self, stack: FocalStack) -> np.ndarray:
         """Photo-electrons a readout at gain 1 of all lights, float32 (focus, row, col)."""
-        drive = self.drive
-        by_group = charge_stack(
-            stack.radiance,
-            drive.image_distance(stack.spec.focus),
-            drive.aperture_radius_m,
-            self.sensor,
-            transmission=drive.transmission,
-        )
+        by_group = charge_stack(stack.radiance, self.sensor, lens=self.drive, position=stack.spec.focus)
         return by_group.sum(axis=0)

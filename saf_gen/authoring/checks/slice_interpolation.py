@@ -93,7 +93,9 @@ def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
 def measure_slice_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
     """The error between the two slices round a moment; None where the target is out of sight or reach."""
     hz, renderer = subject.sensor.readout_hz, subject.renderer
-    step = time_slice_frames(1, hz, subject.scene.card.slices_per_s or hz)[1]  # frames, as recipes have it
+    step = time_slice_frames(1, readout_hz=hz, slices_per_s=subject.scene.card.slices_per_s or hz)[
+        1
+    ]  # frames, as recipes have it
     last = max(int(last_motion_s(subject) * hz) // step, 1)
     before = min(int(time_s * hz) // step, last - 1) * step / hz
     between, after = before + step / 2 / hz, before + step / hz

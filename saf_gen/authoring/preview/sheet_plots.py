@@ -17,14 +17,8 @@ USUAL_RATE = 0.2  # spikes a readout: the mean_rate of the recipes
 
 def _charge(stack: FocalStack, sensor: Sensor) -> np.ndarray:
     """Photo-electrons a readout at gain 1 of all lights, float32 (focus, row, col)."""
-    drive = stack.spec.drive
-    return charge_stack(
-        stack.radiance,
-        drive.image_distance(stack.spec.focus),
-        drive.aperture_radius_m,
-        sensor,
-        transmission=drive.transmission,
-    ).sum(axis=0)
+    spec = stack.spec
+    return charge_stack(stack.radiance, sensor, lens=spec.drive, position=spec.focus).sum(axis=0)
 
 
 def draw_curves(axes: Axes, stack: FocalStack, sensor: Sensor, truth: float) -> None:
@@ -57,7 +51,7 @@ def draw_histogram(axes: Axes, stack: FocalStack, sensor: Sensor, best: int) -> 
     """Spikes a readout at best focus, of target and frame, when the target fires 0.2 on average."""
     charge = _charge(stack, sensor)[best]
     try:
-        scale = exposure_scale(charge, stack.target, sensor, USUAL_RATE)
+        scale = exposure_scale(charge, stack.target, sensor=sensor, mean_rate=USUAL_RATE)
         title = f"brightness of the pixels at mean_rate {USUAL_RATE:g}"
     except BadInput:  # part of the target is dark, or it is out of sight
         scale, title = 1.0, "brightness of the pixels, absolute exposure"

@@ -54,7 +54,7 @@ def make_test_scene(best: float) -> TestScene:
         np.float32
     )
     at_best = _charge(radiance, sensor)[0, int(away.argmin())]
-    exposure = exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor, TARGET_RATE)
+    exposure = exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor=sensor, mean_rate=TARGET_RATE)
     return TestScene(best, radiance, DRIVE, sensor, exposure)
 
 
@@ -64,7 +64,8 @@ def write_recordings(folder: Path, frames: int) -> dict[str, Path]:
     empty = np.zeros((ROWS, COLUMNS, -(-frames // 8)), np.uint8)
     full = np.broadcast_to(np.packbits(np.arange(frames) >= 0, bitorder="little"), empty.shape)
     swept, flooded = (
-        encode(scene.charge() * np.float32(gain), scene.sensor, frames, seed=1) for gain in (1, OVEREXPOSURE)
+        encode(scene.charge() * np.float32(gain), scene.sensor, frames=frames, seed=1)
+        for gain in (1, OVEREXPOSURE)
     )
     lens = ((np.arange(frames) + 0.5) / frames).astype(np.float32)
     known = Metadata(focus_position=lens, truth=Truth(position=BEST_FOCUS, frame=BEST_FOCUS * frames - 0.5))
@@ -78,6 +79,4 @@ def write_recordings(folder: Path, frames: int) -> dict[str, Path]:
 
 
 def _charge(radiance: np.ndarray, sensor: Sensor) -> np.ndarray:
-    focus = np.linspace(0, 1, POSITIONS)
-    distance = np.asarray(DRIVE.image_distance(focus))
-    return charge_stack(radiance, distance, DRIVE.aperture_radius_m, sensor, transmission=DRIVE.transmission)
+    return charge_stack(radiance, sensor, lens=DRIVE, position=np.linspace(0, 1, POSITIONS))

@@ -43,10 +43,10 @@ class CapturedFrames:
         begin = self.frames
         if stop <= begin:
             return
-        for first, last, j in self._take.plane_source.time_stack.split_at_slices(begin, stop):
-            lights = self._exposed.encoder_inputs(first, last, j, position, self._take.gain)
-            spikes = self._encoder.encode(*lights)[self._inside]
-            self._planes[first // 8 : -(-last // 8)] = spikes.transpose(2, 0, 1)
+        for run in self._take.plane_source.time_stack.split_at_slices(begin, stop):
+            inputs = self._exposed.encoder_inputs(run, position=position, gain=self._take.gain)
+            spikes = self._encoder.encode(**inputs)[self._inside]
+            self._planes[run.begin // 8 : -(-run.end // 8)] = spikes.transpose(2, 0, 1)
         self.frames = stop
 
     def window(self, first: int, stop: int) -> np.ndarray:

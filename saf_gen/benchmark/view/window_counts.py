@@ -127,18 +127,18 @@ class WindowCounts:
     def _count(self, first: int, stop: int) -> np.ndarray:
         after, before = -(-first // self._step), stop // self._step  # the knots just inside the window
         if before - after < 2:
-            return self._stream.counts(first, stop, self._region)
+            return self._stream.counts(first, stop, region=self._region)
         if self._sums is None:
             self._sums = self._running_sums()
         counts = self._sums[before] - self._sums[after]
         for a, b in ((first, after * self._step), (before * self._step, stop)):
             if a < b:
-                counts += self._stream.counts(a, b, self._region)
+                counts += self._stream.counts(a, b, region=self._region)
         return counts
 
     def _texture(self, first: int, stop: int) -> np.ndarray:
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
-            return self._stream.packed(first_byte, stop_byte, self._region)
+            return self._stream.packed(first_byte, stop_byte, region=self._region)
 
         image, self._made_s["intervals", first, stop] = time_texture_from_intervals(
             read, self._count, first, stop=stop
@@ -151,5 +151,5 @@ class WindowCounts:
         sums = np.zeros((whole + 1, *self.shape), dtype=np.uint32)
         for knot in range(whole):
             first = self._step * knot
-            sums[knot + 1] = sums[knot] + self._stream.counts(first, first + self._step, self._region)
+            sums[knot + 1] = sums[knot] + self._stream.counts(first, first + self._step, region=self._region)
         return sums
