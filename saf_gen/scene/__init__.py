@@ -1,1 +1,1 @@
-"""A scene on disk: its card, its geometry as a script or as XML, its motion and its digest."""
+"""A scene on disk: its card, its geometry, its motion, the library it draws with, and its digest."""

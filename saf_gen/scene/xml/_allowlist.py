@@ -1,4 +1,4 @@
-"""What an XML scene may hold: elements, plug-ins and files that can do no harm."""
+"""The elements, plug-ins and files that an XML scene may contain because they can do no harm."""
 
 import posixpath
 from pathlib import Path, PureWindowsPath
@@ -9,7 +9,7 @@ from saf_gen.scene.xml._element_tree import Element, require_attribute
 __all__ = ["ALLOWED_PLUGINS", "SceneFile", "check_element", "resolve_file"]
 
 SceneFile = tuple[str, Path]
-"""The name in the scene's folder by which a file is asked for, and the file, once links are followed."""
+"""The name of a file as the scene writes it, from its folder, and the file that this resolves to."""
 
 ALLOWED_PLUGINS: dict[str, frozenset[str]] = {
     tag: frozenset(names.split())
@@ -28,42 +28,45 @@ ALLOWED_PLUGINS: dict[str, frozenset[str]] = {
         "phase": "blendphase hg isotropic rayleigh sggx tabphase",
     }.items()
 }
-"""What may be loaded, by element. A name is all that Mitsuba needs to load a library, so it must be known;
-``blender`` is not here: it reads memory at whatever address the file says."""
+"""Plug-ins that may be loaded, by element. A name is all that Mitsuba needs to load a shared library, so only
+known names pass. ``blender`` is missing because it reads memory at an address that the file gives."""
 
-PROPERTIES = frozenset(
-    ("boolean", "integer", "float", "string", "point", "vector", "rgb", "spectrum", "transform", "ref")
+OTHER_ELEMENTS = frozenset(
+    (
+        *("boolean", "integer", "float", "string", "point", "vector", "rgb", "spectrum", "transform", "ref"),
+        *("translate", "rotate", "scale", "matrix", "lookat"),  # steps of a transform
+    )
 )
-STEPS = frozenset(("translate", "rotate", "scale", "matrix", "lookat"))  # of a transform
 
 
 def check_element(element: Element, folder: Path) -> list[SceneFile]:
-    """Refuse an element, or one within it, that is not known or could do harm; make its file names absolute.
+    """Check an element and all within it, make their file names absolute, and return the files.
 
-    ``folder`` is the scene's, resolved. Returns the files. Raises BadInput with file, line, element and the
-    next step.
+    ``folder`` is the scene's, resolved. Raises BadInput for an element that is unknown or could do harm.
     """
     files: list[SceneFile] = []
-    tag, words = element.tag, element.attributes
+    tag, attributes = element.tag, element.attributes
     if tag == "path":
         raise BadInput(
             "a search path is refused", where=element.where, hint="name files relative to the scene's folder"
         )
-    known = {*ALLOWED_PLUGINS, *PROPERTIES, *STEPS}
+    known = {*ALLOWED_PLUGINS, *OTHER_ELEMENTS}
     if tag not in known and tag not in ("alias", "sensor"):
         raise unknown("element", tag, known, where=f"{element.file}:{element.line}")
-    if tag in ALLOWED_PLUGINS and (tag != "spectrum" or "type" in words):
+    if tag in ALLOWED_PLUGINS and (tag != "spectrum" or "type" in attributes):
         plugin = require_attribute(element, "type")
         if plugin not in ALLOWED_PLUGINS[tag]:
-            raise unknown("type", plugin, ALLOWED_PLUGINS[tag], where=element.where, hint=_why_not(plugin))
-    if tag == "spectrum" and "filename" in words:
+            raise unknown(
+                "type", plugin, ALLOWED_PLUGINS[tag], where=element.where, hint=_refusal_reason(plugin)
+            )
+    if tag == "spectrum" and "filename" in attributes:
         files.append(resolve_file(element, "filename", folder))
-        words["filename"] = str(files[-1][1])
+        attributes["filename"] = str(files[-1][1])
     if tag == "string":
         value = require_attribute(element, "value")
-        if "file" in words.get("name", ""):
+        if "file" in attributes.get("name", ""):
             files.append(resolve_file(element, "value", folder))
-            words["value"] = str(files[-1][1])
+            attributes["value"] = str(files[-1][1])
         elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")
     for inner in element.children:
@@ -71,16 +74,19 @@ def check_element(element: Element, folder: Path) -> list[SceneFile]:
     return files
 
 
-def _why_not(plugin: str) -> str:
+def _refusal_reason(plugin: str) -> str:
     if plugin == "blender":
         return "it reads Blender's memory: export meshes as PLY"
     return "no other plug-in is loaded from an XML scene"
 
 
 def resolve_file(element: Element, key: str, folder: Path) -> SceneFile:
-    """The file that an element names; it lies in the scene's folder, as named and once links are followed."""
+    """Return the file that an element names, which lies in the scene's folder even after following links.
+
+    Raises BadInput for one that does not, or that is missing.
+    """
     value = require_attribute(element, key)
-    if PureWindowsPath(value).anchor:  # of a path of either kind of system
+    if PureWindowsPath(value).anchor:  # an absolute path of any system
         raise BadInput(
             f"the file {value!r} is named by an absolute path",
             where=element.where,
@@ -98,8 +104,8 @@ def resolve_file(element: Element, key: str, folder: Path) -> SceneFile:
             hint=f"copy it into {folder} and name it from there",
         )
     if not file.is_file():
-        there = [p.name for p in file.parent.iterdir()] if file.parent.is_dir() else []
-        near = closest(file.name, there)
+        neighbours = [p.name for p in file.parent.iterdir()] if file.parent.is_dir() else []
+        near = closest(file.name, neighbours)
         raise BadInput(
             f"the file {value!r} does not exist",
             where=element.where,

@@ -1,4 +1,4 @@
-"""The elements of an XML file with the lines they stand on; read by expat, written again as plain text."""
+"""The elements of an XML file with their line numbers, parsed by expat, and written again as plain text."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,12 +10,12 @@ from saf_gen.errors import BadInput
 
 __all__ = ["Element", "format_scene_xml", "parse_xml_file", "require_attribute"]
 
-DEEPEST = 64  # elements within each other
+MAX_DEPTH = 64  # levels of nested elements
 
 
 @dataclass
 class Element:
-    """An element and its attributes, ``attributes``; ``line`` of ``file``, from 1."""
+    """An element, its attributes and children, and the file and line (from 1) where it starts."""
 
     tag: str
     attributes: dict[str, str]
@@ -25,26 +25,26 @@ class Element:
 
     @property
     def where(self) -> str:
-        """The place and the element, as messages name it."""
+        """File, line and element, for messages."""
         name = self.attributes.get("id") or self.attributes.get("name")
         return f"{self.file}:{self.line}: <{self.tag}{f' {name}' if name else ''}>"
 
 
 def parse_xml_file(path: Path) -> Element:
-    """The outermost element of a file, <scene>, with all in it; raises BadInput where the file is none."""
+    """Return the outermost element of a file, <scene>; raise BadInput for a file that is not a scene."""
     parser = expat.ParserCreate()
     parser.buffer_text = True
     root: list[Element] = []
     inside: list[Element] = []
 
-    def start(tag: str, words: dict[str, str]) -> None:
-        element = Element(tag, words, path, parser.CurrentLineNumber)
-        if len(inside) >= DEEPEST:
-            raise BadInput("elements are nested too deep", where=element.where, allowed=f"{DEEPEST} levels")
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, path, parser.CurrentLineNumber)
+        if len(inside) >= MAX_DEPTH:
+            raise BadInput("elements are nested too deep", where=element.where, allowed=f"{MAX_DEPTH} levels")
         (inside[-1].children if inside else root).append(element)
         inside.append(element)
 
-    def doctype(*_: Any) -> None:
+    def refuse_doctype(*_: Any) -> None:
         raise BadInput(
             "a DOCTYPE is refused: it can pull in files and blow up memory",
             where=f"{path}:{parser.CurrentLineNumber}",
@@ -53,12 +53,12 @@ def parse_xml_file(path: Path) -> Element:
 
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda tag: inside.pop()
-    parser.StartDoctypeDeclHandler = doctype
+    parser.StartDoctypeDeclHandler = refuse_doctype
     try:
         parser.Parse(path.read_bytes(), True)
     except expat.ExpatError as error:
-        said = expat.ErrorString(error.code)
-        raise BadInput(f"this is not XML: {said}", where=f"{path}:{error.lineno}") from error
+        reason = expat.ErrorString(error.code)
+        raise BadInput(f"this is not XML: {reason}", where=f"{path}:{error.lineno}") from error
     except OSError as error:
         raise BadInput(f"{path} cannot be read: {error.strerror}") from error
     except (LookupError, ValueError) as error:  # an encoding that Python or expat does not have
@@ -69,45 +69,43 @@ def parse_xml_file(path: Path) -> Element:
             hint='save it as UTF-8, with <?xml version="1.0" encoding="utf-8"?> or without that line',
         ) from error
     if root[0].tag != "scene":
-        raise BadInput("the outermost element is no scene", where=root[0].where, allowed="<scene>")
+        raise BadInput("the outermost element is not a scene", where=root[0].where, allowed="<scene>")
     return root[0]
 
 
 def require_attribute(element: Element, key: str) -> str:
-    """An attribute that must be there."""
+    """Return an attribute; raise BadInput where it is missing."""
     if key not in element.attributes:
         raise BadInput(f"{key} is missing", where=element.where)
     return element.attributes[key]
 
 
-def format_scene_xml(version: str, first: int, elements: list[Element], *, in_order: bool) -> str:
-    """A scene of these elements as text; ``in_order``: each on its own line, <scene> on line ``first``."""
-    lines = _Lines()
-    lines.put(first if in_order else 0, f"<scene version={quoteattr(version)}>")
+def format_scene_xml(elements: list[Element], *, version: str, first: int, keep_lines: bool) -> str:
+    """Return a scene of these elements as text.
+
+    ``keep_lines`` puts each on the line of its number, and <scene> on line ``first``.
+    """
+    lines: list[str] = []
+    _put(lines, f"<scene version={quoteattr(version)}>", line=first if keep_lines else 0)
     for element in elements:
-        _write(element, lines, in_order=in_order)
-    return "\n".join([*lines.done, "</scene>"])
+        _write(element, lines, keep_lines=keep_lines)
+    return "\n".join([*lines, "</scene>"])
 
 
-@dataclass
-class _Lines:
-    """Text of lines, in which an element can be put on the line of its number."""
-
-    done: list[str] = field(default_factory=list)
-
-    def put(self, line: int, text: str) -> None:
-        self.done += [""] * (line - 1 - len(self.done))
-        if line and len(self.done) >= line:
-            self.done[-1] += text
-        else:
-            self.done.append(text)
+def _put(lines: list[str], text: str, *, line: int) -> None:
+    """Append a text as the line of this number, or to that line if it exists; 0 starts a new line."""
+    lines += [""] * (line - 1 - len(lines))
+    if line and len(lines) >= line:
+        lines[-1] += text
+    else:
+        lines.append(text)
 
 
-def _write(element: Element, lines: _Lines, *, in_order: bool) -> None:
-    line = element.line if in_order else 0
-    words = "".join(f" {key}={quoteattr(value)}" for key, value in element.attributes.items())
-    lines.put(line, f"<{element.tag}{words}" + (">" if element.children else "/>"))
+def _write(element: Element, lines: list[str], *, keep_lines: bool) -> None:
+    attributes = "".join(f" {key}={quoteattr(value)}" for key, value in element.attributes.items())
+    closing = ">" if element.children else "/>"
+    _put(lines, f"<{element.tag}{attributes}{closing}", line=element.line if keep_lines else 0)
     for inner in element.children:
-        _write(inner, lines, in_order=in_order)
+        _write(inner, lines, keep_lines=keep_lines)
     if element.children:
-        lines.done[-1] += f"</{element.tag}>"
+        lines[-1] += f"</{element.tag}>"
