@@ -5,7 +5,9 @@ floor. The rooms ``lights``, ``motions``, ``measures`` and ``searches`` call par
 here.
 """
 
+import re
 from dataclasses import dataclass
+from inspect import cleandoc
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +19,7 @@ __all__ = [
     "Motion",
     "Search",
     "View",
+    "cite_source",
     "commands",
     "wants_frames",
     "wants_halves",
@@ -158,6 +161,19 @@ def commands(search: object) -> bool:
 def wants_measures(search: object) -> tuple[str, ...]:
     """Focus measures that a search looks through beside the method's own, by name (its ``measures``)."""
     return tuple(getattr(search, "measures", ()))
+
+
+def cite_source(plug_in: object) -> str:
+    """Return where a plug-in comes from, in one line; '' where it does not say.
+
+    A text ``source`` says so, or the section References of the docstring, as numpydoc has it.
+    """
+    source = getattr(plug_in, "source", None)
+    if isinstance(source, str):
+        return source.strip()
+    _, _, after = cleandoc(plug_in.__doc__ or "").partition("\nReferences\n----------\n")
+    references = re.split(r"\n\w+\n-+\n", after)[0]
+    return " ".join(references.replace(".. [", "[").split())
 
 
 @dataclass(frozen=True)

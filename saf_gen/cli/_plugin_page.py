@@ -1,5 +1,6 @@
 """What a focus measure or a search says of itself: in a cell of the list, or on a page of its own."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
 from inspect import cleandoc
@@ -12,7 +13,7 @@ from saf_gen.benchmark.method_spec import split_part_options
 from saf_gen.core.config.registry import build, plugin_class
 from saf_gen.errors import BadInput
 from saf_gen.measures import BrightnessNormalised, IntervalTexture
-from saf_gen.parts import commands, wants_halves, wants_intervals, wants_measures
+from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
 
 __all__ = [
     "build_or_class",
@@ -104,15 +105,16 @@ def _lines(name: str, plugin_kind: str, part: Any) -> Iterator[tuple[str, str]]:
             yield "twins", ", ".join(f"{name}{twin}" for twin in measure_suffixes(part)) or "none"
     elif wants_measures(part):
         yield "looks through", ", ".join(wants_measures(part))
-    yield "source", format_attribute(part, "source")
+    stated = format_attribute(part, "source")
+    yield "source", cite_source(part) or UNKNOWN if stated == UNKNOWN else stated
     if ":" not in name:  # else the name says it
         yield "class", f"{type(inner).__module__}:{type(inner).__qualname__}"
 
 
 def _prose(cls: type) -> str:
-    """A docstring without the line breaks of its file; what is set in stays as it is."""
-    paragraphs = cleandoc(cls.__doc__ or UNKNOWN).split("\n\n")
-    return "\n\n".join(p if p.startswith(" ") else " ".join(p.split()) for p in paragraphs)
+    """Return a docstring up to its first section, with each paragraph that is not set in on one line."""
+    text = re.split(r"\n\n\w+\n-+\n", cleandoc(cls.__doc__ or UNKNOWN))[0]
+    return "\n\n".join(p if p.startswith(" ") else " ".join(p.split()) for p in text.split("\n\n"))
 
 
 def _options(part: Any) -> Iterator[str]:

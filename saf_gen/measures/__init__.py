@@ -1,12 +1,11 @@
-"""Focus measures, by name: spike counts (row, col) in, one number out; larger is sharper.
+"""Focus measures by name: spike counts (row, col) in, one number out; larger is sharper.
 
-A measure with ``halves`` takes the counts of the two halves of a window, (2, row, col).
+Each measure is one file of this folder, or belongs to a package that offers it under the entry point
+``saf_gen.measures``. A measure with ``halves`` takes the counts of the two halves of a window, (2, row, col).
 
-Each measure is one file of this folder, or a package's, offered under the entry point ``saf_gen.measures``.
-A score that grows with brightness follows the light, not the focus, wherever the light changes. So every
-measure of degree d > 0 has a twin, its name with ``_n``, which divides by mean count**d. And every measure of
-a whole window, twins too, can look at the texture from intervals in place of counts: its name with ``_tfi``.
-Both are made here, for all measures alike: none has a file.
+A score that grows with brightness follows the light, not the focus, wherever the light changes. Every measure
+of degree d > 0 therefore has a brightness-normalised form, ``NAME_n``, divided by mean count**d. Measures of
+whole windows, normalised or not, can also score the texture from intervals instead of counts, ``NAME_tfi``.
 """
 
 from dataclasses import dataclass
@@ -17,11 +16,11 @@ import numpy as np
 from saf_gen.core.config.registry import PLUGIN_KINDS, build, names, plugin_class
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures._counts import as_numbers
-from saf_gen.parts import Measure, wants_halves, wants_intervals
+from saf_gen.parts import Measure, cite_source, wants_halves, wants_intervals
 
 __all__ = ["BrightnessNormalised", "IntervalTexture", "get_measure", "measure_names"]
 
-ROOM = "measures"
+KIND = "measures"
 NORMALISED_SUFFIX, INTERVAL_SUFFIX = "_n", "_tfi"
 
 
@@ -29,8 +28,8 @@ NORMALISED_SUFFIX, INTERVAL_SUFFIX = "_n", "_tfi"
 class BrightnessNormalised:
     """Any measure, divided by mean count**degree; 0.0 where no pixel counted a spike.
 
-    Counts times a give the same score, as with spike dispersion. Range: that of the measure, over the mean
-    count to its degree.
+    Counts times a factor score the same, as with spike dispersion. The range is that of the measure, over the
+    mean count to its degree.
     """
 
     measure: Measure
@@ -39,8 +38,8 @@ class BrightnessNormalised:
 
     @property
     def source(self) -> str:
-        """Where the measure comes from; the division is ours."""
-        return f"{getattr(self.measure, 'source', '')}; divided by mean count**{self.measure.degree}"
+        """The source of the measure; the division is this project's."""
+        return f"{cite_source(self.measure)}; divided by mean count**{self.measure.degree}"
 
     @property
     def halves(self) -> bool:
@@ -49,17 +48,17 @@ class BrightnessNormalised:
 
     @property
     def score_range(self) -> str:
-        """Range of the measure, over brightness."""
+        """The range of the measure, over brightness."""
         return f"({getattr(self.measure, 'score_range', '')}) / mean count**{self.measure.degree}"
 
     @property
     def cost(self) -> float | None:
-        """That of the measure, and an addition a pixel for the mean; None where the measure states none."""
-        inner, images = getattr(self.measure, "cost", None), 2 if self.halves else 1
-        return None if inner is None else inner + images
+        """The measure's cost plus one addition per pixel for the mean; None where the measure states none."""
+        cost = getattr(self.measure, "cost", None)
+        return None if cost is None else cost + (2 if self.halves else 1)
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts as the measure takes them. Raises BadInput as the measure does."""
+        """Return the score of counts as the measure takes them. Raise BadInput as the measure does."""
         numbers, degree = as_numbers(counts, halves=self.halves), self.measure.degree
         total = numbers.sum().item()  # an exact int for whole numbers, so that equal windows stay equal
         return self.measure(counts) * numbers.size**degree / total**degree if total else 0.0
@@ -67,12 +66,18 @@ class BrightnessNormalised:
 
 @dataclass(frozen=True)
 class IntervalTexture:
-    """Any measure, of the texture from intervals (TFI) in place of counts (TFP).
+    """Any measure, of the texture from intervals (TFI) instead of counts (TFP).
 
-    Each pixel is given what it would count in the window at the rate of the one interval between spikes round
-    the window's middle: real numbers in the unit of counts, 0.0 for a pixel without such an interval. So the
-    measure, its degree and its range stay; blur by motion goes, however long the window, and what the rest of
-    the window saw is not used. An interval is a whole number of readouts, so bright pixels have few levels.
+    Each pixel holds what it would count in the window at the rate of the one interval between spikes around
+    the window's middle: a real number in the unit of counts, 0.0 without such an interval. The measure, its
+    degree, its cost and its range stay. However long the window, motion within it does not blur the texture,
+    and the rest of the window is not used. An interval is a whole number of readouts, so bright pixels have
+    few levels.
+
+    References
+    ----------
+    Zhu et al., "A Retina-inspired Sampling Method for Visual Texture Reconstruction", ICME 2019,
+    doi:10.1109/ICME.2019.00248.
     """
 
     measure: Measure
@@ -81,86 +86,97 @@ class IntervalTexture:
 
     @property
     def degree(self) -> int:
-        """That of the measure: light times a divides intervals by a."""
+        """The degree of the measure: light times a factor divides the intervals by it."""
         return self.measure.degree
 
     @property
     def source(self) -> str:
-        """Where the measure comes from, and the texture."""
-        return (
-            f"{getattr(self.measure, 'source', '')}; texture from intervals: Zhu et al., A Retina-inspired "
-            "Sampling Method for Visual Texture Reconstruction, ICME 2019, doi:10.1109/ICME.2019.00248"
-        )
+        """The source of the measure, and that of the texture."""
+        return f"{cite_source(self.measure)}; texture from intervals: {cite_source(type(self))}"
 
     @property
     def score_range(self) -> str:
-        """Range of the measure."""
+        """The range of the measure."""
         return str(getattr(self.measure, "score_range", ""))
 
     @property
     def cost(self) -> float | None:
-        """That of the measure, None where it states none; the texture is made before."""
+        """The cost of the measure, None where it states none; the texture is made before."""
         return getattr(self.measure, "cost", None)
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of a texture (row, col), in counts. Raises BadInput as the measure does."""
+        """Return the score of a texture (row, col), in counts. Raise BadInput as the measure does."""
         return self.measure(counts)
 
 
 def measure_names() -> list[str]:
-    """Every measure and its twin, sorted; get_measure takes each of a whole window with ``_tfi`` behind, too.
+    """Return the names of all measures and their ``_n`` forms, sorted.
 
-    A measure of another package that cannot be loaded is listed without a twin; asking for it says why.
+    get_measure also takes the ``_tfi`` form of each that scores whole windows. A measure of another package
+    that cannot be loaded is listed without its ``_n`` form; asking for it says why.
     """
-    found = set(names(ROOM))
-    for name in names(ROOM):
+    found = set(names(KIND))
+    for name in names(KIND):
         try:
-            if _grows(name):
+            if _grows_with_brightness(name):
                 found.add(name + NORMALISED_SUFFIX)
         except BadInput:
             continue
     return sorted(found)
 
 
-def _grows(name: str) -> bool:
-    """Whether a measure's score grows with brightness: as its class says, or it does without options."""
-    degree = getattr(plugin_class(ROOM, name), "degree", 0)
+def _grows_with_brightness(name: str) -> bool:
+    """Return whether a measure's degree is above 0, as its class states it or it does without options."""
+    degree = getattr(plugin_class(KIND, name), "degree", 0)
     if isinstance(degree, property):
-        degree = getattr(build(ROOM, name), "degree", 0)
+        degree = getattr(build(KIND, name), "degree", 0)
     return isinstance(degree, int) and degree > 0
 
 
 def get_measure(name: str, **options: Any) -> Measure:
-    """The focus measure ``name``, or the one of ``file.py:Class``.
+    """Return a focus measure by its name.
 
-    Options are the keys of the measure, for a twin or on textures those of the measure within.
-    Raises BadInput for an unknown name or key, for a value that the measure refuses, for the twin of a
-    measure that does not depend on brightness, and for the texture of intervals for one that compares halves.
+    Parameters
+    ----------
+    name : a name of :func:`measure_names`, ``file.py:Class`` or ``package.module:Class``, followed by ``_n``
+        (brightness-normalised), ``_tfi`` (texture from intervals), both (``_n_tfi``) or neither.
+    **options : the fields of the measure's dataclass. With a suffix they are those of the measure within.
+
+    Returns
+    -------
+    Measure
+        Called with counts (row, col), or (2, row, col) if it states ``halves``, it returns a float.
+
+    Raises
+    ------
+    BadInput
+        For an unknown name or option, for a value that the measure refuses, for ``_n`` where the score does
+        not grow with brightness, and for ``_tfi`` where the measure does not take counts of whole windows.
     """
-    if name in names(ROOM) or (":" in name and not name.endswith((NORMALISED_SUFFIX, INTERVAL_SUFFIX))):
-        return build(ROOM, name, **options)
+    if name in names(KIND) or (":" in name and not name.endswith((NORMALISED_SUFFIX, INTERVAL_SUFFIX))):
+        return build(KIND, name, **options)
     if name.endswith(INTERVAL_SUFFIX):
-        return _from_intervals(name.removesuffix(INTERVAL_SUFFIX), options)
+        return _interval_texture(name.removesuffix(INTERVAL_SUFFIX), options)
     base = name.removesuffix(NORMALISED_SUFFIX)
-    if base == name or (base not in names(ROOM) and ":" not in base):
-        raise unknown(PLUGIN_KINDS[ROOM], name, measure_names())
-    measure = build(ROOM, base, **options)
+    if base == name or (base not in names(KIND) and ":" not in base):
+        raise unknown(PLUGIN_KINDS[KIND], name, measure_names())
+    measure = build(KIND, base, **options)
     if getattr(measure, "degree", 0) <= 0:
         raise BadInput(
-            f"{PLUGIN_KINDS[ROOM]} {base!r} has no twin {name!r}: its score does not grow with brightness",
-            allowed="twins of measures of degree 1 or more",
+            f"{PLUGIN_KINDS[KIND]} {base!r} has no form {name!r}: its score does not grow with brightness",
+            allowed=f"{NORMALISED_SUFFIX} after measures of degree 1 or more",
             nearest=base,
         )
     return BrightnessNormalised(measure)
 
 
-def _from_intervals(base: str, options: dict[str, Any]) -> Measure:
+def _interval_texture(base: str, options: dict[str, Any]) -> Measure:
     measure = get_measure(base, **options)
     if wants_halves(measure) or wants_intervals(measure):
-        what = "it compares halves of a window" if wants_halves(measure) else "it takes intervals already"
+        reason = "it compares halves of a window" if wants_halves(measure) else "it takes intervals already"
         raise BadInput(
-            f"{PLUGIN_KINDS[ROOM]} {base!r} has no {base + INTERVAL_SUFFIX!r}: {what}",
-            allowed="measures that take the counts of a whole window",
+            f"{PLUGIN_KINDS[KIND]} {base!r} has no form {base + INTERVAL_SUFFIX!r}: {reason}",
+            allowed=f"{INTERVAL_SUFFIX} after measures that take the counts of a whole window",
             nearest=base,
         )
     return IntervalTexture(measure)

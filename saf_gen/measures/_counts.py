@@ -1,31 +1,39 @@
-"""Numbers that measures compute with: counts of any type, so that sums of whole numbers stay exact."""
+"""The counts that measures compute with: any number type, brought to one whose sums are exact."""
 
 import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["MIN_LIGHT_OVER_DARK", "as_floats", "as_numbers"]
+__all__ = ["as_floats", "as_numbers", "subtract_dark"]
 
 MIN_LIGHT_OVER_DARK = 0.1
-"""Of the dark counts: a mean light below that is night."""
+"""Smallest ratio of mean light to mean dark counts at which light is told from night."""
 
 GROWTH = 512
-"""No measure here gives more than this many sums of squared counts (a Laplacian of weight 20, squared)."""
+"""No measure of this package gives more than this many sums of squared counts (weight 20, squared)."""
 
 
 def as_numbers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
-    """``counts`` (row, col) as int64 where they are whole numbers whose squares sum up in it, else float64.
+    """Return counts as int64 where sums of their squares stay exact in it, else as float64.
 
-    With ``halves`` the counts of the two halves of a window, (2, row, col). Rows lie one after the other in
-    memory, so that sums of floats do not depend on how the counts lay.
-    Raises BadInput for other axes, for no pixel, and for what is no finite number.
+    Rows lie one after the other in memory, so that sums of floats do not depend on the input's layout.
+
+    Parameters
+    ----------
+    counts : array of any number type, (row, col), or (2, row, col) with ``halves``.
+    halves : whether the counts are those of the two halves of a window.
+
+    Raises
+    ------
+    BadInput
+        For other axes, for no pixel, and for values that are no finite numbers.
     """
     given = np.asarray(counts)
     if halves and (given.ndim != 3 or len(given) != 2 or given.size == 0):
         raise BadInput(
             f"counts have shape {given.shape}",
             allowed="(2, rows, columns), an image for each half of the window, at least one pixel",
-            hint="count frames a ... m-1 and m ... b-1 apart",
+            hint="count frames a ... m-1 and m ... b-1 separately",
         )
     if not halves and (given.ndim != 2 or given.size == 0):
         raise BadInput(f"counts have shape {given.shape}", allowed="(rows, columns), at least one pixel")
@@ -41,5 +49,20 @@ def as_numbers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
 
 
 def as_floats(counts: np.ndarray) -> np.ndarray:
-    """``counts`` (row, col) as float64, for what is no sum of products. Raises as as_numbers does."""
+    """Return counts (row, col) as float64, for sums that are not exact anyway. Raise as as_numbers does."""
     return as_numbers(counts).astype(np.float64)
+
+
+def subtract_dark(
+    means: tuple[float, float], rate: float, *, frames: int
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Split the mean counts of both halves of a window into light and dark, counts per pixel.
+
+    ``rate`` is that of dark spikes per pixel and readout, ``frames`` the length of both halves together.
+    Returns the light and the dark of each half, or None where a half holds hardly any light.
+    """
+    dark = rate * (frames // 2), rate * (frames - frames // 2)
+    light = means[0] - dark[0], means[1] - dark[1]
+    if light[0] <= MIN_LIGHT_OVER_DARK * dark[0] or light[1] <= MIN_LIGHT_OVER_DARK * dark[1]:
+        return None
+    return light, dark

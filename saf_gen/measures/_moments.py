@@ -8,19 +8,20 @@ __all__ = ["mean_square", "squared_contrast", "sum_of_squares", "variance"]
 
 
 def sum_of_squares(numbers: np.ndarray) -> int | float:
-    """Sum of squared numbers of any shape: an exact int for int64 (see as_numbers), else a float."""
+    """Return the sum of squares of an array of any shape: an exact int for int64, else a float."""
     return np.vdot(numbers, numbers).item()
 
 
 def mean_square(numbers: np.ndarray) -> float:
-    """Mean of squared numbers of any shape; 0.0 for none of them."""
+    """Return the mean of squared numbers of any shape, 0.0 for an empty array."""
     return sum_of_squares(numbers) / numbers.size if numbers.size else 0.0
 
 
 def variance(numbers: np.ndarray) -> float:
-    """Mean square of deviations from the mean, of numbers as as_numbers gives them or whole sums of those.
+    """Return the mean square of the deviations from the mean, 0.0 for an empty array.
 
-    Whole numbers go through N·Σc² − (Σc)² in Python integers, as in squared_contrast. 0.0 for none.
+    ``numbers`` are the result of as_numbers or whole-number sums of it. Whole numbers go through
+    N·Σc² − (Σc)² in Python integers, as in squared_contrast.
     """
     if not numbers.size:
         return 0.0
@@ -31,7 +32,7 @@ def variance(numbers: np.ndarray) -> float:
 
 
 def squared_contrast(counts: np.ndarray, *, pixels: bool = False) -> float:
-    """Variance over squared mean of counts (row, col), times N where ``pixels``; 0.0 for a mean of 0.
+    """Return variance over squared mean of counts (row, col), times N with ``pixels``; 0.0 for a mean of 0.
 
     Whole numbers go through N·Σc² − (Σc)² in Python integers: exact up to the one rounding of the quotient,
     where deviations from a mean in floats would leave a constant image a little above 0.

@@ -1,4 +1,4 @@
-"""Power spectra of counts in a band of spatial frequencies."""
+"""The power spectrum of counts in a band of spatial frequencies."""
 
 from functools import lru_cache
 from math import log2
@@ -12,28 +12,29 @@ from saf_gen.measures._counts import as_floats
 __all__ = ["FFT_COST", "check_band", "power_in_band"]
 
 FFT_COST = 2.5 * log2(400 * 250)
-"""Additions and multiplications a pixel of a real fast Fourier transform, 2.5 log2 N, at 400 x 250 pixels."""
+"""Operations per pixel of a real fast Fourier transform, 2.5 log2 N, at 400 x 250 pixels."""
 
 
 def check_band(lowest: float, highest: float) -> None:
-    """Raises BadInput unless 0 <= lowest < highest <= 0.75 cycles a pixel (a corner has 0.71)."""
+    """Raise BadInput unless 0 <= lowest < highest <= 0.75 cycles per pixel (a corner has 0.71)."""
     for key, value in (("lowest", lowest), ("highest", highest)):
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise BadInput(f"{key} is {value!r}", allowed="a frequency in cycles a pixel")
+            raise BadInput(f"{key} is {value!r}", allowed="a frequency in cycles per pixel")
     if not 0 <= lowest < highest <= 0.75:
         raise BadInput(
             f"lowest is {lowest!r}, highest {highest!r}",
-            allowed="cycles a pixel, 0 <= lowest < highest <= 0.75",
+            allowed="cycles per pixel, 0 <= lowest < highest <= 0.75",
             hint="pixels carry up to 0.5 along an axis",
         )
 
 
-def power_in_band(counts: np.ndarray, lowest: float, highest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where the variance of counts (row, col) lies: |FFT(c − ū)|²/N² and its radius, cycles a pixel.
+def power_in_band(counts: np.ndarray, lowest: float, *, highest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the power |FFT(c − ū)|²/N² of counts (row, col), and the radius of each frequency.
 
-    One column for each frequency from 0 on that can lie in the band; columns that stand for their mirror
-    image too count twice, and power outside lowest <= radius <= highest is 0. Over all frequencies the power
-    sums up to the variance. Both float64 (rows, columns); the radius is shared, do not write to it.
+    Both are float64 (rows, columns), the radius in cycles per pixel. There is one column for each frequency
+    from 0 on that can lie in the band; columns that also stand for their mirror image count twice, and power
+    outside ``lowest`` <= radius <= ``highest`` is 0. Over all frequencies the power sums up to the variance.
+    The radius is shared between calls and read-only.
     """
     image = as_floats(counts)
     weight, radius = _band(image.shape, lowest, highest)
@@ -43,7 +44,7 @@ def power_in_band(counts: np.ndarray, lowest: float, highest: float) -> tuple[np
 
 
 @lru_cache(maxsize=16)
-def _band(shape: tuple[int, int], lowest: float, highest: float) -> tuple[np.ndarray, np.ndarray]:
+def _band(shape: tuple[int, ...], lowest: float, highest: float) -> tuple[np.ndarray, np.ndarray]:
     rows, cols = shape
     down, across = np.abs(np.fft.fftfreq(rows)), np.abs(np.fft.rfftfreq(cols))
     twice = np.where((across > 0) & (2 * np.arange(across.size) < cols), 2.0, 1.0)

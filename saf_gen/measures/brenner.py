@@ -1,4 +1,4 @@
-"""Brenner's gradient: squared difference of pixels two apart."""
+"""Brenner's gradient: squared differences of pixels two apart."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,25 +11,27 @@ from saf_gen.measures._moments import mean_square
 
 @dataclass(frozen=True)
 class Brenner:
-    """Mean of (c(x+2) − c(x))² along rows, as published: stripes that run along the rows score 0.
+    """Mean of (c(x+2) − c(x))² along rows.
 
-    A ramp of s counts a pixel scores 4s², white noise twice its variance, a period of four pixels most.
-    0.0 for fewer than three columns.
+    A ramp of s counts per pixel scores 4s², white noise twice its variance; a period of four pixels scores
+    most, and stripes that run along the rows score 0, as published. 0.0 for fewer than three columns. Never
+    rises when a periodic scene is blurred further.
 
-    Never rises when a periodic scene is blurred further. Squared counts, range from 0, degree 2, cost 3:
-    two additions and a multiplication a pixel.
+    Range from 0, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
+
+    References
+    ----------
+    .. [1] Brenner et al., "An automated microscope for cytologic research", J. Histochemistry and
+       Cytochemistry 24(1), 1976, doi:10.1177/24.1.1254907.
+    .. [2] Santos et al., "Evaluation of autofocus functions in molecular cytogenetic analysis", J. Microscopy
+       188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x.
     """
 
     degree: ClassVar[int] = 2
     cost: ClassVar[float] = 3.0
-    source: ClassVar[str] = (
-        "Brenner et al., An automated microscope for cytologic research, J. Histochemistry and Cytochemistry "
-        "24(1), 1976, doi:10.1177/24.1.1254907; Santos et al., J. Microscopy 188(3), 1997, "
-        "doi:10.1046/j.1365-2818.1997.2630819.x"
-    )
     score_range: ClassVar[str] = "from 0; 0 for constant counts"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type, squared counts."""
+        """Return the score of counts (row, col) of any number type, in squared counts."""
         c = as_numbers(counts)
         return mean_square(c[:, 2:] - c[:, :-2])

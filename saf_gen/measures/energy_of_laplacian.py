@@ -13,24 +13,26 @@ from saf_gen.measures._moments import mean_square
 class EnergyOfLaplacian:
     """Mean square of c * L, L = (−1 −4 −1; −4 20 −4; −1 −4 −1), where the kernel lies inside.
 
-    L is −6 times the Laplacian: c = (ax² + by²)/2 scores 36(a + b)². Ramps score 0, white noise 468 times
-    its variance: the highest frequencies count most. 0.0 for fewer than three rows or columns.
+    L is −6 times the Laplacian: c = (ax² + by²)/2 scores 36(a + b)². Ramps score 0, white noise 468 times its
+    variance: the highest frequencies count most. 0.0 for fewer than three rows or columns. Never rises when a
+    periodic scene is blurred further.
 
-    Never rises when a periodic scene is blurred further. Squared counts, range from 0, degree 2, cost 10:
-    six additions and four multiplications a pixel.
+    Range from 0, in squared counts; degree 2; cost 10: six additions and four multiplications per pixel.
+
+    References
+    ----------
+    .. [1] Subbarao, Choi and Nikzad, "Focusing techniques", Optical Engineering 32(11), 1993,
+       doi:10.1117/12.147706.
+    .. [2] The kernel is that of Sun, Duthaler and Nelson, "Autofocusing in computer microscopy", Microscopy
+       Research and Technique 65(3), 2004, doi:10.1002/jemt.20118.
     """
 
     degree: ClassVar[int] = 2
     cost: ClassVar[float] = 10.0
-    source: ClassVar[str] = (
-        "Subbarao, Choi and Nikzad, Focusing techniques, Optical Engineering 32(11), 1993, "
-        "doi:10.1117/12.147706; kernel as in Sun, Duthaler and Nelson, Microscopy Research and Technique "
-        "65(3), 2004, doi:10.1002/jemt.20118"
-    )
     score_range: ClassVar[str] = "from 0; 0 for constant counts and ramps"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type, squared counts."""
+        """Return the score of counts (row, col) of any number type, in squared counts."""
         c = as_numbers(counts)
         if min(c.shape) < 3:
             return 0.0

@@ -1,4 +1,4 @@
-"""Event rate taken word for word: how many spikes there are."""
+"""Event rate taken literally: the number of spikes."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,20 +10,22 @@ from saf_gen.measures._counts import as_numbers
 
 @dataclass(frozen=True)
 class EventRateCount:
-    """Sum of counts, Σc: brightness and nothing else. The floor that a focus measure has to beat.
+    """Sum of counts, Σc: brightness and nothing else, the baseline that a focus measure has to beat.
 
-    Range 0 ... N·n for windows of n frames, degree 1, cost 1: an addition a pixel. Its twin is N wherever
-    there is a spike, so it cannot tell windows apart.
+    Divided by brightness it is N wherever there is a spike, so it cannot tell windows apart.
+
+    Range 0 to N·n for N pixels and n frames; degree 1; cost 1: an addition per pixel.
+
+    References
+    ----------
+    Events are replaced by spikes in Lin et al., "Autofocus for Event Cameras", CVPR 2022,
+    doi:10.1109/CVPR52688.2022.01586.
     """
 
     degree: ClassVar[int] = 1
     cost: ClassVar[float] = 1.0
-    source: ClassVar[str] = (
-        "Lin et al., Autofocus for Event Cameras, CVPR 2022, doi:10.1109/CVPR52688.2022.01586, "
-        "with spikes in place of events"
-    )
     score_range: ClassVar[str] = "0 ... N n for N pixels and n frames"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type."""
+        """Return the score of counts (row, col) of any number type."""
         return float(as_numbers(counts).sum())

@@ -6,46 +6,44 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.errors import BadInput
 from saf_gen.measures._counts import as_floats
 from saf_gen.measures._filters import correlate_separable
 from saf_gen.measures._moments import mean_square
+from saf_gen.measures._options import check_range
 
 
 @dataclass(frozen=True)
 class GaussianDerivative:
     """Mean of (c * Gx)² + (c * Gy)², G a Gaussian of ``sigma_px`` cut off at 3 sigma, where it lies inside.
 
-    Smoothing keeps noise out: the source takes sigma = d/√12 for details of d pixels. A ramp of s counts
-    a pixel scores s² at any scale, white noise about its variance over 4π·sigma⁴. 0.0 where the
-    kernel of 2·⌈3 sigma⌉ + 1 pixels does not fit.
+    The smoothing suppresses noise: the source takes sigma = d/√12 for details of d pixels. A ramp of s counts
+    per pixel scores s² at any scale, white noise about its variance over 4π·sigma⁴. 0.0 where the kernel of
+    2·⌈3 sigma⌉ + 1 pixels does not fit. Never rises when a periodic scene is blurred further.
 
-    Never rises when a periodic scene is blurred further. Squared counts a pixel², from 0, degree 2, cost
-    8K + 4 for a kernel of K pixels: four passes along rows or columns; 60 at sigma 1.
+    Range from 0, in squared counts per squared pixel; degree 2; cost 8K + 4 for a kernel of K pixels, four
+    passes along rows or columns (60 at sigma 1).
+
+    References
+    ----------
+    Geusebroek et al., "Robust autofocusing in microscopy", Cytometry 39(1), 2000,
+    doi:10.1002/(SICI)1097-0320(20000101)39:1<1::AID-CYTO2>3.0.CO;2-J.
     """
 
     sigma_px: float = 1.0
 
     degree: ClassVar[int] = 2
-    source: ClassVar[str] = (
-        "Geusebroek et al., Robust autofocusing in microscopy, Cytometry 39(1), 2000, "
-        "doi:10.1002/(SICI)1097-0320(20000101)39:1<1::AID-CYTO2>3.0.CO;2-J"
-    )
     score_range: ClassVar[str] = "from 0; 0 for constant counts"
 
     def __post_init__(self) -> None:
-        if isinstance(self.sigma_px, bool) or not isinstance(self.sigma_px, int | float):
-            raise BadInput(f"sigma_px is {self.sigma_px!r}", allowed="a number of pixels")
-        if not 0.3 <= self.sigma_px <= 30:
-            raise BadInput(f"sigma_px is {self.sigma_px!r}", allowed="0.3 to 30 pixels")
+        check_range("sigma_px", self.sigma_px, lowest=0.3, highest=30, unit=" pixels")
 
     @property
     def cost(self) -> float:
-        """Additions and multiplications a pixel."""
+        """Additions and multiplications per pixel."""
         return 8.0 * _kernels(self.sigma_px)[0].size + 4
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type, squared counts a pixel²."""
+        """Return the score of counts (row, col) of any number type, in squared counts per squared pixel."""
         smooth, slope = _kernels(self.sigma_px)
         c = as_floats(counts)
         if min(c.shape) < smooth.size:
@@ -57,7 +55,7 @@ class GaussianDerivative:
 
 @lru_cache(maxsize=16)
 def _kernels(sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothing that keeps a constant, and a derivative that gives a ramp its slope."""
+    """Return a smoothing kernel that keeps a constant, and a derivative that gives a ramp its slope."""
     reach = int(np.ceil(3 * sigma_px))
     x = np.arange(-reach, reach + 1, dtype=np.float64)
     bell = np.exp(-0.5 * (x / sigma_px) ** 2)

@@ -1,4 +1,4 @@
-"""Sum of Sobel gradient magnitudes, as the spike dispersion's released code computes its baseline."""
+"""Sum of Sobel gradient magnitudes, the baseline in the released code of spike dispersion."""
 
 import math
 from dataclasses import dataclass
@@ -12,38 +12,40 @@ from saf_gen.measures._counts import as_numbers
 
 @dataclass(frozen=True)
 class GradientMagnitude:
-    """Σ√(Gx² + Gy²) over all pixels, 3x3 Sobel, smoothing 1-2-1 not normalised, borders replicated.
+    """Σ√(Gx² + Gy²) over all pixels, 3×3 Sobel, smoothing 1-2-1 not normalised, borders replicated.
 
-    Never rises when a periodic scene is blurred further.
-    Range from 0, degree 1, cost 17: twelve additions, four multiplications and a root a pixel. The
-    magnitude adds up noise, so few counts score high.
+    Magnitudes of noise add up, so few counts score high. Never rises when a periodic scene is blurred
+    further.
+
+    Range from 0, in counts; degree 1; cost 17: twelve additions, four multiplications and a root per pixel.
+
+    References
+    ----------
+    Released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
+    doi:10.1109/CVPR52733.2024.02363.
     """
 
     degree: ClassVar[int] = 1
     cost: ClassVar[float] = 17.0
-    source: ClassVar[str] = (
-        "released code of Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, "
-        "doi:10.1109/CVPR52733.2024.02363"
-    )
     score_range: ClassVar[str] = "from 0"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type."""
+        """Return the score of counts (row, col) of any number type."""
         return _magnitudes(as_numbers(counts).astype(np.float64))
 
 
 @njit(nogil=True, cache=True)
 def _magnitudes(c: np.ndarray) -> float:
-    """The sum, row by row: a kernel, because arrays for each step cost more than the arithmetic."""
+    """Return the sum over rows: compiled, because arrays for each step cost more than the arithmetic."""
     rows, cols = c.shape
     total = 0.0
     for i in range(rows):
         up, here, down = c[max(i - 1, 0)], c[i], c[min(i + 1, rows - 1)]
-        of_row = 0.0
+        row_sum = 0.0
         for j in range(cols):
             left, right = max(j - 1, 0), min(j + 1, cols - 1)
             gx = up[right] - up[left] + 2.0 * (here[right] - here[left]) + down[right] - down[left]
             gy = down[left] - up[left] + 2.0 * (down[j] - up[j]) + down[right] - up[right]
-            of_row += math.sqrt(gx * gx + gy * gy)
-        total += of_row
+            row_sum += math.sqrt(gx * gx + gy * gy)
+        total += row_sum
     return total

@@ -10,23 +10,26 @@ from saf_gen.measures._counts import as_numbers
 
 @dataclass(frozen=True)
 class MidFrequencyDct:
-    """Σ(O * c)² where the 4x4 kernel O = vvᵀ, v = (1, 1, −1, −1), lies wholly inside the image.
+    """Σ(O * c)² where the 4×4 kernel O = vvᵀ, v = (1, 1, −1, −1), lies wholly inside the image.
 
-    O is the middle frequency of a 4x4 cosine transform with its weights rounded to signs. It sums to 0, so
-    constant counts score 0. Never rises when a periodic scene is blurred further.
-    Range from 0, degree 2, cost 8: seven additions and a multiplication a pixel.
+    O is the middle frequency of a 4×4 cosine transform with its weights rounded to signs. It sums to 0, so
+    constant counts score 0. 0.0 for fewer than four rows or columns. Never rises when a periodic scene is
+    blurred further.
+
+    Range from 0, in squared counts; degree 2; cost 8: seven additions and a multiplication per pixel.
+
+    References
+    ----------
+    Lee et al., "Enhanced Autofocus Algorithm Using Robust Focus Measure and Fuzzy Reasoning", IEEE TCSVT
+    18(9), 2008, doi:10.1109/TCSVT.2008.924105.
     """
 
     degree: ClassVar[int] = 2
     cost: ClassVar[float] = 8.0
-    source: ClassVar[str] = (
-        "Lee et al., Enhanced Autofocus Algorithm Using Robust Focus Measure and Fuzzy Reasoning, "
-        "IEEE TCSVT 18(9), 2008, doi:10.1109/TCSVT.2008.924105"
-    )
     score_range: ClassVar[str] = "from 0; 0 for constant counts"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type; 0.0 for fewer than four rows or columns."""
+        """Return the score of counts (row, col) of any number type."""
         c = as_numbers(counts)
         if min(c.shape) < 4:
             return 0.0

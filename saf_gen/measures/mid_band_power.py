@@ -10,15 +10,22 @@ from saf_gen.measures._spectrum import FFT_COST, check_band, power_in_band
 
 @dataclass(frozen=True)
 class MidBandPower:
-    """The part of the counts' variance that lies at ``lowest`` to ``highest`` cycles a pixel, squared counts.
+    """Part of the variance at ``lowest`` to ``highest`` cycles per pixel: Σ |FFT(c − ū)|²/N² over the ring.
 
-    The sum of |FFT(c − ū)|²/N² over the ring; over all frequencies it would be the variance. High frequencies
-    hold mostly noise, low ones change little with focus; contrast reversals of a lens limit the ring from
-    below. The default is the octave of periods from 4 to 8 pixels and tuned on nothing. Counting noise adds
-    15 % of its own variance. The border is not tapered.
+    Over all frequencies it is the variance. High frequencies hold mostly noise, and low ones change little
+    with focus; contrast reversals of a lens limit the ring from below. The default, periods from 4 to 8
+    pixels, is not tuned. Shot noise adds 15 % of its own variance. The border is not tapered. Never rises
+    when a periodic scene is blurred further.
 
-    Never rises when a periodic scene is blurred further. Range 0 ... V, degree 2, cost 45 for 400 x 250
-    pixels: a real Fourier transform of N pixels, 2.5 log2 N operations a pixel, and three beside it.
+    Range 0 to the variance, in squared counts; degree 2; cost 45 for 400 x 250 pixels: a real Fourier
+    transform, 2.5 log2 N operations per pixel, and three beside it.
+
+    References
+    ----------
+    .. [1] Oliva, Bravo-Zanoguera and Price, "Filtering out contrast reversals for microscopy autofocus",
+       Applied Optics 38(4), 1999, doi:10.1364/AO.38.000638.
+    .. [2] Firestone et al., "Comparison of autofocus methods for automated microscopy", Cytometry 12(3),
+       1991, doi:10.1002/cyto.990120302.
     """
 
     lowest: float = 0.125
@@ -26,16 +33,11 @@ class MidBandPower:
 
     degree: ClassVar[int] = 2
     cost: ClassVar[float] = FFT_COST + 3
-    source: ClassVar[str] = (
-        "Oliva, Bravo-Zanoguera and Price, Filtering out contrast reversals for microscopy autofocus, "
-        "Applied Optics 38(4), 1999, doi:10.1364/AO.38.000638; spectral measures: Firestone et al., "
-        "Cytometry 12(3), 1991, doi:10.1002/cyto.990120302"
-    )
     score_range: ClassVar[str] = "0 ... the variance of the counts"
 
     def __post_init__(self) -> None:
         check_band(self.lowest, self.highest)
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type, squared counts."""
-        return float(power_in_band(counts, self.lowest, self.highest)[0].sum())
+        """Return the score of counts (row, col) of any number type, in squared counts."""
+        return float(power_in_band(counts, self.lowest, highest=self.highest)[0].sum())

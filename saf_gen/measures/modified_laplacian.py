@@ -5,36 +5,36 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.errors import BadInput
 from saf_gen.measures._counts import as_numbers
+from saf_gen.measures._options import check_whole
 
 
 @dataclass(frozen=True)
 class ModifiedLaplacian:
-    """Mean of |2c − c(x−s) − c(x+s)| + |2c − c(y−s) − c(y+s)| with ``step`` s, no threshold.
+    """Mean of |2c − c(x−s) − c(x+s)| + |2c − c(y−s) − c(y+s)| for ``step`` s, without a threshold.
 
-    The two second differences are taken apart, since in the Laplacian they may cancel. Ramps score 0.
-    0.0 for fewer than 2s + 1 rows or columns.
+    The magnitude is taken along each axis, because in the Laplacian the two second differences may cancel.
+    Ramps score 0. Magnitudes of noise add up, so few counts score high. 0.0 for fewer than 2s + 1 rows or
+    columns. Never rises when a periodic scene is blurred further.
 
-    Never rises when a periodic scene is blurred further. Counts, range from 0, degree 1, cost 7: six
-    additions and a multiplication a pixel. The magnitude adds up noise, so few counts score high.
+    Range from 0, in counts; degree 1; cost 7: six additions and a multiplication per pixel.
+
+    References
+    ----------
+    Nayar and Nakagawa, "Shape from focus", IEEE TPAMI 16(8), 1994, doi:10.1109/34.308479.
     """
 
     step: int = 1
 
     degree: ClassVar[int] = 1
     cost: ClassVar[float] = 7.0
-    source: ClassVar[str] = (
-        "Nayar and Nakagawa, Shape from focus, IEEE TPAMI 16(8), 1994, doi:10.1109/34.308479"
-    )
     score_range: ClassVar[str] = "from 0; 0 for constant counts and ramps"
 
     def __post_init__(self) -> None:
-        if isinstance(self.step, bool) or not isinstance(self.step, int) or self.step < 1:
-            raise BadInput(f"step is {self.step!r}", allowed="a whole number of pixels, 1 or more")
+        check_whole("step", self.step, unit="number of pixels")
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type, counts."""
+        """Return the score of counts (row, col) of any number type, in counts."""
         c, s = as_numbers(counts), self.step
         if min(c.shape) <= 2 * s:
             return 0.0

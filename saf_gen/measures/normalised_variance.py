@@ -1,4 +1,4 @@
-"""Variance over mean: normalised as microscopes do it, which is not enough for changing light."""
+"""Variance over mean, the normalisation usual in microscopy."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,24 +11,29 @@ from saf_gen.measures._moments import variance
 
 @dataclass(frozen=True)
 class NormalisedVariance:
-    """Variance over mean, V/ū; 0.0 where there is no spike. Still grows with the light: V/ū² is ``sd``.
+    """Variance over mean, V/ū; 0.0 where there is no spike.
 
-    For Poisson counts of an even field it is 1 at any brightness, which is what the division is for.
+    Poisson counts of an even field score 1 at any brightness, which is what the division is for. The score of
+    a texture still grows with the light; V/ū² is ``sd``. Never rises when a periodic scene is blurred
+    further.
 
-    Never rises when a periodic scene is blurred further. Counts, range 0 ... (N − 1)ū, degree 1, cost 4:
-    three additions and a multiplication a pixel.
+    Range 0 to (N − 1)ū for N pixels, in counts; degree 1; cost 4: three additions and a multiplication per
+    pixel.
+
+    References
+    ----------
+    .. [1] Groen, Young and Ligthart, "A comparison of different focus functions for use in autofocus
+       algorithms", Cytometry 6(2), 1985, doi:10.1002/cyto.990060202.
+    .. [2] Sun, Duthaler and Nelson, "Autofocusing in computer microscopy", Microscopy Research and Technique
+       65(3), 2004, doi:10.1002/jemt.20118.
     """
 
     degree: ClassVar[int] = 1
     cost: ClassVar[float] = 4.0
-    source: ClassVar[str] = (
-        "Groen, Young and Ligthart, Cytometry 6(2), 1985, doi:10.1002/cyto.990060202; as in Sun, Duthaler "
-        "and Nelson, Microscopy Research and Technique 65(3), 2004, doi:10.1002/jemt.20118"
-    )
     score_range: ClassVar[str] = "0 ... (N - 1) mean count for N pixels"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type, counts."""
+        """Return the score of counts (row, col) of any number type, in counts."""
         numbers = as_numbers(counts)
         total = numbers.sum().item()
         return variance(numbers) * numbers.size / total if total else 0.0

@@ -12,18 +12,20 @@ from saf_gen.measures._moments import squared_contrast
 class SpikeDispersionCode:
     """Sum of squared deviations over squared mean, Σ(c − ū)²/ū²; 0.0 where there is no spike.
 
-    Never rises when a periodic scene is blurred further.
-    It is N times ``sd``, and er_sumsq/ū² − N exactly. Range 0 ... N(N − 1), degree 0, cost 3, as ``sd``.
+    N times ``sd``, and exactly er_sumsq/ū² − N. Never rises when a periodic scene is blurred further.
+
+    Range 0 to N(N − 1) for N pixels; degree 0; cost 3, as ``sd``.
+
+    References
+    ----------
+    Equation 6 and the released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
+    doi:10.1109/CVPR52733.2024.02363.
     """
 
     degree: ClassVar[int] = 0
     cost: ClassVar[float] = 3.0
-    source: ClassVar[str] = (
-        "Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, eq. 6, "
-        "doi:10.1109/CVPR52733.2024.02363, and its released code"
-    )
     score_range: ClassVar[str] = "0 ... N(N - 1) for N pixels"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type."""
+        """Return the score of counts (row, col) of any number type."""
         return squared_contrast(counts, pixels=True)

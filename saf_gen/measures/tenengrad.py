@@ -1,4 +1,4 @@
-"""Tenengrad: energy of the Sobel gradient."""
+"""Tenengrad: the energy of the Sobel gradient."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,25 +11,27 @@ from saf_gen.measures._moments import sum_of_squares
 
 @dataclass(frozen=True)
 class Tenengrad:
-    """Mean of Gx² + Gy², 3x3 Sobel with 1-2-1 not normalised, where it lies inside; no threshold.
+    """Mean of Gx² + Gy² of the 3×3 Sobel gradient, where the kernel lies inside, without a threshold.
 
-    A ramp of s counts a pixel scores 64s². Noise adds its energy, 24 times the variance of white noise, where
-    ``gradient_code`` adds its magnitude. 0.0 for fewer than three rows or columns.
+    The kernel's smoothing 1-2-1 is not normalised, so a ramp of s counts per pixel scores 64s². White noise
+    adds 24 times its variance. 0.0 for fewer than three rows or columns. Never rises when a periodic scene is
+    blurred further.
 
-    Never rises when a periodic scene is blurred further. Squared counts, range from 0, degree 2, cost 12:
-    eight additions and four multiplications a pixel.
+    Range from 0, in squared counts; degree 2; cost 12: eight additions and four multiplications per pixel.
+
+    References
+    ----------
+    .. [1] Krotkov, "Focusing", International J. Computer Vision 1(3), 1988, doi:10.1007/BF00127822.
+    .. [2] TENG in Pertuz et al., "Analysis of focus measure operators for shape-from-focus", Pattern
+       Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
     """
 
     degree: ClassVar[int] = 2
     cost: ClassVar[float] = 12.0
-    source: ClassVar[str] = (
-        "Krotkov, Focusing, IJCV 1, 1988, doi:10.1007/BF00127822; TENG of Pertuz et al., Pattern "
-        "Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011"
-    )
     score_range: ClassVar[str] = "from 0; 0 for constant counts"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type, squared counts."""
+        """Return the score of counts (row, col) of any number type, in squared counts."""
         c = as_numbers(counts)
         if min(c.shape) < 3:
             return 0.0

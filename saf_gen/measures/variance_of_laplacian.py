@@ -13,25 +13,26 @@ from saf_gen.measures._moments import variance
 class VarianceOfLaplacian:
     """Variance of c * L, L = (0 −1 0; −1 4 −1; 0 −1 0)/6, where the kernel lies inside.
 
-    The variance is that of the signed response, as Pertuz et al. take it. Ramps score 0, and so does even
-    bending: only its change counts. White noise scores 20/36 of its variance. 0.0 for fewer than three rows
-    or columns.
+    The variance is that of the signed response, as in Pertuz et al. Ramps and surfaces of constant curvature
+    score 0, and white noise 20/36 of its variance. 0.0 for fewer than three rows or columns. Never rises when
+    a periodic scene is blurred further.
 
-    Never rises when a periodic scene is blurred further. Squared counts, range from 0, degree 2, cost 8:
-    six additions and two multiplications a pixel.
+    Range from 0, in squared counts; degree 2; cost 8: six additions and two multiplications per pixel.
+
+    References
+    ----------
+    .. [1] Pech-Pacheco et al., "Diatom autofocusing in brightfield microscopy", ICPR 2000,
+       doi:10.1109/ICPR.2000.903548.
+    .. [2] LAPV in Pertuz et al., "Analysis of focus measure operators for shape-from-focus", Pattern
+       Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
     """
 
     degree: ClassVar[int] = 2
     cost: ClassVar[float] = 8.0
-    source: ClassVar[str] = (
-        "Pech-Pacheco et al., Diatom autofocusing in brightfield microscopy, ICPR 2000, "
-        "doi:10.1109/ICPR.2000.903548; LAPV of Pertuz et al., Pattern Recognition 46(5), 2013, "
-        "doi:10.1016/j.patcog.2012.11.011"
-    )
     score_range: ClassVar[str] = "from 0; 0 for constant counts and ramps"
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Score of counts (row, col), any number type, squared counts."""
+        """Return the score of counts (row, col) of any number type, in squared counts."""
         c = as_numbers(counts)
         if min(c.shape) < 3:
             return 0.0

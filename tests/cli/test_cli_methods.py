@@ -8,6 +8,7 @@ import pytest
 from saf_gen.cli import main
 from saf_gen.core.config import registry
 from saf_gen.measures import measure_names
+from saf_gen.parts import cite_source
 
 OWN = '''\
 """Parts of somebody."""
@@ -164,8 +165,9 @@ def test_every_part_of_ours_is_shown_with_its_options_and_its_source(call, name)
         list(registry.option_fields(room, name)) or ["none"]
     )
     assert "default:" not in page["options"]
-    assert " ".join(page["source"].split()) == part.source
-    assert part.__doc__.split()[-1] in page["what"]
+    assert " ".join(page["source"].split()) == cite_source(part)
+    assert part.__doc__.split("References")[0].split()[-1] in page["what"]
+    assert "References" not in page["what"]
     assert ("degree" in page) == ("range" in page) == ("cost" in page) == (room == "measures")
 
 

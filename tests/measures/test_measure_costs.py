@@ -115,8 +115,8 @@ def operations(measure, shape, kind):
     return Tally.done
 
 
-def a_pixel(measure, kind=int):
-    """Operations a pixel, from four sizes: neither borders are in it, nor what is done once a window."""
+def per_pixel(measure, kind=int):
+    """Operations per pixel, from four sizes: neither borders are in it, nor what is done once a window."""
     rows, cols = 16, 24
     sizes = {(i, j): operations(measure, (i * rows, j * cols), kind) for i in (1, 2) for j in (1, 2)}
     return (sizes[2, 2] - sizes[1, 2] - sizes[2, 1] + sizes[1, 1]) / (rows * cols)
@@ -131,8 +131,8 @@ def test_every_measure_of_ours_states_what_it_costs(name):
 
 @pytest.mark.parametrize("name", sorted(OWN))
 def test_a_docstring_says_the_cost_that_is_stated(name):
-    (said,) = re.findall(r"[Cc]ost\s+(\d+)", re.sub(r"8K \+ 4", "60", get_measure(name).__doc__))
-    assert float(said) == round(get_measure(name).cost)
+    (written,) = re.findall(r"cost\s+(\d+)", re.sub(r"8K \+ 4", "60", get_measure(name).__doc__))
+    assert float(written) == round(get_measure(name).cost)
 
 
 KERNELS = {"gradient_code", "gaussian_derivative", "wavelet_ratio", "dct_energy_ratio"}
@@ -149,7 +149,7 @@ OPTIONS = [
 def test_a_measure_costs_what_it_states(bare, name, options):
     """Exact, but for tiles: a sum of n numbers is n - 1 additions, in each of them."""
     measure = get_measure(name, **options)
-    found = a_pixel(measure, float if name in KERNELS else int)
+    found = per_pixel(measure, float if name in KERNELS else int)
     assert found == pytest.approx(measure.cost, rel=0.02 if name == "dct_energy_ratio" else 1e-12)
 
 
@@ -165,12 +165,12 @@ def test_a_spectrum_costs_its_transform_the_mean_and_what_is_done_with_the_frequ
 
 
 @pytest.mark.parametrize("name", [name for name in measure_names() if name.endswith("_n")])
-def test_a_twin_costs_the_sum_of_the_counts_more(bare, monkeypatch, name):
+def test_a_normalised_measure_costs_the_sum_of_the_counts_more(bare, monkeypatch, name):
     monkeypatch.setattr("saf_gen.measures.as_numbers", lambda counts, halves=False: counts)
-    measure, twin = get_measure(name.removesuffix("_n")), get_measure(name)
-    assert twin.cost == measure.cost + 1
+    measure, normalised = get_measure(name.removesuffix("_n")), get_measure(name)
+    assert normalised.cost == measure.cost + 1
     if name.removesuffix("_n") not in BEYOND | KERNELS:
-        assert a_pixel(twin) == twin.cost
+        assert per_pixel(normalised) == normalised.cost
 
 
 def test_a_texture_costs_what_its_measure_does():
@@ -178,7 +178,7 @@ def test_a_texture_costs_what_its_measure_does():
     assert get_measure("tenengrad_n_tfi").cost == get_measure("tenengrad_n").cost
 
 
-def test_a_measure_that_states_no_cost_has_twins_that_state_none():
+def test_forms_of_a_measure_that_states_no_cost_state_none():
     class Bare:
         degree = 1
 

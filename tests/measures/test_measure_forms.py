@@ -1,4 +1,4 @@
-"""Focus measures by hand: images whose score is known, and slow twins that read like the formula."""
+"""Focus measures by hand: images whose score is known, and slow references that read like the formula."""
 
 from collections import Counter
 from math import cos, exp, log2, pi, sin
@@ -174,7 +174,7 @@ def test_what_works_along_rows_does_not_see_stripes_along_them(name):
     assert score(name, lying.T) > 1.0
 
 
-# Slow twins: loops and full kernels, nothing shared with what they check.
+# Slow references: loops and full kernels, no code in common with what they check.
 
 
 def valid(c, kernel):
@@ -270,7 +270,7 @@ def slow_wavelet_ratio(c):
     return details / left if left else 0.0
 
 
-TWINS = {
+REFERENCES = {
     "tenengrad": slow_tenengrad,
     "brenner": lambda c: mean([(a - b) ** 2 for a, b in pairs(c, 2)]),
     "squared_gradient": lambda c: mean([(a - b) ** 2 for a, b in pairs(c, 1)]),
@@ -290,12 +290,12 @@ TWINS = {
 }
 
 
-@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize("name", REFERENCES)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("highest", [3, 60])
-def test_a_measure_is_its_slow_twin(name, shape, highest):
+def test_a_measure_agrees_with_its_slow_reference(name, shape, highest):
     c = make_generator("forms", *shape, highest).integers(0, highest, shape, dtype=np.uint32)
-    assert score(name, c) == pytest.approx(TWINS[name](c.astype(float)), rel=1e-10, abs=1e-10)
+    assert score(name, c) == pytest.approx(REFERENCES[name](c.astype(float)), rel=1e-10, abs=1e-10)
 
 
 @pytest.mark.parametrize("orders", [1, 2, 7])

@@ -4,6 +4,7 @@ import inspect
 from dataclasses import is_dataclass
 
 from saf_gen.benchmark.conformance._check_result import CheckFailure
+from saf_gen.parts import cite_source
 
 __all__ = ["check_class", "described"]
 
@@ -25,7 +26,7 @@ def check_class(part: object) -> None:
 def described(part: object) -> str:
     """A frozen dataclass with a docstring and a source."""
     check_class(part)
-    source = str(getattr(part, "source", "")).strip()
+    source = cite_source(part)
     if not source:
         raise CheckFailure(
             "it cites no source", 'add source: ClassVar[str] = "the paper, with its DOI", or "ours"'
