@@ -5,7 +5,7 @@ light schedules first), so that a scene with many sequences weighs no more than 
 over all sequences. Equal success shares a rank, and intervals say which ranks the scenes can tell apart.
 """
 
-from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, BinSummary, tabulate_by_axis
+from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, BinSummary, group_by_bin, tabulate_by_axis
 from saf_gen.leaderboard.columns import Column, list_all_columns, list_shown_columns
 from saf_gen.leaderboard.curve_tables import (
     CurveRow,
@@ -32,6 +32,7 @@ __all__ = [
     "compose_notes",
     "format_latex",
     "format_markdown",
+    "group_by_bin",
     "list_all_columns",
     "list_shown_columns",
     "merge_records",

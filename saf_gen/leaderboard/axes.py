@@ -11,7 +11,7 @@ from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
 
-__all__ = ["AXES", "Axis", "AxisTable", "BinSummary", "tabulate_by_axis"]
+__all__ = ["AXES", "Axis", "AxisTable", "BinSummary", "group_by_bin", "tabulate_by_axis"]
 
 BLOCK_READOUTS = 100
 """Readouts of the block that the photon budget is told for: the default of argmax."""
@@ -52,29 +52,34 @@ class AxisTable:
 
 def tabulate_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
     """A table for each of AXES that is known of some sequence, methods in the order given."""
-    tables = (_table(axis, records, methods) for axis in AXES)
+    tables = (_tabulate(axis, records, methods) for axis in AXES)
     return tuple(table for table in tables if table.bins)
 
 
-def _table(axis: Axis, records: Sequence[Record], methods: Sequence[str]) -> AxisTable:
-    sorted_by: dict[str, list[Record]] = {}
+def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record]]:
+    """Return the records of each bin, bins in the axis's order; records of unknown bin are left out."""
+    members: dict[str, list[Record]] = {}
     for record in records:
         if (name := axis.bin_of(record)) is not None:
-            sorted_by.setdefault(name, []).append(record)
-    bins = tuple(n for n in axis.order if n in sorted_by) or tuple(sorted(sorted_by))
+            members.setdefault(name, []).append(record)
+    return {name: members[name] for name in axis.order or sorted(members) if name in members}
+
+
+def _tabulate(axis: Axis, records: Sequence[Record], methods: Sequence[str]) -> AxisTable:
+    bins = group_by_bin(records, axis)
     return AxisTable(
         axis,
-        bins,
-        scenes=tuple(len({r.scene for r in sorted_by[name]}) for name in bins),
-        sequences=tuple(len({r.sequence for r in sorted_by[name]}) for name in bins),
+        tuple(bins),
+        scenes=tuple(len({r.scene for r in members}) for members in bins.values()),
+        sequences=tuple(len({r.sequence for r in members}) for members in bins.values()),
         cells={
-            method: tuple(_cell([r for r in sorted_by[name] if r.method == method]) for name in bins)
+            method: tuple(_summarise([r for r in members if r.method == method]) for members in bins.values())
             for method in methods
         },
     )
 
 
-def _cell(records: Sequence[Record]) -> BinSummary:
+def _summarise(records: Sequence[Record]) -> BinSummary:
     return BinSummary(
         mean_over_scenes(records, lambda r: r.success_1dof),
         median_magnitude(r.error_dof for r in records),

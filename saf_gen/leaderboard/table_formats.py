@@ -39,10 +39,10 @@ def format_markdown(rows: Sequence[LeaderboardRow]) -> str:
 def format_axis_markdown(table: AxisTable) -> str:
     """The table of one axis as Markdown: success within 1 DoF, and the median error in brackets."""
     heads = [
-        f"{name}<br>{_many(scenes, 'scene')}, {_many(sequences, 'sequence')}"
+        f"{name}<br>{count_noun(scenes, 'scene')}, {count_noun(sequences, 'sequence')}"
         for name, scenes, sequences in zip(table.bins, table.scenes, table.sequences, strict=True)
     ]
-    body = [[method, *map(_cell, cells)] for method, cells in table.cells.items()]
+    body = [[method, *map(format_bin, cells)] for method, cells in table.cells.items()]
     return _grid(["method", *heads], body, [True] + [False] * len(heads))
 
 
@@ -94,14 +94,14 @@ def compose_notes(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> 
     return out
 
 
-def _cell(cell: BinSummary) -> str:
+def format_bin(cell: BinSummary) -> str:
     if cell.success_1dof is None:
         return "–"
     error = "" if cell.median_error_dof is None else f" ({cell.median_error_dof:.2f})"
     return format_percent(cell.success_1dof) + error
 
 
-def _many(count: int, what: str) -> str:
+def count_noun(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 

@@ -9,6 +9,7 @@ import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import matplotlib
@@ -170,7 +171,7 @@ def add_paper_background(svg: str) -> str:
 def inline_svg(svg: str, *, label: str) -> str:
     """The SVG as an element of a page: the page's colours and type, no name that another figure has.
 
-    ``label`` is what a reader who does not see it is told; HTML-escaped by the caller.
+    ``label`` describes it to readers who do not see it.
     """
     text = svg[svg.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", "", text, flags=re.DOTALL)
@@ -180,5 +181,5 @@ def inline_svg(svg: str, *, label: str) -> str:
     text = re.sub(r"'DejaVu Sans'(, sans-serif)?", "inherit", text)
     text = text.replace("xlink:href=", "href=")
     box = re.search(r'viewBox="([^"]+)"', text)
-    head = f'<svg viewBox="{box[1] if box else ""}" role="img" aria-label="{label}">'
+    head = f'<svg viewBox="{box[1] if box else ""}" role="img" aria-label="{escape(label)}">'
     return re.sub(r"\s*\n\s*", "\n", head + text[text.index(">") + 1 :]).strip()

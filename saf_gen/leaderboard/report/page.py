@@ -1,28 +1,62 @@
-"""The page: one HTML file with its styles, script and pictures, which asks the network for nothing."""
+"""The page: one HTML file with its style, script and figures, which asks the network for nothing."""
 
 import base64
 import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
-from string import Template
+from itertools import groupby
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from saf_gen import __version__
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SequenceFailure, SweepSummary
-from saf_gen.leaderboard import LeaderboardRow, compose_notes, list_shown_columns, tabulate_by_axis
+from saf_gen.leaderboard import (
+    Axis,
+    AxisTable,
+    LeaderboardRow,
+    compose_notes,
+    list_shown_columns,
+    tabulate_by_axis,
+)
+from saf_gen.leaderboard.columns import format_percent
 from saf_gen.leaderboard.figures import inline_svg
-from saf_gen.leaderboard.report import html_tables
-from saf_gen.leaderboard.report._html import embed_json, escape_html, format_code
+from saf_gen.leaderboard.report import page_tables
 from saf_gen.leaderboard.report.captions import FIGURE_CAPTIONS, MEASURES_CAPTION
 from saf_gen.leaderboard.report.choose_figures import ReportFigure
-from saf_gen.leaderboard.report.compact_records import MAX_TRACE_STEPS
-from saf_gen.leaderboard.report.page_data import build_page_data
-from saf_gen.leaderboard.report.sequence_viewer import format_plot, format_viewer
-from saf_gen.leaderboard.report.worst_answers import describe_answer_count, format_answers
+from saf_gen.leaderboard.report.page_tables import PageTable
+from saf_gen.leaderboard.report.selections import list_selections
+from saf_gen.leaderboard.table_formats import count_noun
 
-__all__ = ["build_page"]
+__all__ = ["MAX_ANSWERS", "build_page"]
 
-SCRIPTS = ("tables.js", "board.js", "answers.js", "reels.js")
+SCRIPTS = ("tables.js", "board.js", "viewer.js")
+MAX_ANSWERS = 100
+"""Most rows in the table of single answers, with and without the script."""
+
+
+@dataclass(frozen=True)
+class FigureGroup:
+    """The figures of one kind in a section, under a heading and a caption."""
+
+    heading: str
+    caption: str
+    figures: Sequence[ReportFigure]
+
+
+@dataclass(frozen=True)
+class PageSection:
+    """A section between the leaderboard and the meanings of its columns; what is empty is not shown."""
+
+    id: str
+    heading: str
+    figures: Sequence[FigureGroup] = ()
+    axes: Sequence[tuple[Axis, PageTable]] = ()
+    table: PageTable | None = None
+    caption: str = ""
 
 
 def build_page(
@@ -34,91 +68,124 @@ def build_page(
     failures: Sequence[SequenceFailure] = (),
     report_figures: Sequence[ReportFigure] = (),
 ) -> str:
-    """The page as HTML, readable without its script."""
-    data, methods = {r.sequence: r.data for r in records}, {r.method: _code(r) for r in records}
-    script = "\n".join(_asset(name) for name in SCRIPTS)
-    scenes = list(dict.fromkeys(p.scene for p in report_figures if p.scene))
-    ids = {scene: f"scene-{number}" for number, scene in enumerate(scenes, start=1)}
-    conditions = html_tables.format_axis_tables(tabulate_by_axis(records, [row.method for row in rows]))
-    against = _figures([p for p in report_figures if not p.scene])
-    measures = html_tables.format_measure_table(sweeps)
-    sections = [
-        ("conditions", "By condition", f"{_said(conditions, 'columns')}{against}"),
-        ("measures", "Curves of the measures", measures and f"<p>{MEASURES_CAPTION}</p>{measures}"),
-    ]
-    sections += [(ids[s], s, _figures([p for p in report_figures if p.scene == s])) for s in scenes]
-    sections = [section for section in sections if section[2]]
-    links = [("leaderboard", "Leaderboard"), *((i, name) for i, name, _ in sections)]
-    links += [("columns", "What the columns mean"), ("data", "Data")]
-    return Template(_asset("page.html")).substitute(
-        title=escape_html(title),
-        hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        style=_asset("page.css"),
-        script=script,
-        data=embed_json(build_page_data(rows, records)),
-        summary=escape_html(_summary(rows, records)),
-        lead=html_tables.compose_headline(rows),
-        failures=_failures(failures),
-        links="".join(f'<a href="#{i}">{escape_html(name)}</a>' for i, name in links),
-        board=html_tables.format_leaderboard(rows) if rows else "",
-        notes=escape_html(" ".join(compose_notes(rows, records))) if rows else "",
-        steps=MAX_TRACE_STEPS,
-        counted=escape_html(describe_answer_count(len(records))),
-        answers=format_answers(records),
-        sections="\n".join(
-            f'<section id="{i}"><h2>{escape_html(name)}</h2>{body}</section>' for i, name, body in sections
+    """Return the page as HTML, readable without its script.
+
+    Parameters
+    ----------
+    rows : the leaderboard of ``records``, best first.
+    title : heading of the page, such as the name of the dataset.
+    records : the records of one evaluation or of merged ones.
+    sweeps : the recordings whose focus curves the table of measures summarises.
+    failures : sequences that could not be read.
+    report_figures : the figures, in the order of the page.
+    """
+    script = "\n".join(map(_read_asset, SCRIPTS))
+    selections = list_selections(records)
+    ranked = list(dict.fromkeys([tuple(rows), *(s.rows for s in selections)]))
+    answers = page_tables.list_answers(records)
+    methods = [row.method for row in rows]
+    sequences = {r.sequence: r.data for r in records}
+    numbers = {name: number for number, name in enumerate(sequences)}
+    grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
+    shown = list_shown_columns(rows)
+    return _templates().get_template("page.html").render(
+        title=title,
+        script=Markup(script),
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        style=Markup(_read_asset("page.css")),
+        summary=_summarise(rows, records),
+        leaders=[row for row in rows if row.rank == 1],
+        failures=failures,
+        sections=_list_sections(tabulate_by_axis(records, methods), sweeps, report_figures),
+        selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
+        board=page_tables.tabulate_leaderboard(ranked) if rows else None,
+        notes=" ".join(compose_notes(rows, records)),
+        answers=page_tables.tabulate_answers(answers[:MAX_ANSWERS]),
+        columns=shown,
+        data_digests=page_tables.tabulate_names(sequences, name="sequence", value="content_sha256"),
+        method_digests=page_tables.tabulate_names(
+            {r.method: _describe_code(r) for r in records}, name="method", value="code"
         ),
-        meanings=html_tables.format_column_meanings(list_shown_columns(rows)),
-        sequences=html_tables.format_digest_table(data, "sequence", "content_sha256"),
-        methods=html_tables.format_digest_table(methods, "method", "code"),
-        version=escape_html(__version__),
+        data={
+            "methods": methods,
+            "sequences": list(sequences),
+            "selections": [
+                {"body": ranked.index(s.rows), "sequences": [numbers[name] for name in s.sequences]}
+                for s in selections
+            ],
+            "answers": [[methods.index(m), numbers[s], *texts] for m, s, *texts in answers],
+        },
+        version=__version__,
     )
 
 
-def _code(record: Record) -> str:
-    return f"{record.code}, constants of {record.tuning}" if record.tuning else record.code
+@cache
+def _templates() -> Environment:
+    """The templates, which escape every text that is not marked as HTML."""
+    templates = Environment(
+        loader=PackageLoader("saf_gen.leaderboard.report", "assets"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters["base64"] = lambda data: base64.b64encode(data).decode()
+    templates.filters["css_percent"] = lambda fraction: f"{100 * fraction:.4g}%"
+    templates.filters["inline_svg"] = lambda svg, label: Markup(inline_svg(svg, label=label))
+    templates.filters["percent"] = format_percent
+    templates.policies["json.dumps_kwargs"] = {
+        "ensure_ascii": False,
+        "allow_nan": False,
+        "separators": (",", ":"),
+    }
+    return templates
 
 
-def _asset(name: str) -> str:
+def _read_asset(name: str) -> str:
     return (files("saf_gen.leaderboard.report") / "assets" / name).read_text(encoding="utf-8")
 
 
-def _summary(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str:
-    places, sequences = len({r.scene for r in records}), len({r.sequence for r in records})
+def _describe_code(record: Record) -> str:
+    return f"{record.code}, constants of {record.tuning}" if record.tuning else record.code
+
+
+def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str:
+    scenes, sequences = len({r.scene for r in records}), len({r.sequence for r in records})
     tracks = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}
-    said = [
-        f"{len(rows)} methods on {sequences} sequences of {places} {'scene' if places == 1 else 'scenes'}"
-    ]
-    said += sorted({tracks[r.track] + (f" ({r.terms})" if r.terms else "") for r in records})
-    said += [f"region {name}" for name in sorted({r.region for r in records})]
-    return ", ".join(said)
+    return ", ".join(
+        [
+            f"{len(rows)} methods on {sequences} sequences of {count_noun(scenes, 'scene')}",
+            *sorted({tracks[r.track] + (f" ({r.terms})" if r.terms else "") for r in records}),
+            *(f"region {name}" for name in sorted({r.region for r in records})),
+        ]
+    )
 
 
-def _failures(failures: Sequence[SequenceFailure]) -> str:
-    if not failures:
-        return ""
-    lines = "".join(f"<li>{format_code(f.sequence)}: {escape_html(f.problem)}</li>" for f in failures)
-    return f'<div class="failures"><strong>Not read, and not in the table:</strong><ul>{lines}</ul></div>'
+def _list_sections(
+    axes: Sequence[AxisTable], sweeps: Sequence[SweepSummary], report_figures: Sequence[ReportFigure]
+) -> list[PageSection]:
+    """Return the sections that have something to show: conditions, measures, then a section per scene."""
+    by_scene: dict[str, list[ReportFigure]] = {"": []}
+    for figure in report_figures:
+        by_scene.setdefault(figure.scene, []).append(figure)
+    conditions = _group_figures(by_scene.pop(""))
+    tables = [(table.axis, page_tables.tabulate_axis(table)) for table in axes if len(table.bins) > 1]
+    sections = []
+    if tables or conditions:
+        sections.append(PageSection("conditions", "By condition", conditions, tables))
+    if measures := page_tables.tabulate_measures(sweeps):
+        sections.append(
+            PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION)
+        )
+    for number, (scene, figures) in enumerate(by_scene.items(), start=1):
+        sections.append(PageSection(f"scene-{number}", scene, _group_figures(figures)))
+    return sections
 
 
-def _figures(report_figures: Sequence[ReportFigure]) -> str:
-    """Kind by kind: a heading, what it shows, the figures beside each other."""
-    parts = []
-    for kind in (k for k in FIGURE_CAPTIONS if any(p.kind == k for p in report_figures)):
-        heading, caption = FIGURE_CAPTIONS[kind]
-        mine = [p for p in report_figures if p.kind == kind]
-        said = " ".join([caption, *dict.fromkeys(p.omission for p in mine if p.omission)])
-        figures = "".join(map(_figure, mine))
-        parts.append(f'<h3>{escape_html(heading)}</h3><p class="soft">{escape_html(said)}</p>')
-        parts.append(f'<div class="figures">{figures}</div>')
-    return "".join(parts)
-
-
-def _figure(picture: ReportFigure) -> str:
-    plot = format_plot(inline_svg(picture.svg, label=escape_html(picture.label)), picture.viewer)
-    viewer = "" if picture.viewer is None else format_viewer(picture.viewer, name=picture.name)
-    return f'<figure id="{escape_html(picture.name)}">{viewer}{plot}</figure>'
-
-
-def _said(text: str, kind: str) -> str:
-    return f'<div class="{kind}">{text}</div>' if text else ""
+def _group_figures(report_figures: Sequence[ReportFigure]) -> list[FigureGroup]:
+    groups = []
+    for kind, (heading, caption) in FIGURE_CAPTIONS.items():
+        if figures := [figure for figure in report_figures if figure.kind == kind]:
+            omissions = dict.fromkeys(figure.omission for figure in figures if figure.omission)
+            groups.append(FigureGroup(heading, " ".join([caption, *omissions]), figures))
+    return groups

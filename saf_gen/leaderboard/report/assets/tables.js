@@ -1,47 +1,44 @@
 "use strict";
-// Every table sorts by any of its columns: numbers by data-v, else text; what is unknown stays last.
+// Every table sorts by any of its columns: text columns by text, others by the number that a cell begins with.
+// Cells without a number come last; equal cells keep their order.
 
-function sortKey(row, column) {
-  const cell = row.cells[column];
-  if (cell.dataset.v !== undefined) return Number(cell.dataset.v);
-  const text = cell.textContent;
-  return text === "–" ? null : text;
-}
+const DASH = "–";
+const columnHeads = (table) => [...table.tHead.rows[table.tHead.rows.length - 1].cells];
 
-function sortBy(table, column, descending) {
-  table.dispatchEvent(new Event("sorting"));
-  const body = table.tBodies[0];
+function sortTable(table, column, descending) {
+  const isText = columnHeads(table)[column].classList.contains("left");
   const sign = descending ? -1 : 1;
-  const keyed = [...body.rows].map((row, place) => ({ row, place, key: sortKey(row, column) }));
-  keyed.sort((a, b) => {
-    if (a.key === null || b.key === null) return (a.key === null) - (b.key === null) || a.place - b.place;
-    return sign * (a.key > b.key ? 1 : a.key < b.key ? -1 : 0) || a.place - b.place;
-  });
-  body.append(...keyed.map((k) => k.row));
-  lastHeads(table).forEach((th, number) => {
-    if (number === column) th.setAttribute("aria-sort", descending ? "descending" : "ascending");
-    else th.removeAttribute("aria-sort");
+  const keyOf = (row) => {
+    const text = row.cells[column].textContent;
+    return isText ? text : parseFloat(text);
+  };
+  const isMissing = (key) => Number.isNaN(key) || key === DASH;
+  for (const body of table.tBodies) {
+    const keyed = [...body.rows].map((row) => ({ row, key: keyOf(row) }));
+    keyed.sort((a, b) => {
+      if (isMissing(a.key) || isMissing(b.key)) return isMissing(a.key) - isMissing(b.key);
+      return sign * (a.key > b.key ? 1 : a.key < b.key ? -1 : 0);
+    });
+    body.append(...keyed.map((item) => item.row));
+  }
+  columnHeads(table).forEach((head, number) => {
+    if (number === column) head.setAttribute("aria-sort", descending ? "descending" : "ascending");
+    else head.removeAttribute("aria-sort");
   });
 }
 
-function lastHeads(table) {
-  return [...table.tHead.rows[table.tHead.rows.length - 1].cells];
-}
-
-function makeSortable(table) {
-  lastHeads(table).forEach((th, column) => {
+document.querySelectorAll("table.sortable").forEach((table) => {
+  columnHeads(table).forEach((head, column) => {
     const button = document.createElement("button");
     button.type = "button";
-    button.append(...th.childNodes);
-    if (th.title) button.title = th.title;
-    th.append(button);
+    button.append(...head.childNodes);
+    if (head.title) button.title = head.title;
+    head.append(button);
     button.addEventListener("click", () => {
-      const first = table.tBodies[0].rows[0];
-      const share = first !== undefined && first.cells[column].classList.contains("bar");
-      const now = th.getAttribute("aria-sort");
-      sortBy(table, column, now === null ? share : now === "ascending");
+      // A column of fractions, which have bars, begins with the largest.
+      const hasBars = table.tBodies[0].querySelector(`td:nth-child(${column + 1})[style]`) !== null;
+      const order = head.getAttribute("aria-sort");
+      sortTable(table, column, order === null ? hasBars : order === "ascending");
     });
   });
-}
-
-document.querySelectorAll("table.sortable").forEach(makeSortable);
+});

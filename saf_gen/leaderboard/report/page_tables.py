@@ -1,0 +1,214 @@
+"""The tables of the page as data: column headings and cells, which the templates turn into HTML."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from math import inf
+
+from saf_gen.benchmark.records import RECORDS_FILE, Record
+from saf_gen.benchmark.results import SweepSummary
+from saf_gen.leaderboard import (
+    AxisTable,
+    Column,
+    LeaderboardRow,
+    assess_curves,
+    list_shown_columns,
+    summarise_measures,
+)
+from saf_gen.leaderboard.columns import format_percent
+from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
+from saf_gen.leaderboard.table_formats import count_noun, format_bin
+
+__all__ = [
+    "PageCell",
+    "PageColumn",
+    "PageRow",
+    "PageTable",
+    "list_answers",
+    "tabulate_answers",
+    "tabulate_axis",
+    "tabulate_leaderboard",
+    "tabulate_measures",
+    "tabulate_names",
+]
+
+
+@dataclass(frozen=True)
+class PageColumn:
+    """A column heading: its text, the tooltip, and a CSS class for the cells below it.
+
+    The classes ``name``, ``note`` and ``text`` mark columns that sort as text; any other sorts as numbers.
+    """
+
+    header: str
+    title: str = ""
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class PageCell:
+    """A cell: its text, a fraction (0–1) drawn as a bar behind it, the interval of that, a link."""
+
+    text: str
+    fraction: float | None = None
+    interval: tuple[float, float] | None = None
+    link: str = ""
+
+
+@dataclass(frozen=True)
+class PageRow:
+    """The cells of a row, and its CSS class."""
+
+    cells: Sequence[PageCell]
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A sortable table; of several ``bodies`` the page shows one at a time.
+
+    ``groups`` stand above the headings, each with the number of columns that it spans.
+    """
+
+    caption: str
+    columns: Sequence[PageColumn]
+    bodies: Sequence[Sequence[PageRow]]
+    groups: Sequence[tuple[str, int]] = ()
+    id: str = ""
+
+
+def tabulate_leaderboard(ranked: Sequence[Sequence[LeaderboardRow]]) -> PageTable:
+    """Return the leaderboard with every column that people read.
+
+    ``ranked`` holds the rows for all sequences, which decide the columns, and then those of each selection.
+    """
+    shown = list_shown_columns(ranked[0])
+    kinds = {"method": "name", "success_1dof": "main"}
+    return PageTable(
+        "Leaderboard",
+        [PageColumn(c.header, c.meaning, kinds.get(c.key, "")) for c in shown],
+        [[_leaderboard_row(row, shown) for row in rows] for rows in ranked],
+        groups=[(group, len(list(columns))) for group, columns in groupby(shown, key=lambda c: c.group)],
+        id="board",
+    )
+
+
+def tabulate_axis(table: AxisTable) -> PageTable:
+    """Return the methods by the bins of one axis: success within 1 DoF and the median error in DoF."""
+    counts = zip(table.bins, table.scenes, table.sequences, strict=True)
+    return PageTable(
+        f"{table.axis.title}: success within 1 DoF, median error in DoF",
+        [
+            PageColumn("method", kind="name"),
+            *(PageColumn(b, f"{count_noun(n, 'scene')}, {count_noun(m, 'sequence')}") for b, n, m in counts),
+        ],
+        [
+            [
+                PageRow([PageCell(method), *(PageCell(format_bin(b), b.success_1dof) for b in bins)])
+                for method, bins in table.cells.items()
+            ]
+        ],
+    )
+
+
+def tabulate_measures(sweeps: Sequence[SweepSummary]) -> PageTable | None:
+    """Return the quality of each measure's focus curves; None where there is no curve."""
+    rows = summarise_measures(assess_curves(sweeps))
+    if not rows:
+        return None
+    counted = "Sequences with a curve; in brackets those whose lens comes back, rests, or is not recorded."
+    return PageTable(
+        "Focus curves of each measure: medians over sequences",
+        [
+            PageColumn("measure", kind="name"),
+            PageColumn("curves", counted),
+            *(PageColumn(name.replace("_", " "), meaning) for name, meaning in QUALITY_MEANINGS.items()),
+        ],
+        [
+            [
+                PageRow(
+                    [
+                        PageCell(row.measure),
+                        PageCell(
+                            f"{row.curves - row.without_quality}"
+                            + (f" ({row.without_quality})" if row.without_quality else "")
+                        ),
+                        *(PageCell("–" if v is None else f"{v:.3g}") for v in row.medians.values()),
+                    ]
+                )
+                for row in rows
+            ]
+        ],
+    )
+
+
+def tabulate_names(values: Mapping[str, str], *, name: str, value: str) -> PageTable:
+    """Return names and a text for each, such as a digest, as a table with the headings ``name`` and ``value``."""
+    return PageTable(
+        f"{value} of each {name}",
+        [PageColumn(name, kind="name"), PageColumn(value, kind="name")],
+        [[PageRow([PageCell(key), PageCell(text)]) for key, text in values.items()]],
+    )
+
+
+def list_answers(records: Sequence[Record]) -> list[list[str]]:
+    """Return the texts of each answer's row, the worst first: no answer before any error."""
+    worst = sorted(enumerate(records, start=1), key=lambda item: -_error_size(item[1]))
+    return [
+        [
+            record.method,
+            record.sequence,
+            record.status,
+            _format_number(record.position, 4),
+            _format_number(record.truth, 4),
+            _format_number(record.error_dof, 2),
+            _format_number(record.blur_px, 1),
+            str(line),
+            record.note,
+        ]
+        for line, record in worst
+    ]
+
+
+def tabulate_answers(answers: Sequence[Sequence[str]]) -> PageTable:
+    """Return the table of these rows of list_answers; the line number links to the file of records."""
+    columns = [
+        PageColumn("method", kind="name"),
+        PageColumn("sequence", kind="name"),
+        PageColumn("status", kind="text"),
+        PageColumn("answer"),
+        PageColumn("truth"),
+        PageColumn("error, DoF"),
+        PageColumn("blur px"),
+        PageColumn("line", f"The line of the answer in {RECORDS_FILE}."),
+        PageColumn("note", kind="note"),
+    ]
+    links = [RECORDS_FILE if column.header == "line" else "" for column in columns]
+    rows = [
+        PageRow([PageCell(text, link=link) for text, link in zip(answer, links, strict=True)])
+        for answer in answers
+    ]
+    return PageTable("Single answers", columns, [rows])
+
+
+def _leaderboard_row(row: LeaderboardRow, shown: Sequence[Column]) -> PageRow:
+    kind = "first" if row.rank == 1 else "level" if row.level_with_best else ""
+    return PageRow([_leaderboard_cell(row, column) for column in shown], kind)
+
+
+def _leaderboard_cell(row: LeaderboardRow, column: Column) -> PageCell:
+    text = column.format_value(row)
+    if column.key == "method":
+        return PageCell(text, link="#answers")
+    interval = None
+    if column.key == "success_1dof" and None not in (ends := (row.success_1dof_low, row.success_1dof_high)):
+        interval = ends
+    return PageCell(text, column.value(row) if column.is_fraction else None, interval)
+
+
+def _error_size(record: Record) -> float:
+    return inf if record.error_dof is None else abs(record.error_dof)
+
+
+def _format_number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
