@@ -26,6 +26,7 @@ DOORS = {
     "rich": ["cli"],
     "matplotlib": ["leaderboard.figures", "authoring.preview"],
     "PIL": ["leaderboard.figures"],
+    "jinja2": ["leaderboard.report"],
     "distributed": ["generate.executor"],
     "multiprocessing": ["generate.executor"],
     "gymnasium": ["benchmark.gym"],

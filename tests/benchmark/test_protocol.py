@@ -185,7 +185,9 @@ def test_methods_with_drives_of_one_name_and_other_numbers_do_not_merge(dataset,
         evaluate(dataset, methods=[method], protocol=ClosedLoopProtocol(get_actuator(drive))).records
         for method, drive in (("sd+golden_section", "voice_coil"), ("sd+fibonacci", mine))
     )
-    with pytest.raises(BadInput, match=r"the terms of .* differ: voice_coil, 40 ms.*, voice_coil \(own, "):
+    with pytest.raises(
+        BadInput, match=r"the protocol of .* differs: voice_coil, 40 ms.*, voice_coil \(own, "
+    ):
         merge_records({"runs/a": ours, "runs/b": theirs})
 
 

@@ -160,7 +160,7 @@ def test_data_that_is_not_the_same_is_refused_in_one_line_that_names_both(call, 
     write_sweep(other, 500.0)
     assert call("evaluate", other, "--out", tmp_path / "other", "--method", "sd+argmax")[0] == 0
     line = refused(call, runs[0], tmp_path / "other", "--out", tmp_path / "both")
-    assert "the data of board-constant-00 differs: " in line
+    assert "the data digest of board-constant-00 differs: " in line
     assert str(runs[0]) in line
     assert str(tmp_path / "other") in line
     assert not (tmp_path / "both").exists()

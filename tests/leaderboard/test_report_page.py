@@ -14,18 +14,15 @@ from handmade_evaluations import (
     make_thumbnails,
 )
 from handmade_records import failed, record
+from markupsafe import escape
 
-from saf_gen.benchmark.records import format_records, record_to_json
 from saf_gen.benchmark.results import Evaluation, SequenceFailure
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard import list_shown_columns, rank_methods
 from saf_gen.leaderboard.report import build_page, plot_report_figures, write_report
-from saf_gen.leaderboard.report._html import embed_json
 from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES
-from saf_gen.leaderboard.report.compact_records import MAX_TRACE_STEPS
-from saf_gen.leaderboard.report.html_tables import compose_headline
-from saf_gen.leaderboard.report.page_data import AGGREGATION_RULES, build_page_data
-from saf_gen.leaderboard.report.worst_answers import MAX_ANSWERS
+from saf_gen.leaderboard.report.page import MAX_ANSWERS
+from saf_gen.leaderboard.report.selections import list_selections
 
 pytestmark = pytest.mark.slow
 
@@ -62,6 +59,27 @@ class Reader(HTMLParser):
 
     def of(self, *tags):
         return [attrs for tag, attrs, _ in self.elements if tag in tags]
+
+
+def viewer_data(reader):
+    (viewer,) = (attrs for attrs in reader.of("div") if attrs.get("class") == "viewer")
+    return json.loads(viewer["data-viewer"])
+
+
+def page_data(text):
+    return json.loads(text.split('id="data-of-records">')[1].split("</script>")[0])
+
+
+def table_rows(text, table):
+    """The texts of every body of the table with this start, body by body and row by row."""
+    bodies = text.split(table)[1].split("</table>")[0].split("<tbody")[1:]
+    return [
+        [
+            [re.sub("<.*?>", "", cell) for cell in re.findall("<td.*?</td>", row)]
+            for row in re.findall("<tr.*?</tr>", body)
+        ]
+        for body in bodies
+    ]
 
 
 def read(text):
@@ -145,10 +163,10 @@ def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole
     rows = rank_methods(make_records())
     text = whole[2]
     for row in rows:
-        assert f'<td class="left method">{row.method}</td>' in text
+        assert f'<td class="name"><a href="#answers">{row.method}</a></td>' in text
     for column in list_shown_columns(rows):
         assert column.header in text
-        assert column.meaning.replace("'", "&#x27;") in text
+        assert escape(column.meaning) in text
     assert "sha-camel-ramp" in text
     assert "<code>bad</code>: truncated" in text
     assert "<code>sd+" in text.split('class="lead"')[1][:60]
@@ -165,15 +183,14 @@ def test_every_condition_that_differs_has_a_table(whole):
     text = whole[2].split('id="conditions"')[1].split('id="measures"')[0]
     titles = re.findall("<h3>(.*?)</h3>", text)
     assert titles[:4] == ["Light schedule", "Light ratio", "Scene motion", "Photon budget"]
-    assert {"Scene", "Against the light&#x27;s ratio", "Against the photon budget"} <= set(titles)
+    assert {"Scene", "Against the light&#39;s ratio", "Against the photon budget"} <= set(titles)
     assert "Lens motion" not in titles  # the same for all, so it tells nothing
 
 
 def test_a_sweep_with_pictures_can_be_looked_through(whole):
     reader = read(whole[2])
-    (reel,) = (attrs for attrs in reader.of("div") if attrs.get("class") == "reel")
-    held = json.loads(reel["data-reel"])
-    assert (held["across"], held["down"], len(held["words"]), len(held["x"])) == (8, 2, 16, 16)
+    held = viewer_data(reader)
+    assert (held["across"], len(held["words"]), len(held["x"])) == (8, 16, 16)
     assert held["x"] == sorted(held["x"])
     assert held["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF from the focus, 0.200 spikes")
     (slider,) = (attrs for attrs in reader.of("input") if attrs.get("type") == "range")
@@ -205,8 +222,7 @@ def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
         assert {f"sweep-camel-{light}", f"steps-camel-{light}"} <= names
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     reader = read(text)
-    (reel,) = (attrs for attrs in reader.of("div") if attrs.get("class") == "reel")
-    assert json.loads(reel["data-reel"])["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF")
+    assert viewer_data(reader)["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF")
     assert "<h3>Sweeps</h3>" in text
     assert "No method looked at a whole curve of these" in text
     assert "Focus curves</h3>" not in text
@@ -229,7 +245,7 @@ def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
     said = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure"
     text = build_page(rank_methods(records), title="x", records=records, report_figures=drawn)
     assert text.count(said) == 1
-    assert text.count("Drawn: 2 of the scene&#x27;s 3 sequences.") == 1
+    assert text.count("Drawn: 2 of the scene&#39;s 3 sequences.") == 1
     few = [r for r in records if r.method == "sd+s0"]
     text = build_page(
         rank_methods(few),
@@ -250,66 +266,59 @@ def test_ways_of_the_lens_come_in_the_leaderboards_order():
     assert lens.svg.index(">good<") < lens.svg.index(">bad<")
 
 
-def in_full(held, place):
-    """The record at ``place`` of what the script gets, as the script reads it."""
-
-    def value(name, fact):
-        match fact["by"]:
-            case "known":
-                plural = {"method": "methods", "sequence": "sequences"}.get(name)
-                if plural:
-                    return held[plural][held[name][place]]
-                return held["status"][place] if name == "status" else held["note"].get(place, "")
-            case "value":
-                found = held["values"][fact["held"]][place]
-                return found == 1 if fact.get("flag") and found is not None else found
-            case "all":
-                return fact["held"]
-            case "record":
-                return fact["held"][place]
-            case by:
-                return fact["held"][held[by][place]]
-
-    return {name: value(name, fact) for name, fact in held["facts"].items()}
+def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(whole):
+    """The rows of each table body are those of rank_methods on the records of the selection alone."""
+    records, text = make_records(), whole[2]
+    shown = list_shown_columns(rank_methods(records))
+    bodies, data = table_rows(text, 'id="board"'), page_data(text)
+    names = re.findall(r'<option value="\d+">(.*?)</option>', text)
+    selections = list_selections(records)
+    assert names == ["all 12", *(selection.name for selection in selections)]
+    assert len(data["selections"]) == len(selections) > 12
+    everything = {"body": 0, "sequences": list(range(12))}
+    for chosen in [everything, *data["selections"]]:
+        sequences = {data["sequences"][number] for number in chosen["sequences"]}
+        rows = rank_methods([r for r in records if r.sequence in sequences])
+        assert bodies[chosen["body"]] == [[c.format_value(row) for c in shown] for row in rows]
+    assert len(bodies) == len({tuple(c["sequences"]) for c in [everything, *data["selections"]]})
+    assert text.count("<tbody hidden>") == len(bodies) - 1
 
 
-def test_the_page_holds_every_key_of_every_record():
-    records = make_records()
-    records[3] = replace(records[3], trace=tuple(map(float, range(MAX_TRACE_STEPS + 1))))
-    records[4] = replace(records[4], trace=(1.0, float("nan"), 3.25))
-    held = build_page_data(rank_methods(records), records)
-    for place, told_of in enumerate(records):
-        full, found = record_to_json(told_of), in_full(held, place)
-        assert list(found) == list(full)
-        trace, steps = full.pop("trace"), found.pop("trace")
-        assert steps == (pytest.approx(trace, nan_ok=True) if len(trace) <= MAX_TRACE_STEPS else len(trace))
-        for name, value in full.items():
-            assert found[name] == (pytest.approx(value, rel=1e-8) if type(value) is float else value), name
-    assert held["facts"]["data"]["by"] == "sequence"
-    assert held["facts"]["code"]["by"] == "method"
-    assert held["facts"]["region"] == {"by": "all", "held": "target"}
-
-
-def test_a_record_costs_the_page_little():
-    """Eight thousand whole lines would be ten megabytes."""
-    records = make_records()
-    rows = rank_methods(records)
-    more = records + [replace(r, sequence=f"{r.sequence}-again") for r in records]
-    grown = len(embed_json(build_page_data(rows, more))) - len(embed_json(build_page_data(rows, records)))
-    assert grown / len(records) < 0.4 * len(format_records(records)) / len(records)
+def test_selections_are_the_bins_of_what_differs():
+    found = {}
+    for selection in list_selections(make_records()):
+        found.setdefault(selection.axis, {})[selection.name] = len(selection.sequences)
+    assert found["Split"] == {"test": 8, "train": 4}
+    assert found["Light schedule"] == {"constant": 3, "ramp": 6, "steps": 3}
+    assert found["Scene motion"] == {"dynamic": 3, "static": 9}
+    assert found["Scene"] == {"camel": 4, "fan": 4, "usaf": 4}
+    assert "Lens motion" not in found  # the same for all
 
 
 def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
     records = [record("a+s", f"s{i}", 0.1 * i, scene=f"s{i}") for i in range(MAX_ANSWERS + 5)]
     records[7] = failed("a+s", "s7", "failed", scene="s7", note="<late>")
     text = build_page(rank_methods(records), title="x", records=records)
-    rows = text.split('id="answers"')[1].split("<tbody>")[1].split("</tbody>")[0].strip().splitlines()
+    (rows,) = table_rows(text, 'aria-label="Single answers"')
     assert len(rows) == MAX_ANSWERS
-    assert 'data-v="8"><a href="records.jsonl">line 8</a></td><td class="left note">&lt;late&gt;' in rows[0]
-    assert '<a href="records.jsonl">line 105</a>' in rows[1]
+    assert rows[0] == ["a+s", "s7", "failed", "–", "0.5000", "–", "0.0", "8", "&lt;late&gt;"]
+    assert rows[1][5:8] == ["10.40", "0.0", "105"]
+    assert '<td><a href="records.jsonl">105</a></td>' in text
     assert f"The {MAX_ANSWERS} worst of {MAX_ANSWERS + 5} answers." in text
-    script = (ASSETS / "answers.js").read_text()
-    assert f"const ANSWERS = {MAX_ANSWERS};" in script
+
+
+def test_the_script_has_the_answers_of_every_record_the_worst_first():
+    records = make_records()
+    data = page_data(build_page(rank_methods(records), title="x", records=records))
+    assert len(data["answers"]) == len(records)
+    sizes = []
+    for method, sequence, status, _, _, error, _, line, note in data["answers"]:
+        answer = records[int(line) - 1]
+        assert (data["methods"][method], data["sequences"][sequence]) == (answer.method, answer.sequence)
+        assert (status, note) == (answer.status, answer.note)
+        assert error == ("–" if answer.error_dof is None else f"{answer.error_dof:.2f}")
+        sizes.append(float("inf") if answer.error_dof is None else abs(answer.error_dof))
+    assert sizes == sorted(sizes, reverse=True)
 
 
 def test_text_from_files_cannot_break_the_page(tmp_path):
@@ -324,7 +333,8 @@ def test_text_from_files_cannot_break_the_page(tmp_path):
     write_report(tmp_path / "out", evaluation=made, rows=rank_methods(records), title=NASTY)
     reader = read((tmp_path / "out/index.html").read_text(encoding="utf-8"))
     assert len(reader.of("script")) == 2
-    assert json.loads(reader.held["script"].split('"use strict"')[0])["note"] == dict.fromkeys("0123", NASTY)
+    data = json.loads(reader.held["script"].split('"use strict"')[0])
+    assert {answer[-1] for answer in data["answers"]} == {NASTY}
     assert {p.name for p in tmp_path.iterdir()} == {"out"}
     assert all(re.fullmatch(r"[\w.-]+", p.name) for p in (tmp_path / "out/figures").iterdir())
 
@@ -387,29 +397,6 @@ def test_a_report_that_cannot_be_written_is_bad_input(tmp_path):
         write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
 
 
-def test_the_script_has_a_rule_for_every_column_but_those_of_intervals():
-    records = make_records()
-    rows = rank_methods(records)
-    held = build_page_data(rows, records)
-    without = {
-        c.name for c, rule in zip(list_shown_columns(rows), held["columns"], strict=True) if rule is None
-    }
-    assert without == {"rank", "rank_best", "method", "success_1dof_low", "median_error_dof_low"}
-    assert set(AGGREGATION_RULES) - {c.name for c in list_shown_columns(rows)} == {
-        "reversals",
-        "time_to_focus_s",
-    }  # not known here
-    lights = [rule["light"] for rule in held["columns"] if rule and "light" in rule]
-    assert lights == ["constant", "ramp", "steps"]
-
-
-def test_what_the_script_gets_is_json_that_cannot_end_its_element():
-    text = embed_json({"a": "</script><!--\u2028", "b": 1.5, "c": None})
-    assert "<" not in text
-    assert "\u2028" not in text
-    assert json.loads(text) == {"a": "</script><!--\u2028", "b": 1.5, "c": None}
-
-
 def luminance(colour):
     parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
@@ -435,27 +422,18 @@ def test_text_and_lines_stand_out_in_both_schemes(scheme):
         assert contrast(colours[f"--c{number}"], colours["--paper"]) >= 3, number
 
 
-def test_the_lead_and_the_table_say_the_same_share():
+def test_the_lead_and_the_table_say_the_same_fraction():
     """Five of eight scenes: 62.5 %."""
     records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
-    rows = rank_methods(records)
-    (share,) = (c.format_value(rows[0]) for c in list_shown_columns(rows) if c.name == "success_1dof")
-    assert f"within one depth of focus on {share} of the scenes" in compose_headline(rows)
-    assert share == "63%"
+    text = build_page(rank_methods(records), title="x", records=records)
+    assert '<p class="lead"><code>m+s</code> leads: within one depth of focus on 63% of the scenes' in text
+    assert table_rows(text, 'id="board"')[0][0].count("63%") >= 1
 
 
-def test_the_page_has_a_head_for_lights_named_as_the_ends_of_an_interval():
-    records = [
-        record("m+s", f"{scene}-{light}", 0.1, scene=scene, light=light)
-        for scene in ("a", "b", "c")
-        for light in ("low", "high")
-    ]
-    rows = rank_methods(records)
-    names = [
-        a["data-name"]
-        for a in read(build_page(rows, title="x", records=records)).of("th")
-        if "data-name" in a
-    ]
-    assert len(names) == len(set(names))
-    held = [rule["light"] for rule in build_page_data(rows, records)["columns"] if rule and "light" in rule]
-    assert held == ["high", "low"]
+def test_a_page_whose_methods_lead_together_names_four():
+    records = [record(f"m{i}+s", "x", 0.0) for i in range(6)]
+    text = build_page(rank_methods(records), title="x", records=records)
+    lead = re.sub("<.*?>", "", text.split('<p class="lead">')[1].split("</p>")[0])
+    assert lead.startswith(
+        "m0+s, m1+s, m2+s, m3+s and 2 more lead together: within one depth of focus on 100%"
+    )

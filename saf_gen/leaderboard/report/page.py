@@ -88,34 +88,38 @@ def build_page(
     numbers = {name: number for number, name in enumerate(sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
     shown = list_shown_columns(rows)
-    return _templates().get_template("page.html").render(
-        title=title,
-        script=Markup(script),
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        style=Markup(_read_asset("page.css")),
-        summary=_summarise(rows, records),
-        leaders=[row for row in rows if row.rank == 1],
-        failures=failures,
-        sections=_list_sections(tabulate_by_axis(records, methods), sweeps, report_figures),
-        selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
-        board=page_tables.tabulate_leaderboard(ranked) if rows else None,
-        notes=" ".join(compose_notes(rows, records)),
-        answers=page_tables.tabulate_answers(answers[:MAX_ANSWERS]),
-        columns=shown,
-        data_digests=page_tables.tabulate_names(sequences, name="sequence", value="content_sha256"),
-        method_digests=page_tables.tabulate_names(
-            {r.method: _describe_code(r) for r in records}, name="method", value="code"
-        ),
-        data={
-            "methods": methods,
-            "sequences": list(sequences),
-            "selections": [
-                {"body": ranked.index(s.rows), "sequences": [numbers[name] for name in s.sequences]}
-                for s in selections
-            ],
-            "answers": [[methods.index(m), numbers[s], *texts] for m, s, *texts in answers],
-        },
-        version=__version__,
+    return (
+        _templates()
+        .get_template("page.html")
+        .render(
+            title=title,
+            script=Markup(script),
+            script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+            style=Markup(_read_asset("page.css")),
+            summary=_summarise(rows, records),
+            leaders=[row for row in rows if row.rank == 1],
+            failures=failures,
+            sections=_list_sections(tabulate_by_axis(records, methods), sweeps, report_figures),
+            selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
+            board=page_tables.tabulate_leaderboard(ranked) if rows else None,
+            notes=" ".join(compose_notes(rows, records)),
+            answers=page_tables.tabulate_answers(answers[:MAX_ANSWERS]),
+            columns=shown,
+            data_digests=page_tables.tabulate_names(sequences, name="sequence", value="content_sha256"),
+            method_digests=page_tables.tabulate_names(
+                {r.method: _describe_code(r) for r in records}, name="method", value="code"
+            ),
+            data={
+                "methods": methods,
+                "sequences": list(sequences),
+                "selections": [
+                    {"body": ranked.index(s.rows), "sequences": [numbers[name] for name in s.sequences]}
+                    for s in selections
+                ],
+                "answers": [[methods.index(m), numbers[s], *texts] for m, s, *texts in answers],
+            },
+            version=__version__,
+        )
     )
 
 

@@ -15,7 +15,6 @@ from saf_gen.leaderboard import (
     list_shown_columns,
     summarise_measures,
 )
-from saf_gen.leaderboard.columns import format_percent
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 from saf_gen.leaderboard.table_formats import count_noun, format_bin
 
@@ -143,7 +142,7 @@ def tabulate_measures(sweeps: Sequence[SweepSummary]) -> PageTable | None:
 
 
 def tabulate_names(values: Mapping[str, str], *, name: str, value: str) -> PageTable:
-    """Return names and a text for each, such as a digest, as a table with the headings ``name`` and ``value``."""
+    """Return a table of names with a text for each; ``name`` and ``value`` are its headings."""
     return PageTable(
         f"{value} of each {name}",
         [PageColumn(name, kind="name"), PageColumn(value, kind="name")],
@@ -200,9 +199,9 @@ def _leaderboard_cell(row: LeaderboardRow, column: Column) -> PageCell:
     text = column.format_value(row)
     if column.key == "method":
         return PageCell(text, link="#answers")
-    interval = None
-    if column.key == "success_1dof" and None not in (ends := (row.success_1dof_low, row.success_1dof_high)):
-        interval = ends
+    interval, low, high = None, row.success_1dof_low, row.success_1dof_high
+    if column.key == "success_1dof" and low is not None and high is not None:
+        interval = low, high
     return PageCell(text, column.value(row) if column.is_fraction else None, interval)
 
 
