@@ -1,7 +1,8 @@
-"""Searches, by name: each looks at windows of a recording through a View and answers with a frame.
+"""Searches by name: each looks at windows of a recording through a View and answers with a frame.
 
-Each search is one file of this folder, or a package's, offered under the entry point ``saf_gen.searches``.
-Helpers that searches share are in files whose names begin with an underscore.
+A search with ``commands`` moves the lens of a running camera and answers with a lens position. Each search is
+one file of this folder, or belongs to a package that offers it under the entry point ``saf_gen.searches``.
+Files whose names begin with an underscore hold what searches share.
 """
 
 from typing import Any
@@ -11,17 +12,30 @@ from saf_gen.parts import Search
 
 __all__ = ["get_search", "search_names"]
 
-ROOM = "searches"
+KIND = "searches"
 
 
 def search_names() -> list[str]:
-    """Every name that get_search takes, sorted; nothing is imported."""
-    return names(ROOM)
+    """Return every name that get_search takes, sorted; nothing is imported."""
+    return names(KIND)
 
 
 def get_search(name: str, **options: Any) -> Search:
-    """The search ``name`` with these options, the keys of its dataclass.
+    """Return a search by its name.
 
-    Raises BadInput for an unknown name or key, and for a value that the search refuses.
+    Parameters
+    ----------
+    name : a name of :func:`search_names`, ``file.py:Class`` or ``package.module:Class``.
+    **options : the fields of the search's dataclass.
+
+    Returns
+    -------
+    Search
+        A callable that takes a :class:`saf_gen.parts.View` and returns a :class:`saf_gen.parts.Answer`.
+
+    Raises
+    ------
+    BadInput
+        For an unknown name or option, and for a value that the search refuses.
     """
-    return build(ROOM, name, **options)
+    return build(KIND, name, **options)

@@ -1,11 +1,10 @@
-"""Golden search on a recording: as the paper's released code runs it, and without its conventions.
+"""Golden search on a recording: as the released code of Su et al. runs it, and without its conventions.
 
-``narrow_as_released`` is the code's: frames are 1-based and inclusive, the ends of an interval may be
-fractional. ``narrow_to_centre`` is ours: whole frames from 0, windows first <= t < stop, centres.
+``narrow_as_released`` follows the code: frames are 1-based and inclusive, and the ends of an interval may be
+fractional. ``narrow_to_centre`` is this project's: whole frames from 0, windows first <= t < stop, centres.
 """
 
 import math
-from numbers import Integral
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import View
@@ -13,10 +12,10 @@ from saf_gen.parts import View
 __all__ = [
     "RATIO",
     "THRESHOLD",
-    "check_frame_count",
     "check_narrowing",
+    "check_recording_length",
+    "count_blocks",
     "half_score_difference",
-    "midpoint",
     "narrow_as_released",
     "narrow_to_centre",
 ]
@@ -25,15 +24,8 @@ RATIO = 0.618
 THRESHOLD = 10.0
 
 
-def check_frame_count(value: object, name: str) -> int:
-    """``value`` as an int. Raises BadInput, naming the key, unless it is a whole number of at least 1."""
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
-        raise BadInput(f"{name} is {value!r}", allowed="a whole number of frames, at least 1")
-    return int(value)
-
-
 def check_narrowing(threshold: float, ratio: float) -> None:
-    """Raises BadInput for a threshold below one frame, and for a ratio with which windows leave a gap."""
+    """Raise BadInput for a threshold below one frame, and for a ratio with which windows leave a gap."""
     if not (math.isfinite(threshold) and threshold >= 1):
         raise BadInput(f"threshold is {threshold!r}", allowed="frames, a number of at least 1")
     if not 0.5 <= ratio < 1:
@@ -43,9 +35,41 @@ def check_narrowing(threshold: float, ratio: float) -> None:
         )
 
 
-def midpoint(left: float, right: float) -> int:
-    """The 1-based frame that an interval stands for."""
-    return math.floor((left + right) / 2)
+def check_recording_length(view: View, threshold: float, *, longest_refused: float) -> None:
+    """Raise BadInput for a recording in which no window would be scored: its middle would be the answer."""
+    if view.frames <= longest_refused:
+        raise BadInput(
+            f"a recording of {view.frames} frames is too short for threshold {threshold:g}",
+            allowed=f"more than {longest_refused:g} frames",
+            hint="choose a smaller threshold",
+        )
+
+
+def count_blocks(view: View, dt: int) -> tuple[int, int]:
+    """Return the block with which a golden fast search begins, from 1, and the number of blocks.
+
+    Raises BadInput where the recording holds no block of ``dt`` frames, or too few frames in its first
+    quarter to divide them in two.
+    """
+    blocks = view.frames // dt
+    first = max(math.ceil(blocks / 4), 1)
+    if blocks < 1 or first * dt < 3:
+        raise BadInput(
+            f"a recording of {view.frames} frames is too short for blocks of {dt} frames",
+            allowed="at least one block, and three frames in the first quarter",
+            hint="choose another dt",
+        )
+    return first, blocks
+
+
+def half_score_difference(view: View, end: int) -> float:
+    """Return the score of the later half of the first ``end`` frames less that of the earlier half.
+
+    The windows are those of the released code, 1-based and inclusive: h−1 ... end and 1 ... h−1 with
+    h = ⌊(end + 1)/2⌋.
+    """
+    half = (end + 1) // 2
+    return view.score(half - 2, end) - view.score(0, half - 1)
 
 
 def narrow_as_released(
@@ -56,25 +80,16 @@ def narrow_as_released(
     Each step scores two windows of ``ratio`` of the interval, at its two ends, and keeps the left one where
     its score is larger, else the right one. Returns the midpoint before the first step and after each.
     """
-    trace = [midpoint(left, right)]
+    trace = [math.floor((left + right) / 2)]
     while right - left > threshold:
         width = right - left
         inner_right, inner_left = left + ratio * width, right - ratio * width
-        if _score(view, left, inner_right) > _score(view, inner_left, right):
+        if _score_inclusive(view, left, inner_right) > _score_inclusive(view, inner_left, right):
             right = inner_right
         else:
             left = inner_left
-        trace.append(midpoint(left, right))
+        trace.append(math.floor((left + right) / 2))
     return tuple(trace)
-
-
-def half_score_difference(view: View, end: int) -> float:
-    """What a golden fast search follows: the score of the later half of ``end`` frames less the earlier's.
-
-    The released code's two windows, 1-based and inclusive: h−1 ... end and 1 ... h−1, h = ⌊(end + 1)/2⌋.
-    """
-    half = (end + 1) // 2
-    return view.score(half - 2, end) - view.score(0, half - 1)
 
 
 def narrow_to_centre(
@@ -82,9 +97,9 @@ def narrow_to_centre(
 ) -> tuple[float, ...]:
     """Narrow the frames ``first <= t < stop`` until no more than ``threshold`` are left.
 
-    Each step scores two windows of ``ratio`` of the interval, at its two ends, and keeps the better. Equal
-    scores do not say which: as much is cut off at either end, so that a recording played backwards gives the
-    same place. Returns the centre before the first step and after each, frames from 0.
+    Each step scores two windows of ``ratio`` of the interval, at its two ends, and keeps the better. Where
+    both score the same, as much is cut off at either end, so that a recording played backwards gives the
+    mirrored answer. Returns the centre before the first step and after each, frames from 0.
     """
     trace = [(first + stop - 1) / 2]
     while stop - first > threshold:
@@ -104,7 +119,7 @@ def narrow_to_centre(
     return tuple(trace)
 
 
-def _score(view: View, a: float, b: float) -> float:
-    """Score of the window a ... b, which takes the frames round-half-up(a + j), j = 0 ... ⌊b − a⌋."""
+def _score_inclusive(view: View, a: float, b: float) -> float:
+    """Return the score of the 1-based frames round-half-up(a + j), j = 0 ... ⌊b − a⌋."""
     first = math.floor(a + 0.5)
     return view.score(first - 1, first + math.floor(b - a))

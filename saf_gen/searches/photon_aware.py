@@ -1,4 +1,4 @@
-"""Our own search: windows that hold enough spikes whatever the light, and an honest end."""
+"""Photon-aware search: windows of equal light, and a stop once the focus has been passed."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -8,30 +8,35 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden_narrowing import check_frame_count
+from saf_gen.searches._windows import check_frame_count
 
 BROAD = "sd_calibrated"
 
 
 @dataclass(frozen=True)
 class PhotonAware:
-    """Follows the sweep with trailing windows of equal light, stops where the focus has been passed.
+    """Follows the sweep with trailing windows of equal light, and stops where the focus has been passed.
 
     The score of a window is uncertain, and biased, by how few spikes it holds, so windows are cut by spikes
-    and not by time: after each step (``steps`` of them in a recording) the window that ends there is the
-    shortest with twice ``counts`` spikes a pixel, about ``counts`` in each half, and no longer than
-    ``longest`` of the recording. Its score stands for its centre. Scores are smoothed by a Gaussian of
-    ``smooth`` steps, and the answer is the top of the parabola through those round the largest.
+    and not by time: after each of the ``steps`` of a recording, the window that ends there is the shortest
+    with twice ``counts`` spikes per pixel, about ``counts`` in each half, and no longer than ``longest`` of
+    the recording. Its score belongs to its centre. Scores are smoothed by a Gaussian of ``smooth`` steps, and
+    the answer is the top of the parabola through those around the largest.
 
     The sweep stops once the curve has come down from its largest value by ``until`` of its range and by
     ``least`` of that value, for longer than a window, having come up by half of that before; with ``far``
-    that of ``sd_calibrated``, of the same windows, has to as well. A steep measure is close at the focus and
-    has small tops of its own far from it, where contrast is still a broad hill. Where the curve has not come
-    down by ``fall`` of its range on both sides of the largest value by the end, the focus is not in the
-    sweep, and it abstains.
+    that of ``sd_calibrated`` over the same windows has to as well: a steep measure is narrow at the focus and
+    has small local maxima far from it, where contrast is still a broad hill. Where at the end the curve has
+    not come down by ``fall`` of its range on both sides of the largest value, the focus is not in the sweep,
+    and the search abstains.
 
-    Two to four scores a step, one of them by the method's own measure. The trace holds the largest so far,
-    0-based frames, whenever it moves.
+    Two to four scores per step, one of them by the method's own measure. The trace holds the largest value so
+    far, 0-based frames, whenever it moves.
+
+    References
+    ----------
+    This project; it stops as SGFS should: Algorithm 1 of Su et al., "Intensity-Robust Autofocus for Spike
+    Camera", CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     """
 
     counts: float = 6.0
@@ -45,30 +50,19 @@ class PhotonAware:
 
     causal: ClassVar[bool] = True
     measures: ClassVar[tuple[str, ...]] = ("er_count", "er_count_n", BROAD)
-    source: ClassVar[str] = (
-        "ours; it stops as SGFS should: Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, "
-        "doi:10.1109/CVPR52733.2024.02363, Algorithm 1"
-    )
 
     def __post_init__(self) -> None:
-        check_frame_count(self.steps, "steps")
-        shares = {
-            "longest": (0, 1),
-            "until": (0, 1),
-            "least": (0, 1),
-            "fall": (0, 1),
-            "smooth": (0, 100),
-            "counts": (0, 1e6),
-        }
-        for key, (least, most) in shares.items():
+        check_frame_count("steps", self.steps)
+        highest = {"longest": 1, "until": 1, "least": 1, "fall": 1, "smooth": 100, "counts": 1e6}
+        for key, most in highest.items():
             value = getattr(self, key)
-            if isinstance(value, bool) or not (isfinite(value) and least <= value <= most):
-                raise BadInput(f"{key} is {value!r}", allowed=f"{least} to {most:g}")
+            if isinstance(value, bool) or not (isfinite(value) and 0 <= value <= most):
+                raise BadInput(f"{key} is {value!r}", allowed=f"0 to {most:g}")
         if not isinstance(self.far, bool):
             raise BadInput(f"far is {self.far!r}", allowed="true, false")
 
     def __call__(self, view: View) -> Answer:
-        """Search the sweep. Raises BadInput where it has fewer than two frames a step."""
+        """Search the sweep. Raise BadInput where it has fewer than two frames per step."""
         step = view.frames // self.steps
         if step < 2:
             raise BadInput(
@@ -77,8 +71,8 @@ class PhotonAware:
                 hint="choose fewer steps",
             )
         spikes, pixels = [0.0], 0.0
-        curve = _Curve(self.smooth * step, self.steps + 1)
-        curves = [curve, *([_Curve(self.smooth * step, self.steps + 1)] if self.far else [])]
+        curves = [_Curve(self.smooth * step, self.steps + 1) for _ in range(2 if self.far else 1)]
+        curve = curves[0]
         falling = 0
         trace: list[float] = []
         most = max(int(self.longest * self.steps), 2)
@@ -89,69 +83,69 @@ class PhotonAware:
             begin = k - 1
             while begin > max(k - most, 0) and spikes[k] - spikes[begin] < 2 * self.counts * pixels:
                 begin -= 1
-            held = (spikes[k] - spikes[begin]) / pixels if pixels else 0.0
-            if held < (2 * self.counts if k < most else self.counts / 2):
+            counts = (spikes[k] - spikes[begin]) / pixels if pixels else 0.0
+            if counts < (2 * self.counts if k < most else self.counts / 2):
                 continue  # not enough light yet; or hardly any at all
-            for one, measure in zip(curves, (None, BROAD), strict=False):
-                one.add((begin + k) * step / 2 - 0.5, view.score(begin * step, stop, measure))
+            for each, measure in zip(curves, (None, BROAD), strict=False):
+                each.add((begin + k) * step / 2 - 0.5, view.score(begin * step, stop, measure))
             best = curve.best()
             if not trace or trace[-1] != best:
                 trace.append(best)
-            falling = falling + 1 if all(one.has_fallen(self.until, self.least) for one in curves) else 0
-            if falling > max(2, k - begin) and all(one.is_a_peak(self.until / 2) for one in curves):
-                break  # so long that no window of then shares a spike with the first of them
+            falling = falling + 1 if all(each.has_fallen(self.until, self.least) for each in curves) else 0
+            if falling > max(2, k - begin) and all(each.is_peak(self.until / 2) for each in curves):
+                break  # for longer than a window, so that the first and the last share no spike
         note = f"stopped after {stop} of {view.frames} frames"
         if not trace:
             return Answer(None, (), "too dark")
-        if not curve.is_a_peak(self.fall):
+        if not curve.is_peak(self.fall):
             return Answer(None, tuple(trace), f"{note}: no focus in it, the curve has no two sides")
         return Answer(curve.top(), tuple(trace), note)
 
 
 class _Curve:
-    """At most ``room`` scores at frames, as they come in, smoothed by a Gaussian of ``width`` frames."""
+    """Up to ``capacity`` scores at frames, as they come in, smoothed by a Gaussian of ``width`` frames."""
 
-    def __init__(self, width: float, room: int) -> None:
+    def __init__(self, width: float, capacity: int) -> None:
         self._width, self._count = max(width, 1e-6), 0
-        self._rows = np.zeros((4, room))  # frame, score, sum of weights, weighted sum
+        self._rows = np.zeros((4, capacity))  # frame, score, sum of weights, weighted sum
 
     @property
     def frames(self) -> np.ndarray:
-        """(n,) where the scores stand."""
+        """The frames of the scores, (n,)."""
         return self._rows[0, : self._count]
 
     @property
     def smoothed(self) -> np.ndarray:
-        """(n,)"""
+        """The smoothed scores, (n,)."""
         return self._rows[3, : self._count] / self._rows[2, : self._count]
 
     def add(self, frame: float, score: float) -> None:
         n = self._count
         frames, scores, weights, sums = self._rows[:, :n]
-        share = np.exp(-(((frame - frames) / self._width) ** 2) / 2)
-        weights += share
-        sums += share * score
-        self._rows[:, n] = frame, score, 1 + share.sum(), score + share @ scores
+        weight = np.exp(-(((frame - frames) / self._width) ** 2) / 2)
+        weights += weight
+        sums += weight * score
+        self._rows[:, n] = frame, score, 1 + weight.sum(), score + weight @ scores
         self._count = n + 1
 
     def best(self) -> float:
-        """The frame of the largest smoothed score."""
+        """Return the frame of the largest smoothed score."""
         return float(self.frames[self.smoothed.argmax()])
 
-    def has_fallen(self, share: float, least: float) -> bool:
-        """Whether the last score is below the largest by these shares of the range and of the largest."""
+    def has_fallen(self, of_range: float, of_largest: float) -> bool:
+        """Return whether the last score is below the largest by these fractions of the range and of it."""
         y = self.smoothed
-        return bool(y.max() - y[-1] > max(share * np.ptp(y), least * abs(y.max())))
+        return bool(y.max() - y[-1] > max(of_range * np.ptp(y), of_largest * abs(y.max())))
 
-    def is_a_peak(self, share: float) -> bool:
-        """Whether the curve comes down by this share of its range on both sides of its largest value."""
+    def is_peak(self, of_range: float) -> bool:
+        """Return whether the curve falls by this fraction of its range on both sides of its largest value."""
         y, order = self.smoothed, np.argsort(self.frames, kind="stable")
         y = y[order]
-        k, least = int(y.argmax()), share * np.ptp(y)
+        k, least = int(y.argmax()), of_range * np.ptp(y)
         return bool(min(y[k] - y[: k + 1].min(), y[k] - y[k:].min()) > least > 0)
 
     def top(self) -> float:
-        """The top of the parabola through the scores round the largest; that one where it has no top."""
+        """Return the top of the parabola through the scores around the largest, else the largest."""
         frames, y = self.frames, self.smoothed
         best = self.best()
         near = np.abs(frames - best) <= 2.5 * self._width

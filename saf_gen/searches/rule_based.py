@@ -1,28 +1,37 @@
-"""Rule-based search: one pass of the travel, the step chosen by how the score changes."""
+"""Rule-based search: one pass through the travel, its steps chosen by how the score changes."""
 
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
 
 from saf_gen.errors import BadInput
-from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_fraction
+from saf_gen.searches._lens_commanding import (
+    FocusSampler,
+    LensCommandingSearch,
+    check_fraction,
+    divide_evenly,
+)
 
 
 @dataclass(frozen=True)
 class RuleBased(LensCommandingSearch):
-    """Passes through the travel from the nearer end, in steps that rules choose; answers with the best place.
+    """Passes through the travel from the nearer end, in steps chosen by rules; answers with the best.
 
-    After each look the slope is the relative change of the score over the share of the travel gone. The first
-    rule that holds counts. Once it was ``steep``: a score below ``drop`` of the climb, from the lowest so far
-    to the highest, ends the pass, and fine steps stay fine. A slope of ``steep`` asks for the ``fine`` step,
-    of ``gentle`` for ``middle``, else ``coarse``. Where looks beside the best place are farther apart than a
-    fine step, the gap is gone over finely at the end.
+    After each sample the slope is the relative change of the score per fraction of the travel. The first rule
+    that applies counts. Once the slope was ``steep``, a score below ``drop`` of the climb, from the lowest so
+    far to the highest, ends the pass, and fine steps stay fine. A slope of ``steep`` asks for the ``fine``
+    step, of ``gentle`` for ``middle``, else ``coarse``. Where the samples beside the best are farther apart
+    than a fine step, the gap is filled with fine steps at the end.
 
-    The lens goes one way nearly all the time, so backlash costs little. Thresholds are relative: a score with
-    a large constant part (er_count) or a sign that changes misleads them. About 1/coarse + 4·width/fine looks
-    for a peak of half width ``width``. The rules are those of the source in kind; its constants are of
-    another camera.
+    The lens moves in one direction nearly all the time, so backlash costs little. Thresholds are relative: a
+    score with a large constant part (er_count) or a sign that changes misleads them. About
+    1/coarse + 4·width/fine samples for a peak of half width ``width``. The rules are of the kind of the
+    reference, whose constants are of another camera.
+
+    References
+    ----------
+    Kehtarnavaz and Oh, "Development and real-time implementation of a rule-based auto-focus algorithm",
+    Real-Time Imaging 9(3), 2003, doi:10.1016/S1077-2014(03)00037-8.
     """
 
     coarse: float = 0.08
@@ -31,11 +40,6 @@ class RuleBased(LensCommandingSearch):
     gentle: float = 1.0
     steep: float = 4.0
     drop: float = 0.5
-
-    source: ClassVar[str] = (
-        "Kehtarnavaz and Oh, Development and real-time implementation of a rule-based auto-focus algorithm, "
-        "Real-Time Imaging 9(3), 2003, doi:10.1016/S1077-2014(03)00037-8"
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -52,17 +56,17 @@ class RuleBased(LensCommandingSearch):
                 allowed="relative change over the whole travel, 0 < gentle <= steep",
             )
 
-    def seek_focus(self, look: FocusSampler) -> str:
-        begin = 0.0 if look.start() <= 0.5 else 1.0
-        way = 1 - 2 * begin
-        seen = [(0.0, look(begin))]  # how far from there, and the score
+    def seek_focus(self, sample: FocusSampler) -> str:
+        begin = 0.0 if sample.read_start() <= 0.5 else 1.0
+        direction = 1 - 2 * begin
+        seen = [(0.0, sample(begin))]  # distance from the beginning, and the score
         step, climbed = self.coarse, False
         while seen[-1][0] < 1:
-            gone, before = seen[-1]
-            ahead = min(gone + step, 1.0)
-            score = look(begin + way * ahead)
+            distance, before = seen[-1]
+            ahead = min(distance + step, 1.0)
+            score = sample(begin + direction * ahead)
             seen.append((ahead, score))
-            slope = _relative_change(before, score) / (ahead - gone)
+            slope = _relative_change(before, score) / (ahead - distance)
             low, high = min(s for _, s in seen), max(s for _, s in seen)
             above = score - low >= self.drop * (high - low)
             climbed = climbed or slope >= self.steep
@@ -72,19 +76,16 @@ class RuleBased(LensCommandingSearch):
                 step = self.fine
             else:
                 step = self.middle if slope >= self.gentle else self.coarse
-        for far in self._gaps(seen):
-            look(begin + way * far)
+        for distance in self._gaps(seen):
+            sample(begin + direction * distance)
         return "" if climbed else "no steep climb"
 
     def _gaps(self, seen: list[tuple[float, float]]) -> list[float]:
-        """Places a fine step apart beside the best one, where looks were not; the farthest first."""
+        """Return the distances a fine step apart beside the best not sampled yet, the farthest first."""
         best = max(range(len(seen)), key=lambda i: seen[i][1])
-        beside = [gone for gone, _ in seen[max(best - 1, 0) : best + 2]]
-        places = []
-        for near, far in pairwise(beside):
-            parts = math.ceil(round((far - near) / self.fine, 6))
-            places += [near + (far - near) * k / parts for k in range(1, parts)]
-        return places[::-1]
+        beside = [distance for distance, _ in seen[max(best - 1, 0) : best + 2]]
+        gaps = [divide_evenly(near, far, step=self.fine)[1:-1] for near, far in pairwise(beside)]
+        return [distance for gap in gaps for distance in gap][::-1]
 
 
 def _relative_change(before: float, after: float) -> float:

@@ -5,25 +5,25 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden_narrowing import (
-    RATIO,
-    THRESHOLD,
-    check_frame_count,
-    check_narrowing,
-    narrow_to_centre,
-)
+from saf_gen.searches._golden_narrowing import RATIO, THRESHOLD, check_narrowing, narrow_to_centre
+from saf_gen.searches._windows import check_frame_count, check_recording_holds
 
 
 @dataclass(frozen=True)
 class GoldenFastSearchPrinted:
-    """Algorithm 1 to the letter, T growing by ``control_period`` frames a round. Expected to fail.
+    """Algorithm 1 to the letter, T growing by ``control_period`` frames per round. Expected to fail.
 
-    A round compares the windows of αT frames at the two ends of the T frames so far, and stops where the
-    earlier scores less than the later. That is so at once, on every sweep towards the focus: it stops in the
-    first control period. With the sign ``turned`` it stops once the earlier scores more, for a curve
-    symmetric about the focus at T = 2·p, and goes on to search the last αT/2 frames, 1.38 p ... 2 p: the
-    focus p is not among them. Where neither happens before the sweep ends it abstains. Two scores a round,
-    two a step. The trace is that of the golden search (``egs``), centres, frames from 0.
+    A round compares the windows of αT frames at the two ends of the T frames so far (α is ``ratio``), and
+    stops where the earlier scores less than the later. On a sweep towards the focus that holds at once: it
+    stops in the first control period. With the sign ``turned`` it stops once the earlier scores more, for a
+    curve symmetric about the focus p at T = 2p, and goes on to search the last αT/2 frames, 1.38p ... 2p: the
+    focus is not among them. Where neither happens before the sweep ends it abstains. Two scores per round,
+    two per step. The trace is that of the golden search (``egs``), centres, frames from 0.
+
+    References
+    ----------
+    Algorithm 1 of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
+    doi:10.1109/CVPR52733.2024.02363; its released code differs, see ``sgfs_code``.
     """
 
     control_period: int = 100
@@ -32,26 +32,16 @@ class GoldenFastSearchPrinted:
     turned: bool = False
 
     causal: ClassVar[bool] = True
-    source: ClassVar[str] = (
-        "Su et al., Intensity-Robust Autofocus for Spike Camera, CVPR 2024, Algorithm 1, "
-        "doi:10.1109/CVPR52733.2024.02363; its released code differs, see sgfs_code"
-    )
 
     def __post_init__(self) -> None:
-        check_frame_count(self.control_period, "control_period")
+        check_frame_count("control_period", self.control_period)
         check_narrowing(self.threshold, self.ratio)
         if not isinstance(self.turned, bool):
             raise BadInput(f"turned is {self.turned!r}", allowed="true, false")
 
     def __call__(self, view: View) -> Answer:
-        """Search until the algorithm stops. Raises BadInput where the recording is no control period long."""
-        if view.frames < self.control_period:
-            raise BadInput(
-                f"a recording of {view.frames} frames is shorter than a control period of "
-                f"{self.control_period} frames",
-                allowed=f"control_period of 1 ... {view.frames}",
-                hint="choose a smaller control_period",
-            )
+        """Search until the algorithm stops. Raise BadInput where no control period fits the recording."""
+        check_recording_holds(view, "control_period", frames=self.control_period)
         for so_far in range(self.control_period, view.frames + 1, self.control_period):
             window = max(round(self.ratio * so_far), 1)
             earlier, later = view.score(0, window), view.score(so_far - window, so_far)

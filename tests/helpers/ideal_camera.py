@@ -1,4 +1,4 @@
-"""A running camera with an ideal lens, for the tests of searches that command it."""
+"""A running camera with an ideal lens, for tests of searches that command the lens."""
 
 import math
 
@@ -9,13 +9,13 @@ from saf_gen.errors import BadInput
 
 
 class IdealCamera:
-    """Exactly what saf_gen.parts.View promises of a camera that is running, with a curve for a scene.
+    """What saf_gen.parts.View promises of a running camera, before a focus curve instead of a scene.
 
-    The lens goes ``speed`` of the travel a second towards its command; a score is the mean of ``curve`` over
-    where the lens was, plus noise of the window's own. Its sensor reads with the rms ``sensor``, NaN where it
-    is ``blind``, and says that it does not see a motion that falls to 1/e in ``lag_s``. Time passes in
-    packets of 8 frames. ``others`` are the curves of named measures.
-    ``positions`` is where the lens was at each frame so far, ``scored`` what was scored.
+    The lens moves at ``speed`` travels per second towards its command; a score is the mean of ``curve`` over
+    the lens positions of the window, plus noise drawn per window. The position sensor reads with the rms
+    ``sensor``, NaN where it is ``blind``, and misses a motion that falls to 1/e in ``lag_s``. Time passes in
+    packets of 8 frames. ``others`` are the curves of named measures. ``positions`` holds the lens position at
+    each frame so far, ``scored`` the windows, ``commands`` the targets.
     """
 
     def __init__(
@@ -37,10 +37,10 @@ class IdealCamera:
         self.lag_s = lag_s
         self._step, self._backlash, self._blind = speed / self.readout_hz, backlash, blind
         self._command = start
-        self._drawn = make_generator("ideal_camera")
+        self._noise_source = make_generator("ideal_camera")
         self._noise, self._sensor = noise, sensor
         self.positions, self._read, self.scored, self.commands = [], [], [], []
-        self._here, self._way = start, 1
+        self._here, self._direction = start, 1
 
     @property
     def now(self):
@@ -50,7 +50,7 @@ class IdealCamera:
         assert math.isfinite(to)
         assert 0 <= to <= 1
         self.commands.append(to)
-        self._way = 1 if to > self._command else -1 if to < self._command else self._way
+        self._direction = 1 if to > self._command else -1 if to < self._command else self._direction
         self._command = to
 
     def wait(self, frames):
@@ -59,13 +59,13 @@ class IdealCamera:
         assert self.now + steps.size <= self.frames, "beyond the budget"
         if not steps.size:
             return
-        target = min(max(self._command - self._way * self._backlash / 2, 0.0), 1.0)
-        away = target - self._here
-        went = self._here + math.copysign(1, away) * np.minimum(self._step * steps, abs(away))
-        self._here = float(went[-1])
-        self.positions += went.tolist()
-        read = went + self._sensor * self._drawn.normal(size=went.size)
-        self._read += (np.full(went.size, math.nan) if self._blind else read).tolist()
+        target = min(max(self._command - self._direction * self._backlash / 2, 0.0), 1.0)
+        distance = target - self._here
+        path = self._here + math.copysign(1, distance) * np.minimum(self._step * steps, abs(distance))
+        self._here = float(path[-1])
+        self.positions += path.tolist()
+        read = path + self._sensor * self._noise_source.normal(size=path.size)
+        self._read += (np.full(path.size, math.nan) if self._blind else read).tolist()
 
     def position(self, frame):
         if not 0 <= frame < self.now:
@@ -78,13 +78,16 @@ class IdealCamera:
         assert 0 <= first < stop <= self.frames
         self.wait(max(stop - self.now, 0))
         curve = self._curve if measure is None else self._others[measure]
-        places = self.positions[first:stop]
+        positions = self.positions[first:stop]
         self.scored.append((first, stop, measure))
-        return math.fsum(curve(p) for p in places) / len(places) + self._noise * self._drawn.normal()
+        return (
+            math.fsum(curve(p) for p in positions) / len(positions)
+            + self._noise * self._noise_source.normal()
+        )
 
 
 def bell_curve(peak, *, width=0.1, floor=0.3):
-    """A focus curve: 1 at ``peak`` over a floor, width to 1/e; its tails still fall, however little."""
+    """Return a focus curve, 1 at ``peak`` over a floor, ``width`` to 1/e, whose tails still fall a little."""
     return lambda p: (
         floor
         + (1 - floor) * (0.9 * math.exp(-(((p - peak) / width) ** 2)) + 0.1 / (1 + ((p - peak) / 0.3) ** 2))

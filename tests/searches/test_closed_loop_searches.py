@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ideal_camera import IdealCamera, bell_curve
+from refusals import refusal
 
 from saf_gen import get_search
 from saf_gen.benchmark import method_spec
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.core.config.source_digest import source_digests
-from saf_gen.errors import BadInput
 
 RATIO = (math.sqrt(5) - 1) / 2
 PROMISES = {
@@ -25,7 +25,7 @@ PROMISES = {
 }
 """How far from a single peak the answer may be, at default options: what each docstring says."""
 PEAKS = [0.0, 0.03, 0.31, 0.5, 0.77, 1.0]
-SENSOR = 1e-4  # rms of one reading; looks average a hundred
+SENSOR = 1e-4  # rms of one reading; samples average a hundred
 
 
 def camera(peak, **more):
@@ -51,33 +51,33 @@ def test_noise_of_the_score_moves_the_answer_little(name):
         assert abs(answer.position - peak) <= PROMISES[name] + 0.011
 
 
-def looks(name, peak=0.4, **options):
+def search_from_the_left(name, peak=0.4, **options):
     view = camera(peak, start=0.2)
     answer = get_search(name, **options)(view)
     return view, answer
 
 
 @pytest.mark.parametrize("tolerance", [0.3, 0.1, 0.01, 0.003])
-def test_golden_section_takes_the_looks_that_theory_says(tolerance):
+def test_golden_section_takes_the_samples_that_theory_says(tolerance):
     steps = math.ceil(math.log(tolerance) / math.log(RATIO))
     for peak in PEAKS:
-        view, answer = looks("golden_section", peak, tolerance=tolerance)
+        view, answer = search_from_the_left("golden_section", peak, tolerance=tolerance)
         assert len(view.scored) == steps + 1
         assert RATIO**steps <= tolerance < RATIO ** (steps - 1)
         assert abs(answer.position - peak) <= RATIO ** (steps + 1) + 4 * SENSOR
 
 
 @pytest.mark.parametrize(("tolerance", "parts", "count"), [(0.5, 5, 3), (0.1, 21, 6), (0.01, 233, 11)])
-def test_fibonacci_looks_at_parts_of_the_travel_and_never_twice(tolerance, parts, count):
+def test_fibonacci_samples_parts_of_the_travel_and_never_twice(tolerance, parts, count):
     for peak in PEAKS:
-        view, answer = looks("fibonacci", peak, tolerance=tolerance)
+        view, answer = search_from_the_left("fibonacci", peak, tolerance=tolerance)
         at = np.array(view.commands) * parts
         assert at == pytest.approx(np.round(at), abs=1e-9)
         assert len(set(np.round(at))) == count == len(view.scored)
         assert abs(answer.position - peak) <= 1 / parts + 4 * SENSOR
 
 
-def test_fibonacci_finds_each_of_its_places():
+def test_fibonacci_finds_each_of_its_positions():
     for k in range(1, 21):
         view = IdealCamera(lambda p, k=k: -abs(p - k / 21), sensor=0.0)
         answer = get_search("fibonacci", tolerance=0.1)(view)
@@ -85,9 +85,9 @@ def test_fibonacci_finds_each_of_its_places():
 
 
 @pytest.mark.parametrize("tolerance", [0.3, 0.01])
-def test_ternary_takes_two_looks_a_step(tolerance):
+def test_ternary_takes_two_samples_per_step(tolerance):
     steps = math.ceil(math.log(tolerance) / math.log(2 / 3))
-    assert len(looks("ternary", tolerance=tolerance)[0].scored) == 2 * steps
+    assert len(search_from_the_left("ternary", tolerance=tolerance)[0].scored) == 2 * steps
 
 
 def test_hill_climb_near_the_focus_does_not_cross_the_travel():
@@ -112,7 +112,7 @@ def test_hill_climb_crosses_a_dip_of_one_coarse_step():
     assert abs(get_search("hill_climb", falls=1)(IdealCamera(dented, start=0.3)).position - 0.8) > 0.3
 
 
-def test_rule_based_goes_one_way_in_steps_that_its_rules_choose():
+def test_rule_based_goes_in_one_direction_in_steps_that_its_rules_choose():
     view = camera(0.6, start=0.1)
     answer = get_search("rule_based")(view)
     assert answer.note == ""
@@ -138,7 +138,9 @@ def test_rule_based_without_a_climb_says_so():
 
 
 def test_coarse_to_fine_looks_with_the_broad_measure_first():
-    narrow = lambda p: math.exp(-(((p - 0.53) / 0.03) ** 2))  # noqa: E731
+    def narrow(p):
+        return math.exp(-(((p - 0.53) / 0.03) ** 2))
+
     view = IdealCamera(narrow, others={"variance": bell_curve(0.5, width=0.3)}, start=0.9, sensor=0.0)
     answer = get_search("coarse_to_fine", far="variance")(view)
     assert abs(answer.position - 0.53) <= 0.01 + 1e-9
@@ -159,7 +161,7 @@ def test_coarse_to_fine_may_use_the_method_s_own_measure_alone():
     assert {name for _, _, name in view.scored} == {None}
 
 
-def test_coarse_to_fine_out_of_time_in_between_answers_with_the_coarse_place():
+def test_coarse_to_fine_out_of_time_in_between_answers_with_the_coarse_position():
     whole = camera(0.42)
     get_search("coarse_to_fine")(whole)
     eleventh = whole.scored[10][1]
@@ -183,14 +185,14 @@ def test_a_search_stops_at_its_budget_with_the_best_so_far(name):
 
 
 @pytest.mark.parametrize("name", PROMISES)
-def test_time_without_a_look_abstains(name):
+def test_without_time_for_a_sample_it_abstains(name):
     answer = get_search(name)(camera(0.5, frames=120))
     assert answer == type(answer)(None, (), "out of frames before the first look")
 
 
 @pytest.mark.parametrize("name", PROMISES)
-def test_a_look_is_taken_where_the_lens_stands(name):
-    """No window holds a lens that is on its way, whatever the speed of the drive."""
+def test_a_sample_is_taken_where_the_lens_rests(name):
+    """No window holds a lens that is moving, whatever the speed of the drive."""
     for speed in (0.5, 5.0, 1000.0):
         view = camera(0.35, start=1.0, speed=speed, noise=0.001)
         get_search(name)(view)
@@ -198,14 +200,14 @@ def test_a_look_is_taken_where_the_lens_stands(name):
             assert np.ptp(view.positions[first:stop]) <= 0.002
 
 
-def test_the_place_of_a_look_is_what_the_sensor_read():
-    """Backlash of 0.04: the lens is 0.02 short of its command on either way, and the answer knows."""
+def test_the_position_of_a_sample_is_what_the_sensor_read():
+    """Backlash of 0.04: the lens is 0.02 short of its command from either side, and the answer says so."""
     view = camera(0.5, backlash=0.04)
     answer = get_search("golden_section")(view)
     assert abs(answer.position - 0.5) < 0.02
     assert all(
-        abs(place - np.mean(view.positions[first:stop])) < 1e-4
-        for place, (first, stop, _) in zip(answer.trace, view.scored, strict=True)
+        abs(position - np.mean(view.positions[first:stop])) < 1e-4
+        for position, (first, stop, _) in zip(answer.trace, view.scored, strict=True)
     )
 
 
@@ -241,35 +243,10 @@ def test_two_runs_are_alike(name):
     assert runs[0].commands == runs[1].commands
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("golden_section", {"tolerance": 0}, r"tolerance is 0; allowed: a fraction of the travel"),
-        ("golden_section", {"tolerance": 1}, r"tolerance is 1; allowed: a fraction of the travel"),
-        ("fibonacci", {"tolerance": "a"}, r"tolerance is 'a'; allowed: a fraction"),
-        ("ternary", {"tolerance": math.nan}, r"tolerance is nan; allowed: a fraction"),
-        ("ternary", {"dt": 0}, r"dt is 0; allowed: a whole number of frames, at least 1"),
-        ("ternary", {"still": 2.0}, r"still is 2\.0; allowed: a fraction of the travel"),
-        ("ternary", {"lag_s": -1}, r"lag_s is -1; allowed: seconds, 0 to 1"),
-        ("ternary", {"timeout_s": 0}, r"timeout_s is 0; allowed: seconds, above 0, at most 60"),
-        ("hill_climb", {"fine": 0.2}, r"fine is 0\.2; allowed: no more than coarse, 0\.1"),
-        ("hill_climb", {"falls": 0}, r"falls is 0; allowed: a whole number"),
-        ("rule_based", {"middle": 0.2}, r"steps are 0\.08, 0\.2, 0\.01; allowed: coarse >= middle >= fine"),
-        ("rule_based", {"gentle": 9.0}, r"gentle is 9\.0, steep 4\.0; allowed: .*0 < gentle <= steep"),
-        ("rule_based", {"drop": 1.0}, r"drop is 1\.0; allowed: a fraction"),
-        ("coarse_to_fine", {"far": 3}, r"far is 3; allowed: the name of a focus measure, or own"),
-        ("coarse_to_fine", {"far_dt": 0.5}, r"far_dt is 0\.5; allowed: a whole number"),
-        ("coarse_to_fine", {"fine": 0.2}, r"fine is 0\.2; allowed: no more than coarse, 0\.1"),
-    ],
-)
-def test_wrong_options_are_refused(name, options, message):
-    with pytest.raises(BadInput, match=message):
-        get_search(name, **options)
-
-
 def test_a_measure_that_a_search_looks_through_is_checked_and_counted_beforehand(monkeypatch):
-    with pytest.raises(BadInput, match="method 'sd.coarse_to_fine:far=tenengrat'.*mean 'tenengrad'"):
-        parse_method("sd+coarse_to_fine:far=tenengrat")
+    error = refusal(parse_method, "sd+coarse_to_fine:far=tenengrat")
+    assert "sd+coarse_to_fine:far=tenengrat" in error.where + error.problem
+    assert "tenengrad" in str(error)
     read = []
     monkeypatch.setattr(
         method_spec, "source_digests", lambda classes: read.extend(source_digests(classes)) or read

@@ -1,4 +1,4 @@
-"""Our own method: a contrast that does not move with the light, and a search that counts its photons."""
+"""The project's own method: a contrast that does not move with the light, and a photon-aware search."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ from planted_counts import CONTRAST, halves_of
 
 from saf_gen import get_measure, get_search
 from saf_gen.core.seeds import make_generator
-from saf_gen.errors import BadInput
 
 
 def test_by_hand():
@@ -44,16 +43,8 @@ def test_in_the_dark_there_is_no_contrast():
     assert get_measure("sd_calibrated")(np.zeros((2, 4, 4)), frames=100) == 0.0
 
 
-@pytest.mark.parametrize(
-    "options", [{"dark": -0.1}, {"dark": 0.6}, {"dark_rms": float("nan")}, {"dark": True}]
-)
-def test_a_calibration_out_of_range_is_refused(options):
-    with pytest.raises(BadInput, match=f"{next(iter(options))} is"):
-        get_measure("sd_calibrated", **options)
-
-
 class Sweep:
-    """A recording with a focus curve over frames, lit by ``light``; notes the windows it was asked for."""
+    """A recording with a focus curve over frames, lit by ``light``; notes the windows that were scored."""
 
     readout_hz = 20_000.0
 
@@ -62,7 +53,7 @@ class Sweep:
         self.curve, self.noise, self.broad = curve, noise, curve if broad is None else broad
         self.light = np.full(self.frames, 0.2) if light is None else light
         self.spikes = np.concatenate([[0.0], np.cumsum(self.light)])
-        self.asked, self.latest, self.now = [], 0, 0
+        self.windows, self.now = [], 0
 
     def score(self, first, stop, measure=None):
         assert 0 <= first < stop <= self.frames
@@ -72,7 +63,7 @@ class Sweep:
             return 1000 * count
         if measure == "er_count_n":
             return 1000.0
-        self.asked.append((first, stop, count))
+        self.windows.append((first, stop, count))
         curve = self.broad if measure == "sd_calibrated" else self.curve
         value = float(np.average(curve[first:stop], weights=self.light[first:stop] + 1e-12))
         return value + self.noise * float(make_generator("sweep", first, stop).standard_normal()) / np.sqrt(
@@ -104,17 +95,12 @@ def test_a_small_top_of_a_steep_measure_does_not_end_the_sweep_while_contrast_st
     assert get_search("photon_aware", far=far)(view).frame == pytest.approx(found * 20_000, abs=150)
 
 
-def test_far_is_yes_or_no():
-    with pytest.raises(BadInput, match="far is 1; allowed: true, false"):
-        get_search("photon_aware", far=1)
-
-
 def test_windows_hold_the_spikes_asked_for_and_end_now():
     view = Sweep(bell(0.5), STEPS)
     get_search("photon_aware", until=1.0, counts=4.0)(view)
-    full = [w for w in view.asked if w[1] - w[0] < 0.15 * 20_000]
+    full = [w for w in view.windows if w[1] - w[0] < 0.15 * 20_000]
     assert min(count for *_, count in full) >= 8.0
-    longest = {round(stop / 100): stop - first for first, stop, _ in view.asked}
+    longest = {round(stop / 100): stop - first for first, stop, _ in view.windows}
     assert longest[20] < longest[48]  # in the dark they grow
 
 
@@ -142,22 +128,3 @@ def test_it_looks_at_nothing_beyond_where_it_stops():
     view = Sweep(bell(0.3))
     answer = get_search("photon_aware")(view)
     assert view.now == int(answer.note.split()[2])
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"steps": 0}, "steps is 0"),
-        ({"until": 1.5}, "until is 1.5; allowed: 0 to 1"),
-        ({"smooth": float("inf")}, "smooth is inf"),
-        ({"counts": -1}, "counts is -1"),
-    ],
-)
-def test_constants_out_of_range_are_refused(options, message):
-    with pytest.raises(BadInput, match=message):
-        get_search("photon_aware", **options)
-
-
-def test_a_recording_that_is_too_short_is_refused():
-    with pytest.raises(BadInput, match="300 frames is too short for 200 steps; allowed: at least 400"):
-        get_search("photon_aware")(Sweep(np.ones(300)))

@@ -1,4 +1,4 @@
-"""Searches against planted peaks, and against slow twins that list every frame of every window."""
+"""Searches against planted peaks, and against slow references that list every frame of every window."""
 
 import math
 from dataclasses import dataclass, field
@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from reference_searches import literal_egs, literal_feedback, literal_sgfs
+from refusals import refusal
 
 from saf_gen import get_search
 from saf_gen.core.seeds import make_generator
-from saf_gen.errors import BadInput
 
 
 @dataclass
@@ -19,11 +19,11 @@ class Peak:
 
     frames: int
     peak: float
-    asked: list = field(default_factory=list)
+    windows: list = field(default_factory=list)
 
     def score(self, first, stop):
         assert 0 <= first < stop <= self.frames
-        self.asked.append((first, stop))
+        self.windows.append((first, stop))
         return 1 / (1 + ((first + stop - 1) / 2 - self.peak) ** 2 / self.frames)
 
 
@@ -47,10 +47,7 @@ def focus_curve(frames, peak, *, noise=0.0):
     )
 
 
-# The released code's rules, said again frame by frame (1-based, inclusive).
-
-
-# Ours, said again frame by frame: 0-based.
+# Reference searches of this project's conventions, frame by frame from 0.
 
 
 def mean_of(view, listed):
@@ -93,7 +90,7 @@ PEAKS = [0.03, 0.2, 0.5, 0.61, 0.97]
 @pytest.mark.parametrize("frames", LENGTHS)
 @pytest.mark.parametrize("peak", PEAKS)
 @pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_egs_code_takes_the_same_steps_as_its_literal_twin(frames, peak, noise):
+def test_egs_code_takes_the_same_steps_as_its_reference(frames, peak, noise):
     view = Curve(focus_curve(frames, peak, noise=noise))
     answer = get_search("egs_code")(view)
     assert list(answer.trace) == literal_egs(view, 1, frames)
@@ -122,7 +119,7 @@ def test_egs_code_takes_the_same_steps_for_other_thresholds_and_ratios(threshold
         (10_000, 100),
     ],
 )
-def test_sgfs_code_takes_the_same_steps_as_its_literal_twin(frames, dt):
+def test_sgfs_code_takes_the_same_steps_as_its_reference(frames, dt):
     for peak in PEAKS:
         for noise in (0.0, 1.0):
             view = Curve(focus_curve(frames, peak, noise=noise))
@@ -140,10 +137,10 @@ def test_a_window_with_fractional_ends_takes_the_frames_nearest_to_its_steps():
     view = Peak(1000, 700.0)
     get_search("egs_code")(view)
     # 1 ... 618.382 and 382.618 ... 1000; then 382.618 ... 764.13... and 618.48... ... 1000
-    assert view.asked[:2] == [(0, 618), (382, 1000)]
+    assert view.windows[:2] == [(0, 618), (382, 1000)]
     left = 1000 - 0.618 * 999
     width = 1000 - left
-    assert view.asked[2] == (round(left) - 1, round(left) + math.floor(0.618 * width))
+    assert view.windows[2] == (round(left) - 1, round(left) + math.floor(0.618 * width))
 
 
 PROMISES = {"argmax": 50, "naive": 5, "egs": 5, "egs_code": 10, "sgfs_code": 10, "sgfs_causal": 5}
@@ -319,7 +316,7 @@ def test_the_centroid_moves_less_with_noise_than_the_parabola_does():
 @pytest.mark.parametrize("frames", LENGTHS)
 @pytest.mark.parametrize("peak", PEAKS)
 @pytest.mark.parametrize("noise", [0.0, 1.0])
-def test_egs_takes_the_same_steps_as_its_literal_twin(frames, peak, noise):
+def test_egs_takes_the_same_steps_as_its_reference(frames, peak, noise):
     view = Curve(focus_curve(frames, peak, noise=noise))
     answer = get_search("egs")(view)
     assert list(answer.trace) == plain_egs(view, list(range(frames)))
@@ -364,8 +361,8 @@ def test_naive_takes_the_best_of_all_moments():
     view = Peak(2000, 873.2)
     answer = get_search("naive", dt=101, step=1)(view)
     assert answer.frame == 873
-    assert len(view.asked) == 2000 - 101 + 1
-    assert {stop - first for first, stop in view.asked} == {101}
+    assert len(view.windows) == 2000 - 101 + 1
+    assert {stop - first for first, stop in view.windows} == {101}
 
 
 def test_naive_with_steps_as_long_as_its_window_is_argmax():
@@ -391,12 +388,12 @@ def test_sgfs_causal_stops_where_s_fell_for_the_first_time_as_often_as_asked(fra
 def test_sgfs_causal_sees_frames_in_their_order_and_stops_a_little_after_the_code(peak):
     causal, code = Peak(20_000, peak * 20_000), Peak(20_000, peak * 20_000)
     answer, other = get_search("sgfs_causal")(causal), get_search("sgfs_code")(code)
-    stops = [stop for _, stop in causal.asked]
+    stops = [stop for _, stop in causal.windows]
     assert all(b <= a + 100 for a, b in pairwise(np.maximum.accumulate([5000, *stops]).tolist()))
     assert abs(answer.frame - peak * 20_000) <= 5
     later = max(stops) - int(other.note.split()[2])
     assert later == 300
-    assert max(stops) < 20_000 == max(stop for _, stop in code.asked)
+    assert max(stops) < 20_000 == max(stop for _, stop in code.windows)
 
 
 @pytest.mark.parametrize("peak", [0.35, 0.55])
@@ -425,7 +422,7 @@ def test_with_the_sign_turned_it_stops_at_twice_the_focus_and_looks_behind_it(pe
     answer = get_search("sgfs_printed", turned=True)(view)
     stop = int(answer.note.split()[2])
     assert stop == pytest.approx(2 * peak * frames, abs=101)
-    searched = [(a, b) for a, b in view.asked if a > stop / 2]
+    searched = [(a, b) for a, b in view.windows if a > stop / 2]
     assert min(a for a, _ in searched) == pytest.approx(1.38 * peak * frames, rel=0.01, abs=101)
     assert answer.frame == pytest.approx(
         1.38 * peak * frames, rel=0.03, abs=101
@@ -441,60 +438,90 @@ def test_the_printed_algorithm_abstains_where_it_does_not_stop():
 
 
 @pytest.mark.parametrize(
-    ("search", "frames", "message"),
+    ("search", "frames", "allowed"),
     [
-        ("argmax", 99, r"99 frames is shorter than one window of 100 frames; allowed: window of 1 \.\.\. 99"),
-        (
-            "egs_code",
-            11,
-            r"11 frames is too short for threshold 10; allowed: more than 11 frames; choose a sm",
-        ),
-        ("sgfs_code", 99, r"99 frames is too short for blocks of 100 frames; allowed: at least one block"),
-        ("sgfs_causal", 99, r"99 frames is too short for blocks of 100 frames; allowed: at least one block"),
-        ("sgfs_printed", 99, r"99 frames is shorter than a control period of 100 frames; allowed: control_p"),
-        ("naive", 99, r"99 frames is shorter than one window of 100 frames; allowed: dt of 1 \.\.\. 99"),
-        ("egs", 10, r"10 frames is too short for threshold 10; allowed: more than 10 frames; choose a sm"),
+        ("argmax", 99, "window of 1 ... 99"),
+        ("naive", 99, "dt of 1 ... 99"),
+        ("sgfs_printed", 99, "control_period of 1 ... 99"),
+        ("egs", 10, "more than 10 frames"),
+        ("egs_code", 11, "more than 11 frames"),
+        ("sgfs_code", 99, "at least one block"),
+        ("sgfs_causal", 99, "at least one block"),
+        ("photon_aware", 300, "at least 400 frames"),
     ],
 )
-def test_a_recording_too_short_for_the_option_is_refused(search, frames, message):
-    with pytest.raises(BadInput, match=message):
-        get_search(search)(Peak(frames, frames / 2))
+def test_a_recording_too_short_for_the_option_is_refused(search, frames, allowed):
+    error = refusal(get_search(search), Peak(frames, frames / 2))
+    assert f"a recording of {frames} frames" in error.problem
+    assert allowed in error.allowed
+    assert error.hint.startswith("choose ")
 
 
 def test_the_shortest_recordings_that_fit_are_searched():
     assert get_search("argmax")(Peak(100, 50)).frame == 49.5
     assert len(get_search("egs_code")(Peak(12, 3)).trace) == 2
     assert get_search("sgfs_code", dt=3)(Peak(3, 1)).frame == 1
-    with pytest.raises(BadInput, match="three frames in the first quarter"):
-        get_search("sgfs_code", dt=2)(Peak(3, 1))
+    assert "three frames" in refusal(get_search("sgfs_code", dt=2), Peak(3, 1)).allowed
+
+
+def test_an_unknown_search_is_one_line_with_the_nearest_name():
+    error = refusal(get_search, "egs_cod")
+    assert str(error).startswith("unknown search 'egs_cod'; allowed: argmax, coarse_to_fine, egs, egs_code, ")
+    assert str(error).endswith("; did you mean 'egs_code'?")
+
+
+FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel, above 0 and below 1"
 
 
 @pytest.mark.parametrize(
-    ("search", "options", "message"),
+    ("search", "options", "problem", "allowed"),
     [
-        ("argmax", {"window": 0}, r"window is 0; allowed: a whole number of frames, at least 1"),
-        ("argmax", {"window": 2.5}, r"window is 2\.5; allowed"),
-        ("argmax", {"window": True}, r"window is True; allowed"),
-        ("argmax", {"refine": "top"}, r"refine is 'top'; allowed: no, parabola, centroid"),
-        ("argmax", {"refine": "centriod"}, r"refine is 'centriod'; .* did you mean 'centroid'\?"),
-        ("argmax", {"refine": True}, r"refine is True; allowed: no, parabola, centroid; .* 'parabola'\?"),
-        ("argmax", {"refine": False}, r"refine is False; allowed: .* did you mean 'no'\?"),
-        ("argmax", {"near": 0}, r"near is 0; allowed: a share of the curve's range, above 0, at most 1"),
-        ("argmax", {"near": 1.5}, r"near is 1\.5; allowed: a share"),
-        ("argmax", {"near": math.nan}, r"near is nan; allowed: a share"),
-        ("argmax", {"near": "half"}, r"near is 'half'; allowed: a share"),
-        ("sgfs_code", {"dt": -5}, r"dt is -5; allowed: a whole number of frames"),
-        ("egs_code", {"threshold": 0.5}, r"threshold is 0\.5; allowed: frames, a number of at least 1"),
-        ("egs_code", {"threshold": "ten"}, r"search 'egs_code': .*allowed: threshold, ratio"),
-        ("egs_code", {"ratio": 1.0}, r"ratio is 1\.0; allowed: 0\.5 up to but not 1"),
-        ("egs_code", {"dt": 5}, r"unknown key of search 'egs_code': 'dt'; allowed: ratio, threshold"),
-        ("egs", {"threshold": 0}, r"threshold is 0; allowed: frames, a number of at least 1"),
-        ("naive", {"step": 0}, r"step is 0; allowed: a whole number of frames"),
-        ("sgfs_causal", {"falls": 0}, r"falls is 0; allowed: a whole number"),
-        ("sgfs_printed", {"turned": 1}, r"turned is 1; allowed: true, false"),
-        ("egs_cod", {}, r"unknown search 'egs_cod'; allowed: .*did you mean 'egs_code'\?"),
+        ("argmax", {"window": 0}, "window is 0", FRAMES),
+        ("argmax", {"window": 2.5}, "window is 2.5", FRAMES),
+        ("argmax", {"window": True}, "window is True", FRAMES),
+        ("argmax", {"refine": "top"}, "refine is 'top'", "no, parabola, centroid"),
+        *(("argmax", {"near": near}, f"near is {near!r}", "above 0, at most 1") for near in (0, 1.5, "half")),
+        ("argmax", {"near": math.nan}, "near is nan", "above 0, at most 1"),
+        ("naive", {"step": 0}, "step is 0", FRAMES),
+        ("egs", {"threshold": 0}, "threshold is 0", "at least 1"),
+        ("egs_code", {"threshold": 0.5}, "threshold is 0.5", "at least 1"),
+        ("egs_code", {"threshold": "ten"}, "search 'egs_code'", "threshold, ratio"),
+        ("egs_code", {"ratio": 1.0}, "ratio is 1.0", "0.5 up to but not 1"),
+        ("egs_code", {"dt": 5}, "'dt'", "ratio, threshold"),
+        ("sgfs_code", {"dt": -5}, "dt is -5", FRAMES),
+        ("sgfs_causal", {"falls": 0}, "falls is 0", FRAMES),
+        ("sgfs_printed", {"turned": 1}, "turned is 1", "true, false"),
+        ("photon_aware", {"steps": 0}, "steps is 0", FRAMES),
+        ("photon_aware", {"until": 1.5}, "until is 1.5", "0 to 1"),
+        ("photon_aware", {"smooth": math.inf}, "smooth is inf", "0 to 100"),
+        ("photon_aware", {"counts": -1}, "counts is -1", "0 to 1e+06"),
+        ("photon_aware", {"far": 1}, "far is 1", "true, false"),
+        ("golden_section", {"tolerance": 0}, "tolerance is 0", FRACTION),
+        ("golden_section", {"tolerance": 1}, "tolerance is 1", FRACTION),
+        ("fibonacci", {"tolerance": "a"}, "tolerance is 'a'", FRACTION),
+        ("ternary", {"tolerance": math.nan}, "tolerance is nan", FRACTION),
+        ("ternary", {"dt": 0}, "dt is 0", FRAMES),
+        ("ternary", {"still": 2.0}, "still is 2.0", FRACTION),
+        ("ternary", {"lag_s": -1}, "lag_s is -1", "seconds, 0 to 1"),
+        ("ternary", {"timeout_s": 0}, "timeout_s is 0", "seconds, above 0"),
+        ("hill_climb", {"fine": 0.2}, "fine is 0.2", "coarse, 0.1"),
+        ("hill_climb", {"falls": 0}, "falls is 0", FRAMES),
+        ("rule_based", {"middle": 0.2}, "0.08, 0.2, 0.01", "coarse >= middle >= fine"),
+        ("rule_based", {"gentle": 9.0}, "gentle is 9.0, steep 4.0", "0 < gentle <= steep"),
+        ("rule_based", {"drop": 1.0}, "drop is 1.0", FRACTION),
+        ("coarse_to_fine", {"far": 3}, "far is 3", "name of a focus measure"),
+        ("coarse_to_fine", {"far_dt": 0.5}, "far_dt is 0.5", FRAMES),
+        ("coarse_to_fine", {"fine": 0.2}, "fine is 0.2", "coarse, 0.1"),
     ],
 )
-def test_wrong_options_of_a_search_are_refused(search, options, message):
-    with pytest.raises(BadInput, match=message):
-        get_search(search, **options)
+def test_wrong_options_of_a_search_are_refused(search, options, problem, allowed):
+    error = refusal(get_search, search, **options)
+    assert problem in error.problem
+    assert allowed in error.allowed
+
+
+@pytest.mark.parametrize(
+    ("refine", "nearest"), [("centriod", "centroid"), (True, "parabola"), (False, "no"), ("top", "")]
+)
+def test_a_refinement_that_is_none_is_refused_with_the_nearest(refine, nearest):
+    assert refusal(get_search, "argmax", refine=refine).nearest == nearest

@@ -1,0 +1,30 @@
+"""Windows of a fixed number of frames: checks of their length, and their scores over a recording."""
+
+from numbers import Integral
+
+from saf_gen.errors import BadInput
+from saf_gen.parts import View
+
+__all__ = ["check_frame_count", "check_recording_holds", "score_windows"]
+
+
+def check_frame_count(key: str, value: object) -> None:
+    """Raise BadInput unless ``value`` is a whole number of at least 1."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
+        raise BadInput(f"{key} is {value!r}", allowed="a whole number of frames, at least 1")
+
+
+def check_recording_holds(view: View, key: str, *, frames: int) -> None:
+    """Raise BadInput where a recording is shorter than ``frames``, the value of the option ``key``."""
+    if view.frames < frames:
+        raise BadInput(
+            f"a recording of {view.frames} frames is shorter than {key}, {frames} frames",
+            allowed=f"{key} of 1 ... {view.frames}",
+            hint=f"choose a smaller {key}",
+        )
+
+
+def score_windows(view: View, frames: int, *, step: int) -> tuple[range, list[float]]:
+    """Return the first frames of all whole windows of a recording, ``step`` apart, and their scores."""
+    firsts = range(0, view.frames - frames + 1, step)
+    return firsts, [view.score(first, first + frames) for first in firsts]
