@@ -1,7 +1,7 @@
-"""Runs methods over recordings: every sequence of a dataset, or one stream, becomes one record a method.
+"""Runs methods over recordings: every sequence of a dataset, or one stream, gives one record per method.
 
-A method is a focus measure and a search. It sees windows of the recording through a narrow view; truth,
-cost and score stay with the referee, the room ``contest``. A stream without truth is searched all the same.
+A method is a focus measure and a search. It sees windows of the recording through a narrow view; truth, cost
+and score stay with the evaluator, in the folder ``tracks``. A stream without truth is searched all the same.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ from saf_gen.benchmark.method_spec import (
     parse_method,
 )
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SequenceFailure, SweepSummary
+from saf_gen.benchmark.results import Evaluation, LensPath, SequenceFailure, SweepSummary
 from saf_gen.benchmark.thumbnails import select_sequences_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_predictions
 from saf_gen.benchmark.tracks.recorded_track import check_no_lens_commands, run_recorded_sequence
@@ -33,18 +33,10 @@ from saf_gen.stream.stream_file import SpikeStream, open_stream
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
-__all__ = [
-    "Evaluation",
-    "FocusCurve",
-    "LensPath",
-    "SequenceFailure",
-    "SweepSummary",
-    "evaluate",
-    "score_blocks",
-]
+__all__ = ["evaluate", "score_blocks"]
 
 THUMBNAIL_SEQUENCES = 12
-"""Recordings whose sweep is kept as small pictures, for people to look at."""
+"""Sequences whose sweep is kept as small pictures, for people to look at."""
 ProgressCallback = Callable[[int, int, str], None]
 
 
@@ -59,149 +51,182 @@ def evaluate(
     predictions: str | Path | None = None,
     progress: ProgressCallback | None = None,
 ) -> Evaluation:
-    """Run ``methods`` (default: DEFAULT_RECORDED_METHODS) over a dataset folder or one stream file.
+    """Run methods over a dataset or one stream, and judge their answers.
 
-    With ``protocol`` in the closed loop: each method moves the lens of a running camera. It needs the focal
-    stacks beside the streams, and no renderer. Without, on the recordings as they are.
+    Parameters
+    ----------
+    source : a dataset folder or a stream file.
+    methods : names of methods; None is DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a
+        protocol.
+    split, scene_motion : leave out the other sequences; scene_motion is ``static`` or ``dynamic``.
+    region : where measures look. ``target`` is the box round the target where a stream has one, else the
+        frame; ``frame`` is the frame; ``both`` runs every method at the target and once more, as
+        ``METHOD@frame``, at the frame. A method that names its region looks there.
+    protocol : None evaluates the recordings as they are. With a protocol each method moves the lens of a
+        running camera, in the closed loop; that needs the focal stacks beside the streams, but no renderer.
+    predictions : a file of answers made elsewhere (:mod:`saf_gen.benchmark.tracks.predictions`), judged
+        beside the methods; recorded track only.
+    progress : called with (steps done, steps in all, what was done).
 
-    ``predictions``: a file of answers made elsewhere (:mod:`saf_gen.benchmark.tracks.predictions`), judged
-    beside the
-    methods; of recordings only. Answers that are not of these streams are refused before anything runs.
+    Returns
+    -------
+    The records, and what figures need. A sequence of a dataset that cannot be read, or is not the one that
+    the manifest names, becomes a failure, and the others go on.
 
-    ``split`` and ``scene_motion`` (``static`` or ``dynamic``) leave out the other sequences.
-
-    ``region`` is where measures look: ``target``, the box round the target where a stream has one, else
-    the frame; ``frame``; or ``both``, every method at the target and once more, as ``METHOD@frame``, at the
-    frame. A method that names its region looks there. ``progress`` is called with (steps done, steps in all,
-    what was done).
-
-    A sequence of a dataset that cannot be read, or is not the one its manifest names, becomes a failure,
-    and the others go on; where none can keep the protocol it is BadInput, like a single stream that cannot be
-    read, an unknown split, region or method.
+    Raises
+    ------
+    BadInput : for an unknown split, scene motion, region or method; for predictions that do not fit the
+        sequences, before anything runs; for a single stream that cannot be read; and where no sequence can
+        keep the protocol.
     """
+    path = Path(source)
     if methods is None:
         methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
-    chosen: list[Method] = []
+    chosen: dict[str, Method] = {}
     for method in map(parse_method, methods):
-        if method.name not in [other.name for other in chosen]:  # one method may be named in several ways
-            chosen.append(method)
+        chosen.setdefault(method.name, method)  # one method may be named in several ways
     if protocol is None:
-        check_no_lens_commands(chosen)
-    if region not in (*REGIONS, "both"):
-        raise unknown("region", region, (*REGIONS, "both"))
-    groups = _by_region(chosen, region)
-    chosen = [method for group in groups.values() for method in group]
-    path = Path(source)
-    tasks = list_sequence_tasks(path, split, scene_motion)
-    filmed = set(
-        select_sequences_to_show(
-            [((j.split, j.scene), (j.light, j.scene_motion)) for j in tasks], THUMBNAIL_SEQUENCES
-        )
-    )
-    foreign = None if predictions is None else read_predictions(predictions)
-    if foreign is not None:
+        check_no_lens_commands(list(chosen.values()))
+    groups = _group_by_region(chosen, region)
+    count = sum(len(group) for group in groups.values())
+    tasks = list_sequence_tasks(path, split=split, scene_motion=scene_motion)
+    prediction_set = None
+    if predictions is not None:
         if protocol is not None:
             raise BadInput(f"predictions {str(predictions)!r} in the closed loop", allowed="--track recorded")
-        if not path.is_dir():  # no manifest says what the one stream is
+        prediction_set = read_predictions(predictions)
+        if not path.is_dir():  # no manifest describes a single stream
             with open_stream(path) as stream:
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
-        foreign.check_complete(tasks, beside=[method.name for method in chosen])
+        prediction_set.check_complete(
+            tasks, beside=[method.name for group in groups.values() for method in group]
+        )
+    conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
+    shown = set(select_sequences_to_show(conditions, THUMBNAIL_SEQUENCES))
     records: list[Record] = []
     sweeps: list[SweepSummary] = []
     failures: list[SequenceFailure] = []
-    paths: list[LensPath] = []
+    lens_paths: list[LensPath] = []
     for number, task in enumerate(tasks):
 
         def step(done: int, what: str, number: int = number, task: SequenceTask = task) -> None:
             if progress is not None:
-                progress(number * len(chosen) + done, len(tasks) * len(chosen), f"{task.id} {what}".strip())
+                progress(number * count + done, len(tasks) * count, f"{task.id} {what}".strip())
 
         try:
-            found = _sequence(task, groups, protocol, foreign, step, film=number in filmed)
+            part = _evaluate_sequence(
+                task,
+                groups,
+                protocol=protocol,
+                predictions=prediction_set,
+                step=step,
+                with_thumbnails=number in shown,
+            )
         except (BadInput, OSError) as error:
             if not path.is_dir():
                 raise
             failures.append(SequenceFailure(task.id, str(error)))
-            step(len(chosen), "failed")
+            step(count, "failed")
         else:
-            records += found.records
-            sweeps += found.sweeps
-            paths += found.lens_paths
-    if failures and not records and protocol is not None:  # protocol that no sequence can keep
+            records += part.records
+            sweeps += part.sweeps
+            lens_paths += part.lens_paths
+    if failures and not records and protocol is not None:  # a protocol that no sequence can keep
         raise BadInput(
             f"none of {len(tasks)} sequences can be evaluated, the first because: {failures[0].problem}",
             where=str(path),
         )
-    return Evaluation(tuple(records), tuple(sweeps), tuple(failures), tuple(paths))
+    return Evaluation(tuple(records), tuple(sweeps), tuple(failures), tuple(lens_paths))
 
 
-def _by_region(chosen: Sequence[Method], region: str) -> dict[str, list[Method]]:
-    """The methods that look at each region, first the evaluation's own, even where none looks there."""
+def _group_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
+    """Return the methods that look at each region; the evaluation's own region comes first, even if empty."""
+    if region not in (*REGIONS, "both"):
+        raise unknown("region", region, (*REGIONS, "both"))
     usual = "target" if region == "both" else region
-    every = {method.name: method for method in chosen}
     if region == "both":
-        twins = (replace(m, name=f"{m.name}@frame", region="frame") for m in chosen if not m.region)
-        every = {**{twin.name: twin for twin in twins}, **every}
-    groups: dict[str, list[Method]] = {usual: [], **{looked: [] for looked in REGIONS}}
-    for method in every.values():
+        at_frame = [
+            replace(m, name=f"{m.name}@frame", region="frame") for m in methods.values() if not m.region
+        ]
+        methods = {**{method.name: method for method in at_frame}, **methods}
+    groups: dict[str, list[Method]] = {usual: [], **{name: [] for name in REGIONS}}
+    for method in methods.values():
         groups[method.region or usual].append(method)
-    return {looked: group for looked, group in groups.items() if group or looked == usual}
+    return {name: group for name, group in groups.items() if group or name == usual}
 
 
-def _sequence(
+def _evaluate_sequence(
     task: SequenceTask,
     groups: Mapping[str, Sequence[Method]],
-    protocol: "ClosedLoopProtocol | None",
-    foreign: PredictionSet | None,
-    step: Callable[[int, str], None],
     *,
-    film: bool,
+    protocol: "ClosedLoopProtocol | None",
+    predictions: PredictionSet | None,
+    step: Callable[[int, str], None],
+    with_thumbnails: bool,
 ) -> Evaluation:
-    """All methods on one sequence. PredictionSet, figures and the photon budget are of the first region."""
+    """Run all methods on one sequence; predictions, figures and mean counts belong to the first region."""
     usual, before = next(iter(groups)), 0
     records: list[Record] = []
     sweeps: list[SweepSummary] = []
-    paths: list[LensPath] = []
-    for looked, group in groups.items():
+    lens_paths: list[LensPath] = []
+    for region, group in groups.items():
 
-        def told(done: int, what: str, before: int = before) -> None:
+        def group_step(done: int, what: str, before: int = before) -> None:
             step(before + done, what)
 
         if protocol is None:
-            mine = foreign if looked == usual else None
-            some, sweep = run_recorded_sequence(
-                task, group, looked, told, mine, light_in=usual, film=film and looked == usual
+            group_records, sweep = run_recorded_sequence(
+                task,
+                group,
+                region=region,
+                rate_region=usual,
+                step=group_step,
+                predictions=predictions if region == usual else None,
+                with_thumbnails=with_thumbnails and region == usual,
             )
-            sweeps += [sweep] if looked == usual else []
+            sweeps += [sweep] if region == usual else []
         elif not group:
             continue
         else:
-            from saf_gen.benchmark.tracks.closed_loop_track import (
-                run_closed_loop_sequence,  # reads OpenEXR files
-            )
+            # Imported late, because it loads what reads OpenEXR files.
+            from saf_gen.benchmark.tracks.closed_loop_track import run_closed_loop_sequence
 
-            some, ways = run_closed_loop_sequence(task, group, looked, protocol, told, light_in=usual)
-            paths += ways
-        records += some
+            group_records, group_paths = run_closed_loop_sequence(
+                task, group, region=region, rate_region=usual, protocol=protocol, step=group_step
+            )
+            lens_paths += group_paths
+        records += group_records
         before += len(group)
-    return Evaluation(tuple(records), tuple(sweeps), (), tuple(paths))
+    return Evaluation(tuple(records), tuple(sweeps), (), tuple(lens_paths))
 
 
 def score_blocks(
     stream: SpikeStream, measure: str | Measure, *, window: int, region: str = "target"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Scores of consecutive blocks of ``window`` frames; a shorter rest at the end is left out.
+    """Return the scores of consecutive blocks of frames; a shorter rest at the end is left out.
 
-    Returns (first frame of each block, 0-based int64 (B,); score float64 (B,)). Raises BadInput for a
-    window that is not 1 to the frames of the stream.
+    Parameters
+    ----------
+    stream : an open stream.
+    measure : a focus measure or its name.
+    window : frames per block, 1 to the frames of the stream.
+    region : ``target``, the box round the target where the stream has one, or ``frame``.
+
+    Returns
+    -------
+    first : int64 (B,), the first frame of each block, from 0.
+    scores : float64 (B,).
+
+    Raises
+    ------
+    BadInput : for a window out of its range, and for an unknown region or measure.
     """
     frames = stream.shape[0]
     if not (isinstance(window, int) and 1 <= window <= frames):
         raise BadInput(f"window {window}", allowed=f"1 to the stream's {frames} frames")
     if region not in REGIONS:
         raise unknown("region", region, REGIONS)
-    counts = WindowCounts(stream, region=choose_region(stream, region)[0])
-    part = get_measure(measure) if isinstance(measure, str) else measure
-    view = RecordingView(counts, part)
+    counts = WindowCounts(stream, choose_region(stream, region)[0])
+    view = RecordingView(counts, get_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)
-    return first, np.array([view.score(int(a), int(a) + window) for a in first])
+    return first, np.array([view.score(a, a + window) for a in first.tolist()])

@@ -1,8 +1,8 @@
 """How one answer is judged: error, blur, success, lens travel. Pure functions of numpy arrays.
 
-Error is answer minus truth. The truth is the optical focus of the target, never a frame chosen by hand, so
-a stream whose position of best focus is unknown gets no error at all, in no unit. An abstention or a failure
-has no error either: it is counted beside the errors, not as a large one.
+An error is answer minus truth. The truth is the optical focus of the target, never a frame chosen by hand, so
+a stream whose best focus is unknown gives no error, in any unit. An abstention or a failure has no error
+either: it is counted beside the errors, not as a large one.
 """
 
 import math
@@ -23,45 +23,46 @@ __all__ = [
 ]
 
 SUCCESS_LIMITS_DOF = (0.5, 1.0, 2.0)
-"""Success is judged within these many depths of focus of the truth."""
+"""The distances from the truth, in depths of focus, within which success is judged."""
 MIN_GAIN_RATIO = 1e-3
-"""Of a light's brightest gain: what is darker than that is as dark."""
+"""A gain below this fraction of the light's brightest counts as this fraction."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What an answer was worth. None stands for unknown, everywhere."""
+    """What an answer was worth; None stands for unknown, everywhere."""
 
     position: float | None = None
-    """Lens at the answer, fraction of the travel."""
+    """Lens position at the answer, fraction of the travel."""
     error: float | None = None
     """Answer minus truth, fraction of the travel."""
     error_frames: float | None = None
-    """Answer minus ``truth_frame``, frames; None where the lens never passes the truth."""
+    """Answer minus ``truth_frame``, frames; None where the lens never crosses the truth."""
     truth: float | None = None
-    """Best focus at the answer, fraction of the travel; where there is none, when the lens first meets it."""
+    """Best focus at the answer, fraction of the travel; without an answer, when the lens first meets it."""
     truth_frame: float | None = None
-    """When the lens passes the truth: the pass nearest to the answer, the first where there is none."""
+    """Frame at which the lens crosses the truth: nearest to the answer, or without one the first."""
     error_dof: float | None = None
     """``error`` over the depth of focus, the distance between its near and far end."""
     blur_px: float | None = None
     """Diameter of the target's blur at the answer, pixels."""
     success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
-    """For each of SUCCESS_LIMITS_DOF: whether the answer lies so near."""
+    """For each of SUCCESS_LIMITS_DOF, whether the answer lies that near."""
     lens_travel: float | None = None
-    """Way of the lens, fraction of the travel (see lens_travel)."""
+    """Distance that the lens moved, fraction of the travel (see lens_travel)."""
 
 
 def interpolate_position(frame: float, focus_position: np.ndarray) -> float:
-    """Lens position at a fractional 0-based frame, fraction of the travel, linear between readouts.
+    """Return the lens position at a fractional 0-based frame, a fraction of the travel.
 
-    ``focus_position`` (T,) is the lens at the middle of each readout; beyond its ends the ends hold.
+    ``focus_position`` (T,) is the lens at the middle of each readout. It is linear between readouts, and its
+    end values hold beyond them.
     """
     return float(np.interp(frame, np.arange(len(focus_position)), focus_position))
 
 
 def depth_of_focus(ends: tuple[float, float]) -> float | None:
-    """Distance between the near and the far end, fraction of the travel; None unless it is above zero."""
+    """Return the distance between the near and the far end, fraction of the travel; None unless above 0."""
     width = abs(ends[1] - ends[0])
     return width if math.isfinite(width) and width > 0 else None
 
@@ -69,11 +70,11 @@ def depth_of_focus(ends: tuple[float, float]) -> float | None:
 def find_nearest_focus_crossing(
     frame: float | None, *, away: np.ndarray, truth_frame: float = math.nan
 ) -> float | None:
-    """The frame at which the lens passes the truth, the one nearest to ``frame``; None where it never does.
+    """Return the frame nearest to ``frame`` at which the lens crosses the truth; None for no crossing.
 
-    ``away`` (T,) is how far the lens is from the truth, in travels. A lens that comes back passes it more
-    than once, and one that rests there is there in every frame of its rest. Without a frame it is the first.
-    ``truth_frame`` is the stream's own word for that first one.
+    ``away`` (T,) is the distance of the lens from the truth, in travels. A lens that comes back crosses the
+    truth more than once, and one that rests there is there in every frame of its rest. Where ``frame`` is
+    None it is the first crossing, which ``truth_frame`` gives where the stream knows it.
     """
     found = find_crossings(away, 0.0)
     if math.isfinite(truth_frame):
@@ -86,24 +87,24 @@ def find_nearest_focus_crossing(
 
 
 def lens_travel(frames_seen: int, answer: float | None, focus_position: np.ndarray) -> float:
-    """Way of the lens to an answer, in travels: as it moved over the frames seen, then back to the answer.
+    """Return how far the lens moved, in travels: over the frames seen, and then back to the answer.
 
-    A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) brings the lens
-    nowhere, so it costs the way so far alone.
+    A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) costs the frames seen
+    alone.
     """
     seen = np.asarray(focus_position[: max(frames_seen, 0)], dtype=np.float64)
     if seen.size == 0:
         return 0.0
-    way = float(np.abs(np.diff(seen)).sum())
-    return (
-        way if answer is None else way + abs(float(seen[-1]) - interpolate_position(answer, focus_position))
-    )
+    travelled = float(np.abs(np.diff(seen)).sum())
+    if answer is None:
+        return travelled
+    return travelled + abs(float(seen[-1]) - interpolate_position(answer, focus_position))
 
 
 def light_ratio(gain: np.ndarray | None) -> float | None:
-    """How many times brighter the light was at its brightest than at its darkest: 1 ... 1/MIN_GAIN_RATIO.
+    """Return the brightest over the darkest gain of a light, 1 ... 1/MIN_GAIN_RATIO.
 
-    ``gain`` is (T, G), for each readout and light; of several lights it is the largest of their ratios. A
+    ``gain`` is (T, G), for each readout and light; with several lights it is the largest of their ratios. A
     light that goes out has 1/MIN_GAIN_RATIO. None where the gains are unknown or no light is ever on.
     """
     if gain is None or gain.size == 0 or not np.isfinite(gain).all():
@@ -126,23 +127,27 @@ def judge_answer(
     truth_frame: float = math.nan,
     ends: tuple[float, float] = (math.nan, math.nan),
 ) -> Judgement:
-    """Judge the answer ``frame`` (0-based, fractional; None abstains) of one recording.
+    """Judge an answer on one recording.
 
     Parameters
     ----------
-    frames_seen : the recording as far as the method looked at it, frames.
+    frame : the answer, 0-based and fractional; None abstains.
+    frames_seen : how far the method looked at the recording, frames.
     focus_position : (T,) lens at the middle of each readout, fraction of the travel; None if not recorded.
     truth, ends : best focus and the ends of the depth of focus, fraction of the travel; NaN if unknown.
-    track : (T,) best focus over time where the target moves in depth; ``truth`` is then of ``truth_frame``.
-    truth_frame : the frame at which the lens first passes the truth; NaN if unknown or never: then it is
-        looked for in ``focus_position``.
+    track : (T,) best focus over time where the target moves in depth; ``truth`` then holds at
+        ``truth_frame``.
+    truth_frame : frame at which the lens first crosses the truth; where NaN, it is looked for in
+        ``focus_position``.
 
-    An error in frames is to the pass nearest to the answer. An abstention succeeds only where no answer could
-    have: no position of the recording lies within the limit. So a larger limit makes more answers right and
-    fewer abstentions, and a share within a small limit can exceed that within a larger one.
+    Notes
+    -----
+    An abstention succeeds only where no answer could have: where no position of the recording lies within
+    the limit. So a larger limit makes more answers right and fewer abstentions, and a success rate within a
+    small limit can exceed that within a larger one.
 
-    A lens or a track that is not finite in every frame is as good as not recorded: what it decides is None
-    for an answer and an abstention alike, wherever the answer lies. So all methods are judged on the same
+    A lens or a track that is not finite in every frame counts as not recorded: what it decides is None, for
+    an answer and an abstention alike, wherever the answer lies. So all methods are judged on the same
     recordings, and none gains by answering where nobody knows.
 
     The blur grows linearly with the distance from the truth and is one pixel at each end of the depth of
@@ -156,12 +161,12 @@ def judge_answer(
         return Judgement(truth=_known(truth), truth_frame=_known(truth_frame))
     lens = np.asarray(focus_position, dtype=np.float64)
     away = lens - (truth if track is None else track)
-    passed = find_nearest_focus_crossing(frame, away=away, truth_frame=truth_frame)
+    crossing = find_nearest_focus_crossing(frame, away=away, truth_frame=truth_frame)
     position = None if frame is None else interpolate_position(frame, lens)
     known = Judgement(
         position=position,
         truth=_known(truth if frame is None or track is None else interpolate_position(frame, track)),
-        truth_frame=passed,
+        truth_frame=crossing,
         lens_travel=lens_travel(frames_seen, frame, lens),
     )
     if known.truth is None:
@@ -173,7 +178,7 @@ def judge_answer(
         nearest = float(np.abs(away).min()) / dof
         return replace(known, success=tuple(nearest > limit for limit in SUCCESS_LIMITS_DOF))
     error = position - known.truth
-    known = replace(known, error=error, error_frames=None if passed is None else frame - passed)
+    known = replace(known, error=error, error_frames=None if crossing is None else frame - crossing)
     if dof is None:
         return known
     error_dof = error / dof

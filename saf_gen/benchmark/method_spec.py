@@ -24,9 +24,9 @@ __all__ = [
     "DEFAULT_RECORDED_METHODS",
     "Method",
     "parse_method",
-    "parse_part_options",
+    "parse_plugin_options",
     "read_method_list",
-    "split_part_options",
+    "split_plugin_options",
     "split_region",
 ]
 
@@ -46,9 +46,8 @@ DEFAULT_RECORDED_METHODS = (
     "sd_calibrated+photon_aware",
     "structure_calibrated+photon_aware",
 )
-"""What `saf-gen evaluate` runs when no method is named: the paper's measures and searches; two of its
-baselines divided by brightness, as SD is; and four more."""
-
+"""What `saf-gen evaluate` runs when no method is named: the paper's measures and searches, two of its
+baselines divided by brightness, as SD is, and four more."""
 
 DEFAULT_CLOSED_LOOP_METHODS = (
     "structure_calibrated+photon_aware",
@@ -75,11 +74,11 @@ class Method:
     measure: Measure
     search: Search
     code: str
-    """12 digits of a sha256 over the options and the source of the two parts: what made the numbers."""
+    """12 digits of a sha256 over the options and the source of both plug-ins: what made the numbers."""
     tuning: str = ""
-    """12 digits of the file of tuned constants that named it (``@FILE``), or ''."""
+    """12 digits of the sha256 of the tuned file that named the method (``@FILE``), or ''."""
     region: str = ""
-    """Where it looks, of REGIONS; '' is where the evaluation looks."""
+    """Where it looks, one of REGIONS; '' is where the evaluation looks."""
 
     @property
     def measure_name(self) -> str:
@@ -87,15 +86,26 @@ class Method:
 
     @property
     def search_name(self) -> str:
-        return split_part_options(split_region(self.name)[0].split("+")[1])[0]
+        return split_plugin_options(split_region(self.name)[0].split("+")[1])[0]
+
+    @property
+    def parameters(self) -> str:
+        """Measure and search with every option, as records carry them."""
+        return f"{self.measure!r} + {self.search!r}"
 
 
 def parse_method(spec: str) -> Method:
-    """The method ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or the one of ``@FILE``.
+    """Return the method that a name stands for.
 
-    MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``: it is run.
+    Parameters
+    ----------
+    spec : ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or ``@FILE`` for the method of a tuned
+        file. MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``, whose
+        module is run.
 
-    Raises BadInput for a malformed spec, an unknown measure, search or region, and options that are refused.
+    Raises
+    ------
+    BadInput : for a malformed name, an unknown measure, search or region, and options that are refused.
     """
     if spec.startswith("@"):
         path, region = split_region(spec[1:])
@@ -112,10 +122,12 @@ def parse_method(spec: str) -> Method:
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
-    (measure, measure_options), (search, search_options) = (parse_part_options(half, spec) for half in halves)
+    (measure, measure_options), (search, search_options) = (
+        parse_plugin_options(half, spec) for half in halves
+    )
     try:
-        parts = get_measure(measure, **measure_options), get_search(search, **search_options)
-        others = [get_measure(name) for name in wants_measures(parts[1])]
+        plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
+        others = [get_measure(name) for name in wants_measures(plugins[1])]
     except BadInput as error:
         raise BadInput(
             error.problem,
@@ -125,13 +137,13 @@ def parse_method(spec: str) -> Method:
             hint=error.hint or "`saf-gen methods` lists measures and searches",
         ) from None
     name = f"{text}@{region}" if region else text
-    return Method(name, *parts, code=_code_digest([*parts, *others]), region=region)
+    return Method(name, *plugins, code=_digest_code([*plugins, *others]), region=region)
 
 
 def split_region(method: str) -> tuple[str, str]:
-    """The name of a method without its region, and the region, '' for none.
+    """Return the name of a method without its region, and the region, '' for none.
 
-    Raises BadInput for a region that there is not.
+    Raises BadInput for an unknown region.
     """
     name, at, region = method.rpartition("@")
     if not at or set(region) & set("+/.:"):  # an @ elsewhere: in a file's path, in an option of the measure
@@ -141,8 +153,8 @@ def split_region(method: str) -> tuple[str, str]:
     return name, region
 
 
-def split_part_options(half: str) -> tuple[str, str]:
-    """The name of a measure or search, and its options as text."""
+def split_plugin_options(half: str) -> tuple[str, str]:
+    """Return the name of a measure or search, and its options as text."""
     name, _, tail = half.partition(":")
     if "." in name:  # package.module:Class, or file.py:Class
         cls, _, tail = tail.partition(":")
@@ -150,20 +162,19 @@ def split_part_options(half: str) -> tuple[str, str]:
     return name, tail
 
 
-def parse_part_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
-    name, tail = split_part_options(half)
+def parse_plugin_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
+    """Return the name of a measure or search, and its options; errors name the whole method ``spec``."""
+    name, tail = split_plugin_options(half)
     options: dict[str, Any] = {}
     for item in tail.split(",") if tail else ():
         key, equals, value = item.partition("=")
         if not (key and equals and value):
-            raise BadInput(
-                f"option {item!r} of method {spec!r}", allowed="KEY=VALUE, more of them after commas"
-            )
-        options[key] = _value(value)
+            raise BadInput(f"option {item!r} of method {spec!r}", allowed="KEY=VALUE, separated by commas")
+        options[key] = _parse_value(value)
     return name, options
 
 
-def _value(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     for kind in (int, float):
         try:
             return kind(text)
@@ -172,37 +183,38 @@ def _value(text: str) -> Any:
     return {"true": True, "false": False}.get(text.lower(), text)
 
 
-def _code_digest(parts: Sequence[Measure | Search]) -> str:
-    """Over the parts with their options, their source, and the source of what they import of their own home.
+def _digest_code(plugins: Sequence[Measure | Search]) -> str:
+    """Return 12 digits over plug-ins with their options, their source, and the source that this imports.
 
-    Parts take helpers from beside them and a twin wraps another measure: a change in any moves numbers.
+    Plug-ins import helpers from beside them, and a brightness-normalised measure wraps another: a change in
+    any of these moves numbers.
     """
     written = [
-        [repr(part) for part in parts],
-        source_digests(type(part) for p in parts for part in _nested(p)),
+        [repr(plugin) for plugin in plugins],
+        source_digests(type(nested) for plugin in plugins for nested in _find_nested(plugin)),
     ]
     return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
 
 
-def _nested(part: object) -> Iterator[object]:
-    """A part, and the parts that it wraps."""
-    if is_dataclass(part):
-        yield part
-        for field in fields(part):
-            yield from _nested(getattr(part, field.name))
+def _find_nested(plugin: object) -> Iterator[object]:
+    """Yield a plug-in and the plug-ins that it wraps."""
+    if is_dataclass(plugin):
+        yield plugin
+        for field in fields(plugin):
+            yield from _find_nested(getattr(plugin, field.name))
 
 
 def read_method_list(path: Path) -> list[str]:
-    """The names in a list of methods: one a line; empty lines and what follows a # and a space are left out.
+    """Return the names in a list of methods, one per line, without empty lines and comments after ``#``.
 
-    Raises BadInput with the line for a name that cannot be parsed, and for a list that cannot be read or is
-    empty.
+    A comment begins a line, or follows a space and is followed by one. Raises BadInput with the line for a
+    name that cannot be parsed, and for a list that cannot be read or is empty.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(
-            f"{path} is no list of methods: {error}", allowed="a text file, a method a line"
+            f"{path} is not a list of methods: {error}", allowed="a text file, one method per line"
         ) from error
     names = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -213,5 +225,5 @@ def read_method_list(path: Path) -> list[str]:
                 raise BadInput(str(error), where=f"{path}:{number}") from error
             names.append(name)
     if not names:
-        raise BadInput(f"{path} names no method", allowed="a method a line, such as sd+argmax")
+        raise BadInput(f"{path} names no method", allowed="one method per line, such as sd+argmax")
     return names

@@ -1,4 +1,4 @@
-"""What an evaluation gives: records, and what its figures need."""
+"""The outcome of an evaluation: records, and what figures need beside them."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ __all__ = ["Evaluation", "FocusCurve", "LensPath", "SequenceFailure", "SweepSumm
 
 @dataclass(frozen=True)
 class FocusCurve:
-    """What argmax looked at: a measure's score of each block, and the frame it took."""
+    """A measure's score of each block that argmax looked at, and the frame that it answered."""
 
     measure: str
     frames: np.ndarray
@@ -23,7 +23,7 @@ class FocusCurve:
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """One recording as a figure needs it: lens, light, truth and the focus curves."""
+    """One recording as figures need it: lens, light, truth and the focus curves."""
 
     sequence: str
     split: str | None
@@ -33,22 +33,22 @@ class SweepSummary:
     frames: np.ndarray
     """(B,) centres of the blocks of ``rate``, frames."""
     rate: np.ndarray
-    """(B,) mean counts in the region, spikes a pixel and readout."""
+    """(B,) mean counts in the region, spikes per pixel and readout."""
     truth: float
     depth_of_focus: tuple[float, float]
     truth_frame: float
-    """When the lens first passes the truth."""
+    """Frame at which the lens first crosses the truth."""
     curves: tuple[FocusCurve, ...]
     track: np.ndarray | None = None
-    """(T,) the truth over time, where it moves."""
+    """(T,) the truth over time, where the target moves."""
     scene_motion: str | None = None
     thumbnails: Thumbnails | None = None
-    """Of some sequences only: they cost a reading of the whole frame."""
+    """Kept for some sequences only, because they cost a reading of the whole frame."""
 
 
 @dataclass(frozen=True)
 class LensPath:
-    """Where a method took the lens, as a figure needs it."""
+    """Where a method took the lens, as figures need it."""
 
     method: str
     sequence: str
@@ -56,11 +56,11 @@ class LensPath:
     scene: str
     light: str | None
     seconds: np.ndarray
-    """(n,)"""
+    """(n,) times since the beginning."""
     position: np.ndarray
-    """(n,) fraction of the travel."""
+    """(n,) lens positions at these times, fractions of the travel."""
     truth: np.ndarray
-    """(n,) best focus at these times; NaN where it is unknown."""
+    """(n,) best focus at these times, fractions of the travel; NaN where it is unknown."""
     depth_of_focus: float | None
     problem: str
 
@@ -75,9 +75,9 @@ class SequenceFailure:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All that came out: records (sequence by sequence, methods in the order given), sweeps, failures.
+    """Records (sequence by sequence, methods in the order given), and what figures and failures need.
 
-    ``lens_paths`` are those of the closed loop, a record each; it has no sweeps.
+    ``lens_paths`` has one entry per record of the closed loop, which has no sweeps.
     """
 
     records: tuple[Record, ...]

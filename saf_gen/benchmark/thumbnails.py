@@ -1,4 +1,4 @@
-"""Small pictures of a recording, as a page shows them; and which recordings to show when there are many."""
+"""Small pictures of a recording for a page, and which recordings to show when there are many."""
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ __all__ = ["Thumbnails", "make_thumbnails", "select_sequences_to_show"]
 
 THUMBNAIL_COUNT = 48
 MAX_WIDTH_PX = 400
-"""Pixels; a wider sensor is shown smaller."""
+"""Widest picture, in pixels; a wider sensor is binned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,47 +24,54 @@ class Thumbnails:
     frames: np.ndarray
     """(n,) centres of the windows, frames."""
     window: int
-    """Frames of a window."""
+    """Frames per window."""
     binning: int
     box: tuple[float, float, float, float]
     """Where measures look: top, left, bottom, right, as fractions of the picture."""
 
 
 def make_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
-    """THUMBNAIL_COUNT pictures of a recording, fewer of one that is shorter; every spike is in one, but for
-    a rest.
+    """Return THUMBNAIL_COUNT pictures of a recording, or one per frame where it has fewer frames.
 
-    ``region`` is where measures look, None the whole frame. Rows and columns beyond a whole multiple of the
-    binning are left out.
+    ``region`` is where measures look, None the whole frame. Frames beyond the last whole window, and rows and
+    columns beyond a whole multiple of the binning, are left out.
     """
     frames, height, width = stream.shape
     window = max(frames // THUMBNAIL_COUNT, 1)
     first = np.arange(min(THUMBNAIL_COUNT, frames)) * window
-    binned = -(-width // MAX_WIDTH_PX)
-    rows, columns = max(height // binned, 1), max(width // binned, 1)
-    cut = (slice(0, rows * binned), slice(0, columns * binned)) if binned > 1 else None
-    images = np.stack([_binned(stream.counts(int(a), int(a) + window, region=cut), binned) for a in first])
-    return Thumbnails(images, first + (window - 1) / 2, window, binned, _box(region, (height, width)))
+    binning = -(-width // MAX_WIDTH_PX)
+    rows, columns = max(height // binning, 1), max(width // binning, 1)
+    whole_bins = (slice(0, rows * binning), slice(0, columns * binning)) if binning > 1 else None
+    images = np.stack(
+        [_bin_pixels(stream.counts(a, a + window, region=whole_bins), binning) for a in first.tolist()]
+    )
+    return Thumbnails(
+        images=images,
+        frames=first + (window - 1) / 2,
+        window=window,
+        binning=binning,
+        box=_to_fractions(region, (height, width)),
+    )
 
 
 def select_sequences_to_show(keys: Sequence[tuple[Hashable, Hashable]], most: int) -> list[int]:
-    """Which of (scene, condition) to show where all are too many: places in ``keys``, rising.
+    """Return which of (scene, condition) to show, as rising indices into ``keys``, at most ``most``.
 
-    The first of each pair counts. Scenes take turns, each with a condition that the one before did not
-    begin with, so that few pictures show many scenes and many conditions.
+    The first of equal pairs counts. Scenes take turns, and each begins with another condition than the one
+    before, so that few pictures show many scenes and many conditions.
     """
     found: dict[Hashable, dict[Hashable, int]] = {}
-    for place, (scene, condition) in enumerate(keys):
-        found.setdefault(scene, {}).setdefault(condition, place)
+    for index, (scene, condition) in enumerate(keys):
+        found.setdefault(scene, {}).setdefault(condition, index)
     turns = [
         (turn, number, list(conditions.values())[(turn + number) % len(conditions)])
         for number, conditions in enumerate(found.values())
         for turn in range(len(conditions))
     ]
-    return sorted(place for _, _, place in sorted(turns)[: max(most, 0)])
+    return sorted(index for _, _, index in sorted(turns)[: max(most, 0)])
 
 
-def _binned(counts: np.ndarray, size: int) -> np.ndarray:
+def _bin_pixels(counts: np.ndarray, size: int) -> np.ndarray:
     if size == 1:
         return counts
     rows, columns = counts.shape[0] // size, counts.shape[1] // size
@@ -72,7 +79,7 @@ def _binned(counts: np.ndarray, size: int) -> np.ndarray:
     return binned
 
 
-def _box(region: Region | None, size: tuple[int, int]) -> tuple[float, float, float, float]:
+def _to_fractions(region: Region | None, size: tuple[int, int]) -> tuple[float, float, float, float]:
     if region is None:
         return 0.0, 0.0, 1.0, 1.0
     rows, columns = region

@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from saf_gen.benchmark.method_spec import split_part_options
+from saf_gen.benchmark.method_spec import split_plugin_options
 from saf_gen.core.config.registry import build, plugin_class
 from saf_gen.errors import BadInput
 from saf_gen.measures import BrightnessNormalised, IntervalTexture
@@ -79,7 +79,7 @@ def build_plugin_page(title: str, plugin_kind: str, part: Any) -> Table:
     )
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
-    for key, text in _lines(split_part_options(title)[0], plugin_kind, part):
+    for key, text in _lines(split_plugin_options(title)[0], plugin_kind, part):
         table.add_row(key, Text(text))
     return table
 

@@ -17,8 +17,8 @@ def leaderboard(
     folder: OutFolder = None,
 ) -> None:
     """Rank the methods of several evaluations together: the same data, the same code, or one line why not."""
-    from saf_gen.benchmark.evaluate import Evaluation
     from saf_gen.benchmark.records import read_records
+    from saf_gen.benchmark.results import Evaluation
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard import merge_records, rank_methods
     from saf_gen.leaderboard.report import write_evaluation

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen import __version__
-from saf_gen.benchmark.evaluate import SequenceFailure
 from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
+from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.leaderboard.axes import AxisTable, tabulate_by_axis
 from saf_gen.leaderboard.columns import list_all_columns, list_shown_columns
 from saf_gen.leaderboard.csv_output import format_csv

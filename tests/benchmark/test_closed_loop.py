@@ -40,16 +40,16 @@ def dataset(tmp_path_factory):
 
 
 @pytest.fixture
-def take(dataset):
+def capture(dataset):
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
         yield Capture.from_stream(stream, dataset / "stacks")
 
 
-def live_of(take, *, start=0.0, budget=800, actuator=IDEAL):
-    exposed = take.open_charge_source(rows_to_encode(take, WHOLE))
+def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
+    charge_source = capture.open_charge_source(rows_to_encode(capture, WHOLE))
     return RunningCamera(
-        CapturedFrames(take, exposed, WHOLE), get_measure("sd"), actuator,
-        start=start, seed=1, budget=budget, readout_hz=take.sensor.readout_hz,
+        CapturedFrames(capture, charge_source, region=WHOLE), get_measure("sd"), actuator=actuator,
+        start=at, seed=1, budget=budget, readout_hz=capture.sensor.readout_hz,
     )  # fmt: skip
 
 
@@ -104,71 +104,79 @@ def method(search, measure=None):
     return Method("sd+x", measure or get_measure("sd"), search, "0" * 12)
 
 
-def run(take, search, **terms):
-    terms = {"actuator": IDEAL, **terms}
+def run(capture, search, **protocol):
+    protocol = ClosedLoopProtocol(**{"actuator": IDEAL, **protocol})
+    return run_method(capture, method(search), protocol=protocol)
+
+
+def run_method(capture, method, *, protocol=None, charge_source=None):
     return run_closed_loop_method(
-        take, take.open_charge_source(), WHOLE, method(search), ClosedLoopProtocol(**terms)
+        capture,
+        method,
+        protocol=protocol or ClosedLoopProtocol(IDEAL),
+        charge_source=charge_source or capture.open_charge_source(),
+        region=WHOLE,
     )
 
 
-def test_what_is_seen_is_the_stack_at_the_place_of_the_lens(take):
+def test_what_is_seen_is_the_stack_at_the_place_of_the_lens(capture):
     """At rest at the truth and off it: SD of 320 frames, against a recording made at that place."""
-    sharp = live_of(take, start=take.truth.position).score(0, 320)
-    blurred = live_of(take, start=0.0).score(0, 320)
-    film = CapturedFrames(take, take.open_charge_source(), WHOLE)
-    film.encode_until(320, np.full(800, take.truth.position))
-    assert sharp == get_measure("sd")(film.window(0, 320))
+    sharp = start(capture, at=capture.truth.position).score(0, 320)
+    blurred = start(capture).score(0, 320)
+    captured = CapturedFrames(capture, capture.open_charge_source(), region=WHOLE)
+    captured.encode_until(320, np.full(800, capture.truth.position))
+    assert sharp == get_measure("sd")(captured.window(0, 320))
     assert blurred < 0.9 * sharp
 
 
-def test_the_lens_is_on_its_way_while_the_camera_runs(take):
-    live = live_of(take, actuator=get_actuator("voice_coil"))
-    assert live.now == 0
-    live.move(1.0)
-    assert live.now == 0
-    live.score(0, 100)
-    assert live.now == 104  # whole bytes
-    assert 0 < live.path[103] < 1
+def test_the_lens_is_on_its_way_while_the_camera_runs(capture):
+    camera = start(capture, actuator=get_actuator("voice_coil"))
+    assert camera.now == 0
+    camera.move(1.0)
+    assert camera.now == 0
+    camera.score(0, 100)
+    assert camera.now == 104  # whole bytes
+    assert 0 < camera.path[103] < 1
     with pytest.raises(BadInput, match=r"frame 104 has not passed; allowed: 0 to 103"):
-        live.position(104)
+        camera.position(104)
 
 
-def test_what_was_seen_stays_as_it_was(take):
-    live = live_of(take)
-    before = live.run_until(10, 50).window(10, 50)
-    live.move(0.7)
-    live.wait(200)
-    live.score(100, 200)
-    film = live.run_until(10, 50)
-    assert np.array_equal(film.window(10, 50), before)
-    assert np.array_equal(film.halves(10, 50).sum(axis=0), before)
+def test_what_was_seen_stays_as_it_was(capture):
+    camera = start(capture)
+    before = camera.run_until(10, 50).window(10, 50)
+    camera.move(0.7)
+    camera.wait(200)
+    camera.score(100, 200)
+    captured = camera.run_until(10, 50)
+    assert np.array_equal(captured.window(10, 50), before)
+    assert np.array_equal(captured.halves(10, 50).sum(axis=0), before)
 
 
-def test_the_camera_does_not_run_longer_than_the_budget(take):
-    live = live_of(take, budget=400)
+def test_the_camera_does_not_run_longer_than_the_budget(capture):
+    camera = start(capture, budget=400)
     with pytest.raises(BudgetSpentError):
-        live.score(390, 410)
+        camera.score(390, 410)
     with pytest.raises(BudgetSpentError):
-        live.wait(1000)
-    assert live.now == 400
+        camera.wait(1000)
+    assert camera.now == 400
 
 
 @pytest.mark.parametrize("to", [-0.1, 1.1, math.nan])
-def test_the_lens_is_not_sent_out_of_its_travel(take, to):
+def test_the_lens_is_not_sent_out_of_its_travel(capture, to):
     with pytest.raises(BadInput, match="0 to 1 of the travel"):
-        live_of(take).move(to)
+        start(capture).move(to)
 
 
-def test_a_search_that_commands_ends_where_it_says(take):
-    done = run(take, GoTo(0.625))
+def test_a_search_that_commands_ends_where_it_says(capture):
+    done = run(capture, GoTo(0.625))
     assert done.problem == ""
     assert done.answer_frame == 120
     assert done.path[-1] == pytest.approx(0.625, abs=1e-4)
 
 
 @pytest.mark.parametrize("frame", [100.0, 250.5])
-def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(take, frame):
-    done = run(take, At(frame), sweep_s=0.016)
+def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(capture, frame):
+    done = run(capture, At(frame), sweep_s=0.016)
     assert done.problem == ""
     way = np.diff(done.path[: done.answer_frame])
     begin = int(np.argmax(np.abs(done.path - done.path[done.answer_frame - 1]) > 0.02))
@@ -197,17 +205,20 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(take, 
         (lambda view: Answer(math.nan), "it answers frame nan; give a finite number, or None to abstain"),
         (lambda view: Answer(5, trace=None), "its trace is None; give a tuple of finite numbers"),
         (lambda view: Answer(5, note="one\ntwo"), r"its note is 'one\ntwo'; give one line of text"),
-        (lambda view: Answer(position=0.5), "it answers with a place, and does not command the lens; answer"),
+        (
+            lambda view: Answer(position=0.5),
+            "it answers with a position, but does not command the lens; answer",
+        ),
         (GoTo(math.nan), "it answers position nan; give a finite number, or None to abstain"),
-        (Commands(lambda view: Answer(5.0)), "it answers with a frame, and moved the lens meanwhile; answer"),
+        (Commands(lambda view: Answer(5.0)), "it answers with a frame, but commands the lens; answer"),
         (Commands(lambda view: None), "it answers with NoneType None; return"),
     ],
 )
-def test_a_broken_method_fails_and_says_why(take, search, problem):
-    done = run(take, search)
+def test_a_broken_method_fails_and_says_why(capture, search, problem):
+    done = run(capture, search)
     assert problem in done.problem
     assert len(done.problem.splitlines()) == 1
-    verdict = judge_closed_loop_run(done, take.truth, 20_000)
+    verdict = judge_closed_loop_run(done, capture.truth, readout_hz=20_000)
     assert verdict["status"] == "failed"
     assert verdict["success_2dof"] is False
     assert "error" not in verdict
@@ -218,21 +229,21 @@ class Untold(Exception):
         raise RuntimeError("and no words")
 
 
-def test_an_exception_that_cannot_be_told_is_named(take):
-    assert run(take, Raises(Untold())).problem == "Untold"
+def test_an_exception_that_cannot_be_told_is_named(capture):
+    assert run(capture, Raises(Untold())).problem == "Untold"
 
 
 @pytest.mark.parametrize("search", [GoTo(0.5), At(200.0)], ids=["commands", "estimates"])
-def test_a_broken_measure_is_told_like_a_broken_search(take, search):
+def test_a_broken_measure_is_told_like_a_broken_search(capture, search):
     broken = method(search, Raises(RuntimeError("no light")))
-    done = run_closed_loop_method(take, take.open_charge_source(), WHOLE, broken, ClosedLoopProtocol(IDEAL))
+    done = run_method(capture, broken)
     assert done.problem == "RuntimeError: no light"
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt(), SystemExit(3)])
-def test_who_stops_the_contest_stops_it(take, stop):
+def test_who_stops_the_contest_stops_it(capture, stop):
     with pytest.raises(type(stop)):
-        run(take, Raises(stop, commands=True))
+        run(capture, Raises(stop, commands=True))
 
 
 def test_broken_methods_take_no_other_along(dataset, monkeypatch):
@@ -264,11 +275,11 @@ def looks_and_goes_on(view):
 
 @pytest.mark.parametrize("search", [GoTo(0.5), At(200.0), Commands(looks_and_goes_on)])
 @pytest.mark.parametrize("error", [BadInput("is cut short", where="a.exr"), OSError("no such disk")])
-def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(take, monkeypatch, search, error):
-    exposed = take.open_charge_source()
-    monkeypatch.setattr(exposed, "encoder_inputs", lambda run, **given: Raises(error)(run))
+def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, monkeypatch, search, error):
+    charge_source = capture.open_charge_source()
+    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **given: Raises(error)(run))
     with pytest.raises(type(error), match=str(error)):
-        run_closed_loop_method(take, exposed, WHOLE, method(search), ClosedLoopProtocol(IDEAL))
+        run_method(capture, method(search), charge_source=charge_source)
 
 
 def test_both_regions_are_seen(dataset):
@@ -304,7 +315,7 @@ def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, mo
 
 
 @pytest.mark.parametrize("kind", [Commands, lambda does: does], ids=["commands", "estimates"])
-def test_a_search_holds_what_a_view_promises_and_can_set_none_of_it(take, kind):
+def test_a_search_holds_what_a_view_promises_and_can_set_none_of_it(capture, kind):
     held = []
 
     def looks(view):
@@ -312,7 +323,7 @@ def test_a_search_holds_what_a_view_promises_and_can_set_none_of_it(take, kind):
         held.append(view)
         return Answer()
 
-    assert run(take, kind(looks)).problem == ""
+    assert run(capture, kind(looks)).problem == ""
     (view,) = held
     promised = {name for name in vars(View) if not name.startswith("_")}
     assert {name for name in dir(view) if not name.startswith("_")} == promised
@@ -322,20 +333,20 @@ def test_a_search_holds_what_a_view_promises_and_can_set_none_of_it(take, kind):
 
 
 @pytest.mark.parametrize("window", [(-50, 50), (10, 10), (300, 321), (0.5, 10), (-8, -1)])
-def test_a_window_that_is_not_of_the_sweep_is_refused_as_a_recording_does(take, window):
-    live = live_of(take)
-    live.wait(80)
-    view = SweepView(live, 0.0, 1.0, frames=320)
+def test_a_window_that_is_not_of_the_sweep_is_refused_as_a_recording_does(capture, window):
+    camera = start(capture)
+    camera.wait(80)
+    view = SweepView(camera, begin=0.0, end=1.0, frames=320)
     told = r"frames \S+ to \S+ were asked for; allowed: whole numbers, 0 <= first < stop <= 320"
     with pytest.raises(BadInput, match=told):
         view.score(*window)
-    assert (view.now, live.windows) == (0, 0)
+    assert (view.now, camera.scorer.windows) == (0, 0)
 
 
-def test_the_lens_before_a_sweep_is_not_of_it(take):
-    live = live_of(take)
-    live.wait(80)
-    view = SweepView(live, 0.0, 1.0, frames=320)
+def test_the_lens_before_a_sweep_is_not_of_it(capture):
+    camera = start(capture)
+    camera.wait(80)
+    view = SweepView(camera, begin=0.0, end=1.0, frames=320)
     with pytest.raises(BadInput, match="frame 0 has not passed; allowed: none before the first"):
         view.position(0)
     view.score(0, 40)
@@ -346,43 +357,43 @@ def test_the_lens_before_a_sweep_is_not_of_it(take):
 
 
 @pytest.mark.parametrize(("name", "budget"), [("voice_coil_hall", 800), ("liquid_lens", 800)])
-def test_a_sweep_ends_where_the_lens_is_at_the_far_end(take, name, budget):
+def test_a_sweep_ends_where_the_lens_is_at_the_far_end(capture, name, budget):
     """One that is led at its own speed ends 3 and 12 % short of it."""
-    live = live_of(take, actuator=get_actuator(name, position_noise_rms=0), budget=budget)
-    view = SweepView(live, 0.0, 1.0, frames=budget)
+    camera = start(capture, actuator=get_actuator(name, position_noise_rms=0), budget=budget)
+    view = SweepView(camera, begin=0.0, end=1.0, frames=budget)
     view.wait(budget)
-    assert live.path[-1] == pytest.approx(1, abs=0.01)
-    assert live.path[budget // 2] == pytest.approx(0.5, abs=0.1)
+    assert camera.path[-1] == pytest.approx(1, abs=0.01)
+    assert camera.path[budget // 2] == pytest.approx(0.5, abs=0.1)
 
 
-def test_an_answer_is_the_place_of_the_lens_where_the_sensor_is_at_the_motor(take):
+def test_an_answer_is_the_place_of_the_lens_where_the_sensor_is_at_the_motor(capture):
     """A liquid lens trails its current by 4 ms: 13 % of the travel in this sweep. After its first 12 ms."""
     drive = get_actuator("liquid_lens", position_noise_rms=0, place_rms=0)
-    live = live_of(take, actuator=drive)
-    view = SweepView(live, 0.0, 1.0, frames=800)
+    camera = start(capture, actuator=drive)
+    view = SweepView(camera, begin=0.0, end=1.0, frames=800)
     view.wait(800)
     for frame in (300, 400.5, 500):
-        truly = float(np.interp(frame, np.arange(800), live.path))
+        truly = float(np.interp(frame, np.arange(800), camera.path))
         assert view.position(int(frame)) > truly + 0.05
         assert view.position_at(frame) == pytest.approx(truly, abs=0.01)
 
 
 @pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16), (9, 16)])
-def test_a_wait_is_never_shorter_than_was_asked(take, frames, passed):
-    live = live_of(take)
-    live.wait(frames)
-    assert live.now == passed
+def test_a_wait_is_never_shorter_than_was_asked(capture, frames, passed):
+    camera = start(capture)
+    camera.wait(frames)
+    assert camera.now == passed
 
 
 @pytest.mark.parametrize("before", [0, 80])
-def test_an_answer_without_a_look_is_where_the_lens_stands(take, before):
-    live = live_of(take)
-    live.wait(before)
-    assert SweepView(live, 0.0, 1.0, frames=320).position_at(100.0) == pytest.approx(0, abs=1e-6)
+def test_an_answer_without_a_look_is_where_the_lens_stands(capture, before):
+    camera = start(capture)
+    camera.wait(before)
+    assert SweepView(camera, begin=0.0, end=1.0, frames=320).position_at(100.0) == pytest.approx(0, abs=1e-6)
 
 
-def test_the_same_method_twice_gives_the_same_run(take):
-    first, second = (run(take, At(200.0), actuator=get_actuator("voice_coil")) for _ in range(2))
+def test_the_same_method_twice_gives_the_same_run(capture):
+    first, second = (run(capture, At(200.0), actuator=get_actuator("voice_coil")) for _ in range(2))
     assert np.array_equal(first.path, second.path)
     assert first.answer_frame == second.answer_frame
 
@@ -398,8 +409,8 @@ def test_the_verdict_is_of_the_last_place_against_the_truth_of_then():
     moving = Truth(0.5, (0.48, 0.52), track=np.linspace(0.4, 0.6, 800))
     path = np.concatenate([np.linspace(0, 0.53, 100), np.full(300, 0.53)])
     still, then = (
-        judge_closed_loop_run(ran(path), TRUTH, 20_000),
-        judge_closed_loop_run(ran(path), moving, 20_000),
+        judge_closed_loop_run(ran(path), TRUTH, readout_hz=20_000),
+        judge_closed_loop_run(ran(path), moving, readout_hz=20_000),
     )
     assert still["error_dof"] == pytest.approx(0.75)
     assert still["blur_px"] == pytest.approx(1.5)
@@ -411,20 +422,20 @@ def test_the_verdict_is_of_the_last_place_against_the_truth_of_then():
 def test_time_to_focus_is_when_the_lens_is_in_its_last_place_for_good():
     """Within a quarter of the depth of focus, 0.01: from 0.2 to 0.5 in 100 frames it is there at 97."""
     path = np.concatenate([np.full(100, 0.2), np.linspace(0.2, 0.5, 101), np.full(99, 0.5)])
-    verdict = judge_closed_loop_run(ran(path, answered=100), TRUTH, 20_000)
+    verdict = judge_closed_loop_run(ran(path, answered=100), TRUTH, readout_hz=20_000)
     assert verdict["time_to_focus_s"] == pytest.approx((100 + 97) / 20_000, abs=1.5 / 20_000)
 
 
 @pytest.mark.parametrize(("best", "right"), [(0.5, False), (1.01, False), (1.2, True), (-0.5, True)])
 def test_an_abstention_is_right_where_the_focus_is_out_of_reach(best, right):
     truth = Truth(best, (best - 0.02, best + 0.02))
-    verdict = judge_closed_loop_run(ran(np.full(10, 0.3), answer=Answer()), truth, 20_000)
+    verdict = judge_closed_loop_run(ran(np.full(10, 0.3), answer=Answer()), truth, readout_hz=20_000)
     assert verdict["status"] == "abstained"
     assert verdict["success_1dof"] is right
 
 
 def test_without_a_truth_nothing_is_said_of_it():
-    verdict = judge_closed_loop_run(ran(np.full(10, 0.3)), Truth(), 20_000)
+    verdict = judge_closed_loop_run(ran(np.full(10, 0.3)), Truth(), readout_hz=20_000)
     assert verdict["truth"] is None
     assert verdict["success_1dof"] is None
     assert verdict["position"] == pytest.approx(0.3)
@@ -447,9 +458,9 @@ def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(pla
         ({"sweep_s": math.inf}, "the sweep is inf s"),
     ],
 )
-def test_terms_that_cannot_be_kept_are_refused(take, terms, message):
+def test_terms_that_cannot_be_kept_are_refused(capture, terms, message):
     with pytest.raises(BadInput, match=message):
-        run(take, GoTo(0.5), **terms)
+        run(capture, GoTo(0.5), **terms)
 
 
 def test_terms_that_no_sequence_can_keep_write_nothing(dataset, tmp_path, capsys):
@@ -472,5 +483,7 @@ def test_terms_that_no_sequence_can_keep_write_nothing(dataset, tmp_path, capsys
     assert not (tmp_path / "o").exists()
 
 
-def test_the_terms_are_told_in_one_line(take):
-    assert ClosedLoopProtocol(get_actuator("voice_coil")).describe(take) == "voice_coil, 40 ms, sweep 10 ms"
+def test_the_terms_are_told_in_one_line(capture):
+    assert (
+        ClosedLoopProtocol(get_actuator("voice_coil")).describe(capture) == "voice_coil, 40 ms, sweep 10 ms"
+    )

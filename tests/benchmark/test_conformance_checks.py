@@ -268,7 +268,7 @@ SEARCHES = [
     ("answers", "its trace is", answering(lambda a, view: Answer(0.0, (math.nan,)))),
     ("answers", "its trace is", answering(lambda a, view: Answer(0.0, [1.0]))),
     ("answers", "its note is", answering(lambda a, view: Answer(None, (), "one\ntwo"))),
-    ("answers", "it answers with a place, and does not", answering(lambda a, view: Answer(position=0.5))),
+    ("answers", "it answers with a position, but does not", answering(lambda a, view: Answer(position=0.5))),
     ("flat", "ZeroDivisionError", search_of(centroid)),
     ("repeatable", "gets another answer", answering(lambda a, view: Answer(random.random()))),
     (

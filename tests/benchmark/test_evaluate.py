@@ -280,10 +280,10 @@ def test_a_method_may_say_where_it_looks(two_depths):
 def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monkeypatch):
     run = evaluate_module.run_recorded_sequence
 
-    def breaks(job, methods, region, *rest, **more):
-        if region == "frame" and job.light == "ramp":
+    def breaks(task, methods, *, region, **more):
+        if region == "frame" and task.light == "ramp":
             raise OSError("the disk is gone")
-        return run(job, methods, region, *rest, **more)
+        return run(task, methods, region=region, **more)
 
     monkeypatch.setattr(evaluate_module, "run_recorded_sequence", breaks)
     steps = []
@@ -397,7 +397,10 @@ def test_an_answer_that_is_no_frame_of_the_recording_is_a_failure(stream_file, m
         (lambda view: Answer(np.nan), "it answers frame nan; give a finite number, or None to abstain"),
         (lambda view: Answer(True), "it answers frame True; give a finite number, or None to abstain"),
         (lambda view: Answer(10**400), "OverflowError: int too large to convert to float"),
-        (lambda view: Answer(position=0.5), "it answers with a place, and does not command the lens; answer"),
+        (
+            lambda view: Answer(position=0.5),
+            "it answers with a position, but does not command the lens; answer",
+        ),
     ],
 )
 def test_whatever_a_method_raises_or_answers_is_its_failure_alone(dataset, monkeypatch, search, note):

@@ -77,8 +77,8 @@ def with_truth(env, **changes):
     """The environment, with another truth of the still plane."""
     job = next(job for job in env.tasks if job.id == PLANE)
     setting = env.load_sequence(job)
-    truth = replace(setting.take.truth, **changes)
-    env._settings[job.id] = replace(setting, take=replace(setting.take, truth=truth))
+    truth = replace(setting.capture.truth, **changes)
+    env._settings[job.id] = replace(setting, capture=replace(setting.capture, truth=truth))
     return env
 
 
@@ -180,14 +180,16 @@ def test_a_named_sequence_is_that_of_the_contest_bit_for_bit(dataset):
     setting = env.load_sequence(next(job for job in env.tasks if job.id == PLANE))
     search = Peek(0.25, 0.75, 0.5)
     method = Method("sd+x", search.measure, search, "0" * 12)
-    run = run_closed_loop_method(setting.take, setting.exposed, setting.box, method, TERMS)
+    run = run_closed_loop_method(
+        setting.capture, method, protocol=TERMS, charge_source=setting.charge_source, region=setting.box
+    )
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answer_frame == run.answer_frame
     for (seen, _, _), counts in zip(rows, search.counts, strict=False):
         expected = (average_areas(counts, 16, 16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     said = rows[-1][2]
-    verdict = setting.make_record(run, TERMS, method="m", code="", parameters="", said={})
+    verdict = setting.make_record(run, TERMS, method="m", code="", parameters="", common={})
     assert said["error"] == verdict.error
     assert said["success_1dof"] == verdict.success_1dof
 
@@ -203,7 +205,7 @@ def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
 def test_the_truth_is_out_of_reach_before_the_end(dataset):
     """With another truth all that a policy sees is the same to the bit, and only the reward differs."""
     honest, moved = env_of(dataset), env_of(dataset)
-    truth = honest.load_sequence(next(job for job in honest.tasks if job.id == PLANE)).take.truth
+    truth = honest.load_sequence(next(job for job in honest.tasks if job.id == PLANE)).capture.truth
     with_truth(moved, position=truth.position + 0.3, depth_of_focus=(0.1, 0.9))
     places = (0.2, 0.9, 0.4)
     ours, theirs = (walked(env, *places, options={"sequence": PLANE}) for env in (honest, moved))
@@ -263,7 +265,7 @@ def test_rewards_are_errors_over_time_and_a_bonus(dataset, sequence):
     env = env_of(dataset)
     rows = walked(env, 0.2, 0.6, options={"sequence": sequence})
     run = env.episode.run
-    truth = env.load_sequence(next(j for j in env.tasks if j.id == sequence)).take.truth
+    truth = env.load_sequence(next(j for j in env.tasks if j.id == sequence)).capture.truth
     best = np.full(800, truth.position) if truth.track is None else truth.track
     away = np.abs(run.path - best[: len(run.path)])
     left = (800 - len(run.path)) / 800

@@ -210,8 +210,8 @@ def test_no_more_can_be_seen_than_was_recorded(dataset, tmp_path):
 
 
 def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path, monkeypatch):
-    def longer(*args):
-        return [replace(job, frames=900) for job in list_sequence_tasks(*args)]
+    def longer(*args, **options):
+        return [replace(task, frames=900) for task in list_sequence_tasks(*args, **options)]
 
     monkeypatch.setattr(evaluate_module, "list_sequence_tasks", longer)
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))

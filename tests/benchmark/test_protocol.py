@@ -74,7 +74,7 @@ def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name
     """A lens at the middle of the travel is farthest from an end. Half the play is out of reach."""
     drive = get_actuator(name, place_rms=0)
     terms = ClosedLoopProtocol(drive)
-    before, sweep = (terms._to_begin(20_000), terms._end_to_end(20_000))
+    before, sweep = (terms._count_rest_frames(20_000), terms._count_sweep_frames(20_000))
     for start in (0.0, 0.2, 0.5):
         lens = ActuatedLens(drive, start=start, readout_hz=20_000, seed=1)
         lens.command(0.0)
@@ -89,7 +89,7 @@ def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name
 
 def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
     slow = get_actuator("stepper", speed=1e-3, acceleration=1e-3, resonance_hz=0.1, damping=0.05)
-    assert 500 < ClosedLoopProtocol(slow)._to_begin(1000) / 1000 < 2000
+    assert 500 < ClosedLoopProtocol(slow)._count_rest_frames(1000) / 1000 < 2000
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
             "stepper",
             4000,
             {},
-            r"^the actuator stepper needs 409\.55 ms for a sweep: 152 until it rests where that begins, "
+            r"^the actuator stepper needs 409\.55 ms for a sweep: 152 until it rests where the sweep begins, "
             r"257\.55 from end to end; allowed: at most the budget of 200 ms; record longer, take a quicker "
             r"--actuator, or run only methods that command the lens$",
         ),
@@ -108,7 +108,7 @@ def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
             20_000,
             {"sweep_s": 0.1},
             r"^a sweep of 100 ms with the actuator stepper; allowed: 257\.55 ms, in which it gets from end "
-            r"to end, to 848 ms, the budget of 1000 ms less 152 until it rests where the sweep begins; give "
+            r"to end, to 848 ms: the budget of 1000 less 152 until it rests where the sweep begins; give "
             r"another --sweep, or take a quicker --actuator$",
         ),
         ("stepper", 20_000, {"sweep_s": 0.9}, r"a sweep of 900 ms with the actuator stepper"),
@@ -122,7 +122,7 @@ def test_how_long_a_drive_of_minutes_needs_is_known_in_seconds():
             {"sweep_s": 0.5},
             r"a sweep of 500 ms with the actuator hand; allowed: 1489\.25 ms,",
         ),
-        ("voice_coil", 4000, {"sweep_s": 0.2}, r"a sweep of 200 ms .* allowed: 6\.2 ms, .* to 170 ms, "),
+        ("voice_coil", 4000, {"sweep_s": 0.2}, r"a sweep of 200 ms .* allowed: 6\.2 ms, .* to 170 ms: "),
         ("voice_coil", 16, {}, r"the actuator voice_coil needs 36\.2 ms .* the budget of 0\.8 ms"),
         ("liquid_lens", 4000, {"sweep_s": 0.016}, r"a sweep of 16 ms .* allowed: 16\.55 ms"),
     ],

@@ -83,7 +83,7 @@ def test_a_window_outside_the_recording_is_refused_and_not_billed():
     recording = RecordingView(WindowCounts(InMemory(100, 2, 2)), get_measure("sd"))
     with pytest.raises(BadInput, match=r"frames 0 to 101 were asked for; allowed: .* <= 100"):
         recording.score(0, 101)
-    assert (recording.windows, recording.frames_seen) == (0, 0)
+    assert (recording.scorer.windows, recording.now) == (0, 0)
 
 
 def test_a_region_without_pixels_is_refused():
@@ -104,9 +104,9 @@ def test_a_recording_keeps_the_bill():
     recording, other = (RecordingView(counts, get_measure("sd")) for _ in range(2))
     for first, stop in [(0, 10), (100, 250), (5, 30), (100, 250)]:
         recording.score(first, stop)
-    assert (recording.windows, recording.frames_seen) == (4, 250)
-    assert recording.seconds > 0
-    assert (other.windows, other.frames_seen, other.seconds) == (0, 0, 0.0)
+    assert (recording.scorer.windows, recording.now) == (4, 250)
+    assert recording.scorer.seconds > 0
+    assert (other.scorer.windows, other.now, other.scorer.seconds) == (0, 0, 0.0)
 
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
@@ -193,7 +193,7 @@ def test_a_search_may_look_through_another_measure_by_name():
     counts = stream.spikes[17:217].sum(axis=0)
     assert recording.score(17, 217, "tenengrad_n") == get_measure("tenengrad_n")(counts)
     assert recording.score(17, 217) == get_measure("sd")(counts)
-    assert recording.windows == 2
+    assert recording.scorer.windows == 2
     with pytest.raises(BadInput, match="unknown focus measure 'tenengrat'.*mean 'tenengrad'"):
         recording.score(17, 217, "tenengrat")
 

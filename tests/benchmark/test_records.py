@@ -211,7 +211,7 @@ def test_whatever_the_closed_loop_judges_is_read_back():
         problem = "the budget was spent" if random.random() < 0.2 else ""
         run = ClosedLoopRun(answer, problem, int(random.integers(0, 81)), path, 80, 3, 0.1, tuple(path[:5]))
         verdict = judge_closed_loop_run(
-            run, Truth(position=best, depth_of_focus=(best - half, best + half)), 20_000
+            run, Truth(position=best, depth_of_focus=(best - half, best + half)), readout_hz=20_000
         )
         none = dict.fromkeys(
             ("position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "truth_frame")

@@ -62,7 +62,7 @@ def slow_search(clock, *windows, answers=None):
     return search
 
 
-class SlowFilm:
+class SlowCapture:
     """A camera that takes its time, and shows nothing."""
 
     shape, frames, textures_s = (4, 6), 0, 0.0
@@ -81,7 +81,7 @@ class SlowFilm:
 
 def slow_live(clock, *, budget=800):
     live = RunningCamera(
-        SlowFilm(clock), clock.takes(SCORES, np.mean), get_actuator("ideal"), start=0.0, seed=1,
+        SlowCapture(clock), clock.takes(SCORES, np.mean), actuator=get_actuator("ideal"), start=0.0, seed=1,
         budget=budget, readout_hz=20_000.0,
     )  # fmt: skip
     live._lens.run = clock.takes(DRIVES, live._lens.run)
@@ -102,7 +102,7 @@ def test_on_a_recording_search_and_measure_are_paid_and_counting_is_not(clock):
     answer, problem = run_search(slow_search(clock, (0, 100), (50, 800)), recording, scorer=recording.scorer)
     assert (answer.frame, problem) == (400.0, "")
     assert clock.now > COUNTS
-    assert recording.seconds == 3 * THINKS + 2 * SCORES
+    assert recording.scorer.seconds == 3 * THINKS + 2 * SCORES
 
 
 def test_a_method_pays_nothing_for_what_others_looked_at(clock):
@@ -110,7 +110,7 @@ def test_a_method_pays_nothing_for_what_others_looked_at(clock):
     first, second = (RecordingView(counts, np.mean) for _ in range(2))
     first.score(0, 100)
     run_search(slow_search(clock), second, scorer=second.scorer)
-    assert (first.seconds, second.seconds) == (0, THINKS)
+    assert (first.scorer.seconds, second.scorer.seconds) == (0, THINKS)
 
 
 @pytest.mark.parametrize("breaks", ["search", "measure"])
@@ -124,7 +124,7 @@ def test_a_method_that_breaks_has_paid_until_then(clock, breaks):
 
     _, problem = run_search(search, recording, scorer=recording.scorer)
     assert problem.startswith("ZeroDivisionError" if breaks == "measure" else "ValueError")
-    assert recording.seconds == (THINKS + SCORES if breaks == "measure" else 2 * THINKS + SCORES)
+    assert recording.scorer.seconds == (THINKS + SCORES if breaks == "measure" else 2 * THINKS + SCORES)
 
 
 def test_a_texture_is_paid_by_each_that_asks_for_it_without_reading_and_counting(clock, monkeypatch):
@@ -135,7 +135,7 @@ def test_a_texture_is_paid_by_each_that_asks_for_it_without_reading_and_counting
     for _ in range(2):
         recording = RecordingView(counts, measure)
         run_search(slow_search(clock, (0, 100)), recording, scorer=recording.scorer)
-        bills.append(recording.seconds)
+        bills.append(recording.scorer.seconds)
     assert clock.now > READS
     assert bills[0] == bills[1]
     looks, rest = divmod(bills[0] - 2 * THINKS, LOOKS_UP)
@@ -169,7 +169,7 @@ def test_a_texture_that_was_forgotten_is_timed_again(clock, monkeypatch):
     for first in (0, 100, 0):
         counts.intervals(first, first + 100)
     assert counts.textures_s >= 3 * LOOKS_UP
-    assert len(counts._made_s) == 1
+    assert len(counts._texture_seconds) == 1
 
 
 def test_a_texture_on_film_is_paid_too(clock, monkeypatch):
@@ -179,7 +179,7 @@ def test_a_texture_on_film_is_paid_too(clock, monkeypatch):
     image, seconds = interval_texture.time_texture_from_intervals(
         lambda a, b: read(a, b, (slice(None), slice(None))),
         lambda a, b: count(a, b, (slice(None), slice(None))),
-        0,
+        first=0,
         stop=80,
     )
     np.testing.assert_array_equal(image, WindowCounts(stream).intervals(0, 80))
@@ -200,7 +200,7 @@ def test_in_the_closed_loop_the_camera_and_the_drive_are_not_paid(clock):
     _, problem = run_search(search, live, scorer=live.scorer)
     assert problem == ""
     assert clock.now > ENCODES + DRIVES
-    assert live.seconds == 3 * THINKS + 2 * SCORES
+    assert live.scorer.seconds == 3 * THINKS + 2 * SCORES
 
 
 @pytest.mark.parametrize("frames", [160, 10_000], ids=["in time", "out of time"])
@@ -220,9 +220,9 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
 
     Search.commands = commands
     monkeypatch.setattr(closed_loop_run, "start_camera", lambda *given, **more: live)
-    terms = SimpleNamespace(count_frames=lambda take: (800, 320))
+    protocol = SimpleNamespace(count_frames=lambda capture: (800, 320))
     run = closed_loop_run.run_closed_loop_method(
-        None, None, None, Method("a+b", np.mean, Search(), "c"), terms
+        None, Method("a+b", np.mean, Search(), "c"), protocol=protocol, charge_source=None, region=None
     )
     assert run.problem == ("the budget of 800 frames was spent" if frames > 800 else "")
     assert (run.windows, run.seconds) == (2, 3 * THINKS + 2 * SCORES)
@@ -237,4 +237,4 @@ def test_time_is_never_less_than_none(clock):
         return Answer(3.0)
 
     run_search(search, recording, scorer=recording.scorer)
-    assert recording.seconds == 0
+    assert recording.scorer.seconds == 0

@@ -130,8 +130,10 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
     for drive in ("voice_coil", "liquid_lens"):
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
-            run = run_closed_loop_method(capture, sequence.exposed, box, method, protocol)
+            run = run_closed_loop_method(
+                capture, method, protocol=protocol, charge_source=sequence.charge_source, region=box
+            )
             records.append(
-                sequence.make_record(run, protocol, method=method.name, code="", parameters="", said={})
+                sequence.make_record(run, protocol, method=method.name, code="", parameters="", common={})
             )
     assert digest(records) == CLOSED_LOOP

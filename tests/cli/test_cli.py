@@ -219,9 +219,9 @@ def test_methods_are_named_in_a_file_too(call, dataset, tmp_path):
     ("text", "told"),
     [
         (b"sd+argmax\n\nsd+argmx\n", "methods.txt:3: method 'sd+argmx': unknown search 'argmx'"),
-        (b"# none\n\n", "methods.txt names no method; allowed: a method a line, such as sd+argmax"),
-        (b"\xff\xfe", "methods.txt is no list of methods: 'utf-8' codec"),
-        (None, "methods.txt is no list of methods: [Errno 2]"),
+        (b"# none\n\n", "methods.txt names no method; allowed: one method per line, such as sd+argmax"),
+        (b"\xff\xfe", "methods.txt is not a list of methods: 'utf-8' codec"),
+        (None, "methods.txt is not a list of methods: [Errno 2]"),
     ],
 )
 def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp_path, text, told):

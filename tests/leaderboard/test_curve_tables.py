@@ -3,7 +3,7 @@ import csv
 import numpy as np
 import pytest
 
-from saf_gen.benchmark.evaluate import FocusCurve, SweepSummary
+from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.leaderboard import assess_curves, summarise_measures, write_curve_tables
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from handmade_records import failed, record
 
-from saf_gen.benchmark.evaluate import SequenceFailure
+from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard import (
     compose_notes,

@@ -124,7 +124,7 @@ def test_the_rig_counts_both_halves_of_any_window(tmp_path):
                 np.testing.assert_array_equal(half, frames[a:b, 1:5, 2:8].sum(axis=0))
             view = RecordingView(counts, DEBIASED)
             assert view.score(first, stop) == DEBIASED(found)
-            assert (view.frames_seen, view.windows) == (stop, 1)
+            assert (view.now, view.scorer.windows) == (stop, 1)
         first, scores = score_blocks(stream, "sd_debiased", window=20)
         pairs = frames.reshape(3, 2, 10, 6, 8).sum(axis=2)
         assert scores.tolist() == [DEBIASED(pair) for pair in pairs]

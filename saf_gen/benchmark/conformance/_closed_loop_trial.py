@@ -101,7 +101,9 @@ def run_on_test_scene(
     )
     protocol = ClosedLoopProtocol(moved, budget_s=frames / take.sensor.readout_hz)
     region = slice(0, take.sensor.rows), slice(0, take.sensor.columns)
-    run = run_closed_loop_method(take, exposed, region, watched, protocol, threads=1)
+    run = run_closed_loop_method(
+        take, watched, protocol=protocol, charge_source=exposed, region=region, threads=1
+    )
     if run.problem:
         raise CheckFailure(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or none")
     if commands(method.search):

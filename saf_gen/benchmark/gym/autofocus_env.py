@@ -86,7 +86,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             raise BadInput(f"the control period is {control_s:g} s", allowed="seconds, above 0")
         _check_whole("pixels", pixels, MAX_PIXELS)
         _check_whole("keep", keep, None)
-        self.tasks = _chosen(list_sequence_tasks(Path(dataset), split), sequences)
+        self.tasks = _chosen(list_sequence_tasks(Path(dataset), split=split), sequences)
         self.protocol = ClosedLoopProtocol(get_actuator("voice_coil")) if protocol is None else protocol
         self.region, self.control_s, self.pixels = region, control_s, pixels
         self.render_mode = render_mode
@@ -113,7 +113,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """A sequence ready to be filmed, one of the last few or read now."""
         if task.id not in self._settings:
             with open_stream(task.path) as stream:
-                found = ClosedLoopSequence.from_stream(task, stream, self.region)
+                found = ClosedLoopSequence.from_stream(task, stream, region=self.region)
             while len(self._settings) >= self._keep:
                 self._settings.popitem(last=False)
             self._settings[task.id] = found

@@ -50,10 +50,12 @@ class Episode:
         pixels: int,
         seed: int | None = None,
     ) -> None:
-        take = setting.take if seed is None else replace(setting.take, seed=seed)
-        self._live = start_camera(take, setting.exposed, setting.box, _no_score, protocol)
-        self._truth, self._hz, self._pixels = take.truth, take.sensor.readout_hz, pixels
-        self._budget = protocol.count_frames(take)[0]
+        capture = setting.capture if seed is None else replace(setting.capture, seed=seed)
+        self._live = start_camera(
+            capture, _no_score, protocol=protocol, charge_source=setting.charge_source, region=setting.box
+        )
+        self._truth, self._hz, self._pixels = capture.truth, capture.sensor.readout_hz, pixels
+        self._budget = protocol.count_frames(capture)[0]
         self.period = max(-(-round(control_s * self._hz) // PACKET_FRAMES), 1) * PACKET_FRAMES
         if self._live.frames < 2 * self.period:
             raise BadInput(
@@ -100,7 +102,7 @@ class Episode:
         """
         begin = self._live.now
         trace = tuple(self._live.commanded_positions[1:])
-        self.run = finish_run(self._live, Answer(trace=trace, position=place), place, budget=self._budget)
+        self.run = finish_run(self._live, Answer(trace=trace, position=place), to=place, budget=self._budget)
         verdict = self.judge()
         left = 1 - self._live.now / self._live.frames
         bonus = FOCUS_BONUS if verdict["success_1dof"] else 0.0
@@ -109,18 +111,18 @@ class Episode:
     def abstain(self) -> None:
         """End it with the answer that no place can be told."""
         self.run = finish_run(
-            self._live, Answer(trace=tuple(self._live.commanded_positions[1:])), None, budget=self._budget
+            self._live, Answer(trace=tuple(self._live.commanded_positions[1:])), to=None, budget=self._budget
         )
 
     def fail(self, problem: str) -> None:
         """End it without an answer."""
-        self.run = finish_run(self._live, Answer(), None, budget=self._budget, problem=problem)
+        self.run = finish_run(self._live, Answer(), to=None, budget=self._budget, problem=problem)
 
     def judge(self) -> dict[str, Any]:
         """How the run that is over is judged: truth, error, success. None is unknown."""
         if self.run is None:
             raise BadInput("the episode is still going on", hint="stop it, or let its time run out")
-        return judge_closed_loop_run(self.run, self._truth, self._hz)
+        return judge_closed_loop_run(self.run, self._truth, readout_hz=self._hz)
 
     def _seen(self) -> dict[str, np.ndarray]:
         """What a policy is told. An image needs a whole period: it reaches back where the last was cut."""

@@ -67,13 +67,12 @@ def evaluate_policy(
         setting = inner.load_sequence(task)
         with open_stream(task.path) as stream:
             light = measure_mean_rate(WindowCounts(stream, region=setting.box))
-            said = describe_sequence(
-                task, stream, light, "closed_loop", frames=inner.protocol.count_frames(setting.take)[0]
-            )
+            budget = inner.protocol.count_frames(setting.capture)[0]
+            common = describe_sequence(task, stream, rate=light, track="closed_loop", frames=budget)
         run = _run(env, inner, make_policy, task.id)
         records.append(
             setting.make_record(
-                run, inner.protocol, method=method, code=code, parameters=inner.parameters, said=said
+                run, inner.protocol, method=method, code=code, parameters=inner.parameters, common=common
             )
         )
     if out is not None:

@@ -1,1 +1,1 @@
-"""The referee: what methods are run on, what they answered, and how that is judged. Methods never see it."""
+"""The evaluator's side: it runs methods on recordings or a running camera, and judges what they answer."""

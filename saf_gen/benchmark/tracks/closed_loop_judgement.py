@@ -1,4 +1,4 @@
-"""How a run of the closed loop is judged: where the lens is at the end, against the truth of then."""
+"""Judges a run of the closed loop by where the lens is at the end, against the truth at that moment."""
 
 import math
 from collections.abc import Sequence
@@ -12,15 +12,17 @@ from saf_gen.stream.metadata import Truth
 
 __all__ = ["count_reversals", "judge_closed_loop_run"]
 
-ARRIVAL_TOLERANCE_DOF = 0.25  # depths of focus from its last place: there the lens is said to have arrived
+ARRIVAL_TOLERANCE_DOF = 0.25
+"""Depths of focus from its last position within which the lens counts as arrived."""
 
 
-def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, readout_hz: float) -> dict[str, Any]:
-    """The fields of a record that the lens decides; None is unknown.
+def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float) -> dict[str, Any]:
+    """Return the fields of a record that the lens decides; None is unknown.
 
-    Errors in travels, depths of focus and blur are of the last place of the lens against the truth of that
-    moment. An abstention is right where no place of the travel is within the limit.
-    ``time_to_focus_s``: until the lens was in its last place, within a quarter of the depth of focus.
+    Errors (in travels and depths of focus) and blur compare the last position of the lens with the truth at
+    that moment. An abstention is a success where no position in the travel is within the limit.
+    ``time_to_focus_s`` ends when the lens has arrived for good, within a quarter of the depth of focus of its
+    last position.
     """
     path = run.path
     answered = not run.problem and (run.answer.position is not None or run.answer.frame is not None)
@@ -29,7 +31,7 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, readout_hz: float) -
     best = float(track[min(last, len(track) - 1)]) if track is not None and last >= 0 else truth.position
     best_known = math.isfinite(best)
     dof = depth_of_focus(truth.depth_of_focus)
-    out: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "truth": best if best_known else None,
         "lens_travel": float(np.abs(np.diff(path)).sum()),
         "reversals": count_reversals(run.commanded_positions),
@@ -43,24 +45,24 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, readout_hz: float) -
             away = max(0.0, -best, best - 1) / dof
             success = tuple(away > limit for limit in SUCCESS_LIMITS_DOF)
     else:
-        place = float(path[-1])
-        out["position"] = place
+        position = float(path[-1])
+        fields["position"] = position
         near = ARRIVAL_TOLERANCE_DOF * dof if dof is not None else ARRIVAL_TOLERANCE_DOF * 0.01
-        off = np.flatnonzero(np.abs(path[run.answer_frame :] - place) > near)
+        off = np.flatnonzero(np.abs(path[run.answer_frame :] - position) > near)
         arrived = run.answer_frame + (int(off[-1]) + 1 if off.size else 0)
-        out["time_to_focus_s"] = arrived / readout_hz
+        fields["time_to_focus_s"] = arrived / readout_hz
         if best_known:
-            out["error"] = place - best
+            fields["error"] = position - best
             if dof is not None:
-                out["error_dof"] = out["error"] / dof
-                out["blur_px"] = 2 * abs(out["error_dof"])
-                success = tuple(abs(out["error_dof"]) <= limit for limit in SUCCESS_LIMITS_DOF)
-    out["success_half_dof"], out["success_1dof"], out["success_2dof"] = success
-    return out
+                fields["error_dof"] = fields["error"] / dof
+                fields["blur_px"] = 2 * abs(fields["error_dof"])
+                success = tuple(abs(fields["error_dof"]) <= limit for limit in SUCCESS_LIMITS_DOF)
+    fields["success_half_dof"], fields["success_1dof"], fields["success_2dof"] = success
+    return fields
 
 
-def count_reversals(places: Sequence[float]) -> int:
-    """How often a lens that is sent to these places, in turn, is sent back the way it came."""
-    ways = np.sign(np.diff(places))
-    ways = ways[ways != 0]
-    return int((ways[1:] != ways[:-1]).sum())
+def count_reversals(positions: Sequence[float]) -> int:
+    """Return how often a lens that is sent to these positions, in order, changes its direction."""
+    directions = np.sign(np.diff(positions))
+    directions = directions[directions != 0]
+    return int((directions[1:] != directions[:-1]).sum())

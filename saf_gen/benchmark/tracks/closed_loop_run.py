@@ -1,9 +1,10 @@
-"""A method in the closed loop: it moves the lens of a running camera, and has a budget of time.
+"""A method in the closed loop: it moves the lens of a running camera within a budget of time.
 
-All methods of a sequence begin with the lens at the same place, drawn by the sequence's seed. A search that
-commands the lens is on its own. One that estimates on a recording is given a sweep: the lens goes to the
-nearer end of its travel, then to the other one, and back to where the search says; the sweep ends with the
-last window that the search looks at. Judged is where the lens is at the end, against the truth of then.
+On a sequence all methods begin with the lens at the same position, drawn by the sequence's seed. A search
+that commands the lens is on its own. A search that estimates on a recording is given a sweep: the lens goes
+to the nearer end of its travel, then to the other end, and back to where the search says; the sweep ends
+with the last window that the search looks at. What counts is where the lens is at the end, against the truth
+at that moment.
 """
 
 from collections.abc import Callable
@@ -26,16 +27,17 @@ from saf_gen.stack.charge_source import ChargeSource
 
 __all__ = ["ClosedLoopRun", "describe_spent_budget", "finish_run", "run_closed_loop_method", "start_camera"]
 
-SETTLE_TOLERANCE = 1e-4  # of the travel: then the lens is said to rest
+SETTLE_TOLERANCE = 1e-4
+"""Fraction of the travel within which the lens counts as settled at its last position."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopRun:
     """What came of a method on a running camera.
 
-    ``path`` (n,) is where the lens truly was, to the end; ``answer_frame`` the frame at which the method was
-    done; ``budget`` in frames; ``problem`` why it failed, '' where it did not; ``commanded_positions`` the
-    places to which the lens was sent, in turn, the first of them where it stood.
+    ``path`` (n,) is the true lens position up to the end; ``answer_frame`` the frame at which the method was
+    done; ``budget`` is in frames; ``problem`` says why the method failed, '' where it did not;
+    ``commanded_positions`` begins with where the lens stood, then has every position it was sent to.
     """
 
     answer: Answer
@@ -49,106 +51,117 @@ class ClosedLoopRun:
 
 
 def start_camera(
-    take: Capture,
-    exposed: ChargeSource,
-    region: Region,
+    capture: Capture,
     measure: Callable[..., float],
-    protocol: ClosedLoopProtocol,
     *,
+    protocol: ClosedLoopProtocol,
+    charge_source: ChargeSource,
+    region: Region,
     threads: int | None = None,
 ) -> RunningCamera:
-    """A camera that begins to run, its lens where all methods of the sequence begin.
+    """Return a camera that begins to run, its lens where all methods of the sequence begin.
 
-    ``exposed`` is of the rows that ``region`` needs, for all methods. Raises BadInput for protocol that the
-    recording cannot keep.
+    ``charge_source`` covers the rows that ``region`` needs, for all methods. Raises BadInput for a protocol
+    that the recording cannot keep.
     """
     return RunningCamera(
-        CapturedFrames(take, exposed, region, threads=threads),
+        CapturedFrames(capture, charge_source, region=region, threads=threads),
         measure,
-        protocol.actuator,
-        start=float(seeds.make_generator(take.seed, "closed loop", "start").uniform(0, 1)),
-        seed=seeds.derive_seed(take.seed, "closed loop", "lens"),
-        budget=protocol.count_frames(take)[0],
-        readout_hz=take.sensor.readout_hz,
+        actuator=protocol.actuator,
+        start=float(seeds.make_generator(capture.seed, "closed loop", "start").uniform(0, 1)),
+        seed=seeds.derive_seed(capture.seed, "closed loop", "lens"),
+        budget=protocol.count_frames(capture)[0],
+        readout_hz=capture.sensor.readout_hz,
     )
 
 
 def finish_run(
-    live: RunningCamera, answer: Answer, to: float | None, *, budget: int, problem: str = ""
+    camera: RunningCamera, answer: Answer, *, to: float | None, budget: int, problem: str = ""
 ) -> ClosedLoopRun:
-    """The run of a method that is done: the lens goes to its last place, where it says one, and settles.
+    """Return the run of a method that is done, after the lens has settled at ``to``, unless that is None.
 
-    Raises what the camera met where the stacks cannot be filmed, whatever the method made of it.
+    Raises what the camera met where the focal stacks could not be read, whatever the method made of it.
     """
-    if live.stack_error is not None:
-        raise live.stack_error
-    answered = live.now
+    if camera.stack_error is not None:
+        raise camera.stack_error
+    answer_frame = camera.now
     if to is not None:
-        live.move(to)
-        with suppress(BudgetSpentError):  # the lens is judged where it is then
-            live.settle(SETTLE_TOLERANCE)
+        camera.move(to)
+        with suppress(BudgetSpentError):  # the lens is judged by where it is then
+            camera.settle(SETTLE_TOLERANCE)
     return ClosedLoopRun(
-        answer,
-        problem,
-        answered,
-        live.path[: live.now].copy(),
-        budget,
-        live.windows,
-        live.seconds,
-        tuple(live.commanded_positions),
+        answer=answer,
+        problem=problem,
+        answer_frame=answer_frame,
+        path=camera.path[: camera.now].copy(),
+        budget=budget,
+        windows=camera.scorer.windows,
+        seconds=camera.scorer.seconds,
+        commanded_positions=tuple(camera.commanded_positions),
     )
 
 
 def describe_spent_budget(budget: int) -> str:
-    """What is said of a method that had no answer when its time was over."""
+    """Return why a method failed that had no answer when its budget, in frames, was spent."""
     return f"the budget of {budget} frames was spent"
 
 
 def run_closed_loop_method(
-    take: Capture,
-    exposed: ChargeSource,
-    region: Region,
+    capture: Capture,
     method: Method,
-    protocol: ClosedLoopProtocol,
     *,
+    protocol: ClosedLoopProtocol,
+    charge_source: ChargeSource,
+    region: Region,
     threads: int | None = None,
 ) -> ClosedLoopRun:
-    """Let a method find the focus. ``exposed`` is of the rows that ``region`` needs, for all methods.
+    """Let a method find the focus; ``charge_source`` covers the rows that ``region`` needs, for all methods.
 
-    Whatever the method raises or answers becomes a run. Raises BadInput for protocol that the recording
-    cannot keep, and what the stacks raise where they cannot be read.
+    Whatever the method raises or answers becomes a run. Raises BadInput for a protocol that the recording
+    cannot keep, and what the focal stacks raise where they cannot be read.
     """
-    budget, sweep = protocol.count_frames(take)
-    live = start_camera(take, exposed, region, method.measure, protocol, threads=threads)
+    budget, sweep = protocol.count_frames(capture)
+    camera = start_camera(
+        capture,
+        method.measure,
+        protocol=protocol,
+        charge_source=charge_source,
+        region=region,
+        threads=threads,
+    )
     try:
-        done = _commanded(live, method) if commands(method.search) else _swept(live, method, sweep)
+        if commands(method.search):
+            answer, to, problem = _run_commanding_search(camera, method)
+        else:
+            answer, to, problem = _run_estimating_search(camera, method, sweep=sweep)
     except BudgetSpentError:
-        return finish_run(live, Answer(), None, budget=budget, problem=describe_spent_budget(budget))
-    answer, to, problem = done
-    return finish_run(live, answer, to, budget=budget, problem=problem)
+        return finish_run(camera, Answer(), to=None, budget=budget, problem=describe_spent_budget(budget))
+    return finish_run(camera, answer, to=to, budget=budget, problem=problem)
 
 
-def _commanded(live: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
-    """The answer, where the lens goes then, and what is wrong with it."""
-    answer, problem = run_search(method.search, live, scorer=live.scorer)
-    return answer, _inside(answer.position), problem
+def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
+    """Return the answer, where the lens goes then, and why the method failed."""
+    answer, problem = run_search(method.search, camera, scorer=camera.scorer)
+    return answer, _clip_to_travel(answer.position), problem
 
 
-def _swept(live: RunningCamera, method: Method, frames: int) -> tuple[Answer, float | None, str]:
-    """The same, of a search that is given a sweep."""
-    begin, end = (0.0, 1.0) if live.commanded_positions[0] < 0.5 else (1.0, 0.0)
-    live.move(begin)
-    live.settle()
-    view = SweepView(live, begin, end, frames=frames)
-    answer, problem = run_search(method.search, view, scorer=live.scorer)
-    live.commanded_trajectory = None
+def _run_estimating_search(
+    camera: RunningCamera, method: Method, *, sweep: int
+) -> tuple[Answer, float | None, str]:
+    """Return the same for a search that is given a sweep of this many frames."""
+    begin, end = (0.0, 1.0) if camera.commanded_positions[0] < 0.5 else (1.0, 0.0)
+    camera.move(begin)
+    camera.settle()
+    view = SweepView(camera, begin=begin, end=end, frames=sweep)
+    answer, problem = run_search(method.search, view, scorer=camera.scorer)
+    camera.commanded_trajectory = None
     if answer.frame is None:
         return answer, None, problem
     if not -0.5 <= answer.frame <= view.frames - 0.5:
         return Answer(), None, f"answered frame {answer.frame}, which is not of the sweep"
-    return answer, _inside(view.position_at(answer.frame)), ""
+    return answer, _clip_to_travel(view.position_at(answer.frame)), ""
 
 
-def _inside(place: float | None) -> float | None:
-    """A place that the lens can be sent to: a noisy position sensor may read a little outside the travel."""
-    return None if place is None else min(max(float(place), 0.0), 1.0)
+def _clip_to_travel(position: float | None) -> float | None:
+    """Clip a position to 0...1: a noisy position sensor may read a little outside the travel."""
+    return None if position is None else min(max(float(position), 0.0), 1.0)

@@ -1,6 +1,7 @@
-"""One sequence of the closed loop, ready to be filmed again, and the record of a run on it."""
+"""One sequence of the closed loop, ready to be captured again, and the record of a run on it."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,32 +21,35 @@ __all__ = ["ClosedLoopSequence"]
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopSequence:
-    """What was in front of the camera, and where methods look: the same for all of them.
+    """What is in front of the camera and where methods look, the same for all methods.
 
-    ``box`` has both ends filled in; ``region`` is its name in records, ``data`` the content_sha256,
-    and where the time slices are others than those of the recording, a digest of that and theirs.
-    ``exposed`` is of the rows that the box needs. Nothing of it holds the stream open.
+    ``box`` has both ends filled in, and ``region`` is its name in records. ``charge_source`` covers the rows
+    that the box needs. ``data`` is the content_sha256 of the stream, or, where the time slices are not those
+    of the recording, a digest of both. Nothing here keeps the stream open.
     """
 
     task: SequenceTask
-    take: Capture
+    capture: Capture
     box: Region
     region: str
-    exposed: ChargeSource
+    charge_source: ChargeSource
     data: str
 
     @classmethod
-    def from_stream(cls, task: SequenceTask, stream: SpikeStream, region: str) -> "ClosedLoopSequence":
-        """The setting of an open stream. Raises BadInput where it is not the one that the manifest names, or
-        cannot be filmed again."""
+    def from_stream(cls, task: SequenceTask, stream: SpikeStream, *, region: str) -> "ClosedLoopSequence":
+        """Return the sequence of an open stream.
+
+        Raises BadInput where the stream is not the one that the manifest names, or cannot be captured again.
+        """
         check_stream_digest(task, stream)
-        take = Capture.from_stream(stream, task.path.parent.parent / "stacks")
+        capture = Capture.from_stream(stream, task.path.parent.parent / "stacks")
         data = stream.content_sha256
-        if take.slices:
-            data = hashlib.sha256(f"{data} {take.slices}".encode()).hexdigest()
-        found, seen = choose_region(stream, region)
-        box = validate_region(found, stream.shape[1:])
-        return cls(task, take, box, seen, take.open_charge_source(rows_to_encode(take, box)), data)
+        if capture.slices:
+            data = hashlib.sha256(f"{data} {capture.slices}".encode()).hexdigest()
+        chosen, region_name = choose_region(stream, region)
+        box = validate_region(chosen, stream.shape[1:])
+        charge_source = capture.open_charge_source(rows_to_encode(capture, box))
+        return cls(task, capture, box, region_name, charge_source, data)
 
     def make_record(
         self,
@@ -55,13 +59,12 @@ class ClosedLoopSequence:
         method: str,
         code: str,
         parameters: str,
+        common: Mapping[str, Any],
         tuning: str = "",
-        said: dict[str, Any],
     ) -> Record:
-        """The record of a method's run. ``said``: see
-        :func:`saf_gen.benchmark.tracks.sequence_tasks.given`."""
-        verdict = judge_closed_loop_run(run, self.take.truth, self.take.sensor.readout_hz)
-        absent = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
+        """Return the record of a method's run; ``common`` comes from describe_sequence."""
+        judged = judge_closed_loop_run(run, self.capture.truth, readout_hz=self.capture.sensor.readout_hz)
+        unknown = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
         return Record(
             method=method,
             sequence=self.task.id,
@@ -80,9 +83,9 @@ class ClosedLoopSequence:
             region=self.region,
             data=self.data,
             code=code,
-            terms=protocol.describe(self.take),
+            terms=protocol.describe(self.capture),
             parameters=parameters,
             tuning=tuning,
-            **{**absent, **verdict},
-            **said,
+            **{**unknown, **judged},
+            **common,
         )

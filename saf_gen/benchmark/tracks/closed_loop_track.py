@@ -1,4 +1,4 @@
-"""The records of the closed-loop track: every method moves the lens of a running camera."""
+"""The closed-loop track: every method moves the lens of a running camera."""
 
 from collections.abc import Callable, Sequence
 
@@ -19,67 +19,71 @@ from saf_gen.benchmark.tracks.sequence_tasks import (
 )
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.parts import commands
-from saf_gen.stack.capture import Capture
 from saf_gen.stream.stream_file import open_stream
 
 __all__ = ["run_closed_loop_sequence"]
 
 PATH_POINTS = 400
+"""Points of a lens path that are kept for figures."""
 
 
 def run_closed_loop_sequence(
     task: SequenceTask,
     methods: Sequence[Method],
+    *,
     region: str,
+    rate_region: str,
     protocol: ClosedLoopProtocol,
     step: Callable[[int, str], None],
-    *,
-    light_in: str,
 ) -> tuple[list[Record], list[LensPath]]:
-    """The records of a sequence, and where each method took the lens.
+    """Return the records of a sequence, and where each method took the lens.
 
-    ``light_in`` is the region whose mean counts are told of the sequence.
+    ``rate_region`` is the region whose mean counts the records carry as ``mean_rate``.
     """
     records, paths = [], []
     with open_stream(task.path) as stream:
-        setting = ClosedLoopSequence.from_stream(task, stream, region)
-        light = measure_mean_rate(WindowCounts(stream, region=choose_region(stream, light_in)[0]))
-        said = describe_sequence(
-            task, stream, light, "closed_loop", frames=protocol.count_frames(setting.take)[0]
-        )
+        sequence = ClosedLoopSequence.from_stream(task, stream, region=region)
+        rate = measure_mean_rate(WindowCounts(stream, choose_region(stream, rate_region)[0]))
+        budget = protocol.count_frames(sequence.capture)[0]
+        common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
     if not all(commands(method.search) for method in methods):  # the others are given a sweep
-        protocol.check_sweep(setting.take)
-    for done, method in enumerate(methods):
-        run = run_closed_loop_method(setting.take, setting.exposed, setting.box, method, protocol)
+        protocol.check_sweep(sequence.capture)
+    for done, method in enumerate(methods, start=1):
+        run = run_closed_loop_method(
+            sequence.capture,
+            method,
+            protocol=protocol,
+            charge_source=sequence.charge_source,
+            region=sequence.box,
+        )
         records.append(
-            setting.make_record(
+            sequence.make_record(
                 run,
                 protocol,
                 method=method.name,
                 code=method.code,
-                parameters=f"{method.measure!r} + {method.search!r}",
+                parameters=method.parameters,
                 tuning=method.tuning,
-                said=said,
+                common=common,
             )
         )
-        paths.append(_lens_path(task, method.name, run, setting.take))
-        step(done + 1, method.name)
+        paths.append(_sample_path(sequence, run, method=method.name))
+        step(done, method.name)
     return records, paths
 
 
-def _lens_path(task: SequenceTask, method: str, run: ClosedLoopRun, take: Capture) -> LensPath:
+def _sample_path(sequence: ClosedLoopSequence, run: ClosedLoopRun, *, method: str) -> LensPath:
+    task, truth = sequence.task, sequence.capture.truth
     frames = np.unique(np.linspace(0, len(run.path) - 1, min(len(run.path), PATH_POINTS)).astype(int))
-    truth = take.truth
-    best = np.full(len(frames), truth.position) if truth.track is None else truth.track[frames]
     return LensPath(
         method=method,
         sequence=task.id,
         split=task.split,
         scene=task.scene,
         light=task.light,
-        seconds=(frames + 0.5) / take.sensor.readout_hz,
+        seconds=(frames + 0.5) / sequence.capture.sensor.readout_hz,
         position=run.path[frames],
-        truth=best,
+        truth=np.full(len(frames), truth.position) if truth.track is None else truth.track[frames],
         depth_of_focus=depth_of_focus(truth.depth_of_focus),
         problem=run.problem,
     )

@@ -1,4 +1,4 @@
-"""What a search answers, or why it has no answer: whatever it does, the other methods go on."""
+"""Runs a search and returns its answer, or why it has none; whatever it does, the other methods go on."""
 
 import math
 from numbers import Real
@@ -13,86 +13,87 @@ from saf_gen.parts import Answer, Search, View, commands
 __all__ = ["describe_exception", "find_answer_fault", "run_search"]
 
 MAX_REASON_CHARACTERS = 300
-"""Characters of a reason, which stands in a table."""
+"""A reason stands in a table, so it is cut to this length."""
 
 
-def run_search(search: Search, view: View, *, scorer: MeteredScorer, data: str = "") -> tuple[Answer, str]:
-    """What a search answers, or an empty answer and why, in one line; it is handed the members of View alone.
+def run_search(
+    search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = ""
+) -> tuple[Answer, str]:
+    """Return what a search answers and '', or an empty answer and in one line why the search failed.
 
-    ``scorer``: that of the scores that the view gives; the search's own time is added to it, however it ends.
-    ``data``: the file that is seen through the view. BadInput that names it is none of the method's faults,
-    and passes; so do BudgetSpentError, and what is no Exception.
+    The search holds only the members of saf_gen.parts.View, and its own time is added to ``scorer``, however
+    it ends. BudgetSpentError passes through, and so does BadInput that names the file ``stream_path``, which
+    is not the method's fault.
     """
     whole, within = Stopwatch(), Stopwatch()
     try:
         answer = whole.time(search, RestrictedView(view, within))
-        if wrong := find_answer_fault(answer, commanding=commands(search)):
-            return Answer(), _line("; ".join(wrong))
-        return _plain(answer), ""
+        if fault := find_answer_fault(answer, commanding=commands(search)):
+            return Answer(), _to_one_line("; ".join(fault))
+        return _to_plain_numbers(answer), ""
     except BudgetSpentError:
         raise
     except Exception as error:  # anybody's search and measure may raise anything
-        if data and isinstance(error, BadInput) and error.where == data:
+        if stream_path and isinstance(error, BadInput) and error.where == stream_path:
             raise
         return Answer(), describe_exception(error)
-    finally:
-        scorer.add_seconds(
-            max(whole.seconds - within.seconds, 0.0)
-        )  # two threads of a search may look at once
+    finally:  # two threads of a search may look at once, for longer than it runs
+        scorer.add_seconds(max(whole.seconds - within.seconds, 0.0))
 
 
 def describe_exception(error: Exception) -> str:
-    """An exception in one line: its type, and its message."""
+    """Return the type and the message of an exception, in one line."""
     try:
         message = str(error)
-    except Exception:  # noqa: BLE001 somebody's exception may not even be told
+    except Exception:  # noqa: BLE001 anybody's exception may fail to give its message
         message = ""
-    return _line(f"{type(error).__name__}: {message}" if message else type(error).__name__)
+    return _to_one_line(f"{type(error).__name__}: {message}" if message else type(error).__name__)
 
 
 def find_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
-    """What is wrong with an answer, and what to do; None for one that can be judged.
+    """Return what is wrong with an answer and what to do about it; None where it can be judged.
 
-    It is an Answer with a finite trace and a note of one line; a finite place, and no frame, of a search that
-    commands the lens, and the other way round of one that estimates; or neither, which abstains.
+    A sound answer is an Answer with a finite trace and a note of one line. A search that commands the lens
+    gives a finite position and no frame, one that estimates a finite frame and no position; with neither it
+    abstains.
     """
     if not isinstance(answer, Answer):
         return (
             f"it answers with {type(answer).__name__} {answer!r}",
             "return saf_gen.parts.Answer(frame), or Answer(position=...) if it commands the lens",
         )
-    if not (isinstance(answer.trace, tuple) and all(_finite(x) for x in answer.trace)):
+    if not (isinstance(answer.trace, tuple) and all(_is_finite_number(x) for x in answer.trace)):
         return f"its trace is {answer.trace!r}", "give a tuple of finite numbers"
-    if not isinstance(answer.note, str) or len(answer.note.splitlines()) > 1 or not _written(answer.note):
-        return f"its note is {answer.note!r}", "give one line of text"
+    note = answer.note
+    if not isinstance(note, str) or len(note.splitlines()) > 1 or not _is_valid_unicode(note):
+        return f"its note is {note!r}", "give one line of text"
     for name in ("frame", "position"):
         value = getattr(answer, name)
-        if not (value is None or _finite(value)):
+        if not (value is None or _is_finite_number(value)):
             return f"it answers {name} {value!r}", "give a finite number, or None to abstain"
     if commanding and answer.frame is not None:
-        return "it answers with a frame, and moved the lens meanwhile", "answer with Answer(position=...)"
+        return "it answers with a frame, but commands the lens", "answer with Answer(position=...)"
     if not commanding and answer.position is not None:
         return (
-            "it answers with a place, and does not command the lens",
+            "it answers with a position, but does not command the lens",
             "answer with a frame, or state commands: ClassVar[bool] = True",
         )
     return None
 
 
-def _plain(answer: Answer) -> Answer:
-    """The same in plain numbers, whatever kinds of numbers the search counts in."""
+def _to_plain_numbers(answer: Answer) -> Answer:
+    """Return the answer in floats, whatever kinds of numbers the search computes with."""
     frame, position = (None if x is None else float(x) for x in (answer.frame, answer.position))
     return Answer(frame, tuple(float(x) for x in answer.trace), answer.note, position)
 
 
-def _line(text: str) -> str:
-    # Half characters, as in names of files that are no UTF-8, cannot be written; they are spelt out.
+def _to_one_line(text: str) -> str:
+    # Lone surrogates, as in file names that are not UTF-8, cannot be written: they are escaped.
     text = " ".join(text.encode("utf-8", "backslashreplace").decode("utf-8").split())
     return text if len(text) <= MAX_REASON_CHARACTERS else f"{text[: MAX_REASON_CHARACTERS - 1]}…"
 
 
-def _written(text: str) -> bool:
-    """Whether all of it can be written as UTF-8."""
+def _is_valid_unicode(text: str) -> bool:
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -100,5 +101,5 @@ def _written(text: str) -> bool:
     return True
 
 
-def _finite(value: object) -> bool:
+def _is_finite_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,4 +1,4 @@
-"""What is evaluated: the sequences of a dataset, or one stream; where methods look; what all records say."""
+"""The sequences to evaluate, where methods look, and what the records of all methods say of a sequence."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,13 +7,13 @@ from typing import Any, Literal
 import numpy as np
 
 from saf_gen.benchmark.judgement import light_ratio
-from saf_gen.benchmark.tracks.focus_place import (
+from saf_gen.benchmark.tracks.focus_location import (
     locate_focus_in_recording,
     locate_focus_in_travel,
     truncate_truth,
 )
 from saf_gen.benchmark.versions import evaluator_version
-from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.region import Region, target_bounding_box
 from saf_gen.errors import BadInput, unknown
@@ -29,12 +29,13 @@ __all__ = [
     "measure_mean_rate",
 ]
 
-CURVE_BLOCKS = 200
+RATE_BLOCKS = 200
+"""Blocks of a recording in which mean counts are measured."""
 
 
 @dataclass(frozen=True)
 class SequenceTask:
-    """One sequence. None where the stream stands alone, and nobody says."""
+    """One sequence to evaluate; a field is None for a stream that stands alone, where no manifest says it."""
 
     id: str
     split: str | None
@@ -49,56 +50,63 @@ class SequenceTask:
 
 
 def list_sequence_tasks(
-    path: Path, split: str | None = None, scene_motion: str | None = None
+    path: Path, *, split: str | None = None, scene_motion: str | None = None
 ) -> list[SequenceTask]:
-    """The sequences of a dataset folder, of this split and scene motion alone; or the one stream of a file.
+    """Return the sequences of a dataset folder, of this split and scene motion, or the one stream of a file.
 
-    Raises BadInput where there is nothing, or nothing of that kind.
+    Raises BadInput where there is nothing, or nothing of that split or scene motion.
     """
     if not path.is_dir():
-        if not path.exists():
-            raise BadInput(
-                f"no dataset or stream at {str(path)!r}",
-                allowed="a dataset folder or a stream file (.h5)",
-                hint="make one with `saf-gen generate recipes/quickstart.yaml --out datasets/quickstart`",
-            )
-        if split is not None:
-            raise BadInput(f"split {split!r} of the single stream {str(path)!r}", allowed="no split")
-        if scene_motion is not None:
-            raise BadInput(
-                f"scene motion {scene_motion!r} of the single stream {str(path)!r}",
-                allowed="a dataset for that",
-            )
-        return [SequenceTask(path.stem, None, path.stem, None, path, None)]
+        return [_make_stream_task(path, split=split, scene_motion=scene_motion)]
     entries = read_manifest(path).sequences
     if not entries:
         raise BadInput(
             f"{path} holds no finished sequence", hint="run saf-gen generate with its recipe again"
         )
-    if split is not None and split not in {entry.split for entry in entries}:
-        raise unknown("split", split, {entry.split for entry in entries}, where=str(path))
-    there = {entry.scene_motion for entry in entries if split in (None, entry.split)}
-    if scene_motion is not None and scene_motion not in there:
-        raise unknown("scene motion", scene_motion, there, where=str(path))
+    if split is not None:
+        splits = {entry.split for entry in entries}
+        if split not in splits:
+            raise unknown("split", split, splits, where=str(path))
+        entries = tuple(entry for entry in entries if entry.split == split)
+    if scene_motion is not None:
+        motions = {entry.scene_motion for entry in entries}
+        if scene_motion not in motions:
+            raise unknown("scene motion", scene_motion, motions, where=str(path))
+        entries = tuple(entry for entry in entries if entry.scene_motion == scene_motion)
     return [
         SequenceTask(
-            entry.id,
-            entry.split,
-            entry.scene,
-            entry.light,
-            path / entry.file,
-            entry.content_sha256,
-            entry.variant,
-            entry.scene_motion,
-            entry.lens_motion,
-            entry.frames,
+            id=entry.id,
+            split=entry.split,
+            scene=entry.scene,
+            light=entry.light,
+            path=path / entry.file,
+            content_sha256=entry.content_sha256,
+            variant=entry.variant,
+            scene_motion=entry.scene_motion,
+            lens_motion=entry.lens_motion,
+            frames=entry.frames,
         )
         for entry in entries
-        if split in (None, entry.split) and scene_motion in (None, entry.scene_motion)
     ]
 
 
+def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None) -> SequenceTask:
+    if not path.exists():
+        raise BadInput(
+            f"no dataset or stream at {str(path)!r}",
+            allowed="a dataset folder or a stream file (.h5)",
+            hint="make one with `saf-gen generate recipes/quickstart.yaml --out datasets/quickstart`",
+        )
+    for what, value in (("split", split), ("scene motion", scene_motion)):
+        if value is not None:
+            raise BadInput(
+                f"{what} {value!r} of the single stream {str(path)!r}", allowed=f"no {what}, or a dataset"
+            )
+    return SequenceTask(path.stem, None, path.stem, None, path, None)
+
+
 def choose_region(stream: SpikeStream, region: str) -> tuple[Region | None, str]:
+    """Return the box of a region and its name; where a stream has no target that is the frame, None."""
     target = stream.truth.target
     if region == "target" and target is not None and np.any(target):
         return target_bounding_box(target), "target"
@@ -106,6 +114,7 @@ def choose_region(stream: SpikeStream, region: str) -> tuple[Region | None, str]
 
 
 def check_stream_digest(task: SequenceTask, stream: SpikeStream) -> None:
+    """Raise BadInput unless the stream is the one that the manifest names."""
     if task.content_sha256 is not None and stream.content_sha256 != task.content_sha256:
         raise BadInput(
             f"{task.path} is not the stream that the manifest names",
@@ -113,49 +122,44 @@ def check_stream_digest(task: SequenceTask, stream: SpikeStream) -> None:
         )
 
 
-def _mean(counts: np.ndarray) -> float:
-    return float(np.mean(counts))
-
-
 def measure_mean_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of blocks, frames, and the mean counts in each, spikes a pixel and readout."""
-    view = RecordingView(counts, _mean)
-    window = max(1, view.frames // CURVE_BLOCKS)
-    first = np.arange(0, view.frames - window + 1, window)
-    rate = np.array([view.score(int(a), int(a) + window) / window for a in first])
+    """Return the centres of blocks, in frames, and the mean counts in each, spikes per pixel and readout."""
+    window = max(1, counts.frames // RATE_BLOCKS)
+    first = np.arange(0, counts.frames - window + 1, window)
+    rate = np.array([float(np.mean(counts.window(a, a + window))) / window for a in first.tolist()])
     return first + (window - 1) / 2, rate
 
 
 def describe_sequence(
     task: SequenceTask,
     stream: SpikeStream,
-    light: tuple[np.ndarray, np.ndarray],
-    track: Literal["recorded", "closed_loop"],
     *,
+    rate: tuple[np.ndarray, np.ndarray],
+    track: Literal["recorded", "closed_loop"],
     frames: int | None = None,
 ) -> dict[str, Any]:
-    """What a record says of the sequence, the rig and the machine, whatever the method.
+    """Return what a record says of the sequence, the evaluator and the machine, whatever the method.
 
-    ``light``: see :func:`measure_mean_rate`. ``frames``: of the recording from its beginning; None is all.
+    ``rate`` comes from measure_mean_rate. ``frames`` limits it to the first frames of the recording.
     """
     truth, gain = truncate_truth(stream.truth, frames or stream.shape[0]), stream.metadata.gain
-    centres, rate = light
+    centres, mean_rate = rate
     if frames is not None:
-        gain, rate = None if gain is None else gain[:frames], rate[: max(1, int((centres < frames).sum()))]
-    place, off = (
-        locate_focus_in_recording(truth, stream.focus_position)
-        if track == "recorded"
-        else locate_focus_in_travel(truth)
-    )
+        gain = None if gain is None else gain[:frames]
+        mean_rate = mean_rate[: max(1, int((centres < frames).sum()))]
+    if track == "recorded":
+        location, off_dof = locate_focus_in_recording(truth, stream.focus_position)
+    else:
+        location, off_dof = locate_focus_in_travel(truth)
     return {
         "track": track,
         "variant": task.variant,
         "scene_motion": task.scene_motion,
         "lens_motion": task.lens_motion,
         "truth_first": truth.position if truth.known else None,
-        "focus_place": place,
-        "focus_off_dof": off,
-        "mean_rate": float(rate.mean()),
+        "focus_place": location,
+        "focus_off_dof": off_dof,
+        "mean_rate": float(mean_rate.mean()),
         "light_ratio": light_ratio(gain),
         "machine": describe_machine(),
         "rig": evaluator_version(track),

@@ -1,4 +1,4 @@
-"""What a running camera has seen: encoded from the stacks, with the lens wherever it was.
+"""The frames that a running camera has captured, encoded from the stacks with the lens wherever it was.
 
 Only the rows that a region needs are encoded, and only when somebody looks.
 """
@@ -16,47 +16,47 @@ __all__ = ["CapturedFrames", "rows_to_encode"]
 
 
 class CapturedFrames:
-    """The spikes of a running camera so far, in a region. What :class:`Live` develops, a packet at a time.
+    """The spikes that a running camera has captured so far, in a region of the sensor.
 
     Parameters
     ----------
-    take : what is filmed.
-    exposed : of ``rows_to_encode(take, region)``; shared by many films of one take.
+    capture : the recorded sequence that is captured again.
+    charge_source : the charge of ``rows_to_encode(capture, region)``; runs of one capture may share it.
     region : rows and columns, both ends filled in.
-    threads : of the encoder.
+    threads : threads of the encoder; None is its default.
     """
 
     def __init__(
-        self, take: Capture, exposed: ChargeSource, region: Region, *, threads: int | None = None
+        self, capture: Capture, charge_source: ChargeSource, *, region: Region, threads: int | None = None
     ) -> None:
         rows, columns = region
-        self._take, self._exposed = take, exposed
-        kept = rows_to_encode(take, region)
-        self._encoder = take.create_encoder(kept, threads=threads)
-        self._inside = slice(rows.start - kept.start, rows.stop - kept.start), columns
+        self._capture, self._charge_source = capture, charge_source
+        encoded = rows_to_encode(capture, region)
+        self._encoder = capture.create_encoder(encoded, threads=threads)
+        self._inside = slice(rows.start - encoded.start, rows.stop - encoded.start), columns
         self.shape = rows.stop - rows.start, columns.stop - columns.start
-        self._planes = np.zeros((-(-take.frames // 8), *self.shape), np.uint8)
+        self._planes = np.zeros((-(-capture.frames // 8), *self.shape), np.uint8)
         self.frames, self.textures_s = 0, 0.0
 
     def encode_until(self, stop: int, position: np.ndarray) -> None:
-        """Encode all readouts before ``stop``, the lens having been at ``position`` (T,) of the travel."""
+        """Encode all readouts before ``stop``, with the lens at ``position`` (T,), 0...1 of the travel."""
         begin = self.frames
         if stop <= begin:
             return
-        for run in self._take.plane_source.time_stack.split_at_slices(begin, stop):
-            inputs = self._exposed.encoder_inputs(run, position=position, gain=self._take.gain)
+        for run in self._capture.plane_source.time_stack.split_at_slices(begin, stop):
+            inputs = self._charge_source.encoder_inputs(run, position=position, gain=self._capture.gain)
             spikes = self._encoder.encode(**inputs)[self._inside]
             self._planes[run.begin // 8 : -(-run.end // 8)] = spikes.transpose(2, 0, 1)
         self.frames = stop
 
     def window(self, first: int, stop: int) -> np.ndarray:
-        """Counts in frames ``first <= t < stop``, developed already: uint32 (h, w)."""
+        """Return the counts in frames ``first <= t < stop`` that are encoded already: uint32 (h, w)."""
         counts = np.zeros(self.shape, np.uint32)
         bits.add_counts(self._planes, first, stop, counts)
         return counts
 
     def halves(self, first: int, stop: int) -> np.ndarray:
-        """Counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
+        """Return the counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
 
         Raises BadInput for a single frame.
         """
@@ -66,18 +66,17 @@ class CapturedFrames:
         return np.stack([self.window(first, middle), self.window(middle, stop)])
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
-        """Texture from intervals of a window: float64 (h, w); see
-        :func:`saf_gen.benchmark.view.interval_texture.texture`."""
+        """Return the texture from intervals of a window, float64 (h, w); see texture_from_intervals."""
 
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
 
-        image, seconds = time_texture_from_intervals(read, self.window, first, stop=stop)
+        image, seconds = time_texture_from_intervals(read, self.window, first=first, stop=stop)
         self.textures_s += seconds
         return image
 
 
-def rows_to_encode(take: Capture, region: Region) -> slice:
-    """The rows that must be encoded for a region: from where a block of the encoder's noise begins."""
-    step = take.row_alignment
+def rows_to_encode(capture: Capture, region: Region) -> slice:
+    """Return the rows that a region needs, from where a block of the encoder's noise begins."""
+    step = capture.row_alignment
     return slice(region[0].start // step * step, region[0].stop)

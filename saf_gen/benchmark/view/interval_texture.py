@@ -1,7 +1,7 @@
 """Texture from intervals (TFI): the brightness of each pixel from the time between two spikes.
 
-Counts of a window average over all of it; the interval round its middle is short, so that little moves
-meanwhile, and coarse, because it is a whole number of readouts.
+The counts of a window average over all of it. The interval round its middle is short, so that little moves
+meanwhile, but coarse, because it is a whole number of readouts.
 """
 
 from collections.abc import Callable
@@ -13,15 +13,17 @@ from saf_gen.benchmark.view.stopwatch import Stopwatch
 
 __all__ = ["texture_from_intervals", "time_texture_from_intervals"]
 
+Read = Callable[[int, int], np.ndarray]
+
 FIRST_BYTES = 8
-"""Bytes along time that are looked at on a side to begin with; each further look takes twice as many."""
+"""Bytes along time that are read first on each side; each further read takes twice as many."""
 OPEN = -1
-"""Stands for a spike that is not found yet."""
+"""Marks a spike that is not found yet."""
 
 
 @njit(nogil=True, cache=True)
 def _look_back(packed, base, first, stop, found):
-    """Set ``found`` where it is OPEN to the last spike in frames first <= t < stop; how many stay open."""
+    """Set ``found`` where OPEN to the last spike in first <= t < stop; return how many stay open."""
     still_open = 0
     for y in range(packed.shape[0]):
         for x in range(packed.shape[1]):
@@ -41,7 +43,7 @@ def _look_back(packed, base, first, stop, found):
 
 @njit(nogil=True, cache=True)
 def _look_ahead(packed, base, first, stop, found):
-    """As _look_back, for the first spike."""
+    """Set ``found`` where OPEN to the first spike in first <= t < stop; return how many stay open."""
     still_open = 0
     for y in range(packed.shape[0]):
         for x in range(packed.shape[1]):
@@ -59,19 +61,27 @@ def _look_ahead(packed, base, first, stop, found):
     return still_open
 
 
-def texture_from_intervals(
-    read: Callable[[int, int], np.ndarray], count: Callable[[int, int], np.ndarray], first: int, *, stop: int
-) -> np.ndarray:
-    """Texture from intervals of the n frames ``first <= t < stop``: float64 (h, w), in counts.
+def texture_from_intervals(read: Read, count: Read, *, first: int, stop: int) -> np.ndarray:
+    """Return the texture from intervals of the n frames ``first <= t < stop``.
 
     A pixel gets n over the interval from its last spike at or before the middle frame, (first + stop − 1)//2,
-    to its next one: what it would count in the window at that rate, so that the unit is that of counts. Where
-    either spike is not in the window it gets 0.0. Range 0 ... n.
+    to its next one. That is what it would count in the window at that rate, so the unit is that of counts.
 
-    ``read(first_byte, stop_byte)`` gives time-packed spikes uint8 (h, w, bytes), any memory layout: frame t
-    is bit t mod 8, least significant first, of byte t div 8. It is asked from the middle outwards, until
-    every pixel has its spikes. ``count(first, stop)`` gives counts (h, w); it tells which pixels have any.
-    Source: Zhu et al., A Retina-inspired Sampling Method for Visual Texture Reconstruction, ICME 2019,
+    Parameters
+    ----------
+    read : ``read(first_byte, stop_byte)`` gives time-packed spikes uint8 (h, w, bytes) in any memory layout:
+        frame t is bit t mod 8, least significant first, of byte t div 8. It is called from the middle
+        outwards, until every pixel has its spikes.
+    count : ``count(first, stop)`` gives counts (h, w); it says which pixels have any spike.
+    first, stop : the window, frames from 0.
+
+    Returns
+    -------
+    float64 (h, w), 0...n; 0.0 where either spike is not in the window.
+
+    References
+    ----------
+    Zhu et al., A Retina-inspired Sampling Method for Visual Texture Reconstruction, ICME 2019,
     doi:10.1109/ICME.2019.00248.
     """
     after_middle = (first + stop - 1) // 2 + 1
@@ -94,25 +104,25 @@ def texture_from_intervals(
 
 
 def time_texture_from_intervals(
-    read: Callable[[int, int], np.ndarray], count: Callable[[int, int], np.ndarray], first: int, *, stop: int
+    read: Read, count: Read, *, first: int, stop: int
 ) -> tuple[np.ndarray, float]:
-    """The same, and the seconds that it took without those of ``read`` and ``count``.
+    """Return texture_from_intervals and its seconds, without those spent in ``read`` and ``count``.
 
-    Where loops had to be compiled or loaded for it, it is made once more: that is done once a machine.
+    Where a loop had to be compiled or loaded on the way, the texture is computed once more.
     """
-    known = _compiled()
+    compiled = _count_compiled_loops()
     whole, camera = Stopwatch(), Stopwatch()
     image = whole.time(
         texture_from_intervals,
         lambda first_byte, stop_byte: camera.time(read, first_byte, stop_byte),
         lambda begin, end: camera.time(count, begin, end),
-        first,
+        first=first,
         stop=stop,
     )
-    if _compiled() > known:
-        return time_texture_from_intervals(read, count, first, stop=stop)
+    if _count_compiled_loops() > compiled:
+        return time_texture_from_intervals(read, count, first=first, stop=stop)
     return image, whole.seconds - camera.seconds
 
 
-def _compiled() -> int:
+def _count_compiled_loops() -> int:
     return sum(len(loop.signatures) for loop in (_look_back, _look_ahead))

@@ -1,4 +1,4 @@
-"""What a method sees of a recording: its length, and the score of any window. The rest is the referee's."""
+"""What a method sees of a recording: its length, the lens positions, and the score of any window."""
 
 from collections.abc import Callable
 
@@ -11,47 +11,22 @@ __all__ = ["RecordingView"]
 
 
 class RecordingView:
-    """The handle on a recording that one method's search gets: see saf_gen.parts.View.
+    """The view of a recording that is handed to one method's search; see saf_gen.parts.View.
 
-    ``frames_seen`` is the end of the latest window asked for. ``scorer`` is the method's, for the referee.
+    ``now`` is the end of the latest window scored, ``scores`` the method's own score of each window (first,
+    stop), and ``scorer`` counts what they cost.
     """
+
+    lag_s = 0.0  # the positions of a recording are those of the lens itself
 
     def __init__(self, counts: WindowCounts, measure: Callable[..., float]) -> None:
         self._counts, self.scorer = counts, MeteredScorer(measure)
-        self.frames_seen = 0
-
-    @property
-    def windows(self) -> int:
-        """Scores asked for."""
-        return self.scorer.windows
-
-    @property
-    def seconds(self) -> float:
-        """What the method computed: see :class:`MeteredScorer`."""
-        return self.scorer.seconds
-
-    @property
-    def frames(self) -> int:
-        """Frames in the recording."""
-        return self._counts.frames
-
-    @property
-    def now(self) -> int:
-        """The end of the latest window asked for."""
-        return self.frames_seen
-
-    @property
-    def readout_hz(self) -> float:
-        """Frames a second."""
-        return self._counts.readout_hz
-
-    @property
-    def lag_s(self) -> float:
-        """0: the positions of a recording are those of the lens."""
-        return 0.0
+        self.frames, self.readout_hz = counts.frames, counts.readout_hz
+        self.now = 0
+        self.scores: dict[tuple[int, int], float] = {}
 
     def position(self, frame: int) -> float:
-        """Where the lens was, fraction of the travel; NaN where the stream does not say.
+        """Return the lens position, a fraction of the travel, or NaN where the stream does not record it.
 
         Raises BadInput for a frame outside the recording.
         """
@@ -59,25 +34,27 @@ class RecordingView:
         return float("nan") if lens is None else float(lens[window.start])
 
     def move(self, to: float) -> None:
-        """Raises BadInput: what is recorded is recorded."""
-        raise _recorded(f"be moved to {to:g}")
+        """Raise BadInput, because the lens of a recording cannot be moved."""
+        raise _refuse_lens_command(f"be moved to {to:g}")
 
     def wait(self, frames: int) -> None:
-        """Raises BadInput: every frame is there, and time does not pass."""
-        raise _recorded(f"go on for {frames} frames")
+        """Raise BadInput, because no time passes on a recording."""
+        raise _refuse_lens_command(f"go on for {frames} frames")
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        """The score of frames ``first <= t < stop`` (0-based, at least one), by the measure or a named one.
+        """Return the score of frames ``first <= t < stop`` (0-based), by the method's or a named measure.
 
-        Raises BadInput for a window outside the recording, for a score that is no finite number, and for an
-        unknown measure.
+        Raises BadInput for a window that is empty or outside the recording, for a score that is not a finite
+        number, and for an unknown measure.
         """
-        score = self.scorer.score(self._counts, first, stop, measure)
-        self.frames_seen = max(self.frames_seen, int(stop))
+        score = self.scorer.score(self._counts, first=first, stop=stop, measure=measure)
+        self.now = max(self.now, int(stop))
+        if measure is None:
+            self.scores[first, stop] = score
         return score
 
 
-def _recorded(what: str) -> BadInput:
+def _refuse_lens_command(what: str) -> BadInput:
     return BadInput(
         f"the lens of a recording cannot {what}",
         allowed="searches that estimate on a recording",

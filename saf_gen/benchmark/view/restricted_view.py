@@ -1,4 +1,4 @@
-"""What a search holds: the members of saf_gen.parts.View, and nothing of the referee's."""
+"""The wrapper through which a search holds its view: the members of saf_gen.parts.View and nothing else."""
 
 from saf_gen.benchmark.view.stopwatch import Stopwatch
 from saf_gen.parts import View
@@ -7,16 +7,16 @@ __all__ = ["BudgetSpentError", "RestrictedView"]
 
 
 class BudgetSpentError(Exception):
-    """A method asked for more time than it has."""
+    """A method asked for more frames than its budget has left."""
 
 
 class RestrictedView:
-    """A view with the members that saf_gen.parts.View promises alone, none of which can be set.
+    """A view reduced to the members that saf_gen.parts.View promises, none of which can be set.
 
-    What stands behind it, a recording, a sweep or a camera that is running, has members for the referee:
-    where the lens truly was, how long the measure took. Those are out of reach.
+    The recording, sweep or running camera behind it has members for the evaluator, such as the true lens
+    position and the time of the measure; a search cannot reach those.
 
-    ``within`` takes the time of what stands behind it: what remains of a search's is the search's own.
+    ``within`` measures the time spent inside the view: the rest of a search's time is its own.
     """
 
     __slots__ = ("_view", "_within")
@@ -36,26 +36,26 @@ class RestrictedView:
 
     @property
     def readout_hz(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         return self._view.readout_hz
 
     @property
     def lag_s(self) -> float:
-        """Seconds in which a motion that the position sensor does not see falls to 1/e."""
+        """Time constant, in seconds, of a lens motion that the position sensor does not see."""
         return self._view.lag_s
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        """The score of frames ``first <= t < stop``. Raises what the view raises, as all of these do."""
+        """Return the score of frames ``first <= t < stop``; raises what the view raises."""
         return self._within.time(self._view.score, first, stop, measure)
 
     def position(self, frame: int) -> float:
-        """Where the lens says it was, fraction of the travel."""
+        """Return the lens position that was read at a frame, a fraction of the travel."""
         return self._within.time(self._view.position, frame)
 
     def move(self, to: float) -> None:
-        """Command the lens to ``to``, fraction of the travel."""
+        """Command the lens to ``to``, a fraction of the travel."""
         self._within.time(self._view.move, to)
 
     def wait(self, frames: int) -> None:
-        """Let at least so many frames pass."""
+        """Let at least this many frames pass."""
         self._within.time(self._view.wait, frames)

@@ -1,4 +1,4 @@
-"""Time that calls take, added up: what of a run is a method's, and what the rig's."""
+"""A stopwatch for calls, which separates the time of a method from the time of the evaluator."""
 
 from collections.abc import Callable
 from time import perf_counter
@@ -10,15 +10,15 @@ T = TypeVar("T")
 
 
 class Stopwatch:
-    """``seconds``: how long the calls made through it took in all, those that raised too."""
+    """Adds up in ``seconds`` how long the calls made through it took, including those that raised."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
 
-    def time(self, call: Callable[..., T], *given: Any, **more: Any) -> T:
-        """What a call returns or raises."""
+    def time(self, call: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+        """Return what the call returns, or raise what it raises."""
         begin = perf_counter()
         try:
-            return call(*given, **more)
+            return call(*args, **kwargs)
         finally:
             self.seconds += perf_counter() - begin

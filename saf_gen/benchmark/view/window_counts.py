@@ -1,7 +1,7 @@
 """Spike counts of any window of a recording, cheaply.
 
-A search asks for hundreds of windows, often half the recording long, and several methods ask for the same
-ones: long windows are summed from knots, and those already counted are kept.
+A search looks at hundreds of windows, often half the recording long, and several methods look at the same
+ones. So long windows are summed from running sums at knots, and windows already counted are kept.
 """
 
 from collections import OrderedDict
@@ -19,15 +19,17 @@ from saf_gen.stream.stream_file import SpikeStream
 __all__ = ["WindowCounts", "WindowSource", "measure_input"]
 
 KNOTS = 256
+"""Frames at which running sums are kept, at most; fewer where they would exceed KNOT_BYTES."""
 KNOT_BYTES = 128 << 20
 WINDOW_BYTES = 256 << 20
+"""Memory for windows that are kept after they were counted."""
 
 
 class WindowSource(Protocol):
-    """What can be seen of a window of frames, on a recording or on a camera that is running.
+    """Windows of frames that can be looked at, on a recording or on a running camera.
 
-    ``textures_s``: seconds in which the textures asked for so far were made, reading and counting apart; of
-    one that was kept from before as long as it took then.
+    ``textures_s``: seconds in which the textures so far were computed, without reading and counting; a
+    texture that was kept counts as long as it took to compute.
     """
 
     textures_s: float
@@ -39,18 +41,18 @@ class WindowSource(Protocol):
     def intervals(self, first: int, stop: int) -> np.ndarray: ...
 
 
-def measure_input(windows: WindowSource, measure: object, first: int, stop: int) -> np.ndarray:
-    """What a measure is given of frames ``first <= t < stop``: counts, those of both halves, or intervals."""
+def measure_input(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
+    """Return what a measure is given of a window: counts, the counts of both halves, or interval texture."""
     if wants_halves(measure):
-        return windows.halves(first, stop)
-    return windows.intervals(first, stop) if wants_intervals(measure) else windows.window(first, stop)
+        return source.halves(first, stop)
+    return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)
 
 
 class WindowCounts:
     """Spike counts of any window of a stream, in a region of it.
 
-    Memory: 128 MiB of sums and 256 MiB of windows already counted, beside what the stream keeps. One thread
-    at a time; the stream stays open meanwhile.
+    It needs 128 MiB for running sums and 256 MiB for windows already counted, beside what the stream keeps.
+    It serves one thread at a time, and the stream must stay open meanwhile.
 
     Parameters
     ----------
@@ -72,30 +74,30 @@ class WindowCounts:
         self._step = 8 * -(-self.frames // (8 * between))
         self._sums: np.ndarray | None = None
         self._kept: OrderedDict[tuple[str, int, int], np.ndarray] = OrderedDict()
-        self._held = 0  # bytes of those
-        self._made_s: dict[tuple[str, int, int], float] = {}  # of those, the seconds of each texture
+        self._kept_bytes = 0
+        self._texture_seconds: dict[tuple[int, int], float] = {}  # of each texture that is kept
         self.textures_s = 0.0
 
     def window(self, first: int, stop: int) -> np.ndarray:
-        """Counts in frames ``first <= t < stop`` (0-based): uint32 (h, w), read-only.
+        """Return the counts in frames ``first <= t < stop`` (0-based): uint32 (h, w), read-only.
 
         Raises BadInput unless the window holds at least one frame and lies in the recording.
         """
         window = validate_window(first, stop, self.frames)
-        return self._keep("counts", self._count, window)
+        return self._compute_once("counts", self._count, window=window)
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
-        """Texture from intervals of a window of n frames: float64 (h, w), n over the interval, read-only.
+        """Return the texture from intervals of a window of n frames: float64 (h, w), 0...n, read-only.
 
-        See :func:`saf_gen.benchmark.view.interval_texture.texture`. Raises BadInput as ``window`` does.
+        See texture_from_intervals. Raises BadInput as ``window`` does.
         """
         window = validate_window(first, stop, self.frames)
-        image = self._keep("intervals", self._texture, window)
-        self.textures_s += self._made_s["intervals", window.start, window.stop]
+        image = self._compute_once("intervals", self._compute_texture, window=window)
+        self.textures_s += self._texture_seconds[window.start, window.stop]
         return image
 
     def halves(self, first: int, stop: int) -> np.ndarray:
-        """Counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
+        """Return the counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
 
         Raises BadInput as ``window`` does, and for a single frame.
         """
@@ -108,20 +110,23 @@ class WindowCounts:
         middle = window.start + len(window) // 2
         return np.stack([self.window(window.start, middle), self.window(middle, window.stop)])
 
-    def _keep(self, kind: str, made: Callable[[int, int], np.ndarray], window: range) -> np.ndarray:
-        """What was made of a window before, or is made now; the oldest go where they take too much memory."""
+    def _compute_once(
+        self, kind: str, compute: Callable[[int, int], np.ndarray], *, window: range
+    ) -> np.ndarray:
+        """Return what is kept of a window, or compute and keep it; the oldest go beyond WINDOW_BYTES."""
         key = kind, window.start, window.stop
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]
-        image = made(window.start, window.stop)
+        image = compute(window.start, window.stop)
         image.flags.writeable = False  # the next method gets the same array
         self._kept[key] = image
-        self._held += image.nbytes
-        while self._held > WINDOW_BYTES and len(self._kept) > 1:
-            oldest, gone = self._kept.popitem(last=False)
-            self._held -= gone.nbytes
-            self._made_s.pop(oldest, None)
+        self._kept_bytes += image.nbytes
+        while self._kept_bytes > WINDOW_BYTES and len(self._kept) > 1:
+            (dropped_kind, *dropped), dropped_image = self._kept.popitem(last=False)
+            self._kept_bytes -= dropped_image.nbytes
+            if dropped_kind == "intervals":
+                del self._texture_seconds[dropped[0], dropped[1]]
         return image
 
     def _count(self, first: int, stop: int) -> np.ndarray:
@@ -136,17 +141,17 @@ class WindowCounts:
                 counts += self._stream.counts(a, b, region=self._region)
         return counts
 
-    def _texture(self, first: int, stop: int) -> np.ndarray:
+    def _compute_texture(self, first: int, stop: int) -> np.ndarray:
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._stream.packed(first_byte, stop_byte, region=self._region)
 
-        image, self._made_s["intervals", first, stop] = time_texture_from_intervals(
-            read, self._count, first, stop=stop
+        image, self._texture_seconds[first, stop] = time_texture_from_intervals(
+            read, self._count, first=first, stop=stop
         )
         return image
 
     def _running_sums(self) -> np.ndarray:
-        """Spikes before each whole multiple of the step: uint32 (knots, h, w)."""
+        """Return the spikes before each whole multiple of the step: uint32 (knots, h, w)."""
         whole = self.frames // self._step
         sums = np.zeros((whole + 1, *self.shape), dtype=np.uint32)
         for knot in range(whole):

@@ -11,7 +11,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge_answer
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
-from saf_gen.benchmark.tracks.focus_place import (
+from saf_gen.benchmark.tracks.focus_location import (
     locate_focus_in_recording,
     locate_focus_in_travel,
     truncate_truth,
@@ -94,7 +94,7 @@ def test_in_the_closed_loop_it_lies_in_the_travel_wherever_the_recording_went(be
     place, off = locate_focus_in_travel(known)
     assert (place, off) == (where[0], pytest.approx(where[1]))
     run = ClosedLoopRun(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
-    verdict = judge_closed_loop_run(run, known, 20_000)
+    verdict = judge_closed_loop_run(run, known, readout_hz=20_000)
     assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == tuple(
         verdict[f"success_{name}"] for name in ("half_dof", "1dof", "2dof")
     )
@@ -178,7 +178,8 @@ def test_both_tracks_say_it_of_a_sequence(tmp_path):
     (job,) = list_sequence_tasks(tmp_path / "a.h5")
     with open_stream(job.path) as stream:
         recorded, live = (
-            describe_sequence(job, stream, (np.zeros(1), np.ones(1)), t) for t in ("recorded", "closed_loop")
+            describe_sequence(job, stream, rate=(np.zeros(1), np.ones(1)), track=t)
+            for t in ("recorded", "closed_loop")
         )
     assert recorded["focus_place"] == pytest.approx(0.04, abs=2e-3)
     assert (live["focus_place"], live["focus_off_dof"]) == (0.52, 0.0)
@@ -196,7 +197,9 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
     (job,) = list_sequence_tasks(tmp_path / "a.h5")
     light = np.arange(FRAMES) + 0.5, ramp / 10
     with open_stream(job.path) as stream:
-        said, first = (describe_sequence(job, stream, light, "closed_loop", frames=n) for n in (None, 200))
+        said, first = (
+            describe_sequence(job, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200)
+        )
     assert (said["focus_place"], said["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
     assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
     assert first["light_ratio"] == pytest.approx(ramp[199], rel=1e-3)
