@@ -4,10 +4,11 @@ Every error that a user can cause is a :class:`BadInput`; the command line print
 with 2. A traceback in front of a user is therefore always a bug of ours.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
-__all__ = ["BadInput", "SafGenError", "closest", "unknown"]
+__all__ = ["BadInput", "SafGenError", "closest", "located", "unknown"]
 
 
 class SafGenError(Exception):
@@ -69,3 +70,15 @@ def unknown(what: str, value: object, allowed: Iterable[str], *, where: str = ""
         nearest=closest(value, names),
         hint=hint,
     )
+
+
+@contextmanager
+def located(where: str, *, prefix: str = "") -> Iterator[None]:
+    """Put ``where`` (a file, or file:line) and ``prefix`` before a BadInput that the block raises."""
+    try:
+        yield
+    except BadInput as error:
+        inner = f"{error.where}: {error.problem}" if error.where else error.problem
+        raise BadInput(
+            f"{prefix}{inner}", where=where, allowed=error.allowed, nearest=error.nearest, hint=error.hint
+        ) from error

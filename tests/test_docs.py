@@ -33,7 +33,7 @@ from saf_gen.cli import app
 from saf_gen.core.config import registry
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.lights import _schedule, readout_gains
+from saf_gen.lights import COMMON_KEYS, readout_gains
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
 from saf_gen.render import backend
@@ -273,7 +273,7 @@ def test_the_table_of_parts_is_that_of_the_registry(heading, room):
 
 def test_the_keys_of_every_light_schedule_are_those_of_the_code():
     shown = [ticked(row[0])[0] for row in table("docs/generate.md", "key of every kind")]
-    assert shown == list(_schedule.COMMON_KEYS)
+    assert shown == list(COMMON_KEYS)
 
 
 def test_the_table_of_sensors_is_that_of_the_sensor_files():
@@ -326,9 +326,9 @@ def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
         path = tmp_path / "recipe.yaml"
         path.write_text(yaml.safe_dump(recipe))
         work = resolve.resolve_recipe(path)
-        stacks = {s.id: work.time_stack(s).specs[0].key for s in work.sequences}
-        made = {s.id: resolve.sequence_fingerprint(work, s, stacks[s.id]) for s in work.sequences}
-        return {s.scene: stacks[s.id] for s in work.sequences}, made
+        stacks = {s.planned.id: s.time_stack.specs[0].key for s in work.sequences}
+        made = {s.planned.id: s.fingerprint(stacks[s.planned.id]) for s in work.sequences}
+        return {s.scene.id: stacks[s.planned.id] for s in work.sequences}, made
 
     stacks, before = fingerprints(lambda recipe: None)
     rows = table("docs/generate.md", "you change")
@@ -359,7 +359,7 @@ def test_the_light_schedule_shown_is_a_part(tmp_path):
     space: dict[str, Any] = {"__name__": "shown"}
     exec(compile(text, "CONTRIBUTING.md", "exec"), space)
     (part,) = (v for v in space.values() if is_dataclass(v) and isinstance(v, type))
-    gains = readout_gains(part(after_s=0.02), 400, 20_000)
+    gains = readout_gains(part(after_s=0.02), 400, readout_hz=20_000)
     assert gains == pytest.approx(np.exp(-(np.arange(400) + 0.5) / 20_000 / 0.02), rel=1e-4)
 
 

@@ -20,11 +20,11 @@ def test_a_tenth_of_the_grid_is_made_whole_and_shows_what_the_paper_claims(tmp_p
     """SD is at most one depth of focus off in every sequence, and the count of spikes is fooled in some."""
     work = resolve_recipe("recipes/sad_synthetic.yaml", part=(1, 10))
     assert len(work.sequences) == 4
-    assert any(s.scene_motion == "dynamic" for s in work.sequences)
+    assert any(s.planned.scene_motion == "dynamic" for s in work.sequences)
     outcome = generate(work, tmp_path / "grid")
     assert outcome.failed == {}
     entries = read_manifest(tmp_path / "grid").sequences
-    assert [entry.id for entry in entries] == [s.id for s in work.sequences]
+    assert [entry.id for entry in entries] == [s.planned.id for s in work.sequences]
     for entry in entries:
         verify_entry(tmp_path / "grid", entry)
         assert entry.frames == 20_000

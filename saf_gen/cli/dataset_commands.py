@@ -72,11 +72,12 @@ def _print_plan(work: "ResolvedRecipe", target: Path) -> None:
     table = Table(title=f"{work.recipe.name}: {len(work.sequences)} sequences in {target}")
     for column in ("sequence", "split", "frames", "seed", "already there"):
         table.add_column(column)
-    for s in work.sequences:
+    for sequence in work.sequences:
+        s = sequence.planned
         there = "yes" if (target / s.file).exists() else "no"
         table.add_row(s.id, s.split, str(work.recipe.camera.frames), str(s.seed), there)
     out.print(table)
-    missing = [work.stack_label(reel, sequences) for reel, sequences in work.stacks_to_render(target).items()]
+    missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(target).items()]
     out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all are there'}")
     seconds, needed = work.estimate_seconds(target), work.estimate_bytes(target)
     out.print(

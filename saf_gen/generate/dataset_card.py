@@ -1,4 +1,4 @@
-"""The dataset card: README.md of a dataset folder, for whoever finds it without us."""
+"""The dataset card: the README.md that tells what is in a dataset folder."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -16,13 +16,13 @@ __all__ = ["write_dataset_card"]
 PAGE = Template("""# $name: spike-camera autofocus data
 
 Made by saf_gen from a recipe: scenes rendered by Mitsuba through a thin lens, seen by a model of the spike
-camera `$sensor`. Every sequence knows its true focus, and where the lens was at every frame.
+camera `$sensor`. Every sequence holds its true focus and the lens position at every frame.
 
 | | |
 |---|---|
 | sequences | $count ($splits) |
-| frames a sequence | $frames |
-| focus positions rendered | $positions, $samples samples a pixel |
+| frames per sequence | $frames |
+| focus positions rendered | $positions, $samples samples per pixel |
 | lens motion | $motion |
 | light schedules | $lights |
 | recipe fingerprint | `$fingerprint` |
@@ -48,23 +48,25 @@ To evaluate focus methods on it, from this folder: `saf-gen evaluate .`
 """)
 
 
-def _in_words(motion: dict[str, Any]) -> str:
-    """A lens motion as a recipe writes it: ``hand`` (bandwidth_hz 10, seed 3)."""
+def _describe_motion(motion: dict[str, Any]) -> str:
+    """Return a lens motion as Markdown: `hand` (bandwidth_hz 10, seed 3)."""
     if is_range(motion):
-        return " or ".join(_in_words(one) for one in extreme_values(motion))
-    options = ", ".join(f"{key} {_value(value)}" for key, value in motion.items() if key != "kind")
+        return " or ".join(_describe_motion(one) for one in extreme_values(motion))
+    options = ", ".join(f"{key} {_describe_value(value)}" for key, value in motion.items() if key != "kind")
     return f"`{motion['kind']}`" + (f" ({options})" if options else "")
 
 
-def _value(value: Any) -> str:
+def _describe_value(value: Any) -> str:
     if is_range(value):
         ((form, among),) = value.items()
-        return f"{form} {', '.join(_value(one) for one in among)}"
+        return f"{form} {', '.join(_describe_value(one) for one in among)}"
     return value["path"] if isinstance(value, dict) else str(value)
 
 
-def write_dataset_card(folder: Path, recipe: Recipe, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
-    """Write README.md into a dataset folder, in one piece."""
+def write_dataset_card(
+    folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]
+) -> None:
+    """Write README.md into a dataset folder, whole or not at all."""
     splits = Counter(entry.split for entry in manifest.sequences)
     text = PAGE.substitute(
         name=recipe.name,
@@ -74,7 +76,7 @@ def write_dataset_card(folder: Path, recipe: Recipe, manifest: Manifest, scenes:
         frames=recipe.camera.frames,
         positions=recipe.focus.positions,
         samples=recipe.render.samples,
-        motion=_in_words(recipe.focus.motion),
+        motion=_describe_motion(recipe.focus.motion),
         lights=", ".join(recipe.lights),
         fingerprint=manifest.recipe_fingerprint,
         scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence}." for card in scenes),

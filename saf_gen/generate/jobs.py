@@ -1,9 +1,9 @@
 """The two kinds of work of a dataset, as values that can be sent to another process."""
 
-import errno
 from dataclasses import dataclass
 from pathlib import Path
 
+from saf_gen.core.files import unwritable_error
 from saf_gen.errors import BadInput
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.generate.plan import PlannedSequence
@@ -17,14 +17,16 @@ __all__ = ["RecordJob", "RecordResult", "RenderJob"]
 
 @dataclass(frozen=True)
 class RenderJob:
-    """Render what a time_stack lacks; gives the names of the pieces rendered. ``take`` says what is
-    filmed."""
+    """Renders what a time-resolved stack lacks on disk, and returns the names of the pieces rendered.
+
+    ``label`` is what people call the stack, ``stacks`` the folder of stacks, ``backend`` what renders.
+    """
 
     label: str
     scene: Scene
     time_stack: TimeResolvedStack
     stacks: Path
-    variant: str
+    backend: str
     threads: int
 
     @property
@@ -38,25 +40,22 @@ class RenderJob:
     def run(self, report: ReportProgress) -> list[str]:
         from saf_gen.render import render_missing  # only a process that renders pays for loading Mitsuba
 
-        def told(piece: str, done: float) -> None:
-            report(f"{self.name} · {piece}", done)
-
         try:
             return render_missing(
                 self.scene,
                 self.time_stack.specs,
                 self.stacks,
-                backend_name=self.variant,
+                backend_name=self.backend,
                 threads=self.threads,
-                progress=told,
+                progress=lambda piece, done: report(f"{self.name} · {piece}", done),
             )
         except OSError as error:
-            raise _disk_error(error, self.stacks) from error
+            raise unwritable_error(self.stacks, error) from error
 
 
 @dataclass(frozen=True)
 class RecordResult:
-    """What became of a sequence: its digest, and whether an earlier run had already made it."""
+    """A finished sequence: the digest of its content, and whether an earlier run had already made it."""
 
     content_sha256: str
     kept: bool
@@ -64,7 +63,7 @@ class RecordResult:
 
 @dataclass(frozen=True)
 class RecordJob:
-    """Make one sequence, or find it made: same fingerprint, and a digest that still holds."""
+    """Records one sequence, or finds it recorded: same fingerprint, and content that matches its digest."""
 
     recorder: Recorder
     sequence: PlannedSequence
@@ -92,19 +91,19 @@ class RecordJob:
                 digest = self.recorder.record(
                     self.sequence,
                     PlaneSource.from_folder(self.time_stack, self.stacks),
-                    self.path,
+                    path=self.path,
                     fingerprint=self.fingerprint,
                     threads=self.threads,
                     progress=lambda done: report(self.name, done),
                 )
             except OSError as error:
-                raise _disk_error(error, self.path) from error
+                raise unwritable_error(self.path, error) from error
         report(self.name, 1.0)
         return RecordResult(digest, kept)
 
 
 def _digest_if_whole(path: Path, fingerprint: str) -> str | None:
-    """The digest of a finished file of this very sequence; None where there is none, or it is damaged."""
+    """Return the digest of a finished file of this very sequence, or None where none is whole."""
     if not path.is_file():
         return None
     try:
@@ -115,11 +114,3 @@ def _digest_if_whole(path: Path, fingerprint: str) -> str | None:
             return stream.content_sha256
     except BadInput:
         return None
-
-
-def _disk_error(error: OSError, path: Path) -> BadInput:
-    if error.errno == errno.ENOSPC:
-        return BadInput(
-            f"no space left to write {path}", hint="free some and run the same command: it goes on"
-        )
-    return BadInput(f"{path} cannot be written: {error.strerror or error}")

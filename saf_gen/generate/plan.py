@@ -1,9 +1,9 @@
-"""From a recipe to its sequences: every open number drawn, every random stream named."""
+"""From a recipe to its planned sequences: every open number drawn, every random stream named."""
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import product
 from typing import Any
 
@@ -12,14 +12,18 @@ from saf_gen.core.config import components
 from saf_gen.core.config.ranges import draw_value, extreme_values, is_number, is_range
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.generate.recipe import Recipe
-from saf_gen.lights import _schedule
+from saf_gen.lights import draw_schedule
 
-__all__ = ["PlannedSequence", "SceneFamily", "make_plan", "recipe_fingerprint", "select_shard"]
+__all__ = ["PlannedSequence", "SceneFamily", "make_plan", "recipe_fingerprint"]
 
 
 @dataclass(frozen=True)
 class SceneFamily:
-    """What a plan must know of a scene: its open parameters, whether anything in it moves, its light."""
+    """What a plan must know of a scene, from its card.
+
+    ``params`` are its parameters and their ranges, ``moves`` tells whether anything in it moves, and
+    ``illuminance_lux`` is the target's illuminance at gain 1 by light group.
+    """
 
     params: Mapping[str, Any] = field(default_factory=dict)
     moves: bool = False
@@ -28,18 +32,26 @@ class SceneFamily:
 
 @dataclass(frozen=True)
 class PlannedSequence:
-    """One recording to make.
+    """One recording to make, with all numbers drawn.
 
-    ``variant`` counts the members of the scene's family within the split, ``params`` are that member's.
-    ``scene_motion`` is ``static`` or ``dynamic``.
-    ``schedule`` maps a light group ('' stands for all) to its part, ``{kind: ..., ...}``, numbers drawn.
-    ``motion`` is that of the lens, written alike. ``seed`` names the random streams of this recording alone.
+    Parameters
+    ----------
+    id : name within the dataset.
+    split, scene, light : names, as in the recipe.
+    member : number of the member of the scene's family within the split, from 0.
+    params : that member's parameters.
+    scene_motion : "static" or "dynamic".
+    repeat : number of the repeat, from 0.
+    seed : names the random streams of this recording alone.
+    schedule : ``{kind: ..., ...}`` by light group; '' stands for all groups.
+    motion : ``{kind: ..., ...}`` of the lens.
+    mean_rate : spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
     """
 
     id: str
     split: str
     scene: str
-    variant: int
+    member: int
     params: dict[str, Any]
     scene_motion: str
     light: str
@@ -49,6 +61,10 @@ class PlannedSequence:
     motion: dict[str, Any]
     mean_rate: float | None
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the sequence as plain data under the keys of files, where ``member`` is "variant"."""
+        return {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
+
     @property
     def file(self) -> str:
         """Path within the dataset."""
@@ -56,18 +72,18 @@ class PlannedSequence:
 
     @property
     def label(self) -> str:
-        """Which scene is filmed: the scene, its member, and whether it moves."""
-        member = f"{self.scene} {self.variant}" if self.params else self.scene
+        """What people call the captured scene: its name, the member, and whether it moves."""
+        member = f"{self.scene} {self.member}" if self.params else self.scene
         return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
 
 
 def make_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
-    """The recipe's sequences in the order of splits, scenes, static and dynamic, lights, repeats.
+    """Return the recipe's sequences in the order of splits, scenes, static and dynamic, lights, repeats.
 
-    ``families``: by scene; what is not there has no parameters, does not move, and knows no lux.
+    ``families`` are by scene; a scene without one has no parameters, does not move, and has no illuminance.
 
     Raises BadInput for a parameter that a scene does not have or that does not fit its card, for motion where
-    nothing moves, and where two sequences would have one name.
+    nothing moves, and where two sequences would have one id.
     """
     families = families or {}
     sequences = []
@@ -83,13 +99,23 @@ def make_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None)
             motions = [m for m in split.scene_motion if m == "static" or scene in moving]
             for motion, light, repeat in product(motions, split.lights, range(split.repeats)):
                 family = families.get(scene, SceneFamily())
-                sequences.append(_sequence(recipe, split_name, scene, family, motion, light, repeat))
+                sequences.append(
+                    _plan_sequence(
+                        recipe,
+                        split_name,
+                        scene=scene,
+                        family=family,
+                        scene_motion=motion,
+                        light=light,
+                        repeat=repeat,
+                    )
+                )
     _check_ids(sequences)
     return sequences
 
 
 def _check_ids(sequences: list[PlannedSequence]) -> None:
-    """No id twice: a manifest that lists one so cannot be read again."""
+    """Raise BadInput for an id that stands twice: a manifest that lists it cannot be read again."""
     first: dict[str, PlannedSequence] = {}
     for s in sequences:
         one = first.setdefault(s.id, s)
@@ -102,55 +128,66 @@ def _check_ids(sequences: list[PlannedSequence]) -> None:
             )
 
 
-def _sequence(
-    recipe: Recipe, split: str, scene: str, family: SceneFamily, scene_motion: str, light: str, repeat: int
+def _plan_sequence(
+    recipe: Recipe,
+    split: str,
+    *,
+    scene: str,
+    family: SceneFamily,
+    scene_motion: str,
+    light: str,
+    repeat: int,
 ) -> PlannedSequence:
     words = [scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"]
     name = "-".join(words)
     stream = (recipe.seed, split, name)
-    # The lens moves alike under every light: one film of a moving scene serves them all, and lights compare.
-    filmed = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
-    variant = repeat % recipe.splits[split].variants
+    # The lens moves alike under every light: so lights compare, and share the stacks of a moving scene.
+    under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
+    member = repeat % recipe.splits[split].variants
     return PlannedSequence(
         id=name,
         split=split,
         scene=scene,
-        variant=variant,
-        params=_params(recipe, split, scene, family, variant),
+        member=member,
+        params=_draw_params(recipe, split, scene=scene, family=family, member=member),
         scene_motion=scene_motion,
         light=light,
         repeat=repeat,
         seed=seeds.derive_seed(*stream, "camera"),
-        schedule=_schedule.draw_schedule(recipe.lights[light], stream, family.illuminance_lux),
-        motion=components.draw_component("motions", recipe.focus.motion, filmed, ("motion",)),
+        schedule=draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
+        motion=components.draw_component(
+            "motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)
+        ),
         mean_rate=draw_value(
             recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")
         ),
     )
 
 
-def _params(recipe: Recipe, split: str, scene: str, family: SceneFamily, variant: int) -> dict[str, Any]:
-    """The parameters of one member of a scene's family: the same under every light."""
+def _draw_params(
+    recipe: Recipe, split: str, *, scene: str, family: SceneFamily, member: int
+) -> dict[str, Any]:
+    """Return the parameters of one member of a scene's family: the same under every light."""
     chosen = recipe.scene_params.get(scene, {})
     for key in chosen:
         if key not in family.params:
             raise unknown(f"parameter of scene {scene!r}:", key, family.params)
-        _check_fits(f"scene_params.{scene}.{key}", chosen[key], family.params[key])
+        _check_fits(chosen[key], family.params[key], what=f"scene_params.{scene}.{key}")
     return {
-        key: draw_value(value, seeds.make_generator(recipe.seed, split, scene, variant, "param", key))
+        key: draw_value(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
         for key, value in {**family.params, **chosen}.items()
     }
 
 
-def _check_fits(what: str, value: Any, card: Any) -> None:
-    """Raise BadInput where a recipe's value, or one end of its range, is none that the card's could be.
+def _check_fits(value: Any, card: Any, *, what: str) -> None:
+    """Raise BadInput where a recipe's value, or one end of its range, does not fit the card's.
 
-    A choice on the card lists all there is: anything else would be built as one of its values, or fail. A
-    number may lie outside the card's range: that is what the author draws from and has checked, no bound, and
-    what cannot be built the scene's own ``build`` refuses.
+    A choice on the card lists all values: a scene would build another one as one of these, or fail. A number
+    may lie outside the card's range, which is only what the author draws from and has checked; the scene's
+    own ``build`` refuses what it cannot build.
     """
     if is_range(card) and "choice" in card:
-        # As text, since true is no 1 to a script, and 3.0 is no count.
+        # Compared as text: to a script true is not 1, and 3.0 is not a count.
         known = [json.dumps(one, ensure_ascii=False) for one in card["choice"]]
         between = is_range(value) and "choice" not in value
         for one in extreme_values(value):
@@ -168,10 +205,5 @@ def _check_fits(what: str, value: Any, card: Any) -> None:
 
 
 def recipe_fingerprint(recipe: Recipe) -> str:
-    """SHA-256 of what the recipe says, whatever its order of keys, comments or file name."""
+    """Return the SHA-256 of a recipe's values; its order of keys, comments and file name do not enter."""
     return hashlib.sha256(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
-
-
-def select_shard(sequences: list[PlannedSequence], index: int, count: int) -> list[PlannedSequence]:
-    """The sequences that shard ``index`` of ``count`` (1-based) makes: every count-th one."""
-    return sequences[index - 1 :: count]

@@ -15,7 +15,7 @@ from saf_gen.core.config.document import Document, FrozenModel, validate
 from saf_gen.core.config.ranges import check_parameter, extreme_values
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
-from saf_gen.lights import _schedule
+from saf_gen.lights import read_schedule
 
 __all__ = [
     "CameraSettings",
@@ -182,8 +182,10 @@ def read_recipe(path: str | Path) -> Recipe:
     lights = {}
     for name, schedule in recipe.lights.items():
         _check_name("light", name, document, ("lights", name))
-        lights[name] = _schedule.read_schedule(schedule, document, ("lights", name))
-    motion = components.read_component("motions", recipe.focus.motion, document, ("focus", "motion"))
+        lights[name] = read_schedule(schedule, document, keys=("lights", name))
+    motion = components.read_component(
+        "motions", recipe.focus.motion, document=document, keys=("focus", "motion")
+    )
     focus = recipe.focus.model_copy(update={"motion": motion})
     recipe = recipe.model_copy(update={"lights": lights, "focus": focus})
     owners: dict[str, str] = {}

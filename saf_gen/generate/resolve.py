@@ -1,138 +1,135 @@
-"""A recipe with everything found and checked: its scenes, their stacks, the sensor, the sequences to make.
+"""Resolves a recipe: finds its scenes and sensor, draws its sequences, and names the focal stacks of each.
 
-What stands here decides; :mod:`saf_gen.generate.run` does it.
+Everything is decided and checked here; :mod:`saf_gen.generate.run` then renders and records.
 """
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from saf_gen.camera import Sensor, get_sensor, is_sensor_file
-from saf_gen.errors import BadInput, unknown
-from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan, select_shard
+from saf_gen.errors import BadInput, located, unknown
+from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.recorder import MODEL, group_gains
+from saf_gen.lights import group_gains
 from saf_gen.motions import readout_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack, needed_focus_windows, time_slice_frames
 
-__all__ = ["ResolvedRecipe", "resolve_recipe", "sequence_fingerprint", "stack_digests"]
+__all__ = ["MODEL", "ResolvedRecipe", "ResolvedSequence", "resolve_recipe"]
 
-STREAM_BITS_PER_PIXEL_FRAME = 0.4  # a pixel and frame of a stream, on the safe side
-# Two cores of 2.8 GHz with LLVM: paths traced and splatted; pixel·frames encoded, stored and verified;
-# seconds to load a scene, each light group of each stack; to sum and store a pixel at a position.
+MODEL = 2
+"""Raised whenever the same stack, recipe and seed would give other spikes: old files are then made anew."""
+
+STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound of what a stream takes on disk
+# Measured on two cores of 2.8 GHz with LLVM: paths traced and splatted per second; pixel·frames encoded,
+# stored and verified per second; seconds to load a scene, for each light group of each stack; seconds to sum
+# and store one pixel at one focus position.
 PATHS_PER_S, PIXEL_FRAMES_PER_S, LOAD_S, PLANE_S_PER_PIXEL = 2.5e6, 0.7e9, 0.3, 8e-8
 
 
 @dataclass(frozen=True)
+class ResolvedSequence:
+    """One planned sequence and what its camera sees.
+
+    Parameters
+    ----------
+    planned : the sequence as the recipe has it, all numbers drawn.
+    scene : the member of the scene's family that stands before the lens.
+    time_stack : the focal stacks that the recording interpolates.
+    closed_loop_stack : the focal stacks of a closed-loop run, where ``time_stack`` does not serve it too.
+    sensor, frames, recipe_seed : what all sequences of the recipe share.
+    """
+
+    planned: PlannedSequence
+    scene: Scene
+    time_stack: TimeResolvedStack
+    closed_loop_stack: TimeResolvedStack | None
+    sensor: Sensor
+    frames: int
+    recipe_seed: int
+
+    def stack_label(self, stack: TimeResolvedStack) -> str:
+        """Return what progress bars and listings call a stack of this sequence."""
+        is_whole = stack.is_moving and stack == stack.with_full_travel()
+        return f"{self.planned.label}{', all positions' if is_whole else ''}"
+
+    def fingerprint(self, stack_digest: str) -> str:
+        """Return the SHA-256 of everything that decides the spikes: a file with another is made again."""
+        stack, sensor = self.time_stack, asdict(self.sensor)
+        del sensor["name"], sensor["sources"]  # words, not numbers
+        decisive = {
+            "model": MODEL,
+            "sequence": self.planned.as_dict(),
+            "stack": [
+                [spec.key for spec in stack.specs],
+                stack.slice_frames,
+                stack_digest,
+            ],
+            "sensor": sensor,
+            "frames": self.frames,
+            "seed": self.recipe_seed,
+        }
+        return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
 class ResolvedRecipe:
-    """A recipe with everything found and checked, before anything is made."""
+    """A recipe with everything found and checked, before anything is made.
+
+    ``plan`` holds all sequences of the recipe, ``sequences`` those of the split and shard asked for.
+    """
 
     recipe: Recipe
-    sequences: list[PlannedSequence]
+    plan: tuple[ResolvedSequence, ...]
+    sequences: tuple[ResolvedSequence, ...]
     scenes: dict[str, Scene]
     sensor: Sensor
 
-    @property
-    def plan(self) -> list[PlannedSequence]:
-        """All sequences of the recipe, those of other shards too."""
-        return _plan(self.recipe, self.scenes)
-
-    def member(self, sequence: PlannedSequence) -> Scene:
-        """The member of its scene's family that a sequence films."""
-        return self.scenes[sequence.scene].with_params(sequence.params)
-
-    def time_stack(self, sequence: PlannedSequence) -> TimeResolvedStack:
-        """The focal stacks that a sequence films."""
-        spec = _spec(self.recipe, self.member(sequence), self.sensor)
-        if sequence.scene_motion == "static":
-            return TimeResolvedStack((0,), (spec,))
-        card, hz = self.scenes[sequence.scene].card, self.sensor.readout_hz
-        a_second = self.recipe.render.slices_per_s or card.slices_per_s or 0.0
-        position = readout_positions(sequence.motion, self.recipe.camera.frames, hz)
-        at = time_slice_frames(position.size, readout_hz=hz, slices_per_s=a_second)
-        slices = (
-            replace(spec, samples=self.recipe.render.samples_per_slice, time_s=frame / hz, window=window)
-            for frame, window in zip(
-                at, needed_focus_windows(position, at, positions=spec.positions), strict=True
-            )
-        )
-        time_stack = TimeResolvedStack(at, tuple(slices))
-        return (
-            time_stack.with_full_travel()
-            if self.recipe.render.all_positions_s * hz >= position.size
-            else time_stack
-        )
-
-    def closed_loop_stack_of(self, sequence: PlannedSequence) -> TimeResolvedStack | None:
-        """The focal stacks that the closed loop films, where the recording is not made of them.
-
-        Not one time_stack for both, whole in the beginning and not after it: of paths that are spread over
-        all positions more noise is left, and where it changes focus measures see an edge.
-        """
-        time_stack, frames = (
-            self.time_stack(sequence),
-            self.recipe.render.all_positions_s * self.sensor.readout_hz,
-        )
-        if not time_stack.is_moving or frames == 0 or frames >= self.recipe.camera.frames:
-            return None
-        return time_stack.truncated_to(frames).with_full_travel()
-
-    def sequences_by_stack(self) -> dict[TimeResolvedStack, list[PlannedSequence]]:
-        """Every time_stack that the sequences film, each once, with those that film it."""
-        found: dict[TimeResolvedStack, list[PlannedSequence]] = {}
+    def sequences_by_stack(self) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
+        """Return every time-resolved stack once, with the sequences that are recorded from it."""
+        found: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
         for sequence in self.sequences:
-            found.setdefault(self.time_stack(sequence), []).append(sequence)
+            found.setdefault(sequence.time_stack, []).append(sequence)
         return found
 
-    def stacks_to_render(self, folder: Path) -> dict[TimeResolvedStack, list[PlannedSequence]]:
-        """The reels of which something is still to be rendered in this dataset folder; the recorded first."""
-        reels = self.sequences_by_stack()
+    def stacks_to_render(self, folder: Path) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
+        """Return the stacks that are not whole in this dataset folder; those of recordings come first."""
+        found = self.sequences_by_stack()
         for sequence in self.sequences:
-            if (live := self.closed_loop_stack_of(sequence)) is not None:
-                reels.setdefault(live, []).append(sequence)
-        return {
-            time_stack: sequences
-            for time_stack, sequences in reels.items()
-            if time_stack.find_missing(folder / "stacks")
-        }
-
-    def stack_label(self, time_stack: TimeResolvedStack, sequences: list[PlannedSequence]) -> str:
-        """What people call the stacks of a time_stack."""
-        every = time_stack.is_moving and time_stack == time_stack.with_full_travel()
-        return f"{sequences[0].label}{', all positions' if every else ''}"
+            if sequence.closed_loop_stack is not None:
+                found.setdefault(sequence.closed_loop_stack, []).append(sequence)
+        return {stack: users for stack, users in found.items() if stack.find_missing(folder / "stacks")}
 
     def estimate_bytes(self, folder: Path) -> int:
-        """Disk that the work still to do will take, about, a little on the safe side."""
+        """Return about how many bytes of disk the work still to do takes, rounded up."""
         pixels = self.sensor.rows * self.sensor.columns
-        missing = self._missing(folder)
+        missing = self._missing_stacks(folder)
         rendered = sum(len(s.groups) * s.rendered_count * pixels * (2 if s.window else 4) for s in missing)
-        to_record = sum(not (folder / s.file).exists() for s in self.sequences)
-        return rendered + int(
-            to_record * pixels * self.recipe.camera.frames * STREAM_BITS_PER_PIXEL_FRAME / 8
-        )
+        recorded = self._missing_pixel_frames(folder) * STREAM_BITS_PER_PIXEL_FRAME / 8
+        return rendered + int(recorded)
 
     def estimate_seconds(self, folder: Path) -> float:
-        """Time that the work still to do will take, roughly, on two cores with LLVM."""
+        """Return roughly how many seconds the work still to do takes on two cores with LLVM."""
         pixels = self.sensor.rows * self.sensor.columns
-        specs = self._missing(folder)
         rendering = sum(
             len(s.groups)
             * (LOAD_S + pixels * (s.samples / PATHS_PER_S + s.rendered_count * PLANE_S_PER_PIXEL))
-            for s in specs
+            for s in self._missing_stacks(folder)
         )
-        to_record = sum(not (folder / s.file).exists() for s in self.sequences)
-        return rendering + to_record * pixels * self.recipe.camera.frames / PIXEL_FRAMES_PER_S
+        return rendering + self._missing_pixel_frames(folder) / PIXEL_FRAMES_PER_S
 
-    def _missing(self, folder: Path) -> set[StackSpec]:
-        return {
-            spec
-            for time_stack in self.stacks_to_render(folder)
-            for spec in time_stack.find_missing(folder / "stacks")
-        }
+    def _missing_stacks(self, folder: Path) -> set[StackSpec]:
+        stacks = folder / "stacks"
+        return {spec for stack in self.stacks_to_render(folder) for spec in stack.find_missing(stacks)}
+
+    def _missing_pixel_frames(self, folder: Path) -> int:
+        missing = sum(not (folder / sequence.planned.file).exists() for sequence in self.sequences)
+        return missing * self.sensor.rows * self.sensor.columns * self.recipe.camera.frames
 
 
 def resolve_recipe(
@@ -140,65 +137,110 @@ def resolve_recipe(
 ) -> ResolvedRecipe:
     """Read a recipe, find its scenes and sensor, draw its sequences, and check that they fit together.
 
-    ``split``: its sequences alone. ``part`` is (I, N): of these every N-th from the I-th on.
+    Nothing is rendered or written.
 
-    Raises BadInput for whatever does not fit; nothing has been written then.
+    Parameters
+    ----------
+    recipe_path : the recipe's YAML file.
+    part : (I, N), 1-based: take every N-th sequence from the I-th on.
+    split : take the sequences of this split alone.
+
+    Raises
+    ------
+    BadInput
+        For whatever does not fit, with the recipe's path and, where the recipe itself is wrong, the line.
     """
-    recipe = read_recipe(recipe_path)
-    sensor = _sensor(recipe, Path(recipe_path).parent)
+    recipe, where = read_recipe(recipe_path), str(recipe_path)
+    sensor = _read_sensor(recipe, Path(recipe_path).parent)
     scenes = {}
-    for name in (name for split in recipe.splits.values() for name in split.scenes):
-        try:
+    for name in (name for settings in recipe.splits.values() for name in settings.scenes):
+        with located(where):
             scenes[name] = find_scene(name)
-        except BadInput as error:
-            raise BadInput(str(error), where=str(recipe_path)) from error
         _check_drive(recipe, scenes[name])
-    try:
-        sequences = _plan(recipe, scenes)
-    except BadInput as error:
-        raise BadInput(str(error), where=str(recipe_path)) from error
-    schedules: dict[str, PlannedSequence] = {}  # drawn once for many: constant light is the same everywhere
-    for sequence in sequences:
-        schedules.setdefault(json.dumps([sequence.schedule, sequence.scene], sort_keys=True), sequence)
-    for sequence in schedules.values():
-        # A millisecond, and it finds a group or a gain that does not fit now rather than after the rendering.
-        groups = tuple(scenes[sequence.scene].card.lights)
-        try:
-            group_gains(sequence.schedule, groups, recipe.camera.frames, sensor.readout_hz)
-        except BadInput as error:
-            raise BadInput(
-                f"light {sequence.light!r} on {sequence.scene}: {error}", where=str(recipe_path)
-            ) from error
-    motions: dict[str, PlannedSequence] = {}  # most often all move alike
-    for sequence in sequences:
-        motions.setdefault(json.dumps(sequence.motion, sort_keys=True), sequence)
-    for sequence in motions.values():
-        try:
-            readout_positions(sequence.motion, recipe.camera.frames, sensor.readout_hz)
-        except BadInput as error:
-            raise BadInput(f"the lens motion of {sequence.id}: {error}", where=str(recipe_path)) from error
     if split is not None and split not in recipe.splits:
-        raise unknown("split", split, recipe.splits, where=str(recipe_path))
-    wanted = [sequence for sequence in sequences if split in (None, sequence.split)]
-    return ResolvedRecipe(recipe, select_shard(wanted, *part), scenes, sensor)
-
-
-def _plan(recipe: Recipe, scenes: dict[str, Scene]) -> list[PlannedSequence]:
+        raise unknown("split", split, recipe.splits, where=where)
     families = {
         name: SceneFamily(scene.card.params, scene.card.slices_per_s is not None, scene.card.illuminance_lux)
         for name, scene in scenes.items()
     }
-    return make_plan(recipe, families)
+    with located(where):
+        planned = make_plan(recipe, families)
+    # This takes milliseconds, and finds what does not fit before hours of rendering.
+    frames, hz = recipe.camera.frames, sensor.readout_hz
+    for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
+        with located(where, prefix=f"light {s.light!r} on {s.scene}: "):
+            group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
+    for s in _distinct(planned, lambda s: s.motion):
+        with located(where, prefix=f"the lens motion of {s.id}: "):
+            readout_positions(s.motion, frames, readout_hz=hz)
+    resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
+    wanted = [sequence for sequence in resolved if split in (None, sequence.planned.split)]
+    index, count = part
+    return ResolvedRecipe(recipe, resolved, tuple(wanted[index - 1 :: count]), scenes, sensor)
 
 
-def _sensor(recipe: Recipe, folder: Path) -> Sensor:
-    """The recipe's sensor: by name, or by the path of a file, which starts in the recipe's folder."""
+def _distinct(
+    sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]
+) -> list[PlannedSequence]:
+    """Return the first sequence of each key; constant light, for one, is the same for many."""
+    first: dict[str, PlannedSequence] = {}
+    for sequence in sequences:
+        first.setdefault(json.dumps(key(sequence), sort_keys=True), sequence)
+    return list(first.values())
+
+
+def _resolve_sequences(
+    planned: list[PlannedSequence], recipe: Recipe, *, scenes: dict[str, Scene], sensor: Sensor
+) -> Iterable[ResolvedSequence]:
+    stacks: dict[str, tuple[Scene, TimeResolvedStack, TimeResolvedStack | None]] = {}  # one for many lights
+    for sequence in planned:
+        key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, sequence.motion])
+        if key not in stacks:
+            scene = scenes[sequence.scene].with_params(sequence.params)
+            stacks[key] = (scene, *_resolve_stacks(sequence, recipe, scene=scene, sensor=sensor))
+        yield ResolvedSequence(sequence, *stacks[key], sensor, recipe.camera.frames, recipe.seed)
+
+
+def _resolve_stacks(
+    sequence: PlannedSequence, recipe: Recipe, *, scene: Scene, sensor: Sensor
+) -> tuple[TimeResolvedStack, TimeResolvedStack | None]:
+    """Return the stack of the recording, and that of a closed-loop run where it is another one."""
+    card, frames, hz = scene.card, recipe.camera.frames, sensor.readout_hz
+    spec = StackSpec.from_scene(
+        scene,
+        sensor,
+        positions=recipe.focus.positions,
+        samples=recipe.render.samples,
+        max_depth=recipe.render.max_depth,
+        f_number=recipe.camera.exposure.f_number,
+        time_s=card.still_s if card.slices_per_s is not None else 0.0,
+    )
+    if sequence.scene_motion == "static":
+        return TimeResolvedStack((0,), (spec,)), None
+    slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
+    position = readout_positions(sequence.motion, frames, readout_hz=hz)
+    starts = time_slice_frames(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    windows = needed_focus_windows(position, starts, positions=spec.positions)
+    slices = (
+        replace(spec, samples=recipe.render.samples_per_slice, time_s=start / hz, window=window)
+        for start, window in zip(starts, windows, strict=True)
+    )
+    stack = TimeResolvedStack(starts, tuple(slices))
+    whole_frames = recipe.render.all_positions_s * hz
+    if whole_frames >= frames:
+        return stack.with_full_travel(), None
+    # The recording does not use the slices at all positions: paths spread over all positions leave more
+    # noise, and focus measures would see an edge where the noise changes.
+    return stack, stack.truncated_to(whole_frames).with_full_travel() if whole_frames else None
+
+
+def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:
+    """Return the recipe's sensor, by name or by the path of a file relative to the recipe's folder."""
     camera = recipe.camera
     named = folder / camera.sensor if is_sensor_file(camera.sensor) else camera.sensor
     laws = {"reset": camera.reset, "saturation": camera.saturation}
-    switches = camera.noise.model_dump(exclude_none=True)
-    sensor = get_sensor(named, **{k: v for k, v in laws.items() if v is not None})
-    return sensor.with_noise(**switches)
+    sensor = get_sensor(named, **{key: value for key, value in laws.items() if value is not None})
+    return sensor.with_noise(**camera.noise.model_dump(exclude_none=True))
 
 
 def _check_drive(recipe: Recipe, scene: Scene) -> None:
@@ -208,48 +250,3 @@ def _check_drive(recipe: Recipe, scene: Scene) -> None:
             allowed=scene.card.lens.drive,
             hint="or leave focus.drive out: each scene then has its own",
         )
-
-
-def _spec(recipe: Recipe, scene: Scene, sensor: Sensor) -> StackSpec:
-    return StackSpec(
-        scene=scene.id,
-        scene_digest=scene.digest,
-        groups=tuple(scene.card.lights),
-        drive=scene.build_drive(recipe.camera.exposure.f_number),
-        rows=sensor.rows,
-        columns=sensor.columns,
-        pitch_m=sensor.pitch_m,
-        positions=recipe.focus.positions,
-        samples=recipe.render.samples,
-        max_depth=recipe.render.max_depth,
-        params=json.dumps(dict(scene.params), sort_keys=True),
-        time_s=scene.card.still_s if scene.card.slices_per_s is not None else 0.0,
-    )
-
-
-def stack_digests(work: ResolvedRecipe, sequences: Iterable[PlannedSequence], stacks: Path) -> dict[str, str]:
-    """By sequence, the digest of the stacks that it films, where they are whole."""
-    made: dict[TimeResolvedStack, str] = {}
-    out = {}
-    for sequence in sequences:
-        time_stack = work.time_stack(sequence)
-        if time_stack not in made:
-            made[time_stack] = "" if time_stack.find_missing(stacks) else time_stack.digest(stacks)
-        if made[time_stack]:
-            out[sequence.id] = made[time_stack]
-    return out
-
-
-def sequence_fingerprint(work: ResolvedRecipe, sequence: PlannedSequence, stack_digest: str) -> str:
-    """Digest of everything that decides a sequence's numbers: an old file is never taken for it."""
-    time_stack, sensor = work.time_stack(sequence), asdict(work.sensor)
-    del sensor["name"], sensor["sources"]  # words, not numbers
-    decisive = {
-        "model": MODEL,
-        "sequence": asdict(sequence),
-        "stack": [[spec.key for spec in time_stack.specs], time_stack.slice_frames, stack_digest],
-        "sensor": sensor,
-        "frames": work.recipe.camera.frames,
-        "seed": work.recipe.seed,
-    }
-    return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()

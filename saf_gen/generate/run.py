@@ -1,4 +1,4 @@
-"""Recipe to dataset: plan, render what is missing, record what is missing, list what is there."""
+"""From a recipe to a dataset: render what is missing, record what is missing, list what is there."""
 
 import json
 import os
@@ -21,9 +21,9 @@ from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_dataset_card
 from saf_gen.generate.executor import Job, ReportProgress, run_jobs
 from saf_gen.generate.jobs import RecordJob, RenderJob
-from saf_gen.generate.plan import PlannedSequence, recipe_fingerprint
+from saf_gen.generate.plan import recipe_fingerprint
 from saf_gen.generate.recorder import Recorder
-from saf_gen.generate.resolve import ResolvedRecipe, sequence_fingerprint, stack_digests
+from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import Manifest, SequenceEntry, read_manifest, write_manifest
@@ -37,7 +37,7 @@ PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "h5py", "isal", "OpenEXR")
 
 @dataclass(frozen=True)
 class GenerationResult:
-    """What a run did: pieces of stacks rendered, sequences recorded and kept, failures by name."""
+    """What one run made: pieces of stacks rendered, sequences recorded and kept, and failures by job name."""
 
     folder: Path
     manifest: Manifest
@@ -48,7 +48,7 @@ class GenerationResult:
 
     @property
     def exit_code(self) -> int:
-        """0 all well; 1 some sequences failed; 2 nothing could be made, for bad input alone."""
+        """0: no failure; 1: some sequences failed; 2: nothing could be made, because of bad input alone."""
         if not self.failed:
             return 0
         bad_input = all(isinstance(error, BadInput) for error in self.failed.values())
@@ -64,19 +64,31 @@ def generate(
     cluster: str | None = None,
     report: ReportProgress = lambda name, done: None,
 ) -> GenerationResult:
-    """Make the dataset, or what of it is missing, in ``folder`` (default: datasets/ and the recipe's name).
+    """Make a dataset, or what is missing of it.
 
-    Stopped at any moment and started again, it goes on: finished stacks and sequences are verified and
-    kept, half-finished ones were never given their names.
+    A run may be stopped at any moment and started again: finished stacks and sequences are verified and kept,
+    unfinished files never got their names. Failures of single jobs are in the result.
 
-    Raises BadInput before anything is made; what fails on the way is in the outcome.
+    Parameters
+    ----------
+    work : what :func:`saf_gen.generate.resolve.resolve_recipe` returns.
+    folder : the dataset's folder; by default ``datasets`` and the recipe's name.
+    workers : sequences recorded at a time.
+    variant : the rendering backend: "auto", "cuda", "llvm" or "scalar".
+    cluster : address of a Dask scheduler to run on, instead of this machine's cores.
+    report : is called with the name of a job and the fraction of it that is done, 0...1.
+
+    Raises
+    ------
+    BadInput
+        Before anything is made: for a backend that cannot run here, and a folder that cannot be used.
     """
     if variant not in BACKENDS:
         raise unknown("variant", variant, BACKENDS)
     folder = (Path(folder) if folder is not None else Path("datasets") / work.recipe.name).resolve()
     stacks = folder / "stacks"
     to_render = work.stacks_to_render(folder)
-    chosen = _choose_backend(variant) if to_render else variant
+    backend_name = _choose_backend(variant) if to_render else variant
     _check_folder(work, folder)
     if cluster is None and len(work.sequences) == len(work.plan):
         remove_stale_temporaries(folder)  # a shard or a cluster has neighbours at work in the folder
@@ -87,49 +99,31 @@ def generate(
         provenance=_provenance(work),
     )
     threads = max(1, usable_cores() // workers)
+    by_stack = work.sequences_by_stack()
 
-    def record_jobs(time_stack: TimeResolvedStack, sequences: list[PlannedSequence]) -> Iterator[RecordJob]:
-        digest = time_stack.digest(stacks)
-        for s in sequences:
-            yield RecordJob(
-                recorder,
-                s,
-                time_stack,
-                stacks,
-                folder / s.file,
-                sequence_fingerprint(work, s, digest),
-                threads,
-            )
-
-    recordings = work.sequences_by_stack()
+    def record_jobs(stack: TimeResolvedStack) -> Iterator[RecordJob]:
+        users = by_stack.get(stack, [])
+        digest = stack.digest(stacks) if users else ""
+        for s in users:
+            path, fingerprint = folder / s.planned.file, s.fingerprint(digest)
+            yield RecordJob(recorder, s.planned, stack, stacks, path, fingerprint, threads)
 
     def follow_up(job: Job, result: Any) -> Iterable[Job]:
-        return (
-            record_jobs(job.time_stack, recordings.get(job.time_stack, []))
-            if isinstance(job, RenderJob)
-            else ()
-        )
+        return record_jobs(job.time_stack) if isinstance(job, RenderJob) else ()
 
-    at_once: list[Job] = [
-        RenderJob(
-            work.stack_label(time_stack, sequences),
-            work.member(sequences[0]),
-            time_stack,
-            stacks,
-            chosen,
-            usable_cores(),
-        )
-        for time_stack, sequences in to_render.items()
-    ]
-    for time_stack, sequences in recordings.items():
-        if time_stack not in to_render:
-            at_once += record_jobs(time_stack, sequences)
+    jobs: list[Job] = []
+    for stack, users in to_render.items():
+        label, scene = users[0].stack_label(stack), users[0].scene
+        jobs.append(RenderJob(label, scene, stack, stacks, backend_name, usable_cores()))
+    for stack in by_stack:
+        if stack not in to_render:
+            jobs += record_jobs(stack)
     rendered: list[str] = []
     recorded: list[str] = []
     kept: list[str] = []
     failed: dict[str, SafGenError] = {}
     for job, result, error in run_jobs(
-        at_once, workers=workers, report=report, follow_up=follow_up, address=cluster
+        jobs, workers=workers, report=report, follow_up=follow_up, address=cluster
     ):
         if error is not None:
             failed[job.name] = error
@@ -137,8 +131,8 @@ def generate(
             rendered += [f"{job.label} · {piece}" for piece in result]
         else:
             (kept if result.kept else recorded).append(job.sequence.id)
-    manifest = _write_manifest_of(work, folder)
-    _preview(work, folder)
+    manifest = _write_manifest(work, folder)
+    _write_previews(work, folder)
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed)
 
 
@@ -146,7 +140,7 @@ def _choose_backend(requested: str) -> str:
     with defer_interrupts():
         from saf_gen.render import backend  # loads Mitsuba: only where something must be rendered
 
-    return backend.choose_backend(requested, backend.probe_backends())
+    return backend.choose_backend(requested)
 
 
 def _provenance(work: ResolvedRecipe) -> dict[str, str]:
@@ -162,10 +156,10 @@ def _provenance(work: ResolvedRecipe) -> dict[str, str]:
 
 def _check_folder(work: ResolvedRecipe, folder: Path) -> None:
     if (folder / "manifest.json").exists():
-        there = read_manifest(folder).name
-        if there != work.recipe.name:
+        name = read_manifest(folder).name
+        if name != work.recipe.name:
             raise BadInput(
-                f"{folder} holds the dataset {there!r}, the recipe makes {work.recipe.name!r}",
+                f"{folder} holds the dataset {name!r}, the recipe makes {work.recipe.name!r}",
                 hint="give another folder with --out",
             )
     try:
@@ -185,65 +179,71 @@ def _check_folder(work: ResolvedRecipe, folder: Path) -> None:
         )
 
 
-def _preview(work: ResolvedRecipe, folder: Path) -> None:
-    """A contact sheet of every scene at rest whose focal stack is whole and has none yet."""
-    for time_stack in work.sequences_by_stack():
-        spec = time_stack.specs[0]
+def _write_previews(work: ResolvedRecipe, folder: Path) -> None:
+    """Write a contact sheet of every still scene whose focal stack is whole and that has none yet."""
+    for stack in work.sequences_by_stack():
+        spec = stack.specs[0]
         sheet = folder / "preview" / f"{spec.key}.png"
         store = StackStore(folder / "stacks", spec)
-        if not (time_stack.is_moving or sheet.exists() or store.missing_pieces()):
+        if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
             write_preview(store.load(), work.sensor, sheet)
 
 
-def _write_manifest_of(work: ResolvedRecipe, folder: Path) -> Manifest:
-    """Write manifest.json and README.md over the finished sequences of the recipe, other shards' too.
+def _write_manifest(work: ResolvedRecipe, folder: Path) -> Manifest:
+    """Write manifest.json and README.md over the finished sequences of the recipe, those of other shards too.
 
-    Read from the files themselves: nothing is listed that this recipe would make otherwise, and shards that
-    end at the same time cannot lose each other's.
+    The files themselves are read: nothing is listed that this recipe would make otherwise, and shards that
+    end at the same time cannot lose each other's sequences.
     """
     stacks = folder / "stacks"
-    digests = stack_digests(work, work.plan, stacks)
-    entries = (_entry(work, folder, s, digests.get(s.id)) for s in work.plan)
-    specs = (spec for time_stack in work.sequences_by_stack() for spec in time_stack.specs)
-    variants = set().union(*(StackStore(stacks, spec).backends() for spec in specs))
+    digests: dict[TimeResolvedStack, str | None] = {}
+    entries = []
+    for sequence in work.plan:
+        stack = sequence.time_stack
+        if stack not in digests:
+            digests[stack] = None if stack.find_missing(stacks) else stack.digest(stacks)
+        entries.append(_entry(sequence, folder, stack_digest=digests[stack]))
+    specs = (spec for stack in work.sequences_by_stack() for spec in stack.specs)
+    backends: set[str] = set().union(*(StackStore(stacks, spec).backends() for spec in specs))
     manifest = Manifest(
         name=work.recipe.name,
         recipe_fingerprint=recipe_fingerprint(work.recipe),
-        variant=", ".join(sorted(variants)),
+        variant=", ".join(sorted(backends)),
         sequences=tuple(entry for entry in entries if entry is not None),
     )
     write_manifest(folder, manifest)
-    write_dataset_card(folder, work.recipe, manifest, [s.card for s in work.scenes.values()])
+    write_dataset_card(folder, work.recipe, manifest=manifest, scenes=[s.card for s in work.scenes.values()])
     return manifest
 
 
-def _entry(
-    work: ResolvedRecipe, folder: Path, sequence: PlannedSequence, stack: str | None
-) -> SequenceEntry | None:
-    """The sequence's line in the manifest; None where its file is missing, cut, or of another recipe.
+def _entry(sequence: ResolvedSequence, folder: Path, *, stack_digest: str | None) -> SequenceEntry | None:
+    """Return a sequence's line in the manifest; None where its file is missing, cut, or of another recipe.
 
-    ``stack`` is the digest of what it films; where that has been deleted (None) the file's own word counts.
+    ``stack_digest`` is None where the stacks have been deleted; what the file says of them counts then.
     """
+    planned = sequence.planned
     try:
-        with open_stream(folder / sequence.file) as stream:
-            said, content = stream.metadata.provenance, stream.content_sha256
+        with open_stream(folder / planned.file) as stream:
+            provenance, content = stream.metadata.provenance, stream.content_sha256
     except BadInput:
         return None
-    wanted = sequence_fingerprint(work, sequence, said.get("stack_digest", "") if stack is None else stack)
-    if said.get("fingerprint") != wanted:
+    if stack_digest is None:
+        stack_digest = provenance.get("stack_digest", "")
+    fingerprint = sequence.fingerprint(stack_digest)
+    if provenance.get("fingerprint") != fingerprint:
         return None
     return SequenceEntry(
-        id=sequence.id,
-        split=sequence.split,
-        scene=sequence.scene,
-        variant=sequence.variant,
-        scene_motion=sequence.scene_motion,
-        lens_motion=sequence.motion["kind"],
-        light=sequence.light,
-        repeat=sequence.repeat,
-        seed=sequence.seed,
-        file=sequence.file,
-        frames=work.recipe.camera.frames,
-        fingerprint=wanted,
+        id=planned.id,
+        split=planned.split,
+        scene=planned.scene,
+        variant=planned.member,
+        scene_motion=planned.scene_motion,
+        lens_motion=planned.motion["kind"],
+        light=planned.light,
+        repeat=planned.repeat,
+        seed=planned.seed,
+        file=planned.file,
+        frames=sequence.frames,
+        fingerprint=fingerprint,
         content_sha256=content,
     )

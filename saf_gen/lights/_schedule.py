@@ -1,11 +1,15 @@
-"""Light schedules as recipes write them: a kind, that kind's own keys, and the keys that every kind takes.
+"""Light schedules from a recipe to the gain of every readout: read, drawn, built, integrated.
 
-    {kind: flicker, depth: 0.3, offset: 0.5}           for all light groups of a scene at once
-    {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}    for each by its name; a group not named stays at gain 1
+A recipe writes one schedule for all light groups of a scene, or one for each by its name; a group without a
+schedule stays at gain 1::
 
-``offset`` is light that stays, added to the schedule's: the daylight in a room whose lamp flickers.
-With ``unit: lux`` every gain of the schedule, offset included, is an illuminance of the target in lux. It is
-divided by ``lux_at_gain_1``, the illuminance as the scene has it, which stands on the scene's card.
+    {kind: flicker, depth: 0.3, offset: 0.5}
+    {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}
+
+Every kind takes the keys of its class and those of ``COMMON_KEYS``. ``offset`` is constant light added to the
+schedule, such as daylight in a room whose lamp flickers. With ``unit: lux`` all gains of the schedule, the
+offset included, are illuminances of the target in lux. They are divided by ``lux_at_gain_1``, the target's
+illuminance as the scene is built, which the scene's card tells.
 """
 
 import re
@@ -23,76 +27,23 @@ from saf_gen.core.config.ranges import RANGE_FORMS, is_range
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
 
-__all__ = [
-    "RESERVED_GROUP_NAMES",
-    "build_light",
-    "check_light_groups",
-    "draw_schedule",
-    "read_schedule",
-    "split_by_group",
-]
-
 COMMON_KEYS = ("offset", "unit", "lux_at_gain_1")
+"""Keys that every kind of light schedule takes beside its own."""
+
 UNITS = ("ratio", "lux")
 GROUP = re.compile(r"[a-z0-9][a-z0-9_-]*")
+
 RESERVED_GROUP_NAMES = frozenset({"geometry", "kind", *RANGE_FORMS})
-"""What no light group may be called: a stack's other piece, and the words that begin a schedule."""
+"""Names that a light group cannot have: the other file of a stack, and the words that begin a schedule."""
 
-
-@dataclass(frozen=True)
-class _Combined:
-    """(``light`` + ``offset``) / ``one``."""
-
-    light: Light
-    offset: float
-    one: float
-
-    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
-        steady = self.offset * np.asarray(seconds, dtype=np.float64)
-        return (self.light.integral(seconds, duration_s) + steady) / self.one
-
-
-def build_light(
-    kind: str,
-    /,
-    *,
-    offset: float = 0.0,
-    unit: str = "ratio",
-    lux_at_gain_1: float | None = None,
-    **options: Any,
-) -> Light:
-    """The light of a schedule; its gain is 1 where the light is as the scene has it.
-
-    Raises BadInput for an unknown kind or key, for a value that is not allowed, and for a schedule in lux
-    where nobody knows how many lux gain 1 is.
-    """
-    known = registry.option_fields("lights", kind)
-    for key in options:
-        if key not in known:
-            raise unknown(f"key of light schedule {kind!r}:", key, (*known, *COMMON_KEYS))
-    light = registry.build("lights", kind, **options)
-    if not (isinstance(offset, int | float) and 0 <= offset < inf):
-        raise BadInput(f"offset is {offset!r}", allowed="0 or more, added to the gain")
-    if unit not in UNITS:
-        raise BadInput(f"unit is {unit!r}", allowed=", ".join(UNITS), nearest=closest(unit, UNITS))
-    if unit == "lux" and lux_at_gain_1 is None:
-        raise BadInput(
-            "the schedule is in lux, and nobody says how many lux gain 1 is",
-            allowed="illuminance_lux on the scene's card, or lux_at_gain_1 in the schedule",
-        )
-    if unit == "ratio" and lux_at_gain_1 is not None:
-        raise BadInput(f"lux_at_gain_1 is {lux_at_gain_1!r} in a schedule of ratios", hint="add unit: lux")
-    one = 1.0 if lux_at_gain_1 is None else lux_at_gain_1
-    if not (isinstance(one, int | float) and 0 < one < inf):
-        raise BadInput(f"lux_at_gain_1 is {one!r}", allowed="lux, above 0")
-    return light if offset == 0 and one == 1 else _Combined(light, offset, one)
+GAIN_GRID = 2.0**-20
+"""Gains are rounded to it, so that the last digit of one machine's cosine cannot move a spike on another."""
 
 
 def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) -> None:
-    """Check the light groups of a scene's card: each with its emitters.
+    """Check the light groups of a scene's card, each with the names of its emitters.
 
-    Raises BadInput for a name that cannot be a file of a stack, or that a schedule could not say, for a group
+    Raises BadInput for a name that cannot be the name of a file or that a schedule could not use, for a group
     without emitters, and for an emitter in two groups.
     """
     for group, emitters in lights.items():
@@ -122,12 +73,36 @@ def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) 
             raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.locate("lights"))
 
 
-def split_by_group(schedule: dict[str, Any], where: str = "") -> dict[str, Component]:
-    """A light schedule as {light group: part}; the key '' stands for all groups at once."""
+def read_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Return the schedule at these keys of a recipe, checked, and with the text of its files.
+
+    Raises BadInput with file and line where something does not fit.
+    """
+    by_group = split_by_group(schedule, where=document.locate(*keys))
+    if "" in by_group:
+        return _read(schedule, document, keys)
+    return {group: _read(component, document, (*keys, group)) for group, component in by_group.items()}
+
+
+def _read(component: Component, document: Document, keys: tuple[str, ...]) -> Component:
+    return components.read_component(
+        "lights", component, document=document, keys=keys, common=COMMON_KEYS, build=_build_without_scene
+    )
+
+
+def _build_without_scene(kind: str, /, **options: Any) -> Light:
+    """Build a schedule before the scene is known that tells how many lux gain 1 is."""
+    if options.get("unit") == "lux":
+        options.setdefault("lux_at_gain_1", 1.0)
+    return get_light(kind, **options)
+
+
+def split_by_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
+    """Return a light schedule as {light group: component}; the key '' stands for all groups at once."""
     if "kind" in schedule or is_range(schedule):
         return {"": schedule}
-    for group, part in schedule.items():
-        if not isinstance(part, dict) or not ("kind" in part or is_range(part)):
+    for group, component in schedule.items():
+        if not isinstance(component, dict) or not ("kind" in component or is_range(component)):
             raise BadInput(
                 f"light group {group!r} has no kind",
                 where=where,
@@ -137,40 +112,123 @@ def split_by_group(schedule: dict[str, Any], where: str = "") -> dict[str, Compo
     return schedule
 
 
-def read_schedule(schedule: dict[str, Any], document: Document, keys: tuple[str, ...]) -> dict[str, Any]:
-    """The schedule at these keys of a recipe, checked, as it was written but with its files read.
-
-    Raises BadInput with file and line where something does not fit.
-    """
-    parts = split_by_group(schedule, document.locate(*keys))
-    if "" in parts:
-        return _read(parts[""], document, keys)
-    return {group: _read(part, document, (*keys, group)) for group, part in parts.items()}
-
-
-def _read(part: Component, document: Document, keys: tuple[str, ...]) -> Component:
-    return components.read_component("lights", part, document, keys, common=COMMON_KEYS, build=_without_scene)
-
-
-def _without_scene(kind: str, /, **options: Any) -> Light:
-    """The light of a schedule in lux whose scene, which knows what gain 1 is, has not been read yet."""
-    if options.get("unit") == "lux":
-        options.setdefault("lux_at_gain_1", 1.0)
-    return build_light(kind, **options)
-
-
 def draw_schedule(
-    schedule: dict[str, Any], name: tuple[str | int, ...], illuminance_lux: Mapping[str, float]
+    schedule: dict[str, Any], name: tuple[str | int, ...], *, illuminance_lux: Mapping[str, float]
 ) -> dict[str, Component]:
-    """The parts of one recording by light group, with all that was left open.
+    """Return the schedule of one recording by light group, with all open numbers drawn.
 
-    ``name`` names the recording's random streams. ``illuminance_lux`` is the scene's, of the target at gain
-    1, by light group.
+    ``name`` names the recording's random streams. ``illuminance_lux`` is the target's illuminance at gain 1
+    by light group, from the scene's card.
     """
-    parts = {}
-    for group, part in split_by_group(schedule).items():
-        parts[group] = drawn = components.draw_component("lights", part, name, ("lights", group))
+    drawn = {}
+    for group, component in split_by_group(schedule).items():
+        drawn[group] = one = components.draw_component(
+            "lights", component, name=name, purpose=("lights", group)
+        )
         lux = illuminance_lux.get(group) if group else sum(illuminance_lux.values())
-        if lux and drawn.get("unit") == "lux":
-            drawn.setdefault("lux_at_gain_1", lux)
-    return parts
+        if lux and one.get("unit") == "lux":
+            one.setdefault("lux_at_gain_1", lux)
+    return drawn
+
+
+def get_light(
+    name: str,
+    /,
+    *,
+    offset: float = 0.0,
+    unit: str = "ratio",
+    lux_at_gain_1: float | None = None,
+    **options: Any,
+) -> Light:
+    """Return a light schedule; its gain is 1 where the light is as the scene has it.
+
+    Parameters
+    ----------
+    name : the kind: a file of ``saf_gen/lights``, a kind that a package offers, ``package.module:Class`` or
+        ``file.py:Class``.
+    offset : constant light added to the schedule, in ``unit``, 0 or more.
+    unit : "ratio" (gains) or "lux" (illuminances of the target, divided by ``lux_at_gain_1``).
+    lux_at_gain_1 : illuminance of the target at gain 1 in lux, above 0; needed where ``unit`` is "lux".
+    **options : the fields of the kind's class.
+
+    Raises
+    ------
+    BadInput
+        For an unknown name or key, and for a value that is not allowed.
+    """
+    known = registry.option_fields("lights", name)
+    for key in options:
+        if key not in known:
+            raise unknown(f"key of light schedule {name!r}:", key, (*known, *COMMON_KEYS))
+    light: Light = registry.build("lights", name, **options)
+    if not (isinstance(offset, int | float) and 0 <= offset < inf):
+        raise BadInput(f"offset is {offset!r}", allowed="0 or more, added to the gain")
+    if unit not in UNITS:
+        raise BadInput(f"unit is {unit!r}", allowed=", ".join(UNITS), nearest=closest(unit, UNITS))
+    if unit == "lux" and lux_at_gain_1 is None:
+        raise BadInput(
+            "the schedule is in lux, and the illuminance at gain 1 is unknown",
+            allowed="illuminance_lux on the scene's card, or lux_at_gain_1 in the schedule",
+        )
+    if unit == "ratio" and lux_at_gain_1 is not None:
+        raise BadInput(f"lux_at_gain_1 is {lux_at_gain_1!r} in a schedule of ratios", hint="add unit: lux")
+    unit_gain = 1.0 if lux_at_gain_1 is None else lux_at_gain_1
+    if not (isinstance(unit_gain, int | float) and 0 < unit_gain < inf):
+        raise BadInput(f"lux_at_gain_1 is {unit_gain!r}", allowed="lux, above 0")
+    return light if offset == 0 and unit_gain == 1 else _ScaledLight(light, offset, unit_gain)
+
+
+@dataclass(frozen=True)
+class _ScaledLight:
+    """The schedule (``light`` + ``offset``) / ``unit_gain``."""
+
+    light: Light
+    offset: float
+    unit_gain: float
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the integral of the gain from 0 to each time, float64, gain seconds."""
+        steady = self.offset * np.asarray(seconds, dtype=np.float64)
+        return (self.light.integral(seconds, duration_s) + steady) / self.unit_gain
+
+
+def readout_gains(light: Light, frames: int, *, readout_hz: float) -> np.ndarray:
+    """Return the mean gain of each readout, float32 (frames,).
+
+    It is the mean over the readout, not a sample in it: a lamp that flickers at 100 Hz then gives the same
+    sum in every window of 200 readouts at 20 kHz, as it does on a sensor that integrates.
+
+    Raises BadInput where the schedule goes below 0.
+    """
+    edges = np.arange(frames + 1) / readout_hz
+    gains = np.diff(light.integral(edges, frames / readout_hz)) * readout_hz
+    if not gains.min() >= -1e-9:
+        raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 and more")
+    return (np.round(np.maximum(gains, 0) / GAIN_GRID) * GAIN_GRID).astype(np.float32)
+
+
+def group_gains(
+    schedule: Mapping[str, Mapping[str, Any]], groups: Sequence[str], *, frames: int, readout_hz: float
+) -> np.ndarray:
+    """Return the mean gain of each readout for each light group, float32 (frame, light).
+
+    ``schedule`` is by light group, as :func:`draw_schedule` returns it; a group that is not in it has gain 1.
+
+    Raises BadInput for a group that the scene does not have, and for a gain that float32 cannot hold.
+    """
+    for name in schedule:
+        if name and name not in groups:
+            raise BadInput(f"the scene has no light group {name!r}", allowed=", ".join(groups))
+    gains = np.ones((frames, len(groups)), dtype=np.float32)
+    for g, group in enumerate(groups):
+        component = schedule.get("", schedule.get(group))
+        if component is not None:
+            light = get_light(component["kind"], **{k: v for k, v in component.items() if k != "kind"})
+            with np.errstate(over="ignore", invalid="ignore"):  # an overflow is an error of one line below
+                gains[:, g] = readout_gains(light, frames, readout_hz=readout_hz)
+            if not np.isfinite(gains[:, g]).all():
+                raise BadInput(
+                    f"the gain of {light!r} is too large to be recorded",
+                    allowed=f"gains up to {np.finfo(np.float32).max:.2g}",
+                )
+    return gains

@@ -1,6 +1,6 @@
 """Motions of the lens: where the drive is at each moment of a recording.
 
-Each is one file of this folder, or a package's, offered under the entry point ``saf_gen.motions``.
+Each kind is one file of this folder, or a package's, offered under the entry point ``saf_gen.motions``.
 """
 
 from collections.abc import Mapping
@@ -14,22 +14,47 @@ from saf_gen.parts import Motion
 
 __all__ = ["get_motion", "readout_positions"]
 
-BLOCK_FRAMES = 1 << 19  # at a time: what a motion works with stays small in the longest recording
-GRID = 2.0**-24  # float32 holds it exactly: a file tells the very positions that made its spikes
+BLOCK_FRAMES = 1 << 19  # positions worked out at a time, so that long recordings need little memory
+POSITION_GRID = 2.0**-24
+"""Positions are rounded to it, and float32 holds it exactly: a file has the positions that made its spikes,
+and the last digit of one machine's cosine cannot move one."""
 
 
-def get_motion(name: str, **options: Any) -> Motion:
-    """The motion ``name`` with its options; raises BadInput for an unknown name or key, or a bad value."""
-    return registry.build("motions", name, **options)
+def get_motion(name: str, /, **options: Any) -> Motion:
+    """Return a motion of the lens.
+
+    Parameters
+    ----------
+    name : the kind: a file of ``saf_gen/motions``, a kind that a package offers, ``package.module:Class`` or
+        ``file.py:Class``.
+    **options : the fields of the kind's class.
+
+    Raises
+    ------
+    BadInput
+        For an unknown name or key, and for a value that is not allowed.
+    """
+    motion: Motion = registry.build("motions", name, **options)
+    return motion
 
 
-def readout_positions(motion: Motion | Mapping[str, Any], frames: int, readout_hz: float) -> np.ndarray:
-    """Position of the lens at the middle of each readout, float64 (frames,), 0...1 of the travel.
+def readout_positions(motion: Motion | Mapping[str, Any], frames: int, *, readout_hz: float) -> np.ndarray:
+    """Return the position of the lens at the middle of each readout.
 
-    ``motion`` is a part, or one as a recipe writes it, ``{kind: ..., ...}``. Positions lie on a grid of
-    2**-24 of the travel, so that the last digit of one machine's cosine cannot move a spike on another.
+    Parameters
+    ----------
+    motion : a motion, or one as a recipe writes it, ``{kind: ..., ...}``.
+    frames : readouts of the recording.
+    readout_hz : readouts per second.
 
-    Raises BadInput for a motion that does not fit a recording of this length, or that leaves the travel.
+    Returns
+    -------
+    float64 (frames,), fraction of the travel, 0...1, on a grid of 2**-24.
+
+    Raises
+    ------
+    BadInput
+        For a motion that does not fit a recording of this length, or that leaves the travel.
     """
     if isinstance(motion, Mapping):
         motion = get_motion(motion["kind"], **{k: v for k, v in motion.items() if k != "kind"})
@@ -38,9 +63,10 @@ def readout_positions(motion: Motion | Mapping[str, Any], frames: int, readout_h
         block = slice(begin, min(begin + BLOCK_FRAMES, frames))
         seconds = (np.arange(block.start, block.stop) + 0.5) / readout_hz
         position[block] = motion.positions(seconds, frames / readout_hz)
-    if not (position.min() >= -GRID / 2 and position.max() <= 1 + GRID / 2):  # also false where a NaN is
+    slack = POSITION_GRID / 2
+    if not (position.min() >= -slack and position.max() <= 1 + slack):  # also false where a NaN is
         raise BadInput(
             f"{motion!r} brings the lens to {position.min():.4g} ... {position.max():.4g}",
             allowed="0 to 1 of the travel",
         )
-    return np.clip(np.round(position / GRID) * GRID, 0.0, 1.0)
+    return np.clip(np.round(position / POSITION_GRID) * POSITION_GRID, 0.0, 1.0)

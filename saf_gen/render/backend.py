@@ -48,11 +48,14 @@ def probe_backends() -> BackendProbe:
     return BackendProbe((major, minor, patch) if major > 0 else None, cuda)
 
 
-def choose_backend(requested: str, machine: BackendProbe) -> str:
-    """The variant to use: 'cuda', 'llvm' or 'scalar'; ``requested`` may also be 'auto'.
+def choose_backend(requested: str, machine: BackendProbe | None = None) -> str:
+    """Return the backend to use: 'cuda', 'llvm' or 'scalar'; ``requested`` may also be 'auto'.
+
+    ``machine`` is what can run, by default what :func:`probe_backends` finds.
 
     Raises BadInput for an unknown name, or one that this machine cannot run.
     """
+    machine = machine or probe_backends()
     if requested == "auto":
         return "cuda" if machine.cuda else "llvm" if machine.llvm_usable else "scalar"
     if requested not in MITSUBA_VARIANTS:

@@ -1,6 +1,5 @@
 """A scene set up to be looked at: one member of its family before a lens and a film, nothing stored."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -36,7 +35,7 @@ class SceneRenderer:
 
     def __init__(self, scene: Scene, film: SensorGrid, *, backend_name: str, max_depth: int = 6) -> None:
         self.scene, self.film, self.max_depth = scene, film, max_depth
-        self.backend_name = backend.choose_backend(backend_name, backend.probe_backends())
+        self.backend_name = backend.choose_backend(backend_name)
         backend.activate_backend(self.backend_name)
         self._described = mitsuba_scene.build_scene_dict(scene)
         self.motions = mitsuba_scene.read_motions(scene, self._described)
@@ -108,18 +107,13 @@ class SceneRenderer:
         """
         card = self.scene.card
         groups = {"all": tuple(card.lights)} if together else {name: (name,) for name in card.lights}
-        spec = StackSpec(
-            scene=card.id,
-            scene_digest=self.scene.digest,
-            groups=tuple(groups),
-            drive=self.scene.build_drive(),
-            rows=self.film.rows,
-            columns=self.film.columns,
-            pitch_m=self.film.pitch_m,
+        spec = StackSpec.from_scene(
+            self.scene,
+            self.film,
+            groups=groups,
             positions=positions,
             samples=samples,
             max_depth=self.max_depth,
-            params=json.dumps(dict(self.scene.params), sort_keys=True),
             time_s=self._moment(time_s),
             window=window,
         )

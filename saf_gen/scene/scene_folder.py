@@ -19,7 +19,7 @@ from saf_gen.core.config.document import FrozenModel, validate
 from saf_gen.core.config.ranges import check_parameter, draw_value
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
-from saf_gen.lights._schedule import RESERVED_GROUP_NAMES, check_light_groups
+from saf_gen.lights import RESERVED_GROUP_NAMES, check_light_groups
 from saf_gen.optics import Drive
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.scene.keyframes import RigidMotion, Vector

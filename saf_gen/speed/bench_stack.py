@@ -60,7 +60,7 @@ def set_up_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     from saf_gen.render import backend, mitsuba_scene
     from saf_gen.render.render_setup import RenderSetup, SensorGrid
 
-    chosen = backend.choose_backend("auto", backend.probe_backends())
+    chosen = backend.choose_backend("auto")
     if chosen == "scalar":
         raise BadInput("the focal stack in one pass needs a JIT variant", hint=backend.ADVICE)
     backend.activate_backend(chosen)

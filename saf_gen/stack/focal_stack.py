@@ -9,16 +9,18 @@ a rounding of at most 0.05 %, far below their noise, for half of the disk.
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from saf_gen.core.files import write_atomically
 from saf_gen.errors import BadInput
 from saf_gen.optics import Drive, drive_from_dict
+from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack import exr
 
 __all__ = ["FocalStack", "StackSpec", "StackStore"]
@@ -26,6 +28,19 @@ __all__ = ["FocalStack", "StackSpec", "StackStore"]
 FORMAT = "saf-gen focal stack 1"
 UNIT = "W m^-2 sr^-1 at gain 1"
 HALF_BITS = 15  # the largest half float is just below 2^16
+
+
+class PixelGrid(Protocol):
+    """The pixels of a sensor: how many, and their pitch in metres."""
+
+    @property
+    def rows(self) -> int: ...
+
+    @property
+    def columns(self) -> int: ...
+
+    @property
+    def pitch_m(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -49,6 +64,37 @@ class StackSpec:
     params: str = "{}"
     time_s: float = 0.0
     window: tuple[int, int] | None = None
+
+    @classmethod
+    def from_scene(
+        cls,
+        scene: Scene,
+        grid: PixelGrid,
+        *,
+        positions: int,
+        samples: int,
+        max_depth: int,
+        time_s: float,
+        groups: Iterable[str] | None = None,
+        f_number: float | None = None,
+        window: tuple[int, int] | None = None,
+    ) -> "StackSpec":
+        """Return the spec of a member of a scene's family before a sensor; ``groups`` are all by default."""
+        return cls(
+            scene=scene.id,
+            scene_digest=scene.digest,
+            groups=tuple(scene.card.lights if groups is None else groups),
+            drive=scene.build_drive(f_number),
+            rows=grid.rows,
+            columns=grid.columns,
+            pitch_m=grid.pitch_m,
+            positions=positions,
+            samples=samples,
+            max_depth=max_depth,
+            params=json.dumps(dict(scene.params), sort_keys=True),
+            time_s=time_s,
+            window=window,
+        )
 
     @property
     def key(self) -> str:

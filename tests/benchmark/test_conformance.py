@@ -58,7 +58,7 @@ def check_motion(motion, *, first=None):
             assert position[0] == pytest.approx(first, abs=1e-9), "it does not begin where it says"
         widest, half = (np.abs(np.diff(position[::step])).max() for step in (2, 1))
         assert half <= 0.75 * widest + 1e-12, "it jumps"  # twice as many readouts: steps half as wide
-        assert readout_positions(motion, 800, 800 / duration).shape == (800,)
+        assert readout_positions(motion, 800, readout_hz=800 / duration).shape == (800,)
 
 
 MOTIONS = {

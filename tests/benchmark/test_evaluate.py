@@ -181,7 +181,7 @@ def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, i
 
     Ours may say of a lens that rests that its curve has no top.
     """
-    lens = readout_positions(motion, 800, 20_000).astype(np.float32)
+    lens = readout_positions(motion, 800, readout_hz=20_000).astype(np.float32)
     moving(tmp_path / "s.h5", lens)
     (*records,) = evaluate(
         tmp_path / "s.h5", methods=[*DEFAULT_RECORDED_METHODS, "sd+argmax:window=20"]

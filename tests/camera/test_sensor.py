@@ -9,7 +9,7 @@ from small_dataset import SMALL_RECIPE
 import saf_gen.camera.sensor as sensor_module
 from saf_gen.camera import electrons_per_irradiance, encode, get_sensor, sensor_names
 from saf_gen.errors import BadInput
-from saf_gen.generate.resolve import resolve_recipe, sequence_fingerprint
+from saf_gen.generate.resolve import resolve_recipe
 
 VIDAR = sensor_module._FOLDER / "vidar_400x250.yaml"
 
@@ -216,7 +216,7 @@ def test_a_recipe_finds_its_sensor_from_its_own_folder(recipe, tmp_path, monkeyp
 def test_the_content_of_a_sensor_file_decides_and_not_its_name(recipe):
     def fingerprints():
         work = resolve_recipe(recipe)
-        return [sequence_fingerprint(work, s, "a stack") for s in work.sequences]
+        return [s.fingerprint("a stack") for s in work.sequences]
 
     before, mine = fingerprints(), recipe.parent / "cameras" / "mine.yaml"
     renamed = mine.rename(mine.with_name("other.yaml"))

@@ -72,7 +72,7 @@ def made(scenes, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SAF_GEN_SCENES", str(scenes))
         work = resolve_recipe(path)
-        work = replace(work, sequences=[s for s in work.sequences if s.scene == "plane"])
+        work = replace(work, sequences=[s for s in work.sequences if s.planned.scene == "plane"])
         outcome = generate(work, folder / "made", variant=VARIANT)
         assert outcome.failed == {}
         yield outcome, work
@@ -91,7 +91,7 @@ def test_static_and_dynamic_of_every_member_are_listed(made):
 
 def test_members_of_a_family_have_parameters_and_stacks_of_their_own(made):
     outcome, work = made
-    contrasts = {s.id: s.params["contrast"] for s in work.sequences}
+    contrasts = {s.planned.id: s.planned.params["contrast"] for s in work.sequences}
     assert contrasts["plane-constant-00"] == contrasts["plane-dynamic-constant-00"]
     assert contrasts["plane-constant-00"] != contrasts["plane-constant-01"]
     with saf_gen.open_stream(outcome.folder / "test" / "plane-constant-01.h5") as stream:
@@ -117,7 +117,7 @@ def test_the_truth_of_a_target_that_comes_nearer_is_the_closed_form(made):
 
 def test_only_the_positions_that_the_lens_passes_are_rendered(made):
     _, work = made
-    dynamic = work.time_stack(work.sequences[-1])
+    dynamic = work.sequences[-1].time_stack
     assert len(dynamic.specs) == 11
     assert max(spec.rendered_count for spec in dynamic.specs) <= 4
     assert dynamic.specs[0].first_index == 0
@@ -132,7 +132,7 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     outcome, work = made
     monkeypatch.setenv("SAF_GEN_SCENES", str(scenes))
     sequence = work.sequences[-1]
-    time_stack = work.time_stack(sequence)
+    time_stack = sequence.time_stack
     plane_source = PlaneSource.from_folder(time_stack, outcome.folder / "stacks")
     j, position = 5, 0.5
     frame = (time_stack.slice_frames[j] + time_stack.slice_frames[j + 1]) / 2 - 0.5
@@ -140,7 +140,7 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     middle = replace(
         time_stack.specs[j], time_s=(time_stack.specs[j].time_s + time_stack.specs[j + 1].time_s) / 2
     )
-    render_missing(work.member(sequence), [middle], tmp_path, backend_name=VARIANT)
+    render_missing(sequence.scene, [middle], tmp_path, backend_name=VARIANT)
     stack = StackStore(tmp_path, middle).load()
     rendered = ChargeSource(PlaneSource.from_stack(stack), work.sensor).charge_image(0, position)
     before = ChargeSource(plane_source, work.sensor).charge_image(time_stack.slice_frames[j] - 0.5, position)
@@ -176,7 +176,9 @@ def test_more_variants_than_repeats_are_refused(recipe):
 def test_a_recipe_may_choose_parameters_by_name(recipe):
     text = recipe.read_text()
     recipe.write_text(text + "scene_params: {plane: {contrast: 0.5}}\n")
-    assert {s.params["contrast"] for s in resolve_recipe(recipe).sequences if s.scene == "plane"} == {0.5}
+    assert {
+        s.planned.params["contrast"] for s in resolve_recipe(recipe).sequences if s.planned.scene == "plane"
+    } == {0.5}
     recipe.write_text(text + "scene_params: {plane: {contrats: 0.5}}\n")
     with pytest.raises(BadInput, match=r"unknown parameter of scene 'plane': 'contrats'.*'contrast'"):
         resolve_recipe(recipe)
@@ -193,7 +195,7 @@ def test_all_moments_are_traced_by_one_kernel_a_light(recipe, tmp_path, monkeypa
     text = recipe.read_text().replace("frames: 400", "frames: 8000").split("  train:")[0]
     recipe.write_text(f"{text}  {scenes}\n")
     work = resolve_recipe(recipe)
-    moments = work.time_stack(work.sequences[0]).specs[::8]
+    moments = work.sequences[0].time_stack.specs[::8]
     assert len({moment.window for moment in moments}) == len(moments) == 5
     render, used = one_pass.render_stack, []
 
@@ -206,7 +208,7 @@ def test_all_moments_are_traced_by_one_kernel_a_light(recipe, tmp_path, monkeypa
 
     monkeypatch.setattr(one_pass, "render_stack", spied)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        render_missing(work.member(work.sequences[0]), moments, tmp_path, backend_name=VARIANT)
+        render_missing(work.sequences[0].scene, moments, tmp_path, backend_name=VARIANT)
     lights = len(moments[0].groups)
     assert len(used) == len(moments) * lights
     assert len(set(used[lights:])) <= lights  # the first moment also loads what stays

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from saf_gen.errors import BadInput
-from saf_gen.generate.plan import SceneFamily, make_plan, recipe_fingerprint, select_shard
+from saf_gen.generate.plan import SceneFamily, make_plan, recipe_fingerprint
 from saf_gen.generate.recipe import Recipe, read_recipe
 
 BASE = {
@@ -107,11 +107,6 @@ def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
     turned = Recipe.model_validate(dict(reversed(BASE.items())))
     assert recipe_fingerprint(recipe) == recipe_fingerprint(turned)
     assert recipe_fingerprint(recipe) != recipe_fingerprint(Recipe.model_validate(BASE | {"seed": 2}))
-
-
-def test_shards_share_the_work_without_overlap():
-    parts = [select_shard(plan(), i, 3) for i in (1, 2, 3)]
-    assert sorted(s.id for part in parts for s in part) == sorted(s.id for s in plan())
 
 
 # --- ids ----------------------------------------------------------------------------------------------

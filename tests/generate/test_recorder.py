@@ -34,7 +34,9 @@ def record(tmp_path, schedule, *, motion=SWEEP, mean_rate=0.2, frames=2000, give
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6, reset_loss=0.0, **laws)
     recorder = Recorder(sensor.with_noise(**SWITCHED_OFF), frames, device_seed=1, provenance={})
     sequence = make_sequence(schedule=schedule, motion=motion, mean_rate=mean_rate)
-    recorder.record(sequence, PlaneSource.from_stack(given or stack()), tmp_path / "s.h5", fingerprint="f")
+    recorder.record(
+        sequence, PlaneSource.from_stack(given or stack()), path=tmp_path / "s.h5", fingerprint="f"
+    )
     return saf_gen.open_stream(tmp_path / "s.h5")
 
 
@@ -56,7 +58,7 @@ def test_the_mean_rate_is_that_of_this_very_device(tmp_path):
     for device in (1, 2, 3):
         path = tmp_path / f"{device}.h5"
         Recorder(sensor, 2000, device_seed=device, provenance={}).record(
-            sequence, PlaneSource.from_stack(stack()), path, fingerprint=""
+            sequence, PlaneSource.from_stack(stack()), path=path, fingerprint=""
         )
         with saf_gen.open_stream(path) as stream:
             frame = round(stream.truth.frame)
@@ -117,7 +119,7 @@ MOTIONS = {
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_the_lens_is_where_its_motion_says(tmp_path, motion):
     """In the file, and in the spikes: of a field that grows brighter over the travel, every 200 readouts."""
-    expected = readout_positions(motion, 2000, 20_000)
+    expected = readout_positions(motion, 2000, readout_hz=20_000)
     given = stack()
     given.radiance[:] *= np.linspace(0.5, 1.5, 9, dtype=np.float32)[:, None, None]
     with record(tmp_path, CONSTANT, motion=motion, given=given) as stream:
@@ -166,5 +168,5 @@ def test_a_rate_below_the_dark_current_is_refused(tmp_path):
     recorder = Recorder(sensor, 200, device_seed=1, provenance={})
     sequence = make_sequence(mean_rate=0.002)
     with pytest.raises(BadInput, match="mean_rate"):
-        recorder.record(sequence, PlaneSource.from_stack(stack()), tmp_path / "s.h5", fingerprint="f")
+        recorder.record(sequence, PlaneSource.from_stack(stack()), path=tmp_path / "s.h5", fingerprint="f")
     assert not (tmp_path / "s.h5").exists()

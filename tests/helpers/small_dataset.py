@@ -34,7 +34,7 @@ def make_sequence(**changes: Any) -> PlannedSequence:
         "id": "s",
         "split": "test",
         "scene": "plane",
-        "variant": 0,
+        "member": 0,
         "params": {},
         "scene_motion": "static",
         "light": "constant",

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 import yaml
 from small_dataset import SMALL_RECIPE
@@ -10,9 +9,8 @@ from small_dataset import SMALL_RECIPE
 from saf_gen.errors import BadInput
 from saf_gen.generate.plan import SceneFamily, make_plan
 from saf_gen.generate.recipe import read_recipe
-from saf_gen.generate.recorder import group_gains
-from saf_gen.generate.resolve import resolve_recipe, sequence_fingerprint
-from saf_gen.lights import _schedule, get_light, readout_gains
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.lights import group_gains
 
 TABLE = "time_s,gain\n0,1\n0.01,0.5\n"
 
@@ -39,7 +37,11 @@ def recipe_of(tmp_path, test_scenes):
 
 def fingerprints(path):
     work = resolve_recipe(path)
-    return [sequence_fingerprint(work, s, "a stack") for s in work.sequences]
+    return [s.fingerprint("a stack") for s in work.sequences]
+
+
+def gains_of(sequence, frames=20):
+    return group_gains(sequence.schedule, ("lamp", "room"), frames=frames, readout_hz=20_000)
 
 
 # --- files -------------------------------------------------------------------------------------------
@@ -124,8 +126,7 @@ def test_every_sequence_walks_its_own_way_and_every_group_too(recipe_of):
     plan = make_plan(read_recipe(path))
     seeds = [part["seed"] for s in plan for part in s.schedule.values()]
     assert len(set(seeds)) == 6
-    gains = [group_gains(s.schedule, ("lamp", "room"), 400, 20_000)[:, g] for s in plan for g in (0, 1)]
-    assert len({g.tobytes() for g in gains}) == 6
+    assert len({column.tobytes() for s in plan for column in gains_of(s, 400).T}) == 6
 
 
 def test_a_walk_depends_on_names_alone(recipe_of):
@@ -150,9 +151,9 @@ def test_a_schedule_without_a_seed_gets_none(recipe_of):
 
 def test_an_offset_may_be_open_and_belongs_to_any_kind(recipe_of):
     path = recipe_of("{lamp: {kind: pwm, hz: 400, duty: 0, offset: {uniform: [0.2, 0.3]}}}")
-    (sequence,) = resolve_recipe(path).sequences
+    (sequence,) = make_plan(read_recipe(path))
     offset = sequence.schedule["lamp"]["offset"]
-    gains = group_gains(sequence.schedule, ("lamp", "room"), 100, 20_000)
+    gains = gains_of(sequence)
     assert 0.2 <= offset <= 0.3
     assert gains[:, 0] == pytest.approx(offset, abs=1e-6)
     assert (gains[:, 1] == 1).all()
@@ -167,7 +168,7 @@ def test_levels_in_lux_are_divided_by_the_lux_that_the_scene_has_at_gain_1(recip
     part = "{kind: constant, level: 100, offset: 50, unit: lux}"
     recipe = read_recipe(recipe_of(f"{{{light}: {part}}}" if light else part))
     (sequence,) = make_plan(recipe, LUX)
-    gains = group_gains(sequence.schedule, ("lamp", "room"), 20, 1000.0)
+    gains = gains_of(sequence)
     lit = {"lamp": [0], "room": [1], "": [0, 1]}[light]
     assert gains[:, lit] == pytest.approx(gain, abs=1e-6)
     assert sequence.schedule[light]["lux_at_gain_1"] == {"lamp": 300, "room": 100, "": 400}[light]
@@ -176,12 +177,12 @@ def test_levels_in_lux_are_divided_by_the_lux_that_the_scene_has_at_gain_1(recip
 def test_a_recipe_may_say_itself_how_many_lux_gain_1_is(recipe_of):
     recipe = read_recipe(recipe_of("{lamp: {kind: constant, level: 100, unit: lux, lux_at_gain_1: 50}}"))
     (sequence,) = make_plan(recipe, LUX)
-    assert group_gains(sequence.schedule, ("lamp", "room"), 20, 1000.0)[0].tolist() == [2, 1]
+    assert gains_of(sequence)[0].tolist() == [2, 1]
 
 
 def test_lux_of_a_scene_that_states_none_is_refused_before_anything_is_made(recipe_of):
     path = recipe_of("{lamp: {kind: constant, level: 100, unit: lux}}")
-    with pytest.raises(BadInput, match=r"light 'it' on plane: the schedule is in lux, and nobody says how"):
+    with pytest.raises(BadInput, match=r"light 'it' on plane: the schedule is in lux"):
         resolve_recipe(path)
 
 
@@ -195,7 +196,7 @@ def test_the_card_s_illuminance_reaches_the_sequence(recipe_of, tmp_path, test_s
     monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path / "scenes"))
     work = resolve_recipe(recipe_of("{lamp: {kind: constant, level: 150, unit: lux}}"))
     assert work.plan == work.sequences
-    assert group_gains(work.sequences[0].schedule, ("lamp", "room"), 20, 1000.0)[0].tolist() == [0.5, 1]
+    assert gains_of(work.sequences[0].planned)[0].tolist() == [0.5, 1]
 
 
 @pytest.mark.parametrize(
@@ -244,11 +245,3 @@ def test_a_card_states_the_illuminance_of_all_groups_or_of_none(
 def test_a_key_that_does_not_fit_is_told_with_its_line(recipe_of, light, told):
     with pytest.raises(BadInput, match=told):
         resolve_recipe(recipe_of(light))
-
-
-def test_a_light_from_python_is_that_of_a_recipe():
-    light = _schedule.build_light("flicker", depth=0.4, offset=0.1)
-    assert np.array_equal(
-        readout_gains(light, 400, 20_000),
-        readout_gains(get_light("flicker", depth=0.4, offset=0.1), 400, 20_000),
-    )

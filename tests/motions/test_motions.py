@@ -18,7 +18,7 @@ TABLE = "time_s,position\n0,0.2\n0.05,0.8\n0.1,0.5\n"
 
 
 def lens(kind, *, frames=20_000, hz=HZ, **options):
-    return readout_positions({"kind": kind, **options}, frames, hz)
+    return readout_positions({"kind": kind, **options}, frames, readout_hz=hz)
 
 
 def csv(text, path="lens.csv"):
@@ -256,7 +256,7 @@ def test_a_motion_that_leaves_the_travel_is_refused():
     with pytest.raises(
         BadInput, match=r"TooFar\(\) brings the lens to .* 1.5; allowed: 0 to 1 of the travel"
     ):
-        readout_positions(TooFar(), 2000, HZ)
+        readout_positions(TooFar(), 2000, readout_hz=HZ)
 
 
 @pytest.mark.parametrize("kind", ["sweep_and_return", "hand"])

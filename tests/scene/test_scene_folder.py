@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from refusals import refusal
 
-from saf_gen.lights import _schedule
+from saf_gen.lights import split_by_group
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.scene import library
@@ -277,7 +277,7 @@ def test_the_reserved_names_are_a_stack_s_other_piece_and_what_begins_a_schedule
     spec = StackSpec("plane", "0" * 64, ("lamp",), drive, 2, 2, 60e-6, 2, 1, 2)
     assert set(StackStore(tmp_path, spec).pieces) - {"lamp"} <= RESERVED_GROUP_NAMES
     for name in RESERVED_GROUP_NAMES - {"geometry"}:
-        assert set(_schedule.split_by_group({name: {"kind": "constant"}})) == {""}
+        assert set(split_by_group({name: {"kind": "constant"}})) == {""}
 
 
 def test_a_light_group_without_emitters_is_refused(edited):

@@ -36,7 +36,7 @@ def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
         take = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        position = readout_positions(motion, take.frames, stream.readout_hz)
+        position = readout_positions(motion, take.frames, readout_hz=stream.readout_hz)
         film = CapturedFrames(take, take.open_charge_source(rows_to_encode(take, region)), region)
         for stop in (8, 96, 800):  # whatever the pieces
             film.encode_until(stop, position)
@@ -133,7 +133,7 @@ def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
         assert [spec.rendered_count for spec in take.plane_source.time_stack.specs] == [9] * 6
         film = CapturedFrames(take, take.open_charge_source(), region)
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        film.encode_until(400, readout_positions(motion, 800, stream.readout_hz))
+        film.encode_until(400, readout_positions(motion, 800, readout_hz=stream.readout_hz))
         # The same light, through other paths: as many spikes, not the same ones.
         assert film.window(0, 400).mean() == pytest.approx(
             stream.counts(0, 400, region=region).mean(), rel=0.01
@@ -171,7 +171,7 @@ def test_halves_and_intervals_are_those_of_a_recording(dataset):
         take = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
         film = CapturedFrames(take, take.open_charge_source(), (slice(0, 40), slice(0, 64)))
-        film.encode_until(800, readout_positions(motion, take.frames, stream.readout_hz))
+        film.encode_until(800, readout_positions(motion, take.frames, readout_hz=stream.readout_hz))
         counts = WindowCounts(stream)
         for first, last in ((0, 800), (3, 61)):
             assert np.array_equal(film.halves(first, last), counts.halves(first, last))

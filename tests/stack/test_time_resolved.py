@@ -275,7 +275,7 @@ def test_a_target_that_is_never_seen_is_refused(tmp_path):
     recorder = Recorder(SENSOR, FRAMES, device_seed=1, provenance={})
     with pytest.raises(BadInput, match="the target of plane is never seen in 400 frames; check its motion"):
         recorder.record(
-            make_sequence(), plane_source(stacks(depths=(None,) * 4)), tmp_path / "s.h5", fingerprint=""
+            make_sequence(), plane_source(stacks(depths=(None,) * 4)), path=tmp_path / "s.h5", fingerprint=""
         )
     assert not (tmp_path / "s.h5").exists()
 
@@ -294,7 +294,9 @@ def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
 
 def test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track(tmp_path):
     recorder = Recorder(SENSOR, FRAMES, device_seed=1, provenance={})
-    recorder.record(make_sequence(mean_rate=0.25), plane_source(stacks()), tmp_path / "s.h5", fingerprint="")
+    recorder.record(
+        make_sequence(mean_rate=0.25), plane_source(stacks()), path=tmp_path / "s.h5", fingerprint=""
+    )
     with saf_gen.open_stream(tmp_path / "s.h5") as stream:
         frame = round(stream.truth.frame)
         rate = stream.counts(frame - 20, frame + 20).mean() / 40

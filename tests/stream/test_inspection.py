@@ -46,7 +46,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
     ],
 )
 def test_the_way_of_the_lens_is_told(tmp_path, motion, way, passed):
-    lens = readout_positions(motion, 80, 80.0)
+    lens = readout_positions(motion, 80, readout_hz=80.0)
     when = find_crossings(lens, 0.25)
     saf_gen.write_stream(
         tmp_path / "a.h5",
