@@ -618,7 +618,7 @@ class Nothing:
         ("sdd", "unknown measure or search 'sdd'.*did you mean 'sd'"),
         ("argmx", "did you mean 'argmax'"),
         ("sd_tfl", "unknown measure or search 'sd_tfl'"),
-        ("sd_n", "'sd' has no twin 'sd_n'"),
+        ("sd_n", "'sd' has no form 'sd_n'"),
         ("argmax:windw=5", "unknown key.*'windw'.*did you mean 'window'"),
         ("argmax:5", "option '5' of method"),
         ("sd+", "not a focus measure and a search"),

@@ -479,7 +479,7 @@ def test_two_windows_too_long_for_a_recording_fail_by_name(tmp_path):
     write_stream(tmp_path / "short.h5", make_spikes(20, shape=(40, 8, 8)))
     record = one(tmp_path / "short.h5", "sd+argmax")
     assert record.status == "failed"
-    assert "shorter than one window" in record.note
+    assert "shorter than window" in record.note
 
 
 # -- datasets -------------------------------------------------------------------------------------------
