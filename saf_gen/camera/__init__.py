@@ -9,7 +9,7 @@ from saf_gen.camera.exposure import (
 )
 from saf_gen.camera.fixed_pattern import draw_fixed_pattern
 from saf_gen.camera.noise_table import LANES
-from saf_gen.camera.sensor import Sensor, get_sensor, is_sensor_file, sensor_from_text, sensor_names
+from saf_gen.camera.sensor import Sensor, get_sensor, sensor_from_text, sensor_names
 
 __all__ = [
     "LANES",
@@ -22,7 +22,6 @@ __all__ = [
     "exposure_scale",
     "get_sensor",
     "irradiance_per_radiance",
-    "is_sensor_file",
     "knot_weights",
     "sensor_from_text",
     "sensor_names",

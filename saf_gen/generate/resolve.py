@@ -10,7 +10,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from saf_gen.camera import Sensor, get_sensor, is_sensor_file
+from saf_gen.camera import Sensor, get_sensor
+from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, located, unknown
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
@@ -237,10 +238,10 @@ def _resolve_stacks(
 def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:
     """Return the recipe's sensor, by name or by the path of a file relative to the recipe's folder."""
     camera = recipe.camera
-    named = folder / camera.sensor if is_sensor_file(camera.sensor) else camera.sensor
-    laws = {"reset": camera.reset, "saturation": camera.saturation}
-    sensor = get_sensor(named, **{key: value for key, value in laws.items() if value is not None})
-    return sensor.with_noise(**camera.noise.model_dump(exclude_none=True))
+    named = folder / camera.sensor if is_preset_file(camera.sensor) else camera.sensor
+    changes = {"reset": camera.reset, "saturation": camera.saturation}
+    changes = {key: value for key, value in changes.items() if value is not None}
+    return get_sensor(named, **changes, noise=camera.noise.model_dump(exclude_none=True))
 
 
 def _check_drive(recipe: Recipe, scene: Scene) -> None:

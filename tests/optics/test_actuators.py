@@ -12,14 +12,13 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 from small_dataset import HERE
 
-import saf_gen.optics.actuators.actuator as actuator_module
 from saf_gen.errors import BadInput
-from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator, is_actuator_file
+from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator
+from saf_gen.optics.actuators.actuator import PRESETS
 from saf_gen.optics.actuators.oscillator import propagator
 from saf_gen.optics.actuators.trajectory import plan_move, state_at
 
 HZ = 20_000.0
-VOICE_COIL = actuator_module._FOLDER / "voice_coil.yaml"
 SIGNIFICANCE = 1e-3
 
 
@@ -38,14 +37,6 @@ def within_chance(sum_of_squares, freedom):
 
 
 # --- presets and files -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", actuator_names())
-def test_every_actuator_that_comes_along_loads_and_names_its_sources(name):
-    actuator = get_actuator(name)
-    assert actuator.name == name
-    assert actuator.sources
-    assert hash(actuator) == hash(get_actuator(name))
 
 
 def test_every_actuator_that_comes_along_is_in_that_list():
@@ -151,98 +142,18 @@ def test_what_a_sensor_at_the_motor_does_not_see_falls_to_1_e_in_its_time(dampin
     assert get_actuator("voice_coil", reads="lens", **drive).lag_s == 0
 
 
-def test_changes_are_checked_like_a_file():
-    assert get_actuator("voice_coil", damping=0.2).damping == 0.2
-    with pytest.raises(BadInput, match=r"actuator voice_coil: damping is 0; allowed: 0\.01 to 10 of the cri"):
-        get_actuator("voice_coil", damping=0)
-    with pytest.raises(BadInput, match=r"unknown actuator key 'dampng'.*did you mean 'damping'\?"):
-        get_actuator("voice_coil", dampng=0.2)
-    with pytest.raises(BadInput, match=r"reads is 'lense'; allowed: lens, motor; did you mean 'lens'\?"):
-        replace(get_actuator("ideal"), reads="lense")
-
-
-def test_an_unknown_actuator_is_told_with_the_next_step():
-    with pytest.raises(
-        BadInput, match=r"unknown actuator 'steper'.*'stepper'\?; or give the path of a .yaml"
-    ):
-        get_actuator("steper")
-
-
-@pytest.fixture
-def own(tmp_path):
-    """A copy of the voice coil's file with one text replaced: path."""
-
-    def write(old, new):
-        text = VOICE_COIL.read_text(encoding="utf-8")
-        assert old in text
-        path = tmp_path / "mine.yaml"
-        path.write_text(text.replace(old, new), encoding="utf-8")
-        return path
-
-    return write
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("damping: 0.10 ", "dampening: 0.10 ", r"mine.yaml:8: unknown actuator key 'dampening'.*'damping'\?"),
-        ("latency_s: 1.0e-4", "latency_s: 5", r"mine.yaml:17: latency_s is 5; allowed: 0 to 1 seconds$"),
-        ("latency_s: 1.0e-4", "latency_s: 1e-4", r"mine.yaml:17: latency_s is '1e-4'.*; .* write 1.0e-5"),
-        ("speed: 10000 ", "speed: .inf ", r"mine.yaml:4: speed is inf; allowed: 0.001 to 1e\+06 travels a"),
-        ("speed: 10000 ", "speed: true ", r"speed is True; allowed"),
-        ("backlash: 0.01 ", "backlash: 1 ", r"backlash is 1; allowed: 0 to 0.2 of the travel"),
-        ("place_rms: 0\n", "", r"mine.yaml:\d+: the actuator key 'place_rms' is missing"),
-        (
-            "reads: motor ",
-            "reads: motr ",
-            r"mine.yaml:14: reads is 'motr'; allowed: lens, motor; .*'motor'\?",
-        ),
-        ("reads: motor ", "reads: [lens] ", r"reads is \['lens'\]; allowed: lens, motor"),
-        ("name: voice_coil", "name: 7", r"mine.yaml:3: name is 7; allowed: a text"),
-        ("sources:\n", "sources: []\nother:\n", r"unknown actuator key 'other'"),
-    ],
-)
-def test_a_file_that_does_not_fit_is_told_in_one_line(own, old, new, message):
-    with pytest.raises(BadInput, match=message) as caught:
-        get_actuator(own(old, new))
-    assert "\n" not in str(caught.value)
-    assert caught.value.exit_code == 2
-
-
-@pytest.mark.parametrize("sources", ["", "[]", "[3]", "a book"])
-def test_an_actuator_names_its_sources(tmp_path, sources):
-    head = VOICE_COIL.read_text(encoding="utf-8").split("sources:")[0]
-    (tmp_path / "mine.yaml").write_text(f"{head}sources: {sources}\n", encoding="utf-8")
-    with pytest.raises(BadInput, match=r"sources is .*; allowed: a list of at least one text"):
-        get_actuator(tmp_path / "mine.yaml")
-
-
-def test_a_file_that_is_missing_or_empty_is_told(tmp_path):
-    with pytest.raises(BadInput, match="does not exist"):
-        get_actuator(tmp_path / "none.yaml")
-    (tmp_path / "empty.yaml").write_text("")
-    with pytest.raises(BadInput, match="the file holds no keys; allowed: name, speed"):
-        get_actuator(tmp_path / "empty.yaml")
-
-
-def test_ones_own_file_is_read(own):
-    assert get_actuator(str(own("damping: 0.10 ", "damping: 0.3 "))).damping == 0.3
-    assert is_actuator_file("mine.yaml")
-    assert not is_actuator_file("voice_coil")
-
-
 @pytest.mark.parametrize("name", actuator_names())
 def test_a_preset_is_labelled_by_its_name(name, tmp_path):
     assert get_actuator(name).label == name
     copy = tmp_path / "copy.yaml"
-    copy.write_text((VOICE_COIL.parent / f"{name}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    copy.write_text((PRESETS.folder / f"{name}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
     assert get_actuator(copy).label == name
 
 
-def test_another_drive_is_labelled_by_a_digest_of_its_numbers(own):
+def test_another_drive_is_labelled_by_a_digest_of_its_numbers():
     """Of each of them and of no source; 1 and 1.0 are one number."""
     coil = get_actuator("voice_coil")
-    critical = get_actuator(own("damping: 0.10 ", "damping: 1 "))
+    critical = get_actuator("voice_coil", damping=1)
     assert critical.name == "voice_coil"
     assert re.fullmatch(r"voice_coil \(own, [0-9a-f]{12}\)", critical.label)
     assert critical.label == get_actuator("voice_coil", damping=1.0).label

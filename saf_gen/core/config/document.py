@@ -115,6 +115,9 @@ def _first_complaint(error: ValidationError, model: Any, document: Document, *, 
         expected = _expectation(first).replace(" or ", ", ")
         value, choices = first["input"], [choice.strip(" '") for choice in expected.split(",")]
         allowed = ", ".join(choices)
+    elif first["type"] in MAPPING_EXPECTED:
+        expected_keys = ", ".join(_fields(_annotation_at(model, first["loc"])))
+        value, choices, allowed = first["input"], [], f"a mapping with the keys {expected_keys}"
     else:
         value, choices, allowed = first["input"], [], _expectation(first)
     return BadInput(
@@ -127,6 +130,7 @@ def _first_complaint(error: ValidationError, model: Any, document: Document, *, 
 
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+MAPPING_EXPECTED = ("dataclass_type", "model_type")
 
 
 def _dotted(keys: tuple[Key, ...]) -> str:

@@ -1,129 +1,110 @@
-"""Actuators: what moves a lens, as a frozen value read from ``presets/<name>.yaml``."""
+"""Actuators, which move a lens: frozen values read from ``presets/<name>.yaml`` or from a user's own file."""
 
 import hashlib
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict
 from functools import cache
-from math import isfinite, pi, sqrt
+from math import pi, sqrt
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from saf_gen.core.config.yaml_document import read_yaml
-from saf_gen.errors import BadInput, closest, unknown
+from pydantic import ConfigDict
+from pydantic.dataclasses import dataclass
 
-__all__ = ["Actuator", "actuator_names", "get_actuator", "is_actuator_file"]
+from saf_gen.core.config.presets import Presets, Sources, Text, between
 
-_FOLDER = Path(__file__).parent / "presets"
-
-# Least and most of every number, both allowed, and its unit. They refuse a latency in milliseconds or a
-# share in percent, and leave room for a lens that obeys at once.
-_RANGES: dict[str, tuple[float, float, str]] = {
-    "speed": (1e-3, 1e6, "travels a second"),
-    "acceleration": (1e-3, 1e12, "travels a second squared"),
-    "resonance_hz": (0.1, 1e6, "hertz"),
-    "damping": (0.01, 10, "of the critical damping"),
-    "backlash": (0, 0.2, "of the travel"),
-    "step": (0, 0.1, "of the travel, 0 for none"),
-    "place_rms": (0, 0.3, "of the move"),
-    "position_noise_rms": (0, 0.1, "of the travel"),
-    "latency_s": (0, 1, "seconds"),
-}
-_READS = ("lens", "motor")
+__all__ = ["Actuator", "actuator_names", "get_actuator"]
 
 
-@dataclass(frozen=True)
+# The ranges refuse a latency in milliseconds or a fraction in percent, and leave room for an ideal lens.
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Actuator:
-    """What stands between a command and the place of the lens. Places are fractions of the travel.
+    """What stands between a command and the position of the lens, in fractions of the travel and seconds.
 
     A command goes through five stages, in this order:
 
-    latency_s : it is in force so many seconds after it was given; the one before is in force until then.
-    step : the place is rounded to the nearest whole multiple; 0 for none.
+    latency_s : delay from a command to its effect; until then the previous command stays in force.
+    step : the commanded position is rounded to the nearest whole multiple; 0 for no steps.
     place_rms : a move is too long or too short by a normal error of this rms, a fraction of its length. The
-        motor does not know; its misses add up from move to move, until it comes to an end of the travel.
-    speed, acceleration : the motor goes there by the fastest way within both, and brakes to rest.
-    backlash : play between motor and lens, in all: the lens stays until half of it is taken up in the
-        direction of the move, then trails the motor by that half. So it rests half the play short of a place,
-        on the side that it came from.
-    resonance_hz, damping : the lens x follows what pulls it, y, by x″ + 2ζω·x′ + ω²·x = ω²·y with
+        motor does not know it: the errors add up from move to move, up to an end of the travel.
+    speed, acceleration : the motor moves as fast as both allow and brakes to rest.
+    backlash : total play between motor and lens. The lens stays until half of it is taken up in the direction
+        of the move, then trails the motor by that half; so it comes to rest half the play short of the
+        position, on the side that it came from.
+    resonance_hz, damping : the lens x follows y, what pulls it, by x″ + 2ζω·x′ + ω²·x = ω²·y with
         ω = 2π·resonance_hz. Below ζ = 1 it rings at resonance_hz·√(1 - ζ²).
 
-    At both ends of the travel is a stop that takes all speed.
+    A stop at each end of the travel takes all speed.
 
-    reads : what the position sensor reads: the ``lens``, or the ``motor``, of whose play and ringing it
-        knows nothing (counted steps, a commanded current).
-    position_noise_rms : its white noise, anew at each readout of the camera.
+    reads : what the position sensor reads: the ``lens``, or the ``motor``, which knows nothing of play and
+        ringing (counted steps, a commanded current).
+    position_noise_rms : white noise of the position sensor, drawn anew at each readout of the camera.
 
-    Source of the oscillator: K. Ogata, Modern Control Engineering, 5th edition, 2010, section 5-3.
+    A value that is not allowed raises BadInput from :func:`get_actuator`, and a ValueError from the
+    constructor and from ``dataclasses.replace``.
 
-    Raises BadInput for a value that is not allowed, however the actuator is made.
+    Reference for the oscillator: K. Ogata, Modern Control Engineering, 5th edition, 2010, section 5-3.
     """
 
-    name: str
-    speed: float
-    acceleration: float
-    resonance_hz: float
-    damping: float
-    backlash: float
-    step: float
-    place_rms: float
-    reads: str
-    position_noise_rms: float
-    latency_s: float
-    sources: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        for key in _KEYS:
-            _check(key, getattr(self, key), f"actuator {self.name}")
+    name: Text
+    speed: Annotated[float, between(1e-3, 1e6, "travels per second")]
+    acceleration: Annotated[float, between(1e-3, 1e12, "travels per second squared")]
+    resonance_hz: Annotated[float, between(0.1, 1e6, "hertz")]
+    damping: Annotated[float, between(0.01, 10, "of the critical damping")]
+    backlash: Annotated[float, between(0, 0.2, "of the travel")]
+    step: Annotated[float, between(0, 0.1, "of the travel, 0 for no steps")]
+    place_rms: Annotated[float, between(0, 0.3, "of the move")]
+    reads: Literal["lens", "motor"]
+    position_noise_rms: Annotated[float, between(0, 0.1, "of the travel")]
+    latency_s: Annotated[float, between(0, 1, "seconds")]
+    sources: Sources
 
     @property
     def label(self) -> str:
-        """The name, where all numbers are those of the preset of that name; else with a digest of them.
+        """The name, if all numbers are those of the preset of that name; otherwise with a digest of them.
 
-        ``voice_coil``, or ``voice_coil (own, 1a2b3c4d5e6f)``: two drives of one label move a lens alike,
+        ``voice_coil``, or ``voice_coil (own, 1a2b3c4d5e6f)``: two actuators with one label move a lens alike,
         whatever their sources say.
         """
-        preset = _preset(self.name) if self.name in actuator_names() else None
-        if preset is not None and preset._numbers() == self._numbers():
+        if self.name in actuator_names() and _preset(self.name)._numbers() == self._numbers():
             return self.name
         return f"{self.name} (own, {hashlib.sha256(self._numbers().encode()).hexdigest()[:12]})"
 
     def _numbers(self) -> str:
-        """All that moves the lens, as text; 1 and 1.0 are the same number, and so are 0 and -0."""
-        said = {key: getattr(self, key) for key in _KEYS if key not in ("name", "sources")}
+        """Return all that moves the lens as text; 1 and 1.0 are the same number, and so are 0 and -0."""
         return "\n".join(
             f"{key} {value if isinstance(value, str) else repr(float(value) + 0.0)}"
-            for key, value in said.items()
+            for key, value in asdict(self).items()
+            if key not in ("name", "sources")
         )
 
     def move_s(self, distance: float) -> float:
-        """Seconds in which the motor, from rest to rest, goes so far; latency and settling are not in it."""
+        """Return the seconds of a move of the motor from rest to rest, without latency and settling."""
         if distance * self.acceleration < self.speed**2:
             return 2 * sqrt(distance / self.acceleration)
         return distance / self.speed + self.speed / self.acceleration
 
     @property
     def end_to_end_s(self) -> float:
-        """Seconds of the shortest sweep: latency, the motor from end to end, the lens behind it.
+        """Seconds of the shortest sweep: latency, the motor from end to end, and the lens behind it.
 
-        It gets half a cycle of its resonance more than ``command_sweep_s`` gives it: a quick motor is a jump
-        to it.
+        Half a cycle of the resonance is added to what ``command_sweep_s`` leaves for the lens, because a fast
+        motor is a jump to it.
         """
         return self.latency_s + self.move_s(1) + 3 * self._behind_s + 1 / (2 * self.resonance_hz)
 
     def command_sweep_s(self, sweep_s: float) -> float:
-        """Seconds in which commands go evenly from end to end, so that the lens arrives in ``sweep_s``.
+        """Return the seconds in which commands run evenly from end to end so that the lens takes ``sweep_s``.
 
-        The commands come to the end before the lens, at a speed v, by its latency, the time v/a in which the
-        motor brakes, and three times 2ζ/ω, in which the lens makes up what it trails. A sweep of less than
-        ``end_to_end_s`` is led like that one.
+        The commands, at a speed v, reach the end before the lens does: by its latency, by the time v/a in
+        which the motor brakes, and by three times 2ζ/ω, in which the lens makes up what it trails. A sweep
+        shorter than ``end_to_end_s`` is commanded like that one.
         """
         left = max(sweep_s, self.end_to_end_s) - self.latency_s - 3 * self._behind_s
         return (left + sqrt(max(left * left - 4 / self.acceleration, 0.0))) / 2
 
     @property
     def sensor_lead_s(self) -> float:
-        """Seconds by which the lens, led steadily, trails what its sensor reads; 0 for one at the lens."""
+        """Seconds by which a steadily moving lens trails its sensor's reading; 0 for a sensor at the lens."""
         return 0.0 if self.reads == "lens" else self._behind_s
 
     @property
@@ -133,9 +114,10 @@ class Actuator:
 
     @property
     def lag_s(self) -> float:
-        """Seconds in which the way between lens and motor, unseen by the sensor, falls to 1/e.
+        """Seconds in which the distance between lens and motor, unseen by the sensor, falls to 1/e.
 
-        0 where it reads the lens. By the slower root of the oscillator's equation; play is not in it.
+        0 for a sensor that reads the lens. It follows from the slower root of the oscillator's equation; play
+        is not included.
         """
         if self.reads == "lens":
             return 0.0
@@ -143,76 +125,24 @@ class Actuator:
         return 1 / (2 * pi * self.resonance_hz * slowed)
 
 
-_KEYS = tuple(f.name for f in fields(Actuator))
+PRESETS = Presets("actuator", Actuator, folder=Path(__file__).parent / "presets")
 
 
 def actuator_names() -> list[str]:
-    """The actuators that come with saf_gen, sorted."""
-    return sorted(p.stem for p in _FOLDER.glob("*.yaml"))
-
-
-def is_actuator_file(name: str | Path) -> bool:
-    """Whether this is the path of an actuator's file, and no actuator's name."""
-    return Path(name).suffix in (".yaml", ".yml")
+    """Return the names of the actuators that come with saf_gen, sorted."""
+    return PRESETS.names()
 
 
 def get_actuator(name: str | Path, **changes: Any) -> Actuator:
-    """The actuator ``name``, or the one in your own YAML file, with some keys changed.
+    """Return an actuator by name, or from a YAML file of one's own, with some fields changed.
 
     ``get_actuator("voice_coil", damping=0.2)``
 
-    Raises BadInput for an unknown name or key and for a value that is not allowed.
+    Raises BadInput for an unknown name or field, and for a value that is not allowed.
     """
-    if is_actuator_file(name):
-        path = Path(name)
-    elif str(name) in actuator_names():
-        path = _FOLDER / f"{name}.yaml"
-    else:
-        raise unknown("actuator", name, actuator_names(), hint="or give the path of a .yaml file")
-    document = read_yaml(path)
-    if not isinstance(document.data, dict):
-        raise BadInput("the file holds no keys", where=str(path), allowed=", ".join(_KEYS))
-    card: dict[str, Any] = document.data
-    _check_keys(card, document.locate)
-    for key in _KEYS:
-        if key not in card:
-            raise BadInput(f"the actuator key {key!r} is missing", where=document.locate())
-        _check(key, card[key], document.locate(key))
-    actuator = Actuator(**card | {"sources": tuple(card["sources"])})
-    _check_keys(changes, lambda key: f"actuator {name}")
-    return replace(actuator, **changes)
+    return PRESETS.get(name, changes)
 
 
 @cache
 def _preset(name: str) -> Actuator:
     return get_actuator(name)
-
-
-def _check_keys(given: Iterable[str], where: Callable[[str], str]) -> None:
-    for key in given:
-        if key not in _KEYS:
-            raise unknown("actuator key", key, _KEYS, where=where(key))
-
-
-def _check(key: str, value: Any, where: str) -> None:
-    if key in _RANGES:
-        least, most, unit = _RANGES[key]
-        number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
-        if not (number and least <= value <= most):
-            raise BadInput(
-                f"{key} is {value!r}",
-                where=where,
-                allowed=f"{least:g} to {most:g} {unit}",
-                hint="YAML reads 1e-5 as text: write 1.0e-5" if isinstance(value, str) else "",
-            )
-    elif key == "reads":
-        if value not in _READS:
-            near = closest(value, _READS)
-            raise BadInput(f"reads is {value!r}", where=where, allowed=", ".join(_READS), nearest=near)
-    elif key == "name":
-        if not (isinstance(value, str) and value.strip()):
-            raise BadInput(f"name is {value!r}", where=where, allowed="a text")
-    elif not (
-        isinstance(value, list | tuple) and value and all(isinstance(s, str) and s.strip() for s in value)
-    ):
-        raise BadInput(f"sources is {value!r}", where=where, allowed="a list of at least one text")

@@ -1,0 +1,163 @@
+"""Sensors and actuators as files: strict reading, changed fields, and errors that say what is allowed."""
+
+from dataclasses import replace
+
+import pytest
+from refusals import refusal
+
+from saf_gen.camera import get_sensor
+from saf_gen.camera import sensor as sensor_module
+from saf_gen.optics.actuators import actuator as actuator_module
+from saf_gen.optics.actuators import get_actuator
+
+SENSORS, ACTUATORS = sensor_module.PRESETS, actuator_module.PRESETS
+EVERY_PRESET = [(presets, name) for presets in (SENSORS, ACTUATORS) for name in presets.names()]
+KINDS = pytest.mark.parametrize(
+    ("presets", "name"), [(SENSORS, "vidar_400x250"), (ACTUATORS, "voice_coil")], ids=["sensor", "actuator"]
+)
+
+
+@pytest.fixture
+def write_copy(tmp_path):
+    """Write a copy of a preset's file with one text replaced; gives its path."""
+
+    def write(presets, name, old, new):
+        text = (presets.folder / f"{name}.yaml").read_text(encoding="utf-8")
+        assert old in text
+        path = tmp_path / "mine.yaml"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(("presets", "name"), EVERY_PRESET, ids=[name for _, name in EVERY_PRESET])
+def test_every_preset_loads_and_names_its_sources(presets, name):
+    device = presets.get(name, {})
+    assert device.name == name
+    assert device.sources
+    assert hash(device) == hash(presets.get(name, {}))
+
+
+@KINDS
+def test_the_name_of_an_unknown_device_gets_the_next_step(presets, name):
+    error = refusal(presets.get, name[:-1], {})
+    assert error.problem == f"unknown {presets.kind} {name[:-1]!r}"
+    assert error.nearest == name
+    assert error.hint == "or give the path of a .yaml file"
+
+
+@KINDS
+def test_a_file_that_is_missing_or_empty_is_refused(presets, name, tmp_path):
+    assert "does not exist" in refusal(presets.get, tmp_path / "none.yaml", {}).problem
+    (tmp_path / "empty.yaml").write_text("")
+    error = refusal(presets.get, tmp_path / "empty.yaml", {})
+    assert "no keys" in error.problem
+    assert error.allowed.startswith("name, ")
+
+
+@pytest.mark.parametrize("sources", ["", "[]", "[3]", "a book"])
+@KINDS
+def test_a_device_names_its_sources(presets, name, sources, tmp_path):
+    head = (presets.folder / f"{name}.yaml").read_text(encoding="utf-8").split("sources:")[0]
+    (tmp_path / "mine.yaml").write_text(f"{head}sources: {sources}\n", encoding="utf-8")
+    error = refusal(presets.get, tmp_path / "mine.yaml", {})
+    assert error.problem.startswith("sources is ")
+    assert error.allowed == "a list of at least one text"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where", "problem", "expected"),
+    [
+        ("pitch_m: 2.0e-5 ", "pitch_mm: 0.02 ", ":5", "unknown key 'pitch_mm'", "pitch_m"),
+        ("pitch_m: 2.0e-5 ", "pitch_m: 20 ", ":5", "pitch_m is 20", "2e-07 to 0.001 metres"),
+        ("pitch_m: 2.0e-5 ", "pitch_m: 2e-5 ", ":5", "pitch_m is '2e-5'", "write 1.0e-5"),
+        ("rows: 250", "rows: true", ":3", "rows is True", "a whole number 1 to 16384 pixels"),
+        ("rows: 250", "rows: 2.5", ":3", "rows is 2.5", "a whole number 1 to 16384 pixels"),
+        ("rows: 250", "", "", "the key 'rows' is missing", ""),
+        ("reset: subtract", "reset: soft", "", "reset is 'soft'", "subtract, hard"),
+        ("{shot: true, ", "{shots: true, ", "", "unknown key 'shots' in noise", "shot"),
+        ("{shot: true, ", "{", "", "the key 'noise.shot' is missing", ""),
+        ("{shot: true, ", "{shot: 1, ", "", "noise.shot is 1", "true or false"),
+        ("noise: {", "noise: 3 # {", "", "noise is 3", "shot, dark"),
+        ("name: vidar_400x250", "name: 7", ":2", "name is 7", "a text"),
+        ("sources:\n", "sources: []\nother:\n", "", "unknown key 'other'", ""),
+    ],
+)
+def test_a_sensor_file_that_does_not_fit_is_refused_with_its_line(
+    write_copy, old, new, where, problem, expected
+):
+    error = refusal(get_sensor, write_copy(SENSORS, "vidar_400x250", old, new))
+    assert error.problem == problem
+    assert f"mine.yaml{where}" in error.where
+    assert expected in error.allowed or error.nearest == expected
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where", "problem", "expected"),
+    [
+        ("damping: 0.10 ", "dampening: 0.10 ", ":8", "unknown key 'dampening'", "damping"),
+        ("latency_s: 1.0e-4", "latency_s: 5", ":17", "latency_s is 5", "0 to 1 seconds"),
+        ("latency_s: 1.0e-4", "latency_s: 1e-4", ":17", "latency_s is '1e-4'", "write 1.0e-5"),
+        ("speed: 10000 ", "speed: .inf ", ":4", "speed is inf", "0.001 to 1e+06 travels per second"),
+        ("speed: 10000 ", "speed: true ", ":4", "speed is True", "travels per second"),
+        ("backlash: 0.01 ", "backlash: 1 ", "", "backlash is 1", "0 to 0.2 of the travel"),
+        ("place_rms: 0\n", "", "", "the key 'place_rms' is missing", ""),
+        ("reads: motor ", "reads: motr ", ":14", "reads is 'motr'", "motor"),
+        ("reads: motor ", "reads: [lens] ", ":14", "reads is ['lens']", "lens, motor"),
+    ],
+)
+def test_an_actuator_file_that_does_not_fit_is_refused_with_its_line(
+    write_copy, old, new, where, problem, expected
+):
+    error = refusal(get_actuator, write_copy(ACTUATORS, "voice_coil", old, new))
+    assert error.problem == problem
+    assert f"mine.yaml{where}" in error.where
+    assert expected in error.allowed or error.nearest == expected
+
+
+def test_a_file_of_ones_own_is_read(write_copy):
+    assert get_sensor(str(write_copy(SENSORS, "vidar_400x250", "rows: 250", "rows: 64"))).rows == 64
+    own = write_copy(ACTUATORS, "voice_coil", "damping: 0.10 ", "damping: 0.3 ")
+    assert get_actuator(own).damping == 0.3
+
+
+@pytest.mark.parametrize(
+    ("presets", "name", "changes", "message"),
+    [
+        (
+            SENSORS,
+            "vidar_400x250",
+            {"pitch_m": 20},
+            "sensor vidar_400x250: pitch_m is 20; allowed: 2e-07 to 0.001 metres",
+        ),
+        (
+            SENSORS,
+            "vidar_400x250",
+            {"noise": {"dark": 0}},
+            "sensor vidar_400x250: noise.dark is 0; allowed: true or false",
+        ),
+        (
+            ACTUATORS,
+            "voice_coil",
+            {"reads": "lense"},
+            "actuator voice_coil: reads is 'lense'; allowed: lens, motor; did you mean 'lens'?",
+        ),
+    ],
+)
+def test_a_changed_value_is_checked_like_a_file(presets, name, changes, message):
+    assert str(refusal(presets.get, name, changes)) == message
+
+
+def test_the_name_of_a_changed_field_is_checked():
+    assert refusal(get_sensor, "ideal", treshold_e=400).nearest == "threshold_e"
+    assert refusal(get_sensor("ideal").with_noise, shott=False).nearest == "shot"
+    assert refusal(get_actuator, "ideal", dampng=0.2).nearest == "damping"
+
+
+@pytest.mark.parametrize(
+    ("device", "field"), [(get_sensor("ideal"), "reset"), (get_actuator("ideal"), "reads")]
+)
+def test_a_replaced_value_is_checked_too(device, field):
+    with pytest.raises(ValueError, match=f"{field}\n.*Input should be"):
+        replace(device, **{field: "hrd"})
