@@ -1,13 +1,11 @@
-"""Which files are behind a part, and what moves the digest of a method's code."""
+"""Which files are behind a plug-in, and what moves the digest of a method's code."""
 
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from own_plugins import PARTS
 
-import saf_gen
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.core.config.source_digest import source_digests
 from saf_gen.measures import get_measure
@@ -19,7 +17,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import saf_gen.stream.stream_file
 
 
 @dataclass(frozen=True)
@@ -31,9 +28,19 @@ class Mine:
         {late}
         return float(np.sum(counts)) * {scale}
 """
+HELPER = '''"""A number."""
+
+SCALE = 2.0
+"""It scales."""
 
 
-def written(folder: Path, files: dict[str, str]) -> Path:
+def double(x):
+    """Return twice x."""
+    return 2 * x
+'''
+
+
+def write_files(folder: Path, files: dict[str, str]) -> Path:
     for name, text in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -41,20 +48,12 @@ def written(folder: Path, files: dict[str, str]) -> Path:
     return folder
 
 
-def mine(imports: str, scale: str, late: str = "pass") -> str:
+def mine(imports: str, scale: str = "1", late: str = "pass") -> str:
     return USES.format(imports=imports, scale=scale, late=late)
 
 
-def names(*parts: object) -> list[str]:
-    return [name for name, _ in source_digests(map(type, parts))]
-
-
-def code_of(spec: str, folder: Path) -> str:
-    """The digest of a method as another process sees it, which finds modules in ``folder`` too."""
-    run = f"import sys; sys.path.insert(0, {str(folder)!r})\n"
-    run += f"from saf_gen.benchmark.method_spec import parse_method\nprint(parse_method({spec!r}).code)"
-    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=True, cwd=folder)
-    return done.stdout.strip()
+def names(*plugins: object) -> list[str]:
+    return [name for name, _ in source_digests(map(type, plugins))]
 
 
 @pytest.fixture
@@ -67,125 +66,78 @@ def folder(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_helpers_beside_a_file_are_behind_it_by_whatever_way_they_are_imported(folder):
-    written(
-        folder,
-        {
-            "src_a.py": mine("import src_b\nfrom src_c import SCALE as s", "s * src_b.SCALE", "import src_d"),
-            "src_b.py": "SCALE = 2.0\n",
-            "src_c.py": "from src_set.deep import SCALE\n",
-            "src_d.py": "from src_set import other\n",
-            "src_set/__init__.py": "",
-            "src_set/deep.py": "from . import sibling\nSCALE = 3.0\n",
-            "src_set/sibling.py": "import src_b\n",
-            "src_set/other.py": "import src_b\n",
-            "src_unused.py": "",
-        },
-    )
-    assert names(get_measure(f"{folder / 'src_a.py'}:Mine")) == [
-        "src_a.py",
-        "src_b.py",
-        "src_c.py",
-        "src_d.py",
-        "src_set/__init__.py",
-        "src_set/deep.py",
-        "src_set/other.py",
-        "src_set/sibling.py",
-    ]
-
-
-def test_helpers_of_a_package_are_behind_its_parts_and_no_other_package(folder):
-    written(
-        folder,
-        {
-            "src_pkg/__init__.py": "",
-            "src_pkg/one/__init__.py": "",
-            "src_pkg/one/measure.py": mine("from ..util import SCALE\nimport src_other", "SCALE"),
-            "src_pkg/util.py": "from src_pkg import far\nSCALE = 2.0\n",
-            "src_pkg/far.py": "",
-            "src_pkg/unused.py": "",
-            "src_other/__init__.py": "",
-        },
-    )
-    assert names(get_measure("src_pkg.one.measure:Mine")) == [
-        "src_pkg/__init__.py",
-        "src_pkg/far.py",
-        "src_pkg/one/measure.py",
-        "src_pkg/util.py",
-    ]
+def test_private_modules_beside_a_file_are_behind_it_wherever_it_imports_them(folder):
+    files = {
+        "src_a.py": mine("import _src_b, statistics\nfrom _src_c import SCALE as s", "s", "import _src_d"),
+        "_src_b.py": "import src_public\n",
+        "_src_c.py": "import _src_b\nSCALE = 2.0\n",
+        "_src_d.py": "print 'of another age'\n",
+        "_src_unused.py": "",
+        "src_public.py": "",
+        "statistics.py": "",
+    }
+    write_files(folder, files)
+    own = get_measure(f"{folder / 'src_a.py'}:Mine")
+    assert names(own) == ["_src_b.py", "_src_c.py", "_src_d.py", "src_a.py"]
 
 
 @pytest.mark.parametrize(
-    ("part", "helper", "spec"),
-    [("src_e.py", "src_f.py", "src_e.py:Mine"), ("src_p/e.py", "src_p/f.py", "src_p.e:Mine")],
+    "imports", ["from ._util import SCALE", "from . import _util", "from {package}.one._util import SCALE"]
+)
+def test_private_modules_of_a_package_are_behind_its_plugins(folder, imports):
+    files = {
+        "__init__.py": "",
+        "one/__init__.py": "",
+        "one/_util.py": HELPER,
+        "_util.py": "",
+        "_other.py": "",
+    }
+    package = f"src_pkg_{len(imports)}"
+    files["one/measure.py"] = mine(f"{imports.format(package=package)}\nfrom .. import _other")
+    write_files(folder / package, files)
+    assert names(get_measure(f"{package}.one.measure:Mine")) == ["_util.py", "measure.py"]
+
+
+def code_of(spec: str, folder: Path) -> str:
+    """The digest of a method as another process sees it, which finds modules in ``folder`` too."""
+    run = f"import sys; sys.path.insert(0, {str(folder)!r})\n"
+    run += f"from saf_gen.benchmark.method_spec import parse_method\nprint(parse_method({spec!r}).code)"
+    done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=True, cwd=folder)
+    return done.stdout.strip()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("own", "helper", "spec"),
+    [("src_e.py", "_src_f.py", "src_e.py:Mine"), ("src_p/e.py", "src_p/_src_f.py", "src_p.e:Mine")],
     ids=["file", "package"],
 )
-@pytest.mark.slow
-def test_the_digest_follows_a_helper_and_not_the_place(tmp_path, part, helper, spec):
-    imports = "from src_f import SCALE" if part == "src_e.py" else "from .f import SCALE"
-    files = {part: mine(imports, "SCALE"), helper: "SCALE = 2.0\n"}
-    here, there = written(tmp_path / "here", files), written(tmp_path / "elsewhere" / "there", files)
+def test_the_digest_follows_the_code_of_a_helper_and_not_its_text_or_place(tmp_path, own, helper, spec):
+    imports = "from _src_f import SCALE" if own == "src_e.py" else "from ._src_f import SCALE"
+    files = {own: mine(imports, "SCALE"), helper: HELPER}
+    here, there = write_files(tmp_path / "here", files), write_files(tmp_path / "elsewhere" / "there", files)
     first = code_of(f"{spec}+argmax", here)
     assert len(first) == 12
-    assert code_of(f"{spec}+argmax", there) == first
-    (there / "beside.py").write_text("SCALE = 4.0\n")
-    (there / helper).write_bytes(b"SCALE = 2.0\r\n")
-    assert code_of(f"{spec}+argmax", there) == first
-    (there / helper).write_text("SCALE = 3.0\n")
+    reformatted = "SCALE = (  # two\r\n    2.0\r\n)\r\ndef double(x): return (2*x)\r\n"
+    for text in (HELPER, reformatted):
+        (there / helper).write_bytes(text.encode())
+        assert code_of(f"{spec}+argmax", there) == first
+    (there / helper).write_text(HELPER.replace("2.0", "3.0"))
     assert code_of(f"{spec}+argmax", there) != first
 
 
-def test_the_same_file_in_two_folders_is_the_same_code(tmp_path):
-    files = {"parts.py": PARTS}
-    here, there = (written(tmp_path / name, files) / "parts.py" for name in ("a", "b"))
-    assert (
-        parse_method(f"{here}:Range+{here}:Middle").code == parse_method(f"{there}:Range+{there}:Middle").code
-    )
-
-
-def test_ours_are_their_room_and_not_the_package():
+def test_behind_our_plugins_are_the_private_modules_of_their_folder():
     assert names(get_measure("sd_code"), get_search("egs_code")) == [
-        "saf_gen/measures/_counts.py",
-        "saf_gen/measures/_moments.py",
-        "saf_gen/measures/sd_code.py",
-        "saf_gen/searches/_golden_narrowing.py",
-        "saf_gen/searches/egs_code.py",
+        "_counts.py",
+        "_golden_narrowing.py",
+        "_moments.py",
+        "egs_code.py",
+        "sd_code.py",
     ]
 
 
-def test_a_helper_of_ours_that_somebody_takes_is_behind_their_part(folder, monkeypatch):
-    """The folder holds a saf_gen too, as a checkout does: it is not one of the neighbours."""
-    (folder / "saf_gen").symlink_to(Path(saf_gen.__file__).parent)
-    written(folder, {"src_g.py": mine("from saf_gen.measures._moments import variance", "1")})
-    assert names(get_measure(f"{folder / 'src_g.py'}:Mine")) == [
-        "saf_gen/measures/_counts.py",
-        "saf_gen/measures/_moments.py",
-        "src_g.py",
-    ]
-
-
-def test_neighbours_of_an_installed_file_are_strangers(folder, monkeypatch):
-    monkeypatch.syspath_prepend(folder / "site-packages")
-    home = written(
-        folder / "site-packages",
-        {"src_h.py": mine("import src_i, statistics", "1"), "src_i.py": ""},
-    )
-    assert names(get_measure(f"{home / 'src_h.py'}:Mine")) == ["src_h.py"]
-
-
-def test_a_module_of_pythons_own_is_not_mistaken_for_a_neighbour(folder):
-    import statistics  # noqa: F401 loaded before, so this is what the file gets
-
-    written(folder, {"src_j.py": mine("import statistics", "1"), "statistics.py": ""})
-    assert names(get_measure(f"{folder / 'src_j.py'}:Mine")) == ["src_j.py"]
-
-
-def test_a_helper_that_is_not_python_counts_by_its_text(folder):
-    written(folder, {"src_k.py": mine("", "1", "import src_l"), "src_l.py": "print 'of another age'\n"})
-    assert names(get_measure(f"{folder / 'src_k.py'}:Mine")) == ["src_k.py", "src_l.py"]
-
-
-def test_a_part_without_a_file_is_named_by_its_module():
+def test_a_class_without_a_file_is_named_by_its_module():
     made: dict[str, object] = {"__name__": "src_nowhere"}
     exec("class Part: pass", made)
     assert source_digests([made["Part"]]) == [["src_nowhere", ""]]
+    assert parse_method("sd+argmax").code == parse_method("sd+argmax").code
