@@ -10,8 +10,8 @@ BROWSER := $(VENV)/.browser
 .PHONY: help install demo test test-fast test-long lint clean
 help:
 	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (about a minute)"
-	@echo "make test       linters, types and every test (under ten minutes on two cores)"
-	@echo "make test-fast  linters, types and the short tests (under three minutes)"
+	@echo "make test       linters, types and every test (under six minutes on two cores)"
+	@echo "make test-fast  linters, types and the short tests (under two minutes)"
 	@echo "make test-long  a tenth of the paper's grid at full size (ten minutes more)"
 	@echo "make install    only set up .venv"
 	@echo "make clean      remove what demo and test made"

@@ -3,7 +3,36 @@
 from pathlib import Path
 
 import pytest
+from inline_jobs import run_jobs_inline
 from small_dataset import HERE, SCENES, SMALL_RECIPE
+
+from saf_gen.core.cores import usable_cores
+from saf_gen.generate import run
+from saf_gen.generate.executor import run_jobs
+
+WORKERS = 8
+"""Processes that a whole run of the tests is spread over, at most; each holds about a gigabyte."""
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One process for a few files, which starts sooner; one per core for a folder or everything."""
+    if all(Path(name.partition("::")[0]).suffix == ".py" for name in config.args):
+        return 0
+    return min(usable_cores(), WORKERS)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _jobs_in_this_process():
+    """Datasets are generated without worker processes, except where a test asks for `worker_processes`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "run_jobs", run_jobs_inline)
+        yield
+
+
+@pytest.fixture
+def worker_processes(monkeypatch):
+    """Let generate() start its worker processes, as for a user."""
+    monkeypatch.setattr(run, "run_jobs", run_jobs)
 
 
 @pytest.fixture

@@ -6,15 +6,14 @@ or ``scenes/``, or a file ``my_...py``, is written there first, so that the comm
 """
 
 import csv
+import io
 import json
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
 from copy import deepcopy
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
@@ -29,7 +28,7 @@ from small_dataset import HERE, SCENES
 
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.camera import get_sensor, sensor_names
-from saf_gen.cli import app
+from saf_gen.cli import app, main
 from saf_gen.core.config import registry
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
@@ -404,15 +403,15 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
         arguments.append("--dry-run")
     if arguments[0] == "scenes" and arguments[1] in ("check", "preview", "gallery"):
         arguments += ["--sensor", "quarter.yaml"]
-    done = subprocess.run(
-        [sys.executable, "-m", "saf_gen", *arguments],
-        cwd=folder,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, f"{where}: saf-gen {shlex.join(arguments)}\n{done.stderr}"
-    return done.stdout
+    shown, told = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(shown), redirect_stderr(told):
+        patch.chdir(folder)
+        for name, value in environment.items():
+            patch.setenv(name, value)
+        with pytest.raises(SystemExit) as stop:
+            main(arguments)
+    assert stop.value.code == 0, f"{where}: saf-gen {shlex.join(arguments)}\n{told.getvalue()}"
+    return shown.getvalue()
 
 
 @pytest.mark.slow
