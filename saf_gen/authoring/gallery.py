@@ -13,7 +13,6 @@ from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import extreme_values, is_range
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
-from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene, SceneCard
 from saf_gen.stream.manifest import write_text_atomically
@@ -75,9 +74,7 @@ class _View:
 
     @classmethod
     def of(cls, scene: Scene, sensor: Sensor, variant: str) -> "_View":
-        renderer = SceneRenderer(
-            scene, SensorGrid(sensor.rows, sensor.columns, sensor.pitch_m), backend_name=variant
-        )
+        renderer = SceneRenderer(scene, sensor, backend_name=variant)
         seen = renderer.trace_depth_and_target(allow_unseen_target=True)
         depths = seen.depth[seen.target]
         truth = scene.build_drive().true_focus(depths) if depths.size else float("nan")

@@ -44,7 +44,7 @@ class RenderJob:
             return render_missing(
                 self.scene,
                 self.time_stack.specs,
-                self.stacks,
+                root=self.stacks,
                 backend_name=self.backend,
                 threads=self.threads,
                 progress=lambda piece, done: report(f"{self.name} · {piece}", done),

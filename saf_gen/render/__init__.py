@@ -1,4 +1,4 @@
-"""The renderer: from a scene to the files of its focal stack. The one room with Mitsuba in it."""
+"""The renderer: from a scene to the files of its focal stack. The only package that imports Mitsuba."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core import seeds
-from saf_gen.render import _import_mitsuba, backend, depth_and_target, mitsuba_scene, one_pass, thin_lens
-from saf_gen.render.render_setup import RenderSetup, SensorGrid
+from saf_gen.render import _import_mitsuba, backend, depth_and_target, mitsuba_scene
+from saf_gen.render.render_setup import RenderSetup
+from saf_gen.render.scene_renderer import stack_renderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
@@ -18,19 +19,31 @@ __all__ = ["_import_mitsuba", "render_missing"]
 def render_missing(
     scene: Scene,
     specs: Sequence[StackSpec],
-    root: Path,
     *,
+    root: Path,
     backend_name: str,
     threads: int | None = None,
     progress: Callable[[str, float], None] = lambda name, done: None,
 ) -> list[str]:
-    """Render what these stacks of a scene lack and store it piece by piece; returns the names rendered.
+    """Render what is missing of a scene's focal stacks, and store it piece by piece.
 
-    One stack where the scene stands still, else one for each of many moments. A JIT variant traces once for
-    all positions; scalar renders position after position. ``progress`` is told the name of a piece (a light
-    group, or 'geometry') and the share of it that is done.
+    Parameters
+    ----------
+    scene : the member of the scene's family.
+    specs : one stack of a scene that stands still, or one for each of many moments.
+    root : folder of the stacks.
+    backend_name : 'cuda', 'llvm' or 'scalar'. A JIT backend traces every path once for all focus positions;
+        scalar renders position by position.
+    threads : by default the cores that this process may use.
+    progress : called with the name of a piece (a light group, or 'geometry') and the fraction of it done.
 
-    Raises BadInput where the scene cannot be built, or its target is out of sight.
+    Returns
+    -------
+    The names of the rendered pieces.
+
+    Raises
+    ------
+    BadInput : for a scene that cannot be built, or whose target is out of sight.
     """
     todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
     if not todo:
@@ -38,62 +51,66 @@ def render_missing(
     backend.activate_backend(backend_name, threads=threads)
     described = mitsuba_scene.build_scene_dict(scene)
     motions = mitsuba_scene.read_motions(scene, described)
-    left = Counter(name for _, name in todo)
-    whole = dict(left)
-    loaded, lit = None, None  # Mitsuba's scene with its integrator; the moment and the group that it is of
+    remaining = Counter(name for _, name in todo)
+    total = dict(remaining)
+    loaded, lit = None, None  # Mitsuba's scene with its integrator; the moment and light group that it shows
     for spec, name in todo:
 
-        def told(share: float, name: str = name) -> None:
-            progress(name, 1 - (left[name] - share) / whole[name])
+        def report(fraction: float, name: str = name) -> None:
+            progress(name, 1 - (remaining[name] - fraction) / total[name])
 
-        told(0.0)
-        # Depth and target need no light of their own: they are looked at under the first group's.
+        report(0.0)
+        # Depth and target need no light of their own: they are traced under the first group's.
         group = spec.groups[0] if name == "geometry" else name
         if (spec.time_s, group) != lit:
-            # The scene before is let go first. This one then takes its places in Dr.Jit's registry, which
-            # stand in the kernel's code, and the kernel is found in the cache: 0.2 to 0.6 s saved.
+            # The scene before is released first. The new one then gets the same indices in Dr.Jit's registry,
+            # which are part of a kernel's code, and finds its kernels in the cache: this saves 0.2 to 0.6 s.
             loaded = None
-            moment = mitsuba_scene.pose_shapes(described, motions, spec.time_s, unit_m=scene.card.unit_m)
-            loaded, lit = (
-                mitsuba_scene.load_lit_scene(moment, scene.card.lights[group], spec.max_depth),
-                (spec.time_s, group),
+            moment = mitsuba_scene.pose_shapes(
+                described, motions, time_s=spec.time_s, unit_m=scene.card.unit_m
             )
-        _render(
-            scene, loaded, spec, name, root, backend_name, allow_unseen_target=len(specs) > 1, progress=told
+            loaded = mitsuba_scene.load_lit_scene(moment, scene.card.lights[group], max_depth=spec.max_depth)
+            lit = spec.time_s, group
+        _render_piece(
+            scene,
+            loaded,
+            spec=spec,
+            name=name,
+            root=root,
+            backend_name=backend_name,
+            allow_unseen_target=len(specs) > 1,
+            progress=report,
         )
-        left[name] -= 1
-        told(0.0)
+        remaining[name] -= 1
+        report(0.0)
     if len(specs) == 1:
         return [name for _, name in todo]
     return [f"{name} at {spec.time_s:.4f} s" for spec, name in todo]
 
 
-def _render(
+def _render_piece(
     scene: Scene,
     loaded: Any,
+    *,
     spec: StackSpec,
     name: str,
     root: Path,
     backend_name: str,
-    *,
     allow_unseen_target: bool,
     progress: Callable[[float], None],
 ) -> None:
-    """Render one piece of one stack and store it; ``loaded`` is the scene, lit, and its integrator."""
+    """Render one piece of one stack and store it; ``loaded`` is the lit scene and its integrator."""
     store = StackStore(root, spec)
-    film = SensorGrid(spec.rows, spec.columns, spec.pitch_m)
-    lit, integrator = loaded
-    setup = RenderSetup(
-        lit, integrator, mitsuba_scene.camera_to_world(scene), spec.drive, film, scene.card.unit_m
-    )
+    lit_scene, integrator = loaded
+    camera = mitsuba_scene.camera_to_world(scene)
+    setup = RenderSetup(lit_scene, integrator, camera, spec.drive, spec, scene.card.unit_m)
     if name == "geometry":
         seen = depth_and_target.trace_depth_and_target(
             setup, scene.card.target, allow_unseen_target=allow_unseen_target
         )
         store.write_geometry(seen.depth, seen.target, backend=backend_name)
         return
-    stack_of = thin_lens.render_stack if backend_name == "scalar" else one_pass.render_stack
-    radiance, clipped = stack_of(
+    radiance, clipped = stack_renderer(backend_name)(
         setup,
         positions=spec.positions,
         window=spec.window,

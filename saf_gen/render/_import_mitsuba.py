@@ -1,7 +1,7 @@
-"""Loads Dr.Jit and Mitsuba. Imported before anything else of this room.
+"""Loads Dr.Jit and Mitsuba; imported before every other module of this package.
 
-While it loads, Dr.Jit complains of a missing LLVM straight to stderr, in words that help nobody; what is
-missing is told in ours by :mod:`saf_gen.render.backend`.
+While it loads, Dr.Jit writes a complaint about a missing LLVM straight to stderr. It is silenced here, and
+:mod:`saf_gen.render.backend` says in plain words what is missing.
 """
 
 import os
@@ -11,19 +11,19 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def _stderr_closed() -> Iterator[None]:
+def _silent_stderr() -> Iterator[None]:
     sys.stderr.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    original, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 2)
+        os.dup2(null, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+        os.dup2(original, 2)
+        os.close(original)
+        os.close(null)
 
 
-with _stderr_closed():
+with _silent_stderr():
     import drjit
     import mitsuba
 

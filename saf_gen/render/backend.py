@@ -1,7 +1,7 @@
-"""Which Mitsuba to run: cuda, else llvm, else scalar. Probed without running a kernel.
+"""The choice of Mitsuba's backend: cuda, else llvm, else scalar.
 
-LLVM 15 and 16 abort the whole process at the first kernel ("cannot select fminimum"); nothing can be
-caught then, so the version is asked before.
+LLVM 15 and 16 abort the whole process at the first kernel ("cannot select fminimum"), and nothing can catch
+that. The choice is therefore made from version numbers, without running a kernel.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ ADVICE = "install LLVM 17 or newer (Debian, Ubuntu: apt install libllvm19) to re
 
 @dataclass(frozen=True)
 class BackendProbe:
-    """What this machine can render with: the LLVM found (None: none), and whether a card is usable."""
+    """What this machine can render with: the version of its LLVM, if any, and whether CUDA can be used."""
 
     llvm: tuple[int, int, int] | None
     cuda: bool
@@ -42,18 +42,23 @@ class BackendProbe:
 
 
 def probe_backends() -> BackendProbe:
-    """Look for LLVM and CUDA; starts no kernel and cannot abort."""
+    """Look for LLVM and CUDA without starting a kernel."""
     major, minor, patch = (int(n) for n in dr.detail.llvm_version())
     cuda = bool(dr.has_backend(dr.JitBackend.CUDA))
     return BackendProbe((major, minor, patch) if major > 0 else None, cuda)
 
 
-def choose_backend(requested: str, machine: BackendProbe | None = None) -> str:
-    """Return the backend to use: 'cuda', 'llvm' or 'scalar'; ``requested`` may also be 'auto'.
+def choose_backend(requested: str = "auto", machine: BackendProbe | None = None) -> str:
+    """Return the backend to use: 'cuda', 'llvm' or 'scalar'.
 
-    ``machine`` is what can run, by default what :func:`probe_backends` finds.
+    Parameters
+    ----------
+    requested : one of these, or 'auto' for the fastest that the machine can run.
+    machine : what the machine can run; by default this machine is probed.
 
-    Raises BadInput for an unknown name, or one that this machine cannot run.
+    Raises
+    ------
+    BadInput : for an unknown name, and for a backend that the machine cannot run.
     """
     machine = machine or probe_backends()
     if requested == "auto":
@@ -70,10 +75,12 @@ def choose_backend(requested: str, machine: BackendProbe | None = None) -> str:
     return requested
 
 
-def activate_backend(variant: str, *, threads: int | None = None) -> None:
-    """Switch Mitsuba to this variant and its threads (default: the cores this process may use)."""
-    # Must come before a scene is loaded: loading starts the thread pool.
+def activate_backend(name: str, *, threads: int | None = None) -> None:
+    """Switch Mitsuba to a backend and its number of threads, by default the cores this process may use.
+
+    Must be called before a scene is loaded, because loading starts the thread pool.
+    """
     dr.set_thread_count(threads or usable_cores())
     numba.set_num_threads(min(threads or usable_cores(), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     mi.set_log_level(mi.LogLevel.Error)
-    mi.set_variant(MITSUBA_VARIANTS[variant])
+    mi.set_variant(MITSUBA_VARIANTS[name])

@@ -1,13 +1,13 @@
 """Adds traced paths to every focus position at once, on the device that traced them.
 
-The walk, the words and the sums are those of :mod:`saf_gen.render.host_splat`, as Dr.Jit kernels. Sums are of
-integers, so for the same paths the stack is the same bit for bit, in whatever order threads add.
+The walk, the words and the sums are those of :mod:`saf_gen.render.host_splat`, written as Dr.Jit kernels.
+Sums are of integers, so the same paths give the same stack, bit for bit, in whatever order threads add.
 
 That takes care with rounding. CUDA may fuse a product with the addition after it into one operation that
-rounds once (PTX, of ``mul`` and ``add``), and Dr.Jit divides float32 approximately there. So a product to be
-added to is taken in float64, where that of two float32 is exact, and the cast to float32 rounds it; so is a
-reciprocal, where rounding twice gives what rounding once does (Figueroa 1995, doi:10.1145/221332.221334).
-Nothing is added to a product of float64.
+rounds once (PTX, of ``mul`` and ``add``), and Dr.Jit divides float32 approximately there. So a product that
+is added to something is computed in float64, where the product of two float32 is exact, and the cast to
+float32 rounds it. A reciprocal is computed likewise; there, rounding twice gives the same as rounding once
+(Figueroa 1995, doi:10.1145/221332.221334). Nothing is added to a product of float64.
 """
 
 import math
@@ -26,13 +26,15 @@ ACCUMULATOR_BYTES = 1 << 31  # and half as much again for the stack
 
 
 class DeviceAccumulator:
-    """Sums of a band of rows of the film, on the device: int64 (row, col, focus), 8 bytes each.
+    """Sums of a band of rows of a stack, on the device: int64 (row, col, focus).
 
-    shape : (focus, row, col) of the whole stack. band : first row and the one after the last. scale, most :
-    as :func:`saf_gen.render.host_splat.splat_paths` takes them.
+    shape : (focus, row, col) of the whole stack. band : first row and the one after the last.
+    scale, most : as :func:`saf_gen.render.host_splat.splat_paths` takes them.
     """
 
-    def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], scale: float, most: float) -> None:
+    def __init__(
+        self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float
+    ) -> None:
         self.focus, _, self.columns = shape
         self.top, self.rows = band[0], band[1] - band[0]
         self.scale, self.most = scale, most
@@ -40,21 +42,21 @@ class DeviceAccumulator:
 
     @staticmethod
     def split_into_bands(shape: tuple[int, int, int]) -> list[tuple[int, int]]:
-        """The whole film where its sums take at most ACCUMULATOR_BYTES, else the fewest bands that do."""
+        """Return the fewest bands of rows whose sums take at most ACCUMULATOR_BYTES each."""
         focus, rows, columns = shape
-        parts = math.ceil(rows / max(1, ACCUMULATOR_BYTES // (8 * focus * columns)))
-        edges = [rows * n // parts for n in range(parts + 1)]
+        bands = math.ceil(rows / max(1, ACCUMULATOR_BYTES // (8 * focus * columns)))
+        edges = [rows * n // bands for n in range(bands + 1)]
         return list(pairwise(edges))
 
     def add(self, paths: TracedPaths) -> int:
-        """Add paths (Dr.Jit arrays); the number of clipped samples among them, in the band or not."""
+        """Add paths (Dr.Jit arrays), and return the number of clipped samples among all of them."""
         most = dr.opaque(mi.Float64, self.most)
         radiance = mi.Float64(paths.radiance)
         bright = radiance > most
-        # Rounded half up with no addition to the product; a shift of integers is all there is after it.
+        # Rounded half up without an addition to the product: only a shift of integers follows it.
         twice = mi.Int64(dr.select(bright, most, radiance) * dr.opaque(mi.Float64, 2 * self.scale))
         word = (((twice + 1) >> 1) << COUNT_BITS) + 1
-        # What is not a constant of the kernel needs no other kernel when it changes.
+        # As opaque values rather than constants of the kernel, these can change without a new kernel.
         focus, rows, columns, top = (
             dr.opaque(mi.Int32, n) for n in (self.focus, self.rows, self.columns, self.top)
         )
@@ -78,8 +80,7 @@ class DeviceAccumulator:
         return int(clipped[0])
 
     def mean_radiance(self) -> np.ndarray:
-        """Mean radiance, float32 (focus, row, col) of the band, as
-        :func:`saf_gen.render.host_splat.resolve_means`."""
+        """Return the band's mean radiance, float32 (focus, row, col); see ``host_splat.resolve_means``."""
         shape = (self.focus, self.rows, self.columns)
         means = dr.empty(mi.Float, self.focus * self.rows * self.columns)
         _resolve(self.sums, means, self.focus, self.rows * self.columns, dr.opaque(mi.Float64, self.scale))
@@ -87,24 +88,24 @@ class DeviceAccumulator:
 
 
 def _product(a: Any, b: Any) -> Any:
-    """a·b rounded to float32, so that nothing after it can be fused with it."""
+    """Return a·b rounded to float32, so that no operation after it can be fused with it."""
     return mi.Float(mi.Float64(a) * mi.Float64(b))
 
 
 def _axis(first: Any, step: Any) -> tuple[Any, Any, Any, Any]:
-    """How paths walk along an axis: cell, way to the next, positions to its first border and a cell."""
+    """Return each path's cell, direction, and positions to its first border and per cell, along an axis."""
     cell = mi.Int32(dr.floor(first))
     forth, back = step > 0, step < 0
     pace = mi.Float(1 / dr.abs(mi.Float64(step)))
-    way = dr.select(forth, mi.Float(cell + 1) - first, first - mi.Float(cell))
+    distance = dr.select(forth, mi.Float(cell + 1) - first, first - mi.Float(cell))
     moves, never = forth | back, mi.Float(NEVER)
     towards = dr.select(forth, mi.Int32(1), dr.select(back, mi.Int32(-1), mi.Int32(0)))
-    return cell, towards, dr.select(moves, _product(way, pace), never), dr.select(moves, pace, never)
+    return cell, towards, dr.select(moves, _product(distance, pace), never), dr.select(moves, pace, never)
 
 
 @dr.syntax
 def _walk(sums: Any, shape: Any, path: Any, across: Any, along: Any) -> None:
-    """From border to border, two writes a run of positions; see splat."""
+    """Walk from border to border, with two writes per run of positions; see ``host_splat.splat_paths``."""
     focus, rows, columns = shape
     k, stop, word = path
     column, right, to_x, pace_x = across
@@ -114,10 +115,10 @@ def _walk(sums: Any, shape: Any, path: Any, across: Any, along: Any) -> None:
         run_end = dr.select(border >= mi.Float(stop), stop, mi.Int32(border) + 1)
         runs = run_end > k
         inside = runs & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-        place = (row * columns + column) * focus
-        dr.scatter_add(sums, word, mi.UInt32(place + k), inside, dr.ReduceMode.Direct)
+        pixel = (row * columns + column) * focus
+        dr.scatter_add(sums, word, mi.UInt32(pixel + k), inside, dr.ReduceMode.Direct)
         dr.scatter_add(
-            sums, -word, mi.UInt32(place + run_end), inside & (run_end < focus), dr.ReduceMode.Direct
+            sums, -word, mi.UInt32(pixel + run_end), inside & (run_end < focus), dr.ReduceMode.Direct
         )
         k = dr.select(runs, run_end, k)
         first = to_x < to_y
@@ -128,7 +129,7 @@ def _walk(sums: Any, shape: Any, path: Any, across: Any, along: Any) -> None:
 
 @dr.syntax
 def _resolve(sums: Any, means: Any, focus: int, pixels: int, scale: Any) -> None:
-    """Running sum over positions, a thread a pixel; a pixel that got no sample repeats its neighbour."""
+    """Sum over positions, one thread per pixel; a pixel without samples repeats its neighbour in focus."""
     pixel = dr.arange(mi.UInt32, pixels)
     positions, stride = dr.opaque(mi.UInt32, focus), dr.opaque(mi.UInt32, pixels)
     k, total, last = mi.UInt32(0), mi.Int64(0), mi.Float(0)

@@ -1,4 +1,4 @@
-"""The camera that an exported scene brings, as a card has it: its place, its lens, what it looks at."""
+"""The camera of an exported scene in the terms of a card: its pose, its lens, and what it looks at."""
 
 import math
 import re
@@ -19,14 +19,25 @@ __all__ = ["ExportedCamera", "read_exported_camera"]
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
 SENSOR_WIDTH_M = REFERENCE_GRID.columns * REFERENCE_GRID.pitch_m
-WIDEST_F_NUMBER, USUAL_F_NUMBER, SMALLEST_F_NUMBER = 1.0, 2.0, 64.0  # the last is what a card may have
+MIN_F_NUMBER, PINHOLE_F_NUMBER, MAX_F_NUMBER = (
+    1.0,
+    2.0,
+    64.0,
+)  # a pinhole states no aperture; a card allows 64
 
 
 @dataclass(frozen=True)
 class ExportedCamera:
     """A pose (m), a lens on a sensor 8 mm wide, and what it sees.
 
-    lights : light group to emitter. target : the shape that the axis meets, distance_m away.
+    Attributes
+    ----------
+    name : what the camera is called in the card's comment.
+    origin_m, look_at_m, up : its pose, as on a card.
+    focal_length_mm, f_number : its lens.
+    lights : emitter by light group.
+    target : the shape that the optical axis meets.
+    distance_m : its distance.
     """
 
     name: str
@@ -41,30 +52,30 @@ class ExportedCamera:
 
 
 def read_exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
-    """The first perspective camera of a scene, which ``path`` names in messages; units are taken as metres.
+    """Return the first perspective camera of a scene; units are taken as metres.
 
-    The f-number is that of the file where it has an aperture, else 2.
+    The f-number is that of the file's aperture, or 2 for a pinhole. ``path`` names the scene in messages.
 
-    Raises BadInput where there is no such camera, no lamp, or nothing in the middle of its picture; and for
-    a camera that Mitsuba does not understand, or whose aperture no card can have.
+    Raises BadInput for a scene without such a camera, without a lamp, or with nothing in the middle of the
+    image; and for a camera that Mitsuba does not understand, or whose aperture no card can have.
     """
     backend.activate_backend("scalar")
     described = xml_scene.parse_scene_dict(read.text, path)
     lamps = mitsuba_scene.emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add one")
-    props = _first(read.cameras, path)
+    props = _first_camera(read.cameras, path)
     origin, ahead, up = _pose(props, path)
-    loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), 2)
+    loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), max_depth=2)
     hit = loaded.ray_intersect(mi.Ray3f(origin.tolist(), ahead.tolist()))
     if not hit.is_valid():
         raise BadInput(
-            "nothing lies in the middle of the camera's picture",
+            "nothing lies in the middle of the camera's image",
             where=str(path),
             hint="aim the camera at the target, and export again",
         )
     distance = float(hit.t)
-    image = SENSOR_WIDTH_M / 2 / math.tan(math.radians(_field(props, path)) / 2)
+    image = SENSOR_WIDTH_M / 2 / math.tan(math.radians(_field_of_view(props, path)) / 2)
     focal = 1 / (1 / image + 1 / distance)
     return ExportedCamera(
         name=f"{props.plugin_name()} camera",
@@ -72,15 +83,15 @@ def read_exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
         look_at_m=tuple((origin + distance * ahead).tolist()),
         up=tuple(up.tolist()),
         focal_length_mm=focal * 1e3,
-        f_number=_f_number(props, focal, path),
-        lights=_groups(lamps),
+        f_number=_f_number(props, focal_length_m=focal, path=path),
+        lights=_light_groups(lamps),
         target=hit.shape.id(),
         distance_m=distance,
     )
 
 
-def _first(cameras: str, path: Path) -> Any:
-    """The words of the first perspective camera, those of older versions as this one has them."""
+def _first_camera(cameras: str, path: Path) -> Any:
+    """Return the properties of the first perspective camera, upgraded from older versions of Mitsuba."""
     config = mi.parser.ParserConfig("scalar_rgb")
     try:
         state = mi.parser.parse_string(config, cameras)
@@ -94,9 +105,9 @@ def _first(cameras: str, path: Path) -> Any:
 
 
 def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the camera is, and the unit vectors ahead and up, float64 (3,) each."""
-    at = props.get("to_world", mi.ScalarTransform4f())
-    matrix = np.array(getattr(at, "matrix", np.full((4, 4), np.nan)), dtype=np.float64)
+    """Return the position of the camera and its unit vectors ahead and up, float64 (3,) each."""
+    to_world = props.get("to_world", mi.ScalarTransform4f())
+    matrix = np.array(getattr(to_world, "matrix", np.full((4, 4), np.nan)), dtype=np.float64)
     lengths = np.linalg.norm(matrix[:3, 1:3], axis=0)
     if not (np.isfinite(matrix).all() and (lengths > 0).all()):
         raise BadInput(
@@ -106,18 +117,18 @@ def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return matrix[:3, 3], ahead, up
 
 
-def _field(props: Any, path: Path) -> float:
-    """Horizontal field of view (degrees) on our film of 8:5, as Mitsuba has it.
+def _field_of_view(props: Any, path: Path) -> float:
+    """Return the horizontal field of view (degrees) on our sensor of 8:5, as Mitsuba computes it.
 
-    A field may be given for any axis; or by the focal length, as text, of a lens with the same diagonal field
-    on a film of 36 × 24 mm, 50 mm where the file says neither.
+    The file states a field of view along some axis, or, as text, the focal length of a lens with the same
+    diagonal field on 36 × 24 mm; if it states neither, the focal length is 50 mm.
     """
-    words = {key: props[key] for key in ("fov", "fov_axis", "focal_length") if key in props}
+    properties = {key: props[key] for key in ("fov", "fov_axis", "focal_length") if key in props}
     try:
-        camera = mi.load_dict({"type": "perspective", **words, "film": make_film_dict(REFERENCE_GRID)})
+        camera = mi.load_dict({"type": "perspective", **properties, "film": make_film_dict(REFERENCE_GRID)})
     except (RuntimeError, ValueError, TypeError) as error:
-        said = re.split(r"\[[\w.]+:\d+\] ", str(error))[-1]
-        raise BadInput(f"the camera's field of view: {said}", where=str(path)) from error
+        message = re.split(r"\[[\w.]+:\d+\] ", str(error))[-1]
+        raise BadInput(f"the camera's field of view: {message}", where=str(path)) from error
     field = float(mi.traverse(camera)["x_fov"])
     if not 0 < field < 180:
         raise BadInput(
@@ -126,8 +137,8 @@ def _field(props: Any, path: Path) -> float:
     return field
 
 
-def _f_number(props: Any, focal_length_m: float, path: Path) -> float:
-    """Of the file's aperture; one of no width is a pinhole, as that of a perspective camera."""
+def _f_number(props: Any, *, focal_length_m: float, path: Path) -> float:
+    """Return the f-number of the file's aperture; a perspective camera, or an aperture of 0, is a pinhole."""
     radius = props.get("aperture_radius", 0.0)
     if not (isinstance(radius, int | float) and 0 <= radius < math.inf):
         raise BadInput(
@@ -135,28 +146,26 @@ def _f_number(props: Any, focal_length_m: float, path: Path) -> float:
             where=str(path),
             allowed="a length in metres, or 0 for a pinhole",
         )
-    f_number = focal_length_m / (2 * radius) if radius > 0 else USUAL_F_NUMBER
-    if f_number > SMALLEST_F_NUMBER:
+    f_number = focal_length_m / (2 * radius) if radius > 0 else PINHOLE_F_NUMBER
+    if f_number > MAX_F_NUMBER:
         raise BadInput(
             f"aperture_radius of the camera is {radius:g}, f/{f_number:.4g} on our sensor",
             where=str(path),
-            allowed=f"up to f/{SMALLEST_F_NUMBER:g}, {focal_length_m / 2 / SMALLEST_F_NUMBER:.2g} m or more",
+            allowed=f"up to f/{MAX_F_NUMBER:g}, {focal_length_m / 2 / MAX_F_NUMBER:.2g} m or more",
             hint="open the aperture, or write 0: the card then says f/2",
         )
-    return max(f_number, WIDEST_F_NUMBER)
+    return max(f_number, MIN_F_NUMBER)
 
 
-def _groups(lamps: list[str]) -> dict[str, str]:
-    """A light group a lamp, called as the lamp is without what exporters put before the name.
+def _light_groups(lamps: list[str]) -> dict[str, str]:
+    """Return one light group per lamp, named after the lamp without the prefix that exporters add.
 
-    Or else, where another lamp or another thing is called so.
+    A name that is taken or reserved gets a suffix.
     """
     groups: dict[str, str] = {}
     for lamp in lamps:
-        name = (
-            re.sub(r"[^a-z0-9]+", "_", re.sub(r"^(emit|mesh|light)[-_]", "", lamp.lower())).strip("_")
-            or "lamp"
-        )
+        own = re.sub(r"^(emit|mesh|light)[-_]", "", lamp.lower())
+        name = re.sub(r"[^a-z0-9]+", "_", own).strip("_") or "lamp"
         if name in RESERVED_GROUP_NAMES:
             name += "_lamp"
         while name in groups:

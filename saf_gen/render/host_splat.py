@@ -1,13 +1,14 @@
-"""Adds traced paths to every focus position at once.
+"""Adds traced paths to every focus position at once, on the processor's cores.
 
-A path meets the sensor on a straight line as the lens moves (x and y linear in the position), so a pixel
-holds it for one run of consecutive positions. Two writes a run, the value where it begins and its negative
-where it ends, and one running sum over positions at the end give the whole stack: the cost grows with the
-pixels a path crosses, not with the positions.
+The point where a path meets the sensor moves along a straight line with the lens (x and y are linear in the
+position), so a pixel holds the path for one run of consecutive positions. Two writes per run, the value where
+it begins and its negative where it ends, and one running sum over positions at the end give the whole stack:
+the cost grows with the pixels that a path crosses, not with the positions.
 
-Value and count of a sample travel in one 64-bit word: the count in the low COUNT_BITS, the value above
-them in fixed point. Integer sums do not depend on the order of threads, so a stack is the same bit for bit
-however many cores made it. Positions lie innermost: the pixels of a blur disc are then a few cache lines.
+The value and the count of a sample share one 64-bit word: the count in the low COUNT_BITS, the value above
+them in fixed point. Integer sums do not depend on the order of threads, so a stack is the same, bit for bit,
+however many cores made it. Positions are the innermost axis, so that the pixels of a blur disc take few cache
+lines.
 """
 
 import math
@@ -30,16 +31,18 @@ __all__ = [
 COUNT_BITS = 20
 VALUE_BITS = 63 - COUNT_BITS
 ACCUMULATOR_BYTES = 1 << 30
-NEVER = np.float32(1e9)  # positions
+NEVER = np.float32(1e9)  # a number of positions that no travel has
 
 
 class TracedPaths(NamedTuple):
-    """Traced paths, arrays of Dr.Jit or numpy; no window where all count at every position.
+    """Traced paths, as arrays of Dr.Jit or numpy.
 
+    Attributes
+    ----------
     first_x, first_y : float32 (path,), where each path meets the sensor at position 0, in pixels.
     step_x, step_y : float32 (path,), how far it moves from one position to the next, in pixels.
     radiance : float32 (path,).
-    begin, end : int32 (path,), each path counts at positions begin <= k < end; None: at all of them.
+    begin, end : int32 (path,), each path counts at positions begin <= k < end; None for all positions.
     """
 
     first_x: Any
@@ -51,41 +54,43 @@ class TracedPaths(NamedTuple):
     end: Any = None
 
     def to_host(self) -> "TracedPaths":
-        """The same of Dr.Jit's as numpy arrays; without a copy where the device is the host (LLVM)."""
+        """Return Dr.Jit's arrays as numpy arrays, without a copy where the device is the host (LLVM)."""
         return TracedPaths(*(array if array is None else array.numpy() for array in self))
 
 
 class HostAccumulator:
-    """Sums of a band of rows of the film, added to by the cores.
+    """Sums of all rows of a stack, added to by the cores.
 
-    shape : (focus, row, col) of the whole stack. band : first row and the one after the last, here always
-    all. scale, most : as :func:`splat_paths` takes them.
+    shape : (focus, row, col) of the stack. band : first row and the one after the last, here always all rows.
+    scale, most : as :func:`splat_paths` takes them.
     """
 
-    def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], scale: float, most: float) -> None:
+    def __init__(
+        self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float
+    ) -> None:
         self.sums = allocate_accumulators(nb.get_num_threads(), shape)
         self.scale, self.most = scale, most
 
     @staticmethod
     def split_into_bands(shape: tuple[int, int, int]) -> list[tuple[int, int]]:
-        """The whole film: where memory is short there are fewer accumulators, not parts of one."""
+        """Return one band of all rows: where memory is short there are fewer accumulators instead."""
         return [(0, shape[1])]
 
     def add(self, paths: TracedPaths) -> int:
-        """Add paths (Dr.Jit arrays); the number of clipped samples among them."""
+        """Add paths (Dr.Jit arrays), and return the number of clipped samples among them."""
         host = paths.to_host()
         line = (host.first_x, host.first_y, host.step_x, host.step_y)
         return int(splat_paths(self.sums, *line, host.radiance, self.scale, self.most, host.begin, host.end))
 
     def mean_radiance(self) -> np.ndarray:
-        """Mean radiance, float32 (focus, row, col)."""
+        """Return the mean radiance, float32 (focus, row, col)."""
         return resolve_means(self.sums, self.scale)
 
 
 def allocate_accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
-    """Empty accumulators, one a worker: int64 (worker, row, col, focus).
+    """Return empty accumulators, one per worker: int64 (worker, row, col, focus).
 
-    Fewer workers than asked for where they would take more than ACCUMULATOR_BYTES, but at least one.
+    There are fewer than ``workers`` where they would take more than ACCUMULATOR_BYTES, but at least one.
     """
     focus, rows, columns = shape
     workers = max(1, min(workers, ACCUMULATOR_BYTES // (8 * focus * rows * columns)))
@@ -94,7 +99,7 @@ def allocate_accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarr
 
 @nb.njit(nogil=True, cache=True)
 def _axis(first, step):
-    """How a path walks along an axis: cell, way to the next, positions to its first border and a cell."""
+    """Return a path's cell, direction, and positions to its first border and per cell, along an axis."""
     cell = np.int32(math.floor(first))
     if step > 0:
         pace = np.float32(1) / step
@@ -117,11 +122,11 @@ def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most
         word = (np.int64(radiance * scale + 0.5) << COUNT_BITS) + 1
         k, stop = 0, focus
         x, y = first_x[i], first_y[i]
-        if begin is not None:  # settled when compiled: drives without a window lose no time on it
+        if begin is not None:  # decided when compiled: drives without a window lose no time on it
             k, stop = begin[i], min(end[i], focus)
             x += np.float32(k) * step_x[i]
             y += np.float32(k) * step_y[i]
-        # From border to border (Amanatides and Woo 1987): one addition a border, no division.
+        # From border to border (Amanatides and Woo 1987): one addition per border, and no division.
         column, right, to_x, pace_x = _axis(x, step_x[i])
         row, down, to_y, pace_y = _axis(y, step_y[i])
         if begin is not None:
@@ -152,13 +157,13 @@ def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begi
     Parameters
     ----------
     sums : int64 (worker, row, col, focus), changed in place.
-    first_x, first_y : float32 (path,), where each path meets the sensor at position 0, in pixels.
-    step_x, step_y : float32 (path,), how far it moves from one position to the next, in pixels.
-    value : float32 (path,), radiance.
-    scale : fixed-point units a unit of radiance; ``most`` : radiance at which a sample is clipped.
-    begin, end : int32 (path,), each path counts at positions begin <= k < end; None: at all of them.
+    first_x, first_y, step_x, step_y, value, begin, end : the fields of :class:`TracedPaths`.
+    scale : fixed-point units per unit of radiance.
+    most : radiance at which a sample is clipped.
 
-    Returns the number of clipped samples, so that a caller can say when it is not 0.
+    Returns
+    -------
+    The number of clipped samples.
     """
     workers = sums.shape[0]
     clipped = np.zeros(workers, dtype=np.int64)
@@ -173,10 +178,11 @@ def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begi
 
 @nb.njit(parallel=True, cache=True)
 def resolve_means(sums, scale):
-    """Mean radiance, float32 (focus, row, col), from the accumulators.
+    """Return the mean radiance, float32 (focus, row, col), of the accumulators.
 
-    Divided by the samples that fell into the pixel rather than by those sent: the count's own scatter then
-    cancels. A pixel that got none (a handful of samples a pixel at most) repeats its neighbour in focus.
+    Sums are divided by the samples that fell into the pixel rather than by those sent, so that the scatter of
+    their number cancels. A pixel without samples, which a few samples per pixel can leave, repeats its
+    neighbour in focus.
     """
     workers, rows, columns, focus = sums.shape
     out = np.empty((focus, rows, columns), dtype=np.float32)

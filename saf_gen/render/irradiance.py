@@ -1,4 +1,4 @@
-"""The light that falls on what the camera sees: irradiance, whatever the surface does with it."""
+"""The irradiance of what the camera sees, which does not depend on what the surface reflects."""
 
 from typing import Any
 
@@ -10,52 +10,63 @@ from saf_gen.render.render_setup import RenderSetup, make_camera_dict
 
 __all__ = ["estimate_irradiance"]
 
-RUNS = 4  # independent ones: their scatter is the error
-POINTS, RAYS = (4096, 32), (256, 8)  # most points of the target, samples at each and run: vectors, scalar
+RUNS = 4  # independent estimates, whose scatter gives the standard error
+JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # most points of the target; samples per point and run
 
 
-def estimate_irradiance(setup: RenderSetup, position: float, target: np.ndarray) -> tuple[float, float]:
-    """Mean irradiance (W m⁻²) over the target's pixels, bool (row, col), and its standard error.
+def estimate_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
+    """Estimate the irradiance of the target by Monte Carlo.
 
-    Of the side that faces the camera; where the surface lets light through, of both sides together. Light
-    from lamps is sampled towards them; light by way of other surfaces, all of it within the integrator's
-    longest path, over the hemisphere in proportion to the cosine.
+    The side that faces the camera counts, and both sides where the surface lets light through. Direct light
+    is sampled towards the lamps; indirect light, up to the integrator's longest path, over the hemisphere in
+    proportion to the cosine.
+
+    Parameters
+    ----------
+    setup : the lit scene in front of its lens.
+    position : focus position at which the target is seen.
+    target : the target's pixels, bool (row, col).
+
+    Returns
+    -------
+    The mean over the target's pixels (W m⁻²), and its standard error.
     """
     vectors = dr.is_jit_v(mi.Float)
-    points, samples = POINTS if vectors else RAYS
+    points, samples = JIT_SAMPLING if vectors else SCALAR_SAMPLING
     rows, columns = np.nonzero(target)
     chosen = np.linspace(0, rows.size - 1, min(points, rows.size)).astype(int)
-    x = (columns[chosen] + 0.5) / setup.film.columns
-    y = (rows[chosen] + 0.5) / setup.film.rows
+    x = (columns[chosen] + 0.5) / setup.grid.columns
+    y = (rows[chosen] + 0.5) / setup.grid.rows
     sensor = mi.load_dict({"type": "perspective", **make_camera_dict(setup, position)})
     sampler = mi.load_dict({"type": "independent"})
     if vectors:
         sampler.seed(0, RUNS * x.size * samples)
-        x, y = (np.tile(np.repeat(places, samples), RUNS) for places in (x, y))
-        received = np.array(_fallen(setup, sensor, sampler, mi.Point2f(x, y)), dtype=np.float64)
+        x, y = (np.tile(np.repeat(values, samples), RUNS) for values in (x, y))
+        seen = mi.Point2f(x, y)
+        received = np.array(_sample_point(setup, sensor, sampler=sampler, seen=seen), dtype=np.float64)
     else:
-        places = [mi.Point2f(*place) for place in zip(x, y, strict=True)] * (samples * RUNS)
-        received = np.array([_fallen(setup, sensor, sampler, place) for place in places])
+        all_seen = [mi.Point2f(*point) for point in zip(x, y, strict=True)] * (samples * RUNS)
+        received = np.array([_sample_point(setup, sensor, sampler=sampler, seen=seen) for seen in all_seen])
     means = received.reshape(RUNS, -1).mean(axis=1)
     return float(means.mean()), float(means.std(ddof=1) / np.sqrt(RUNS))
 
 
-def _fallen(setup: RenderSetup, sensor: Any, sampler: Any, on_film: Any) -> Any:
-    """One sample of irradiance where the ray through each place of the film, 0...1, ends."""
-    ray, _ = sensor.sample_ray(0, 0.5, on_film, mi.Point2f(0.5))
+def _sample_point(setup: RenderSetup, sensor: Any, *, sampler: Any, seen: Any) -> Any:
+    """Return one sample of the irradiance of the surface that is seen at each point of the image, 0...1."""
+    ray, _ = sensor.sample_ray(0, 0.5, seen, mi.Point2f(0.5))
     hit = setup.mitsuba_scene.ray_intersect(ray)
     facing = dr.select(dr.dot(hit.n, ray.d) < 0, hit.n, -hit.n)
     surface = hit.bsdf(mi.RayDifferential3f(ray))
     through = mi.has_flag(surface.flags(), mi.BSDFFlags.DiffuseTransmission)
     through |= mi.has_flag(surface.flags(), mi.BSDFFlags.GlossyTransmission)
-    through |= dr.any(surface.eval_null_transmission(hit) > 0)  # straight on, as a thin stained section
-    front = _on_side(setup, sampler, hit, facing, hit.is_valid())
-    back = _on_side(setup, sampler, hit, -facing, hit.is_valid() & through)
+    through |= dr.any(surface.eval_null_transmission(hit) > 0)  # unscattered, as by a thin stained section
+    front = _sample_side(setup, hit, sampler=sampler, normal=facing, active=hit.is_valid())
+    back = _sample_side(setup, hit, sampler=sampler, normal=-facing, active=hit.is_valid() & through)
     return mi.luminance(front + back) if mi.is_rgb else (front + back)[0]
 
 
-def _on_side(setup: RenderSetup, sampler: Any, hit: Any, normal: Any, active: Any) -> Any:
-    """One sample of the irradiance of the side that ``normal`` points away from the surface of."""
+def _sample_side(setup: RenderSetup, hit: Any, *, sampler: Any, normal: Any, active: Any) -> Any:
+    """Return one sample of the irradiance of the side of the surface that ``normal`` points away from."""
     lamp, weight = setup.mitsuba_scene.sample_emitter_direction(hit, sampler.next_2d(), True, active)
     direct = weight * dr.maximum(dr.dot(normal, lamp.d), 0)
     towards = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
@@ -64,10 +75,10 @@ def _on_side(setup: RenderSetup, sampler: Any, hit: Any, normal: Any, active: An
     there = setup.mitsuba_scene.ray_intersect(mi.Ray3f(ray), active)
     shines = there.emitter(setup.mitsuba_scene, active)
     vectors = dr.is_jit_v(mi.Float)
-    if not vectors and shines is None:  # scalar has null pointers for no lamp and no shape
+    if not vectors and shines is None:  # scalar has null pointers where there is no lamp or shape
         return dr.select(active, direct + dr.pi * seen, 0)
-    # A lamp that was hit has been counted by the ray towards it. The integrator does not see one without a
-    # surface, as Blender exports them.
+    # A lamp that was hit has been counted by the sample towards it, except a lamp without a surface, as
+    # Blender exports them: the integrator does not see it.
     has_surface = vectors or there.is_valid()
     hidden = has_surface and mi.has_flag(there.bsdf(ray).flags(), mi.BSDFFlags.Null)
     shining = dr.select(hidden, 0, shines.eval(there, active))

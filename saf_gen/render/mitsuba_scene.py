@@ -1,4 +1,4 @@
-"""From a scene folder to a Mitsuba scene with one light group burning."""
+"""From a scene folder to a Mitsuba scene that is lit by some of its emitters."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -24,12 +24,13 @@ __all__ = [
 
 
 def build_scene_dict(scene: Scene) -> dict[str, Any]:
-    """Read the folder's ``scene.xml``, or run its ``build(params)``, and check it against the card.
+    """Return the Mitsuba dictionary of a scene, with all its emitters, checked against the card.
 
-    Returns the Mitsuba dictionary, every light group in it.
-    Raises BadInput where the geometry fails, or names on the card are absent from what it built.
+    It is read from ``scene.xml``, or built by ``build(params)`` of ``scene.py``.
+
+    Raises BadInput where the geometry fails, and where a name on the card is missing from it.
     """
-    described = _described(scene)
+    described = _read_geometry(scene)
     lamps = emitter_names(described)
     shapes = [name for name, entry in described.items() if _is_shape(entry)]
     card = str(scene.folder / "scene.yaml")
@@ -50,16 +51,16 @@ def build_scene_dict(scene: Scene) -> dict[str, Any]:
 
 
 def emitter_names(described: Mapping[str, Any]) -> list[str]:
-    """The entries that shine, lamps as such and shapes with a lamp in them."""
+    """Return the names of the entries that emit light: lamps, and shapes with a lamp in them."""
     return [name for name, entry in described.items() if _emits(entry)]
 
 
 def read_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
-    """How the shapes of this scene move: the card's ``motion``, and ``motion(params)`` of its script.
+    """Return the motions of a scene's shapes, from the card and from ``motion(params)`` of its script.
 
-    ``described`` is what :func:`build_scene_dict` gave; :func:`pose_shapes` takes both. Empty for a scene
-    that stands still.
-    Raises BadInput where the script fails, a shape has two motions, or there is no such entry.
+    ``described`` is what :func:`build_scene_dict` returned. A scene that stands still has no motions.
+
+    Raises BadInput where the script fails, a shape has two motions, or an entry does not exist.
     """
     card, script = str(scene.folder / "scene.yaml"), str(scene.folder / "scene.py")
     moving = {name: (motion, card) for name, motion in scene.card.motion.items()}
@@ -76,18 +77,22 @@ def read_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidM
     return {name: motion for name, (motion, _) in moving.items()}
 
 
-def load_lit_scene(described: Mapping[str, Any], burning: tuple[str, ...], max_depth: int) -> tuple[Any, Any]:
-    """The Mitsuba scene with only these emitters, and the integrator to trace it.
+def load_lit_scene(
+    described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int
+) -> tuple[Any, Any]:
+    """Return the Mitsuba scene with only these emitters, and the integrator that traces it.
 
-    The other emitters are left out, not dimmed: none of the samples is then spent on a dark lamp. Their
-    shapes stay and go on casting shadows.
+    The other emitters are left out rather than dimmed, so that no sample is spent on a dark lamp. Their
+    shapes stay and still cast shadows.
+
+    Raises BadInput for a scene that Mitsuba cannot load.
     """
-    lit = {name: _without_light(entry, name in burning) for name, entry in described.items()}
+    lit = {name: entry if name in emitters else _without_light(entry) for name, entry in described.items()}
     lit = {name: entry for name, entry in lit.items() if entry is not None}
-    lit = dict(_keyed(name, entry, lit) for name, entry in lit.items())
+    lit = dict(_keyed(name, entry, taken=lit) for name, entry in lit.items())
     try:
-        # One after the other: threads would number the shapes as they come, and a kernel's code holds the
-        # numbers, so that each load would have its kernel written anew.
+        # Loaded by one thread: several would number the shapes in the order in which they finish. A kernel's
+        # code holds these numbers, so every load would compile its kernels anew.
         loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise BadInput(f"Mitsuba cannot load the scene: {error}") from error
@@ -96,13 +101,13 @@ def load_lit_scene(described: Mapping[str, Any], burning: tuple[str, ...], max_d
 
 
 def camera_to_world(scene: Scene) -> Any:
-    """Transform of camera space (looking along +z, x to the left) to the world, in the scene's units."""
+    """Return the transform of camera space (looking along +z, x to the left) to the world, in scene units."""
     pose, unit = scene.card.camera, scene.card.unit_m
-    origin, target = ([x / unit for x in place] for place in (pose.origin_m, pose.look_at_m))
+    origin, target = ([x / unit for x in point] for point in (pose.origin_m, pose.look_at_m))
     return mi.ScalarTransform4f().look_at(origin=origin, target=target, up=list(pose.up))
 
 
-def _described(scene: Scene) -> dict[str, Any]:
+def _read_geometry(scene: Scene) -> dict[str, Any]:
     if not scene.has_script:
         path = scene.folder / "scene.xml"
         return xml_scene.parse_scene_dict(read_scene_xml(path, scene.params).text, path)
@@ -113,8 +118,8 @@ def _described(scene: Scene) -> dict[str, Any]:
     return {name: entry for name, entry in described.items() if name != "type"}
 
 
-def _keyed(name: str, entry: Any, taken: Mapping[str, Any]) -> tuple[str, Any]:
-    """An entry under a key that Mitsuba takes: Blender's Cube.001 has a dot, which is a key's delimiter."""
+def _keyed(name: str, entry: Any, *, taken: Mapping[str, Any]) -> tuple[str, Any]:
+    """Return an entry under a key that Mitsuba accepts: the dot in Blender's Cube.001 is its delimiter."""
     if "." not in name or not isinstance(entry, dict):
         return name, entry
     key = name.replace(".", "_")
@@ -123,7 +128,7 @@ def _keyed(name: str, entry: Any, taken: Mapping[str, Any]) -> tuple[str, Any]:
     return key, {"id": name, **entry}
 
 
-def _kind(entry: Any) -> str | None:
+def _plugin_name(entry: Any) -> str | None:
     return entry.get("type") if isinstance(entry, dict) else None
 
 
@@ -132,16 +137,16 @@ def _emits(entry: Any) -> bool:
         return True
     if not isinstance(entry, dict):
         return isinstance(entry, mi.Shape) and entry.is_emitter()
-    return _is_emitter(entry) or any(_is_emitter(part) for part in entry.values())
+    return _is_emitter(entry) or any(_is_emitter(value) for value in entry.values())
 
 
 def _is_emitter(entry: Any) -> bool:
-    return _kind(entry) in ALLOWED_PLUGINS["emitter"] or isinstance(entry, mi.Emitter)
+    return _plugin_name(entry) in ALLOWED_PLUGINS["emitter"] or isinstance(entry, mi.Emitter)
 
 
-def _without_light(entry: Any, burning: bool) -> Any:
-    """The entry as it is when it burns; else its shape without the lamp in it, or nothing."""
-    if burning or not _emits(entry):
+def _without_light(entry: Any) -> Any:
+    """Return an entry without its light: the shape without the lamp in it, or None for a mere lamp."""
+    if not _emits(entry):
         return entry
     if _is_emitter(entry):
         return None
@@ -150,23 +155,23 @@ def _without_light(entry: Any, burning: bool) -> Any:
             f"the shape {entry.id()!r} was made with its emitter inside",
             hint="give it as a dictionary with an emitter entry, so that its light can be turned off",
         )
-    dark = {key: part for key, part in entry.items() if not _is_emitter(part)}
-    if not any(_is_bsdf(part) for part in dark.values()):
-        # Mitsuba makes a lamp without a surface of its own black, any other such shape grey.
+    dark = {key: value for key, value in entry.items() if not _is_emitter(value)}
+    if not any(_is_bsdf(value) for value in dark.values()):
+        # Mitsuba makes a lamp without a surface of its own black, and any other such shape grey.
         dark["bsdf"] = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
     return dark
 
 
 def _is_shape(entry: Any) -> bool:
-    """Whether an entry may be a target; a plug-in that is not known may be one."""
+    """Whether an entry may be a target; an unknown plug-in may be one."""
     if not isinstance(entry, dict):
         return isinstance(entry, mi.Shape)
     others = set().union(*(names for tag, names in ALLOWED_PLUGINS.items() if tag != "shape"))
-    return _kind(entry) not in {*others, "scene", "ref", "shapegroup"}
+    return _plugin_name(entry) not in {*others, "scene", "ref", "shapegroup"}
 
 
-def _is_bsdf(part: Any) -> bool:
-    kind = _kind(part)
-    if kind is None or kind == "ref" or any(kind in names for names in ALLOWED_PLUGINS.values()):
-        return isinstance(part, mi.BSDF) or kind == "ref" or kind in ALLOWED_PLUGINS["bsdf"]
-    return isinstance(mi.load_dict(part), mi.BSDF)
+def _is_bsdf(value: Any) -> bool:
+    plugin = _plugin_name(value)
+    if plugin is None or plugin == "ref" or any(plugin in names for names in ALLOWED_PLUGINS.values()):
+        return isinstance(value, mi.BSDF) or plugin == "ref" or plugin in ALLOWED_PLUGINS["bsdf"]
+    return isinstance(mi.load_dict(value), mi.BSDF)

@@ -1,4 +1,4 @@
-"""Which rays a one-pass stack needs, and how samples are spread over them."""
+"""The rays that a one-pass stack needs, and the spread of samples over them."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.optics import Drive
-from saf_gen.render.render_setup import SensorGrid
+from saf_gen.stack.focal_stack import PixelGrid
 
 __all__ = ["RayCoverage", "compute_coverage", "place_samples"]
 
@@ -24,7 +24,10 @@ STEPS = tuple(round(GOLDEN ** -(j + 1) * 2**32) & 0xFFFFFFFF for j in range(4))
 class RayCoverage:
     """The rays at the middle position that some position sees.
 
-    rows, columns : pixels to add to the film on each side. radius_m : of the disc of lens points.
+    Attributes
+    ----------
+    rows, columns : pixels to add to the sensor on each side.
+    radius_m : radius of the disc of lens points.
     """
 
     rows: int
@@ -32,36 +35,40 @@ class RayCoverage:
     radius_m: float
 
 
-def compute_coverage(drive: Drive, film: SensorGrid, ends: tuple[float, float] = (0.0, 1.0)) -> RayCoverage:
-    """What must be sampled evenly half way between two positions so that all between see their rays, evenly.
+def compute_coverage(drive: Drive, grid: PixelGrid, *, ends: tuple[float, float] = (0.0, 1.0)) -> RayCoverage:
+    """Return what to sample evenly at the middle of two positions so that all positions between are covered.
 
-    The rays of a position (film × aperture) are led back to the middle by the inverse of the drive's
-    transfer; its entries are monotone in the position, so both ends are the extremes. The lens disc is
+    The rays of a position (sensor × aperture) are traced back to the middle by the inverse of the drive's
+    transfer. Its entries are monotone in the position, so the two ends are the extremes. The lens disc is
     larger than the aperture where lens and scene move against each other: a ray then passes the aperture at
     some positions and misses it at others.
     """
     middle = sum(ends) / 2
     back = np.linalg.inv(drive.ray_transfer(np.array([ends[0], middle, ends[1]]), middle))
-    radius, pitch = drive.aperture_radius_m, film.pitch_m
+    radius, pitch = drive.aperture_radius_m, grid.pitch_m
     guards = []
-    for pixels in (film.rows, film.columns):
+    for pixels in (grid.rows, grid.columns):
         half = pixels / 2
         reach = np.abs(back[:, 0, 0]) * half + np.abs(back[:, 0, 1]) * radius / pitch
         guards.append(math.ceil(reach.max() - half) + 1)
-    corner = math.hypot(film.rows, film.columns) / 2 * pitch
+    corner = math.hypot(grid.rows, grid.columns) / 2 * pitch
     lens = np.abs(back[:, 1, 0]) * corner + np.abs(back[:, 1, 1]) * radius
     return RayCoverage(guards[0], guards[1], float(lens.max()))
 
 
-def place_samples(pixel: Any, sample: Any, seed: int) -> tuple[Any, Any, Any]:
-    """Where each sample falls in its pixel (two numbers in 0...1) and on the unit square of the lens.
+def place_samples(pixel: Any, sample: Any, *, seed: int) -> tuple[Any, Any, Any]:
+    """Return each sample's offsets in its pixel (two, in 0...1) and its point on the unit square of the lens.
 
-    Every pixel turns the same sequence by offsets of its own (Cranley and Patterson 1976).
+    Every pixel shifts the same sequence by offsets of its own.
+
+    References
+    ----------
+    R. Cranley and T. N. L. Patterson, SIAM J. Numer. Anal. 13, 904 (1976), doi:10.1137/0713071.
     """
-    turns = []
+    coordinates = []
     for j, step in enumerate(STEPS):
         word: Any = dr.opaque(mi.UInt32, (seed + j) & 0xFFFFFFFF)
-        turn, _ = mi.sample_tea_32(pixel, word, 6)
-        fixed = turn + sample * mi.UInt32(step)
-        turns.append(mi.Float(fixed >> 8) * 2.0**-24)  # 24 bits: what a float32 holds below 1
-    return turns[0], turns[1], mi.Point2f(turns[2], turns[3])
+        offset, _ = mi.sample_tea_32(pixel, word, 6)
+        fixed = offset + sample * mi.UInt32(step)
+        coordinates.append(mi.Float(fixed >> 8) * 2.0**-24)  # 24 bits: what a float32 holds below 1
+    return coordinates[0], coordinates[1], mi.Point2f(coordinates[2], coordinates[3])

@@ -1,4 +1,4 @@
-"""What a renderer needs to know: the scene, the lens before it, and the sensor as a film."""
+"""What a renderer works on: a loaded scene, the lens in front of it, and the sensor's pixels."""
 
 import math
 from dataclasses import dataclass
@@ -9,13 +9,14 @@ import numpy as np
 
 from saf_gen.core.region import Region
 from saf_gen.optics import Drive
+from saf_gen.stack.focal_stack import PixelGrid
 
 __all__ = ["RenderSetup", "SensorGrid", "make_camera_dict", "make_film_dict", "rendered_positions"]
 
 
 @dataclass(frozen=True)
 class SensorGrid:
-    """Pixels and their pitch (m)."""
+    """Pixels of no particular sensor: rows, columns and pitch (m)."""
 
     rows: int
     columns: int
@@ -24,40 +25,49 @@ class SensorGrid:
 
 @dataclass(frozen=True)
 class RenderSetup:
-    """A loaded scene in front of a lens: what to trace and how, from where, through what, onto what.
+    """A loaded scene in front of a lens and a sensor.
 
-    mitsuba_scene, integrator : of Mitsuba. to_world : transform of camera space, which looks along +z, to
-    the world; both in units of the scene, ``unit_m`` metres each.
+    Attributes
+    ----------
+    mitsuba_scene, integrator : Mitsuba's own objects.
+    to_world : transform of camera space, which looks along +z, to the world; both in units of the scene.
+    drive : the lens with its focus drive.
+    grid : the sensor's pixels.
+    unit_m : metres per unit of the scene.
     """
 
     mitsuba_scene: Any
     integrator: Any
     to_world: Any
     drive: Drive
-    film: SensorGrid
+    grid: PixelGrid
     unit_m: float = 1.0
 
     def to_world_at(self, forward_m: float) -> Any:
-        """Camera space (scene units) to the world, the lens moved this far (m) towards the scene."""
+        """Return the transform of camera space to the world for a lens moved ``forward_m`` to the scene."""
         return self.to_world @ mi.ScalarTransform4f().translate([0, 0, forward_m / self.unit_m])
 
 
 def rendered_positions(positions: int, window: tuple[int, int] | None) -> np.ndarray:
-    """The positions to render, float64 (focus,): of so many over the whole travel the first to the last."""
+    """Return the focus positions to render, float64 (focus,).
+
+    They are ``positions`` evenly spaced ones over the whole travel, or of these the first to the last index
+    in ``window``.
+    """
     first, last = window or (0, positions - 1)
     return np.linspace(0, 1, positions)[first : last + 1]
 
 
-def make_film_dict(film: SensorGrid, region: Region | None = None) -> dict[str, Any]:
-    """A film with a box filter: each pixel on its own, where the default Gaussian mixes neighbours.
+def make_film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, Any]:
+    """Return Mitsuba's film for a sensor, or for a region of its rows and columns.
 
-    ``region``: only these rows and columns of it.
+    Its box filter keeps pixels apart, where the default Gaussian mixes neighbours.
     """
-    rows, columns = region or (slice(0, film.rows), slice(0, film.columns))
+    rows, columns = region or (slice(0, grid.rows), slice(0, grid.columns))
     return {
         "type": "hdrfilm",
-        "width": film.columns,
-        "height": film.rows,
+        "width": grid.columns,
+        "height": grid.rows,
         "crop_offset_x": columns.start,
         "crop_offset_y": rows.start,
         "crop_width": columns.stop - columns.start,
@@ -69,19 +79,20 @@ def make_film_dict(film: SensorGrid, region: Region | None = None) -> dict[str, 
 
 
 def make_camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
-    """What any Mitsuba sensor in place of the lens must know: pose, field of view, film, clips.
+    """Return what every Mitsuba camera must know at a focus position: pose, field of view, film, clips.
 
-    The clips lie at a ten-thousandth of the distance in focus and at a hundred thousand times it: Mitsuba's
-    own, 0.01 and 10,000 units of the scene, hide a specimen, and all of it where a unit is a micrometre.
+    The clips lie at a ten-thousandth of the distance in focus and at a hundred thousand times it. Mitsuba's
+    own, 0.01 and 10,000 units of the scene, would hide a microscope's specimen, and all of a scene whose unit
+    is a micrometre.
     """
-    drive, film = setup.drive, setup.film
+    drive, grid = setup.drive, setup.grid
     distance = float(drive.object_distance(position)) / setup.unit_m
-    half = film.columns * film.pitch_m / 2
+    half = grid.columns * grid.pitch_m / 2
     return {
         "to_world": setup.to_world_at(float(drive.shift(position))),
         "near_clip": 1e-4 * distance,
         "far_clip": 1e5 * distance,
         "fov_axis": "x",
         "fov": math.degrees(2 * math.atan(half / float(drive.image_distance(position)))),
-        "film": make_film_dict(film),
+        "film": make_film_dict(grid),
     }

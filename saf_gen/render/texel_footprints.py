@@ -1,4 +1,4 @@
-"""How large the texels of a texture are on the surface that wears it."""
+"""The size of a texture's texels on the surface that it covers."""
 
 from typing import Any
 
@@ -11,20 +11,30 @@ __all__ = ["texel_footprints"]
 
 
 def texel_footprints(
-    setup: RenderSetup, target_shapes: tuple[str, ...], position: float, target: np.ndarray
+    setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, target: np.ndarray
 ) -> np.ndarray:
-    """Size (m) of a texel at each target pixel, by the finest bitmap of its shape: float64 (pixel,).
+    """Return the size (m) of a texel at each target pixel, from the finest bitmap of its shape.
 
     A texel of a bitmap with (rows, columns) texels spans |∂p/∂u| / columns along one side and |∂p/∂v| / rows
-    along the other, after the texture's own scaling; the size is their geometric mean. Pixels of shapes
-    without a bitmap, or without texture coordinates, are left out: geometry, or a formula, is sharp at any
-    size.
+    along the other, after the texture's own scaling; the size is their geometric mean.
+
+    Parameters
+    ----------
+    setup : the scene in front of its lens.
+    target_shapes : ids of the shapes that make up the target.
+    position : focus position at which they are seen.
+    target : the target's pixels, bool (row, col).
+
+    Returns
+    -------
+    float64 (pixel,). Pixels of shapes without a bitmap or without texture coordinates are left out, because
+    geometry and formulas are sharp at any size.
     """
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     sensor = mi.load_dict({"type": "perspective", **make_camera_dict(setup, position), "sampler": sampler})
     sizes = []
     for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes):
-        density = _densest(shape.bsdf())
+        density = _texel_density(shape.bsdf())
         if density > 0:
             alone = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
             integrator = mi.load_dict({"type": "aov", "aovs": "u:dp_du,v:dp_dv"})
@@ -34,9 +44,9 @@ def texel_footprints(
     return np.concatenate(sizes) if sizes else np.empty(0)
 
 
-def _densest(bsdf: Any) -> float:
-    """Texels in the unit square of texture coordinates, of the bitmap that has most; 0 for none."""
-    most = 0.0
+def _texel_density(bsdf: Any) -> float:
+    """Return the texels per unit square of texture coordinates of the finest bitmap; 0 without a bitmap."""
+    densest = 0.0
     parameters = mi.traverse(bsdf)
     for key, value in parameters.items():
         if key.endswith(".data") and len(np.shape(value)) == 3:
@@ -44,5 +54,5 @@ def _densest(bsdf: Any) -> float:
             scaling = parameters.get(key.removesuffix("data") + "to_uv")
             matrix = np.eye(3) if scaling is None else np.array(scaling.matrix, dtype=np.float64)
             matrix = matrix.reshape(matrix.shape[0], matrix.shape[1])
-            most = max(most, rows * columns * abs(np.linalg.det(matrix[:2, :2])))
-    return most
+            densest = max(densest, rows * columns * abs(np.linalg.det(matrix[:2, :2])))
+    return densest

@@ -1,7 +1,8 @@
-"""A focal stack by Mitsuba's own thin lens, one render a focus position: the scalar way, and the referee.
+"""A focal stack by Mitsuba's own thin lens, one render per focus position.
 
-The field of view follows the image distance (breathing), the camera the stage. Mitsuba's pixel is the mean
-radiance over the aperture and the pixel, as ours.
+The scalar backend renders this way, and tests compare the one-pass stack with it. The field of view follows
+the image distance (breathing), and the camera follows the stage. A pixel of Mitsuba is the mean radiance over
+the aperture and the pixel, as ours is.
 """
 
 from collections.abc import Callable
@@ -24,9 +25,9 @@ def render_position(
     seed: int,
     region: Region | None = None,
 ) -> np.ndarray:
-    """Mean radiance at one focus position, of the whole film or a region of it, float32 (row, col)."""
+    """Render the mean radiance at one focus position, of all pixels or of a region: float32 (row, col)."""
     drive = setup.drive
-    film = make_film_dict(setup.film, region)
+    film = make_film_dict(setup.grid, region)
     sensor = mi.load_dict(
         {
             "type": "thinlens",
@@ -37,7 +38,7 @@ def render_position(
             "sampler": {"type": "independent", "sample_count": samples},
         }
     )
-    seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba takes an int, its stubs ask for an array
+    seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba accepts an int, but its stubs want an array
     image = mi.render(
         setup.mitsuba_scene, sensor=sensor, integrator=setup.integrator, spp=samples, seed=seed_word
     )
@@ -53,20 +54,24 @@ def render_stack(
     window: tuple[int, int] | None = None,
     progress: Callable[[float], None] = lambda done: None,
 ) -> tuple[np.ndarray, int]:
-    """Mean radiance at evenly spaced positions, float32 (focus, row, col); works in every variant.
+    """Render the mean radiance at evenly spaced positions, with any backend.
 
-    ``positions`` lie over the whole travel; ``window``, where given, is the first and the last of them to
-    render. Returns the stack with the number of paths clipped as fireflies: none, nothing is clipped here.
+    The parameters are those of :func:`saf_gen.render.one_pass.render_stack`.
+
+    Returns
+    -------
+    The stack, float32 (focus, row, col), and 0, the number of paths clipped as fireflies.
     """
     focus = rendered_positions(positions, window)
-    out = np.empty((focus.size, setup.film.rows, setup.film.columns), dtype=np.float32)
+    out = np.empty((focus.size, setup.grid.rows, setup.grid.columns), dtype=np.float32)
     for k, position in enumerate(focus):
         out[k] = render_position(
             setup,
             position=float(position),
             samples=samples,
-            # One seed for all positions: neighbours then share their noise, as in the one-pass stack. With a
-            # seed each, the average of two knots is smoother than a knot, and a sweep would show that beat.
+            # One seed for all positions: neighbours then share their noise, as in the one-pass stack. With
+            # one seed per position, the mean of two positions would be smoother than either, and a sweep
+            # would show that beat.
             seed=seed,
         )
         progress((k + 1) / focus.size)

@@ -1,4 +1,4 @@
-"""From plain XML to the dictionary that the rest of the room works on, with the names of the file."""
+"""From plain XML to the Mitsuba dictionary that the rest of this package works on, with the file's names."""
 
 import re
 from pathlib import Path
@@ -13,12 +13,12 @@ __all__ = ["mitsuba_refusal", "parse_scene_dict"]
 
 
 def parse_scene_dict(text: str, path: Path) -> dict[str, Any]:
-    """The Mitsuba dictionary of a scene as :func:`saf_gen.scene.xml.read_scene_xml` gives it, by id.
+    """Return the Mitsuba dictionary of a scene from :func:`saf_gen.scene.xml.read_scene_xml`, by id.
 
-    Lamps are put where they are referred to; surfaces, textures and the like stay shared. ``path`` is the
-    file, for messages. Raises BadInput where Mitsuba does not understand it.
+    A lamp is copied to every shape that refers to it; surfaces, textures and the like stay shared. ``path``
+    is the file, for messages. Raises BadInput where Mitsuba does not understand the scene.
     """
-    variant: Any = mi.variant()  # the stubs allow for none, but the room has chosen one
+    variant: Any = mi.variant()  # the stubs allow None, but a backend has been activated
     config = mi.parser.ParserConfig(variant)
     config.merge_equivalent = config.merge_meshes = False
     try:
@@ -27,21 +27,22 @@ def parse_scene_dict(text: str, path: Path) -> dict[str, Any]:
     except (RuntimeError, ValueError, TypeError) as error:
         raise mitsuba_refusal(error, path) from error
     top = [v.index() for _, v in state.root.props.items() if isinstance(v, mi.Properties.ResolvedReference)]
-    entries = {state.nodes[i].props.id(): _entry(state, i, frozenset(top)) for i in top}
+    entries = {state.nodes[i].props.id(): _entry(state, i, shared=frozenset(top)) for i in top}
     return {name: entry for name, entry in entries.items() if entry["type"] != "area"}
 
 
 def mitsuba_refusal(error: Exception, path: Path) -> BadInput:
-    """Mitsuba's own words for what it does not take, in our line; ``path`` is the file, for messages."""
-    said = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
-    line = re.search(r"line (\d+)", said)
-    said = re.sub(r"^Error while loading string \(.*?\): ", "", said)
+    """Return an error of Mitsuba's parser as an error of ours; ``path`` is the file, for messages."""
+    message = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
+    line = re.search(r"line (\d+)", message)
+    message = re.sub(r"^Error while loading string \(.*?\): ", "", message)
     return BadInput(
-        f"Mitsuba does not understand this: {said}", where=f"{path}:{line[1]}" if line else str(path)
+        f"Mitsuba does not understand this: {message}", where=f"{path}:{line[1]}" if line else str(path)
     )
 
 
-def _entry(state: Any, index: int, shared: frozenset[int]) -> dict[str, Any]:
+def _entry(state: Any, index: int, *, shared: frozenset[int]) -> dict[str, Any]:
+    """Return the dictionary of a node; nodes in ``shared`` become references, except lamps."""
     props = state.nodes[index].props
     entry: dict[str, Any] = {"type": props.plugin_name()}
     for key, value in props.items():
@@ -52,8 +53,8 @@ def _entry(state: Any, index: int, shared: frozenset[int]) -> dict[str, Any]:
             if inner in shared and not lamp:
                 entry[key] = {"type": "ref", "id": state.nodes[inner].props.id()}
             else:
-                entry[key] = _entry(state, inner, shared)
-        elif isinstance(value, mi.ScalarAffineTransform4d):  # the parser's are doubles
+                entry[key] = _entry(state, inner, shared=shared)
+        elif isinstance(value, mi.ScalarAffineTransform4d):  # the parser gives doubles
             entry[key] = mi.ScalarTransform4f(np.array(value.matrix, dtype=np.float64).tolist())
         else:
             entry[key] = value

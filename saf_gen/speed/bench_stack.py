@@ -58,7 +58,7 @@ def set_up_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     Raises BadInput where this machine has no JIT variant.
     """
     from saf_gen.render import backend, mitsuba_scene
-    from saf_gen.render.render_setup import RenderSetup, SensorGrid
+    from saf_gen.render.render_setup import RenderSetup
 
     chosen = backend.choose_backend("auto")
     if chosen == "scalar":
@@ -66,10 +66,10 @@ def set_up_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     backend.activate_backend(chosen)
     found, camera = find_scene(scene), get_sensor(sensor)
     lamps = tuple(emitter for group in found.card.lights.values() for emitter in group)
-    loaded, integrator = mitsuba_scene.load_lit_scene(mitsuba_scene.build_scene_dict(found), lamps, 6)
-    film = SensorGrid(camera.rows, camera.columns, camera.pitch_m)
+    described = mitsuba_scene.build_scene_dict(found)
+    loaded, integrator = mitsuba_scene.load_lit_scene(described, lamps, max_depth=6)
     pose, unit_m = mitsuba_scene.camera_to_world(found), found.card.unit_m
-    return RenderSetup(loaded, integrator, pose, found.build_drive(), film, unit_m), chosen
+    return RenderSetup(loaded, integrator, pose, found.build_drive(), camera, unit_m), chosen
 
 
 def nearest_positions(positions: int) -> list[float]:
@@ -120,7 +120,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     report(f"reference of {size.reference} samples", 1.0)
     a_render = float(np.median(apart))
     workload = (
-        f"{format_shape((setup.film.rows, setup.film.columns))}, {size.samples} samples a pixel, {chosen}"
+        f"{format_shape((setup.grid.rows, setup.grid.columns))}, {size.samples} samples a pixel, {chosen}"
     )
     yield BenchFigure("stack", f"one thin-lens render, {workload}", a_render, "s")
     for positions, target in zip(size.positions, TARGETS, strict=True):
@@ -135,7 +135,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
             "stack", f"times faster than {positions} thin-lens renders", times_faster, "×", target
         )
         if positions == usual:
-            rate = setup.film.rows * setup.film.columns * size.samples / together / 1e6
+            rate = setup.grid.rows * setup.grid.columns * size.samples / together / 1e6
             yield BenchFigure("stack", f"light paths, each at {positions} positions", rate, "10⁶ samples/s")
             yield from _errors(size, setup, references, stack)
 

@@ -140,7 +140,7 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     middle = replace(
         time_stack.specs[j], time_s=(time_stack.specs[j].time_s + time_stack.specs[j + 1].time_s) / 2
     )
-    render_missing(sequence.scene, [middle], tmp_path, backend_name=VARIANT)
+    render_missing(sequence.scene, [middle], root=tmp_path, backend_name=VARIANT)
     stack = StackStore(tmp_path, middle).load()
     rendered = ChargeSource(PlaneSource.from_stack(stack), work.sensor).charge_image(0, position)
     before = ChargeSource(plane_source, work.sensor).charge_image(time_stack.slice_frames[j] - 0.5, position)
@@ -208,7 +208,7 @@ def test_all_moments_are_traced_by_one_kernel_a_light(recipe, tmp_path, monkeypa
 
     monkeypatch.setattr(one_pass, "render_stack", spied)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        render_missing(work.sequences[0].scene, moments, tmp_path, backend_name=VARIANT)
+        render_missing(work.sequences[0].scene, moments, root=tmp_path, backend_name=VARIANT)
     lights = len(moments[0].groups)
     assert len(used) == len(moments) * lights
     assert len(set(used[lights:])) <= lights  # the first moment also loads what stays

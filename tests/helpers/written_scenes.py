@@ -1,4 +1,4 @@
-"""What tests of the renderer share: scenes made on the spot, and the way to load and render them."""
+"""What tests of the renderer share: scenes written on the spot, loaded and rendered."""
 
 import numpy as np
 import pytest
@@ -13,12 +13,14 @@ needs_llvm = pytest.mark.skipif(
 )
 
 
-def load_setup(scene, burning=("lamp", "room"), *, name="llvm", film=SENSOR_GRID, drive=None):
+def load_setup(scene, burning=("lamp", "room"), *, name="llvm", grid=SENSOR_GRID, drive=None):
     """A scene ready to render, with its own drive or another."""
     backend.activate_backend(name)
-    lit, integrator = mitsuba_scene.load_lit_scene(mitsuba_scene.build_scene_dict(scene), burning, 3)
+    lit, integrator = mitsuba_scene.load_lit_scene(
+        mitsuba_scene.build_scene_dict(scene), burning, max_depth=3
+    )
     to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
-    return RenderSetup(lit, integrator, to_world, drive or scene.build_drive(), film, unit)
+    return RenderSetup(lit, integrator, to_world, drive or scene.build_drive(), grid, unit)
 
 
 def render_stack_once(setup, **options):
@@ -31,7 +33,7 @@ def render_stack_once(setup, **options):
 def write_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target, unit_m=1.0):
     """A scene on the spot, of one light; the lens stands ``distance_m`` before the origin and looks along +z.
 
-    lens : the card's words. shapes : the dictionary that build() gives, as text; lengths in it are in metres
+    lens : the card's lens. shapes : the dictionary that build() gives, as text; lengths in it are in metres
     times ``m``, the number of units in one.
     """
     scene = folder / "made"
@@ -72,7 +74,7 @@ def write_edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_
 
 
 def measure_edge(image, pitch_m):
-    """Width (m) and place (m from the middle) of a blurred edge along the columns.
+    """Width (m) and position (m from the middle) of a blurred edge along the columns.
 
     The profile of an edge blurred by a disc of diameter c has a derivative of standard deviation c/4; a pixel
     and the difference of two add 1/12 square pixel each. Its centre of gravity is where the middle of the
@@ -93,7 +95,7 @@ def dispersion(stack):
 
 
 def find_peak(curve, around=4):
-    """Where a focus curve has its top, in steps: of a parabola through the places round the largest."""
+    """Where a focus curve has its top, in steps: of a parabola through the values round the largest."""
     k = int(curve.argmax())
     near = slice(max(k - around, 0), k + around + 1)
     parabola = np.polynomial.Polynomial.fit(np.arange(len(curve))[near], curve[near], 2)

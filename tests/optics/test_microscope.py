@@ -30,11 +30,11 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
     One stack of 21 positions 3 µm apart, 2.6 million paths; blur up to 26 pixels. Between seeds the width
     scatters by 0.3 %.
     """
-    height_m, film = 8e-6, SensorGrid(rows=16, columns=96, pitch_m=PITCH)
+    height_m, grid = 8e-6, SensorGrid(rows=16, columns=96, pitch_m=PITCH)
     scene = write_edge_scene(
         tmp_path, monkeypatch, lens=OBJECTIVE, distance_m=FOCUS_M, edge_m=height_m, unit_m=0.001
     )
-    setup = load_setup(scene, ("glow",), film=film)
+    setup = load_setup(scene, ("glow",), grid=grid)
     drive = setup.drive
     seen = depth_and_target.trace_depth_and_target(setup, ("glow",))
     assert seen.depth[seen.target] == pytest.approx(FOCUS_M, abs=1e-9)
@@ -57,9 +57,9 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
 @pytest.mark.parametrize("unit_m", [1e-7, 0.001, 1.0])
 def test_mitsubas_thin_lens_sees_the_same_in_any_unit(tmp_path, monkeypatch, unit_m):
     """Widths of the referee's edge at three positions: within 2 % of c as well (4 million paths each)."""
-    film = SensorGrid(rows=16, columns=96, pitch_m=PITCH)
+    grid = SensorGrid(rows=16, columns=96, pitch_m=PITCH)
     scene = write_edge_scene(tmp_path, monkeypatch, lens=OBJECTIVE, distance_m=FOCUS_M, unit_m=unit_m)
-    setup = load_setup(scene, ("glow",), film=film)
+    setup = load_setup(scene, ("glow",), grid=grid)
     for position in (0.0, 0.35, 1.0):
         image = thin_lens.render_position(setup, position=position, samples=2500, seed=1)
         expected = float(setup.drive.blur_diameter(position, FOCUS_M))
@@ -73,7 +73,7 @@ def test_a_card_shades_what_lies_under_it_where_the_unit_suits(tmp_path, monkeyp
     Mitsuba starts a shadow ray 0.00009 units off the surface: 0.09 µm of millimetres, but 90 µm, above the
     card, of metres. Within 2 % from 6 to 45 µm beside the card's edge; in metres there is no shadow at all.
     """
-    h, film = 20e-6, SensorGrid(rows=40, columns=96, pitch_m=PITCH)
+    h, grid = 20e-6, SensorGrid(rows=40, columns=96, pitch_m=PITCH)
     shapes = (
         "{'plane': {'type': 'rectangle', 'to_world': t.rotate([0, 1, 0], 180).scale(0.005 * m),"
         " 'bsdf': {'type': 'diffuse', 'reflectance': 0.8}},"
@@ -91,7 +91,7 @@ def test_a_card_shades_what_lies_under_it_where_the_unit_suits(tmp_path, monkeyp
         target="plane",
         unit_m=unit_m,
     )
-    setup = load_setup(scene, ("sky",), film=film)
+    setup = load_setup(scene, ("sky",), grid=grid)
     profile = render_stack_once(setup, positions=3, samples=256, seed=5)[1].mean(axis=0)
     x = -(np.arange(96) + 0.5 - 48) * PITCH / 20
     beside = (x > 6e-6) & (x < 45e-6)

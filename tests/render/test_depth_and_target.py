@@ -1,12 +1,12 @@
-"""What the camera looks at where the picture's scale changes much over the travel: sight, and its limits."""
+"""Depth and target where the scale of the image changes much over the travel."""
 
 import numpy as np
 import pytest
+from refusals import refusal
 from written_scenes import SENSOR_GRID, load_setup, write_scene
 
 from saf_gen.authoring.checks import check_scene
 from saf_gen.camera import get_sensor
-from saf_gen.errors import BadInput
 from saf_gen.optics import ImageDistanceDrive, Stage
 from saf_gen.render import depth_and_target
 
@@ -45,7 +45,7 @@ def same(one, other):
 
 
 def at(setup, position):
-    return depth_and_target._look_at(setup, ("glow",), position)
+    return depth_and_target.trace_at(setup, ("glow",), position=position)
 
 
 @pytest.mark.parametrize("aside", [0.82, 0.9, 0.96])
@@ -75,13 +75,9 @@ def test_a_target_that_has_left_the_frame_where_it_is_in_focus_is_told(patch, dr
     best = float(drive.best_position(depth_m))
     assert 0 < best < 1
     assert at(setup, seen_at).target.any()
-    with pytest.raises(BadInput) as told:
-        depth_and_target.trace_depth_and_target(setup, ("glow",))
-    assert str(told.value) == (
-        f"the target (glow) is out of the frame where it is in focus, at {best:.3f} of the travel: the "
-        "picture's scale changes on the way; allowed: a target shape that at least one pixel sees there; "
-        f"move it towards the middle of the picture, or shorten {drive.travel_key} in scene.yaml"
-    )
+    error = refusal(depth_and_target.trace_depth_and_target, setup, ("glow",))
+    assert f"out of the frame where it is in focus, at {best:.3f} of the travel" in error.problem
+    assert drive.travel_key in error.hint
 
 
 @pytest.mark.parametrize(("drive", "depth_m", "aside", "seen_at"), OUT)
@@ -95,29 +91,27 @@ def test_a_moment_at_which_it_has_left_the_frame_has_an_empty_mask(patch, drive,
 
 
 @pytest.mark.parametrize("passing", [False, True])
-def test_a_target_in_sight_all_the_way_is_looked_at_twice(patch, passing, monkeypatch):
+def test_a_target_in_sight_over_the_whole_travel_is_traced_twice(patch, passing, monkeypatch):
     """At the middle of the travel and where it is in focus: the mask is that of the second."""
-    setup, places, look_at = patch(MACRO, 0.5, 0.3, 0.5), [], depth_and_target._look_at
+    setup, positions, trace_at = patch(MACRO, 0.5, 0.3, 0.5), [], depth_and_target.trace_at
 
-    def counted(setup, shapes, position):
-        places.append(position)
-        return look_at(setup, shapes, position)
+    def counted(setup, shapes, *, position):
+        positions.append(position)
+        return trace_at(setup, shapes, position=position)
 
-    monkeypatch.setattr(depth_and_target, "_look_at", counted)
+    monkeypatch.setattr(depth_and_target, "trace_at", counted)
     seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
-    assert places == [0.5, pytest.approx(float(MACRO.best_position(0.5)), abs=1e-5)]
-    assert same(seen, look_at(setup, ("glow",), places[1]))
+    assert positions == [0.5, pytest.approx(float(MACRO.best_position(0.5)), abs=1e-5)]
+    assert same(seen, trace_at(setup, ("glow",), position=positions[1]))
 
 
 def test_a_target_that_is_in_no_frame_is_told(patch):
     setup = patch(MACRO, 0.9, 1.2, 0.0)
-    with pytest.raises(
-        BadInput, match=r"the target \(glow\) is not visible to the camera; .*check camera and"
-    ):
-        depth_and_target.trace_depth_and_target(setup, ("glow",))
-    assert not depth_and_target.trace_depth_and_target(
-        setup, ("glow",), allow_unseen_target=True
-    ).target.any()
+    error = refusal(depth_and_target.trace_depth_and_target, setup, ("glow",))
+    assert "(glow) is not visible" in error.problem
+    assert "camera and target" in error.hint
+    seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=True)
+    assert not seen.target.any()
 
 
 def test_a_target_with_an_id_of_its_own_is_told_by_the_checks(tmp_path, monkeypatch, small_sensor):

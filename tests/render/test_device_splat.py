@@ -32,7 +32,7 @@ def both(arrays, window, shape):
     """Sums (row, col, focus) of all workers together, stack and clipped, by the cores and by the device."""
     found = []
     for kind in (HostAccumulator, DeviceAccumulator):
-        sums = kind(shape, (0, shape[1]), SCALE, MOST)
+        sums = kind(shape, (0, shape[1]), scale=SCALE, most=MOST)
         clipped = sums.add(traced(arrays, window))
         whole = sums.sums.sum(axis=0) if kind is HostAccumulator else sums.sums.numpy()
         found.append((whole.reshape(*shape[1:], shape[0]), sums.mean_radiance(), clipped))
@@ -60,18 +60,18 @@ def test_sums_stack_and_clipped_are_those_of_the_cores(llvm, shape, windowed):
 @needs_llvm
 @pytest.mark.parametrize("windowed", [False, True])
 def test_paths_on_borders_and_corners_and_beyond_the_frame_are_those_of_the_cores(llvm, windowed):
-    """All places, steps and windows that a rule may treat apart, each with each, 146,410 paths.
+    """Every combination of starts, steps and windows that a rule may treat differently: 146,410 paths.
 
     Through corners, along borders, at rest on one, out of the frame and into it; with windows that are
     empty, of one position, to the last and past it.
     """
     shape = (9, 4, 5)
-    places = (-2.0, -1.0, -0.5, -0.0, 0.0, 0.25, 1.0, 2.5, 3.999999, 4.0, 7.5)
+    starts = (-2.0, -1.0, -0.5, -0.0, 0.0, 0.25, 1.0, 2.5, 3.999999, 4.0, 7.5)
     steps = (-8.0, -1.0, -0.5, -1e-7, -0.0, 0.0, 1e-7, 0.125, 0.3, 1.0, 8.0)
     spans = ((0, 9), (0, 0), (3, 3), (4, 5), (2, 9), (8, 9), (5, 12), (9, 9), (6, 2), (0, -1))
-    ways = [(*way, *span) for *way, span in product(places, places, steps, steps, spans)]
-    *line, begin, end = np.array(ways).T
-    arrays = [a.astype(np.float32) for a in (*line, np.linspace(0, 1, len(ways)))]
+    lines = [(*line, *span) for *line, span in product(starts, starts, steps, steps, spans)]
+    *line, begin, end = np.array(lines).T
+    arrays = [a.astype(np.float32) for a in (*line, np.linspace(0, 1, len(lines)))]
     window = (begin.astype(np.int32), end.astype(np.int32)) if windowed else ()
     host, device = both(arrays, window, shape)
     assert_same(host, device)
@@ -97,7 +97,7 @@ def test_bands_of_rows_are_the_rows_of_the_stack(llvm, monkeypatch):
     monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 17 * 13 * 4)
     parts = []
     for band in DeviceAccumulator.split_into_bands(shape):
-        sums = DeviceAccumulator(shape, band, SCALE, MOST)
+        sums = DeviceAccumulator(shape, band, scale=SCALE, most=MOST)
         assert sums.add(traced(arrays)) == clipped
         parts.append(sums.mean_radiance())
     assert [part.shape for part in parts] == [(17, 3, 13)] * 3
@@ -114,7 +114,7 @@ def test_bands_of_rows_are_the_rows_of_the_stack(llvm, monkeypatch):
         ((513, 1100, 1000), 3),
     ],
 )
-def test_bands_cover_the_film_once_and_fit(shape, count):
+def test_bands_cover_all_rows_once_and_fit(shape, count):
     bands = DeviceAccumulator.split_into_bands(shape)
     assert len(bands) == count
     assert [0, *(end for _, end in bands)] == [*(begin for begin, _ in bands), shape[1]]
@@ -136,7 +136,7 @@ def test_there_is_nothing_that_a_compiler_may_fuse_or_divide_in_single_precision
     shape = (17, 9, 13)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        sums = DeviceAccumulator(shape, (0, 9), SCALE, MOST)
+        sums = DeviceAccumulator(shape, (0, 9), scale=SCALE, most=MOST)
         sums.add(traced(paths(5, 3000, shape), windows(8, 3000, shape)))
         sums.mean_radiance()
         programs = [kernel["ir"].getvalue() for kernel in dr.kernel_history([dr.KernelType.JIT])]
@@ -162,23 +162,23 @@ def test_a_rendered_stack_is_that_of_the_cores(test_scenes, monkeypatch, drive):
     device = one_pass.render_stack(setup, **asked, on_device=True)
     assert np.array_equal(host, device[0])
     assert clipped == device[1]
-    told = []
-    monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 9 * setup.film.columns * 15)
-    banded = one_pass.render_stack(setup, **asked, on_device=True, progress=told.append)
+    reported = []
+    monkeypatch.setattr(device_splat, "ACCUMULATOR_BYTES", 8 * 9 * setup.grid.columns * 15)
+    banded = one_pass.render_stack(setup, **asked, on_device=True, progress=reported.append)
     assert np.array_equal(host, banded[0])
     assert clipped == banded[1]
-    assert told == sorted(told)
-    assert told[-1] == 1.0
-    assert len(told) == 3
+    assert reported == sorted(reported)
+    assert reported[-1] == 1.0
+    assert len(reported) == 3
 
 
 @needs_llvm
 def test_the_cores_splat_what_they_traced_and_a_card_what_it_traced(llvm, monkeypatch):
-    assert one_pass._kind(None) is HostAccumulator
-    assert one_pass._kind(True) is DeviceAccumulator
+    assert one_pass.choose_accumulator(None) is HostAccumulator
+    assert one_pass.choose_accumulator(True) is DeviceAccumulator
     monkeypatch.setattr(dr, "backend_v", lambda _: dr.JitBackend.CUDA)
-    assert one_pass._kind(None) is DeviceAccumulator
-    assert one_pass._kind(False) is HostAccumulator
+    assert one_pass.choose_accumulator(None) is DeviceAccumulator
+    assert one_pass.choose_accumulator(False) is HostAccumulator
 
 
 @pytest.mark.gpu

@@ -8,7 +8,7 @@ from saf_gen.render import host_splat
 
 
 def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=None):
-    """The readable twin: mean of the values that fall into each pixel at each position."""
+    """The slow reference: sums and counts of the values that fall into each pixel at each position."""
     focus, rows, columns = shape
     begin = np.zeros(len(value), dtype=int) if begin is None else begin
     end = np.full(len(value), focus) if end is None else end
@@ -31,7 +31,7 @@ def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
     assert host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9, *window) == 0
     total, count = one_by_one(*arrays, shape, *window)
     seen = count > 0
-    # float32 places may fall on the other side of a pixel's border in the twin's order of rounding
+    # float32 points may fall on the other side of a pixel's border in the reference's order of rounding
     agree = np.isclose(host_splat.resolve_means(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
     assert agree.mean() > 0.9995
 

@@ -7,22 +7,14 @@ import numpy as np
 import pytest
 
 from saf_gen.optics import ImageDistanceDrive
-from saf_gen.render import backend
 from saf_gen.render.irradiance import estimate_irradiance
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("every_backend")]
 
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.4))
-FILM = SensorGrid(12, 16, 1e-4)
+GRID = SensorGrid(12, 16, 1e-4)
 WHOLE = np.ones((12, 16), dtype=bool)
-
-
-@pytest.fixture(autouse=True, params=["scalar", "llvm"])
-def _variant(request):
-    if request.param == "llvm" and not backend.probe_backends().llvm_usable:
-        pytest.skip(backend.probe_backends().llvm_description)
-    backend.activate_backend(request.param)
 
 
 def received(shapes, *, depth=4, target=WHOLE, position=0.5):
@@ -30,7 +22,9 @@ def received(shapes, *, depth=4, target=WHOLE, position=0.5):
     down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5], target=[0, 0, 0], up=[0, 1, 0])
     loaded = mi.load_dict({"type": "scene", **shapes}, optimize=False)
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
-    return estimate_irradiance(RenderSetup(loaded, integrator, down, DRIVE, FILM), position, target)
+    return estimate_irradiance(
+        RenderSetup(loaded, integrator, down, DRIVE, GRID), position=position, target=target
+    )
 
 
 def plane(**more):
@@ -106,7 +100,7 @@ def test_a_surface_that_lets_light_through_receives_on_both_sides():
 
 
 @pytest.mark.parametrize(
-    ("surface", "share"),
+    ("surface", "fraction"),
     [
         ({"type": "diffuse"}, 0.0),
         ({"type": "twosided", "bsdf": {"type": "diffuse"}}, 0.0),
@@ -116,12 +110,12 @@ def test_a_surface_that_lets_light_through_receives_on_both_sides():
     ],
     ids=["diffuse", "twosided", "translucent", "glass", "half there"],
 )
-def test_light_on_the_back_counts_where_the_surface_lets_it_through(surface, share):
+def test_light_on_the_back_counts_where_the_surface_lets_it_through(surface, fraction):
     """A disc 0.8 m behind: π·L·R²/(R² + h²) of its light falls on the back."""
     up = mi.ScalarTransform4f().translate([0, 0, -0.8]).scale(0.4)
     lamp = {"type": "disk", "to_world": up, "emitter": {"type": "area", "radiance": 5.0}}
     value, error = received({"plane": {**plane(), "bsdf": surface}, "lamp": lamp})
-    expected = share * math.pi * 5.0 * 0.4**2 / (0.4**2 + 0.8**2)
+    expected = fraction * math.pi * 5.0 * 0.4**2 / (0.4**2 + 0.8**2)
     assert value == pytest.approx(expected, abs=4 * error + 0.01 * expected)
     assert error <= 0.03 * expected
 

@@ -6,26 +6,19 @@ import pytest
 from small_dataset import SCENES
 
 from saf_gen.optics import ImageDistanceDrive
-from saf_gen.render import backend
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.render.texel_footprints import texel_footprints
 
-FILM = SensorGrid(12, 16, 1e-4)
+pytestmark = pytest.mark.usefixtures("every_backend")
+GRID = SensorGrid(12, 16, 1e-4)
 WHOLE = np.ones((12, 16), dtype=bool)
-
-
-@pytest.fixture(autouse=True, params=["scalar", "llvm"])
-def _variant(request):
-    if request.param == "llvm" and not backend.probe_backends().llvm_usable:
-        pytest.skip(backend.probe_backends().llvm_description)
-    backend.activate_backend(request.param)
 
 
 def texels(shape, *, unit_m=1.0):
     down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5 / unit_m], target=[0, 0, 0], up=[0, 1, 0])
     loaded = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
-    setup = RenderSetup(loaded, None, down, ImageDistanceDrive(0.025, 2.0, (0.6, 0.4)), FILM, unit_m)
-    return texel_footprints(setup, ("it",), 0.5, WHOLE)
+    setup = RenderSetup(loaded, None, down, ImageDistanceDrive(0.025, 2.0, (0.6, 0.4)), GRID, unit_m)
+    return texel_footprints(setup, ("it",), position=0.5, target=WHOLE)
 
 
 def picture(rows, columns, **more):

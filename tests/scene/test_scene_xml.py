@@ -58,7 +58,7 @@ def test_the_exported_folder_is_what_its_script_makes(tmp_path):
 def seen_of(scene, group):
     backend.activate_backend("scalar")
     loaded, integrator = mitsuba_scene.load_lit_scene(
-        mitsuba_scene.build_scene_dict(scene), scene.card.lights[group], 3
+        mitsuba_scene.build_scene_dict(scene), scene.card.lights[group], max_depth=3
     )
     to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
     setup = RenderSetup(loaded, integrator, to_world, scene.build_drive(), SensorGrid(40, 64, 1.25e-4), unit)
@@ -97,7 +97,7 @@ def test_the_card_says_how_large_a_unit_is(exported):
     backend.activate_backend("scalar")
     scene = load_scene_folder(scene.folder)
     loaded, _ = mitsuba_scene.load_lit_scene(
-        mitsuba_scene.build_scene_dict(scene), scene.card.lights["lamp"], 3
+        mitsuba_scene.build_scene_dict(scene), scene.card.lights["lamp"], max_depth=3
     )
     camera = np.array(mitsuba_scene.camera_to_world(scene).matrix)
     assert camera[:3, 3] == pytest.approx([0, 0.2, 0.55])
@@ -115,7 +115,9 @@ def test_a_shape_of_a_file_moves_by_its_name(exported):
     described = mitsuba_scene.build_scene_dict(scene)
     depths = []
     for time_s in (0.0, 0.5):
-        moment = mitsuba_scene.pose_shapes(described, mitsuba_scene.read_motions(scene, described), time_s)
+        moment = mitsuba_scene.pose_shapes(
+            described, mitsuba_scene.read_motions(scene, described), time_s=time_s
+        )
         hit = mi.load_dict(
             {"type": "scene", "it": moment["mesh-Crate.001"], "mat-Print": moment["mat-Print"]}
         )
@@ -151,7 +153,7 @@ def test_a_lamp_that_is_shared_burns_in_each_shape_that_names_it(written, tmp_pa
     backend.activate_backend("scalar")
     entries = xml_scene.parse_scene_dict(text, tmp_path / "scene.xml")
     assert set(entries) == {"grey", "a", "b"}
-    loaded, _ = mitsuba_scene.load_lit_scene(entries, ("a",), 2)
+    loaded, _ = mitsuba_scene.load_lit_scene(entries, ("a",), max_depth=2)
     lit = {s.id(): (s.is_emitter(), s.bsdf().id()) for s in loaded.shapes()}
     assert lit["a"] == (True, "grey")
     assert lit["b"][0] is False
@@ -389,7 +391,7 @@ def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
     file.write_bytes(file.read_bytes()[:kept])
     backend.activate_backend("scalar")
     described = mitsuba_scene.build_scene_dict(scene)
-    assert file.name in refusal(mitsuba_scene.load_lit_scene, described, ("World",), 3).problem
+    assert file.name in refusal(mitsuba_scene.load_lit_scene, described, ("World",), max_depth=3).problem
 
 
 def test_every_plug_in_that_is_allowed_is_one_of_mitsubas():

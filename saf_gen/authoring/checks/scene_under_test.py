@@ -8,7 +8,6 @@ import numpy as np
 from saf_gen.camera import Sensor, charge_stack
 from saf_gen.optics import Drive
 from saf_gen.render.depth_and_target import DepthAndTarget
-from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack
@@ -35,8 +34,7 @@ class SceneUnderTest:
     @cached_property
     def renderer(self) -> SceneRenderer:
         """The scene, built."""
-        film = SensorGrid(self.sensor.rows, self.sensor.columns, self.sensor.pitch_m)
-        return SceneRenderer(self.scene, film, backend_name=self.backend)
+        return SceneRenderer(self.scene, self.sensor, backend_name=self.backend)
 
     @property
     def drive(self) -> Drive:

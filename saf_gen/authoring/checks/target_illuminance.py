@@ -24,7 +24,9 @@ def check_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     card = subject.scene.card
     lux = {
         group: LUMENS_PER_WATT
-        * subject.renderer.estimate_irradiance(group, subject.true_focus, subject.depth_and_target.target)[0]
+        * subject.renderer.estimate_irradiance(
+            group, position=subject.true_focus, target=subject.depth_and_target.target
+        )[0]
         for group in card.lights
     }
     for group, value in lux.items():

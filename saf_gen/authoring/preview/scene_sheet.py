@@ -31,9 +31,7 @@ def preview_scene(scene: Scene, sensor: Sensor, path: Path, *, variant: str = "a
 
 def make_contact_sheet(scene: Scene, sensor: Sensor, *, variant: str) -> ContactSheet:
     """What a sheet of this scene shows."""
-    renderer = SceneRenderer(
-        scene, SensorGrid(sensor.rows, sensor.columns, sensor.pitch_m), backend_name=variant
-    )
+    renderer = SceneRenderer(scene, sensor, backend_name=variant)
     seen = renderer.trace_depth_and_target(allow_unseen_target=True)
     positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if renderer.is_slow else (POSITIONS, SAMPLES)
     stack = renderer.render_stack(seen, positions=positions, samples=samples)
@@ -49,14 +47,14 @@ def render_small_pictures(
     renderer: SceneRenderer, position: float, *, samples: int, count: int
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Small pictures, everything sharp, with a word each: of members of the family, and of moments."""
-    scene, film = renderer.scene, renderer.film
-    film = SensorGrid(film.rows // SMALLER, film.columns // SMALLER, film.pitch_m * SMALLER)
+    scene, grid = renderer.scene, renderer.grid
+    grid = SensorGrid(grid.rows // SMALLER, grid.columns // SMALLER, grid.pitch_m * SMALLER)
     if any(is_range(value) for value in scene.card.params.values()):
         for n in range(count):
-            member = SceneRenderer(scene.draw_member("preview", n), film, backend_name=renderer.backend_name)
+            member = SceneRenderer(scene.draw_member("preview", n), grid, backend_name=renderer.backend_name)
             yield f"member {n + 1}", member.render_pinhole(position, samples=samples)
     if renderer.motions:
         last = max(k.time_s for motion in renderer.motions.values() for k in motion.keyframes)
         for time_s in np.linspace(0, min(last, LATEST_S) if last > 0 else LATEST_S, count):
-            picture = renderer.render_pinhole(position, samples=samples, time_s=float(time_s), film=film)
+            picture = renderer.render_pinhole(position, samples=samples, time_s=float(time_s), grid=grid)
             yield f"{time_s:.2f} s", picture
