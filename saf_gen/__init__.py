@@ -1,6 +1,15 @@
-"""Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.
+"""Spike-camera autofocus data from physics, and a benchmark that ranks autofocus methods on it.
 
-The names below load on first use: a machine that only evaluates never imports the renderer.
+The names below are imported on first use, so that a machine that only evaluates never loads the renderer.
+
+Functions
+---------
+open_stream, write_stream
+    Read and write a spike stream with its truth (HDF5).
+get_sensor, encode
+    A spike camera by name, and its spikes from collected charge.
+get_light, get_motion, get_measure, get_search
+    A light schedule, lens motion, focus measure or search by name; :mod:`saf_gen.parts` tells what each is.
 """
 
 from importlib import import_module
@@ -18,6 +27,7 @@ _HOMES = {
     "get_sensor": "camera",
     "encode": "camera",
 }
+"""The module of each public name, below saf_gen."""
 
 __all__ = ["__version__", *_HOMES]
 

@@ -1,32 +1,46 @@
-"""What a user sees when something is wrong: one line, and an exit code.
+"""Errors that a user sees: one line and an exit code.
 
-Every error that a user can cause is a :class:`BadInput`; the command line prints its one line and exits
-with 2. A traceback in front of a user is therefore always a bug of ours.
+Every error that a user can cause is a :class:`BadInput`. The command line prints its line and exits with 2,
+so a traceback in front of a user is a bug of saf_gen.
 """
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import partial
+from typing import Any
 
 __all__ = ["BadInput", "SafGenError", "closest", "located", "unknown"]
 
 
 class SafGenError(Exception):
-    """Anything that saf_gen reports by itself; ``exit_code`` is what the process ends with."""
+    """Base class of the errors that saf_gen reports itself; the process ends with its ``exit_code``."""
 
     exit_code = 1
 
 
 class BadInput(SafGenError):
-    """Input that cannot be used, told in one line: the value, what is allowed, the nearest, the next step.
+    """Input that cannot be used.
+
+    Its text is one line: where, problem, what is allowed, the nearest value, and the next step.
 
     Parameters
     ----------
-    problem : what is wrong, with the value in it.
-    where : file, or file and line, or option that holds the value.
-    allowed : what would have been right, in words.
-    nearest : the likeliest intended value.
-    hint : the next step.
+    problem : str
+        What is wrong, with the value in it.
+    where : str
+        The file, ``file:line``, or option that holds the value.
+    allowed : str
+        What would have been right, in words.
+    nearest : str
+        The likeliest intended value.
+    hint : str
+        The next step.
+
+    Attributes
+    ----------
+    problem, where, allowed, nearest, hint : str
+        The parameters; '' where not given.
     """
 
     exit_code = 2
@@ -34,34 +48,51 @@ class BadInput(SafGenError):
     def __init__(
         self, problem: str, *, where: str = "", allowed: str = "", nearest: str = "", hint: str = ""
     ) -> None:
-        parts = [f"{where}: {problem}" if where else problem]
+        pieces = [f"{where}: {problem}" if where else problem]
         if allowed:
-            parts.append(f"allowed: {allowed}")
+            pieces.append(f"allowed: {allowed}")
         if nearest:
-            parts.append(f"did you mean {nearest!r}?")
+            pieces.append(f"did you mean {nearest!r}?")
         if hint:
-            parts.append(hint)
-        super().__init__(" ".join("; ".join(parts).split()))  # one line, whatever was passed in
+            pieces.append(hint)
+        super().__init__(" ".join("; ".join(pieces).split()))  # one line, whatever the arguments hold
         self.problem, self.where, self.allowed = problem, where, allowed
         self.nearest, self.hint = nearest, hint
 
-    def __reduce__(self):
-        # Exceptions with keyword arguments do not cross process borders by themselves.
-        return _rebuild, (self.problem, self.where, self.allowed, self.nearest, self.hint)
-
-
-def _rebuild(problem: str, where: str, allowed: str, nearest: str, hint: str) -> BadInput:
-    return BadInput(problem, where=where, allowed=allowed, nearest=nearest, hint=hint)
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By default an exception is pickled by its positional arguments alone.
+        keywords = {key: getattr(self, key) for key in ("where", "allowed", "nearest", "hint")}
+        return partial(type(self), self.problem, **keywords), ()
 
 
 def closest(value: object, allowed: Iterable[str]) -> str:
-    """The allowed name most like ``value``, or '' when none is near."""
+    """Return the allowed name most like ``value``, or '' where none is near.
+
+    Parameters
+    ----------
+    value : object
+        What was written; compared by its text.
+    allowed : iterable of str
+        The names to choose among.
+    """
     found = get_close_matches(str(value), list(allowed), n=1, cutoff=0.5)
     return found[0] if found else ""
 
 
-def unknown(what: str, value: object, allowed: Iterable[str], *, where: str = "", hint: str = "") -> BadInput:
-    """The error for a name that is not among those allowed."""
+def unknown(what: str, value: object, *, allowed: Iterable[str], where: str = "", hint: str = "") -> BadInput:
+    """Return the error for a name that is not among those allowed.
+
+    Parameters
+    ----------
+    what : str
+        What the name stands for, such as "sensor".
+    value : object
+        The name as written.
+    allowed : iterable of str
+        The known names; the nearest one is suggested.
+    where, hint : str
+        As in :class:`BadInput`.
+    """
     names = sorted(allowed)
     return BadInput(
         f"unknown {what} {str(value)!r}",
@@ -74,7 +105,20 @@ def unknown(what: str, value: object, allowed: Iterable[str], *, where: str = ""
 
 @contextmanager
 def located(where: str, *, prefix: str = "") -> Iterator[None]:
-    """Put ``where`` (a file, or file:line) and ``prefix`` before a BadInput that the block raises."""
+    """Tell where a BadInput comes from that is raised in the block.
+
+    Parameters
+    ----------
+    where : str
+        The file or ``file:line`` to put before the error.
+    prefix : str
+        Words to put before its problem.
+
+    Raises
+    ------
+    BadInput
+        The same error, with ``where`` and ``prefix`` added.
+    """
     try:
         yield
     except BadInput as error:

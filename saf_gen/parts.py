@@ -1,8 +1,8 @@
-"""What a part looks like from outside: light schedules, lens motions, focus measures, searches.
+"""Protocols of the plug-ins: light schedules, lens motions, focus measures and searches.
 
-A part is structural: a frozen dataclass with these members, importing nothing of saf_gen but the ground
-floor. The rooms ``lights``, ``motions``, ``measures`` and ``searches`` call parts only through what stands
-here.
+A plug-in is a frozen dataclass with the members of its protocol; it need not inherit from it. It imports
+nothing of saf_gen but :mod:`saf_gen.core`, :mod:`saf_gen.errors` and this module, and saf_gen uses nothing
+of it but what is described here.
 """
 
 import re
@@ -29,137 +29,182 @@ __all__ = [
 
 
 class Light(Protocol):
-    """A light schedule: the gain of a light over time, in its own unit of time, the second.
+    """A light schedule: the gain of a light group over the time of a recording.
 
-    Two fields mean something to a recipe (:mod:`saf_gen.lights._schedule`). ``seed``, a whole number: names
-    the
-    part's random stream; a sequence fills in one of its own. ``file``: a path in the recipe, which reads it
-    and hands over ``{"path": ..., "text": ...}``.
+    Two fields have a meaning to recipes: ``seed``, a whole number, names the random stream of the schedule,
+    and each sequence has its own where the recipe gives none; ``file`` is a path in a recipe, which reads the
+    file and hands over ``{"path": ..., "text": ...}``.
     """
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Integral of the gain from 0 to each time (0...duration_s), float64, gain seconds.
+        """Return the integral of the gain from 0 to each time.
 
-        The camera integrates light over a readout, so a schedule is given by its antiderivative: the mean
+        A pixel integrates light over a readout, so a schedule is described by its antiderivative: the mean
         gain of a readout is then exact, for steps and flicker too.
+
+        Parameters
+        ----------
+        seconds : float64 array, any shape
+            Times in s, 0...duration_s.
+        duration_s : float
+            Length of the recording in s, above 0.
+
+        Returns
+        -------
+        float64 array of the shape of ``seconds``
+            Gain times seconds.
         """
         ...
 
 
 class Motion(Protocol):
-    """How the lens moves over a recording."""
+    """A motion of the lens over a recording; fields ``seed`` and ``file`` are as in :class:`Light`."""
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Where the lens is at each time (0...duration_s), float64 like ``seconds``, 0...1 of the travel.
+        """Return the position of the lens at each time.
 
-        Raises BadInput where the motion does not fit a recording of ``duration_s`` seconds.
+        Parameters
+        ----------
+        seconds : float64 array, any shape
+            Times in s, 0...duration_s.
+        duration_s : float
+            Length of the recording in s, above 0.
+
+        Returns
+        -------
+        float64 array of the shape of ``seconds``
+            Fraction of the travel, 0...1.
+
+        Raises
+        ------
+        BadInput
+            Where the motion does not fit a recording of this length.
         """
         ...
 
 
 class Measure(Protocol):
-    """A focus measure: spike counts (row, col) in, one number out; larger is sharper.
+    """A focus measure: a number for the spike counts of a window, larger where the picture is sharper.
 
-    A measure with the class attribute ``halves = True`` compares the two halves of a window. It gets the
-    counts of both, (2, row, col): the first of n frames' n // 2, and the rest. One with ``intervals = True``
-    gets float64 (row, col) in place of counts: what the window would count at the rate of the one interval
-    between spikes round its middle. One with ``timed = True`` is told how long a window was, in frames, as
-    ``frames=n``; it must do without, too.
+    Class attributes, all optional, say what it wants and what it costs:
 
-    One may say what it costs: ``cost``, a float, the additions, multiplications and roots (one each) that a
-    score takes, over the pixels of its box, borders aside; for 400 x 250 where that matters.
+    halves : bool
+        It compares the two halves of a window, and gets the counts of both, (2, row, col): those of the first
+        ``n // 2`` of n frames, and those of the rest.
+    intervals : bool
+        In place of counts it gets float64 (row, col): what the window would count at the rate of the one
+        interval between spikes at its middle.
+    timed : bool
+        It gets the length of the window in frames as ``frames=n``; it must work without it, too.
+    cost : float
+        Additions, multiplications and roots (one each) per score, divided by the pixels of its box, borders
+        aside; for 400 x 250 pixels where that matters.
     """
 
     @property
     def degree(self) -> int:
-        """Power of brightness in the score: counts times a give the score times a**degree."""
+        """The power of brightness in the score: counts times a give the score times ``a**degree``."""
         ...
 
-    def __call__(self, counts: np.ndarray) -> float: ...
+    def __call__(self, counts: np.ndarray) -> float:
+        """Return the score of the counts, uint32 (row, col) of the region, at least one pixel."""
+        ...
 
 
 def wants_frames(measure: object) -> bool:
-    """Whether a focus measure asks how many frames a window has, as ``frames=n`` beside the counts."""
+    """Return whether a focus measure takes the length of a window as ``frames=n`` (``timed``)."""
     return bool(getattr(measure, "timed", False))
 
 
 def wants_halves(measure: object) -> bool:
-    """Whether a focus measure asks for the counts of both halves of a window, (2, row, col)."""
+    """Return whether a focus measure takes the counts of both halves of a window (``halves``)."""
     return bool(getattr(measure, "halves", False))
 
 
 def wants_intervals(measure: object) -> bool:
-    """Whether a focus measure asks for the texture from intervals in place of counts."""
+    """Return whether a focus measure takes the texture from intervals in place of counts (``intervals``)."""
     return bool(getattr(measure, "intervals", False))
 
 
 class View(Protocol):
-    """The handle that a search gets, on a recording or on a camera that is running. Truth is out of reach.
+    """What a search sees: a recording, or a camera that is running. The true focus is out of reach.
 
-    Frames are 0-based readouts. On a recording every frame is there at once. Live, a window that ends after
-    ``now`` makes the camera run until then, and the lens moves on meanwhile.
+    Frames are readouts, counted from 0. Of a recording all frames are there at once. In a closed-loop run a
+    window that ends after ``now`` makes the camera run until its end, and the lens moves on meanwhile.
     """
 
     @property
     def frames(self) -> int:
-        """Frames that may be looked at: the recording's length; live, the budget."""
+        """The frames that may be used: the length of the recording, or the budget of a closed-loop run."""
         ...
 
     @property
     def now(self) -> int:
-        """Frames that have passed: live, the time; of a recording, the end of the latest window looked at."""
+        """The frames that have passed; of a recording, the end of the latest window used."""
         ...
 
     @property
     def readout_hz(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         ...
 
     @property
     def lag_s(self) -> float:
         """Seconds in which a motion of the lens that its position sensor does not see falls to 1/e.
 
-        What the maker of a camera knows of its drive: 0 where the sensor reads the lens, and on a recording.
+        It is part of a drive's data sheet: 0 where the sensor reads the lens itself, and on a recording.
         """
         ...
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        """The score of the counts in frames ``first <= t < stop`` (at least one).
+        """Return the score of the counts in frames ``first <= t < stop``.
 
-        By the method's measure, or by another of that name: see :func:`wants_measures`.
+        Parameters
+        ----------
+        first, stop : int
+            A window of at least one frame, 0 <= first < stop <= ``frames``.
+        measure : str, optional
+            A focus measure of this name in place of the method's own, one of :func:`wants_measures`.
         """
         ...
 
     def position(self, frame: int) -> float:
-        """Where the lens says it was at a frame that has passed, fraction of the travel.
+        """Return the lens position at a frame that has passed, fraction of the travel; NaN where unknown.
 
-        Live it is what the drive's position sensor reads, noise and all. NaN where it is not recorded.
+        In a closed-loop run it is the reading of the drive's position sensor, with its noise.
         """
         ...
 
     def move(self, to: float) -> None:
-        """Command the lens to ``to``, fraction of the travel; returns at once, and the next frames see it go.
+        """Command the lens to the position ``to``, 0...1 of the travel, and return at once.
 
-        Raises BadInput on a recording, and for a place outside the travel.
+        Raises
+        ------
+        BadInput
+            On a recording, and for a position outside the travel.
         """
         ...
 
     def wait(self, frames: int) -> None:
-        """Let time pass without a look: at least ``frames`` more frames (some cameras hand over packets).
+        """Let at least ``frames`` more frames pass; a camera that delivers packets may let pass a few more.
 
-        Raises BadInput on a recording. More frames than are left end the run: compare ``now`` with
-        ``frames``.
+        More frames than are left end the run: compare ``now`` with ``frames``.
+
+        Raises
+        ------
+        BadInput
+            On a recording.
         """
         ...
 
 
 def commands(search: object) -> bool:
-    """Whether a search commands the lens (class attribute ``commands = True``): it needs a running camera."""
+    """Return whether a search commands the lens (``commands = True``), so that it needs a running camera."""
     return bool(getattr(search, "commands", False))
 
 
 def wants_measures(search: object) -> tuple[str, ...]:
-    """Focus measures that a search looks through beside the method's own, by name (its ``measures``)."""
+    """Return the names of the focus measures that a search uses beside the method's own (``measures``)."""
     return tuple(getattr(search, "measures", ()))
 
 
@@ -178,12 +223,18 @@ def cite_source(plug_in: object) -> str:
 
 @dataclass(frozen=True)
 class Answer:
-    """Where a search says the focus is.
+    """Where a search finds the focus; with neither ``frame`` nor ``position`` it abstains.
 
-    ``frame`` is 0-based and may be fractional (the centre of a block of frames a...b-1 is (a+b-1)/2). A
-    search that commands the lens answers with ``position`` instead, fraction of the travel. With neither it
-    abstains. ``trace`` holds the steps on the way in the search's own convention, ``note`` one line of what
-    a reader should know (why it abstained, where it stopped).
+    Parameters
+    ----------
+    frame : float, optional
+        The frame at best focus, from 0. It may be fractional: the centre of frames a...b-1 is (a+b-1)/2.
+    trace : tuple of float
+        The steps of the search, in its own convention.
+    note : str
+        One line for the reader, such as why the search abstained.
+    position : float, optional
+        The lens position at best focus, 0...1 of the travel: the answer of a search that commands the lens.
     """
 
     frame: float | None = None
@@ -193,6 +244,12 @@ class Answer:
 
 
 class Search(Protocol):
-    """A search looks at windows through a view, and answers with a frame, or with a place for the lens."""
+    """A search: it scores windows of frames through a view, and answers where the focus is.
 
-    def __call__(self, view: View) -> Answer: ...
+    Class attributes, all optional: ``commands`` (bool), it moves the lens; ``measures`` (tuple of str), the
+    focus measures that it uses beside the method's own.
+    """
+
+    def __call__(self, view: View) -> Answer:
+        """Return the answer for a recording or a closed-loop run."""
+        ...

@@ -11,7 +11,7 @@ def test_a_message_is_one_line_with_value_allowed_nearest_and_next_step():
 
 
 def test_an_unknown_name_is_told_with_the_nearest_known_one():
-    text = str(unknown("measure", "sd_cod", ["sd_code", "er_count"]))
+    text = str(unknown("measure", "sd_cod", allowed=["sd_code", "er_count"]))
     assert text == "unknown measure 'sd_cod'; allowed: er_count, sd_code; did you mean 'sd_code'?"
 
 

@@ -142,7 +142,7 @@ def evaluate(
 def _group_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
     """Return the methods that look at each region; the evaluation's own region comes first, even if empty."""
     if region not in (*REGIONS, "both"):
-        raise unknown("region", region, (*REGIONS, "both"))
+        raise unknown("region", region, allowed=(*REGIONS, "both"))
     usual = "target" if region == "both" else region
     if region == "both":
         at_frame = [
@@ -225,7 +225,7 @@ def score_blocks(
     if not (isinstance(window, int) and 1 <= window <= frames):
         raise BadInput(f"window {window}", allowed=f"1 to the stream's {frames} frames")
     if region not in REGIONS:
-        raise unknown("region", region, REGIONS)
+        raise unknown("region", region, allowed=REGIONS)
     counts = WindowCounts(stream, choose_region(stream, region)[0])
     view = RecordingView(counts, get_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)

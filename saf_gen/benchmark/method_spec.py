@@ -149,7 +149,7 @@ def split_region(method: str) -> tuple[str, str]:
     if not at or set(region) & set("+/.:"):  # an @ elsewhere: in a file's path, in an option of the measure
         return method, ""
     if region not in REGIONS:
-        raise unknown("region", region, REGIONS, where=f"method {method!r}")
+        raise unknown("region", region, allowed=REGIONS, where=f"method {method!r}")
     return name, region
 
 

@@ -94,7 +94,7 @@ def build_protocol(
 ) -> "ClosedLoopProtocol | None":
     """The protocol of the closed loop; None for the recorded track, which has none."""
     if track not in TRACKS:
-        raise unknown("track", track, TRACKS)
+        raise unknown("track", track, allowed=TRACKS)
     if track == "recorded":
         for option, given in (("actuator", actuator), ("budget", budget), ("sweep", sweep)):
             if given is not None:

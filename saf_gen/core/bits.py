@@ -1,10 +1,10 @@
-"""Bits along time: pack and unpack frames, count spikes in windows, turn bit matrices.
+"""Spikes as bits along time: pack and unpack frames, count spikes in windows, transpose bit matrices.
 
 Time-packed spikes are uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of byte
-t div 8. That order is right for a disk: the bytes of one pixel are alike and deflate well. In memory the
-same bytes stand as *planes*, uint8 (bytes, h, w): a window of all pixels is then one contiguous run, and a
-count over it goes five times faster. The kernels release Python's lock, use one thread, and do not check what
-they are given: the modules that own a border do.
+t div 8. This order suits a disk: the bytes of one pixel are alike and deflate well. In memory the same bytes
+are *planes*, uint8 (bytes, H, W): a window of all pixels is one contiguous run then, and counting it is five
+times faster. The kernels release Python's lock, use one thread, and do not check their arguments; the modules
+that take arrays from users do.
 """
 
 import numba
@@ -24,14 +24,14 @@ def _add_counts(planes, first, stop, counts):
             mask &= 255 >> (7 - ((stop - 1) & 7))
         for y in range(counts.shape[0]):
             for x in range(counts.shape[1]):
-                # Sums of 2, 4 and 8 neighbouring bits; without a branch or a table LLVM makes vectors of it.
+                # Sums of 2, 4 and 8 neighbouring bits; without branches and tables LLVM vectorises them.
                 v = np.uint8(planes[b, y, x] & np.uint8(mask))
                 v = np.uint8(v - ((v >> np.uint8(1)) & np.uint8(0x55)))
                 v = np.uint8((v & np.uint8(0x33)) + ((v >> np.uint8(2)) & np.uint8(0x33)))
                 counts[y, x] += np.uint32((v + (v >> np.uint8(4))) & np.uint8(0x0F))
 
 
-def add_counts(planes: np.ndarray, first: int, stop: int, counts: np.ndarray) -> None:
+def add_counts(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: int) -> None:
     """Add the spikes in frames ``first <= t < stop`` of ``planes`` (bytes, h, w) to uint32 ``counts``."""
     if stop > first:
         _add_counts(planes, first, stop, counts)
@@ -50,7 +50,7 @@ def _pack(frames, planes):
 
 
 def pack(frames: np.ndarray) -> np.ndarray:
-    """Frames (n, h, w), zero or not, as time-packed uint8 (h, w, ceil(n/8)); unused last bits are 0."""
+    """Return frames (n, h, w), zero or not, time-packed, uint8 (h, w, ceil(n/8)); unused last bits are 0."""
     planes = np.empty((-(-frames.shape[0] // 8), *frames.shape[1:]), np.uint8)
     _pack(frames, planes)
     return np.ascontiguousarray(planes.transpose(1, 2, 0))
@@ -65,7 +65,7 @@ def _unpack(planes, first, frames):
                 frames[t, y, x] = planes[byte, y, x] >> bit & np.uint8(1)
 
 
-def unpack(planes: np.ndarray, first: int, frames: np.ndarray) -> None:
+def unpack(planes: np.ndarray, frames: np.ndarray, *, first: int) -> None:
     """Fill ``frames`` uint8 (n, h, w) with frames ``first <= t < first + n`` of ``planes`` (bytes, h, w)."""
     _unpack(planes, first, frames)
 
@@ -96,9 +96,9 @@ def _turn(rows, tracks):
 
 
 def frames_to_spike_trains(rows: np.ndarray) -> np.ndarray:
-    """A bit matrix turned: uint8 (n, B) to uint8 (8 B, ceil(n/8)), bits least significant first in both.
+    """Return a bit matrix transposed: uint8 (n, B) to uint8 (8 B, ceil(n/8)), least significant bit first.
 
-    Row t of ``rows`` is one frame of a foreign file; track p of the result is its bit p over time.
+    Row t of ``rows`` is one frame of a foreign file; row p of the result is bit p of the frames over time.
     """
     tracks = np.empty((8 * rows.shape[1], -(-rows.shape[0] // 8)), np.uint8)
     _turn(rows, tracks)
@@ -106,8 +106,10 @@ def frames_to_spike_trains(rows: np.ndarray) -> np.ndarray:
 
 
 def spike_trains_to_frames(tracks: np.ndarray, count: int) -> np.ndarray:
-    """The inverse of :func:`frames_to_spike_trains`: uint8 (8 B, bytes) to the first ``count`` rows, uint8
-    (n, B)."""
+    """Return the first ``count`` frames, uint8 (count, B), of spike trains, uint8 (8 B, bytes).
+
+    This is the inverse of :func:`frames_to_spike_trains`.
+    """
     turned = np.empty((8 * tracks.shape[1], tracks.shape[0] // 8), np.uint8)
     _turn(tracks, turned)
     return turned[:count]

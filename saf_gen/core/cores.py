@@ -1,4 +1,4 @@
-"""The machine we run on, as far as work must know it."""
+"""The machine that saf_gen runs on: its cores, its name, its interrupts."""
 
 import os
 import platform
@@ -14,7 +14,7 @@ __all__ = ["defer_interrupts", "describe_machine", "usable_cores"]
 
 
 def usable_cores() -> int:
-    """Cores that this process may use: fewer than the machine has in a container or under a scheduler."""
+    """Return the cores that this process may use; a container or scheduler may allow fewer than there are."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1  # macOS has no affinity
@@ -22,7 +22,7 @@ def usable_cores() -> int:
 
 @cache
 def describe_machine() -> str:
-    """The machine in a line: what seconds depend on. It names no host and nobody."""
+    """Return one line of what running times depend on; it names neither the host nor its user."""
     return (
         f"{_processor()}, {usable_cores()} cores, {platform.system()}, "
         f"Python {platform.python_version()}, numpy {np.__version__}"
@@ -40,7 +40,7 @@ def _processor() -> str:
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Ctrl-C waits until the end of this block, and processes started in it never hear it.
+    """Delay Ctrl-C until the end of the block; processes started in the block ignore it.
 
     Dr.Jit and Mitsuba, interrupted while they load, raise errors of their own or abort.
     """

@@ -1,7 +1,7 @@
-"""Small tables that a document names: CSV files that lie beside it, read whole when it is read.
+"""Small CSV tables that a recipe names by their path, read together with the recipe.
 
-The text goes where the document goes. So an edited file is another recipe, and a file moved away later
-stops nothing.
+Their text becomes part of the recipe: an edited table makes another recipe, and a table that is moved away
+later does no harm.
 """
 
 from functools import lru_cache
@@ -14,19 +14,19 @@ from saf_gen.errors import BadInput, closest
 
 __all__ = ["parse_columns", "read_text_beside"]
 
-LARGEST_BYTES = 4 << 20  # it stands in every file of the dataset
+LARGEST_BYTES = 4 << 20  # every file of the dataset holds a copy
 
 
 def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
-    """The text of the file ``name``, which lies in ``folder`` or below it.
+    """Return the text of the file ``name`` in ``folder`` or below it.
 
-    Raises BadInput for a path that leads out of the folder, by a link too, and for a file that is missing,
-    larger than 4 MiB, or no UTF-8 text. ``where`` is the place that names the file.
+    ``where`` is the file and line that name it. Raises BadInput for a path that leads out of the folder, also
+    by a link, and for a file that is missing, larger than 4 MiB, or not UTF-8 text.
     """
     root = Path(folder).resolve()
     try:
         path = (root / name).resolve()
-    except (OSError, RuntimeError, ValueError) as error:  # a link in a circle; a name with a zero byte
+    except (OSError, RuntimeError, ValueError) as error:  # a circle of links, or a name with a zero byte
         raise BadInput(f"{name!r} cannot be followed: {error}", where=where) from error
     if not path.is_relative_to(root):
         raise BadInput(
@@ -43,7 +43,7 @@ def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
                 allowed=f"at most {LARGEST_BYTES}",
                 hint="thin it out: between two rows the table is a straight line",
             )
-        return path.read_text(encoding="utf-8-sig")  # spreadsheets put a mark in front
+        return path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except FileNotFoundError:
         near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix}")])
         nearest = str(Path(name).with_name(near)) if near else ""
@@ -56,12 +56,12 @@ def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
 
 @lru_cache(maxsize=64)
 def parse_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.ndarray, ...]:
-    """The columns of a CSV text, float64 (N,) each, read-only; the first one rises from row to row.
+    """Return the columns of a CSV text, float64 (N,) each, read-only; the first one rises from row to row.
 
-    The first line holds the ``names`` in their order. Blank lines and lines that begin with # are passed
-    over. ``name`` is the file's, for the messages.
+    The first line holds the ``names`` in their order. Empty lines and lines that begin with # are skipped.
+    ``name`` is the name of the file in errors.
 
-    Raises BadInput with the line for another heading, a row that does not fit, a value that is no finite
+    Raises BadInput with the line for another heading, a row that does not fit, a value that is not a finite
     number, a first column that does not rise, or a table without rows.
     """
     rows: list[list[float]] = []
@@ -78,7 +78,7 @@ def parse_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.n
             continue
         if len(cells) != len(names):
             raise BadInput(f"the row is {line.strip()!r}", where=where, allowed=f"{len(names)} numbers")
-        row = [_number(cell, column, where) for cell, column in zip(cells, names, strict=True)]
+        row = [_number(cell, column, where=where) for cell, column in zip(cells, names, strict=True)]
         if rows and not row[0] > rows[-1][0]:
             raise BadInput(
                 f"{names[0]} goes from {rows[-1][0]:g} to {row[0]:g}", where=where, allowed="a rising column"
@@ -91,7 +91,7 @@ def parse_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.n
     return tuple(table)
 
 
-def _number(cell: str, column: str, where: str) -> float:
+def _number(cell: str, column: str, *, where: str) -> float:
     try:
         value = float(cell)
     except ValueError:

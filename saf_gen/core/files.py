@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files that are written whole or not at all."""
 
 import errno
 import os
@@ -16,16 +16,16 @@ __all__ = ["check_writable", "remove_stale_temporaries", "unwritable_error", "wr
 
 @contextmanager
 def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary beside ``path`` to write to; on a clean exit it is synced to disk and takes the name.
+    """Yield a temporary file beside ``path`` to write to; at the end it is synced to disk and renamed.
 
-    The folder is made where it is missing. On an exception the temporary goes and an older ``path`` stays.
-    Two processes may write the same path, on one machine or many: the last one wins, whole.
+    The folder is made where it is missing. On an exception the temporary file is removed and an older
+    ``path`` stays. Several processes, on several machines, may write the same path: the last one wins, whole.
 
     Raises BadInput when the disk is full or the folder cannot be written.
     """
     final = Path(path)
-    # Containers on one volume share numbers of processes, and shards may render the same stack.
-    part = final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_here()}.{os.getpid()}.part")
+    # Containers on one volume may have the same process numbers, and shards may render the same stack.
+    part = final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_host()}.{os.getpid()}.part")
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         yield part
@@ -35,12 +35,12 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         raise unwritable_error(final, error) from error
     finally:
-        with suppress(OSError):  # gone already, or its folder never was one
+        with suppress(OSError):  # removed already, or its folder is not a folder
             part.unlink(missing_ok=True)
 
 
 def check_writable(folder: Path) -> None:
-    """Raise BadInput where ``folder`` could not be made or written to; makes nothing."""
+    """Raise BadInput where ``folder`` could not be made or written to; nothing is made."""
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     if not there.is_dir():
         raise unwritable_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))
@@ -49,7 +49,7 @@ def check_writable(folder: Path) -> None:
 
 
 def unwritable_error(path: Path, error: OSError) -> BadInput:
-    """The one line for a file that the disk or its owner does not let us write."""
+    """Return the error for a file that cannot be written."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     hint = "free space and run the same command again: it goes on" if full else "choose another folder"
@@ -57,26 +57,26 @@ def unwritable_error(path: Path, error: OSError) -> BadInput:
 
 
 def remove_stale_temporaries(folder: Path) -> None:
-    """Remove the temporaries below ``folder`` whose process, on this machine, is no more.
+    """Remove the temporary files below ``folder`` whose process, on this machine, has ended.
 
-    Those of other machines stay: their processes are unknown here.
+    Those of other machines stay, since their processes are unknown here.
     """
-    for part in folder.rglob(f".*.{_here()}.*.part"):
+    for part in folder.rglob(f".*.{_host()}.*.part"):
         pid = part.name.split(".")[-2]
-        if pid.isdecimal() and not _runs(int(pid)):
+        if pid.isdecimal() and not _is_running(int(pid)):
             part.unlink(missing_ok=True)
 
 
-def _here() -> str:
-    """This machine, or container, in a file's name."""
+def _host() -> str:
+    """Return the name of this machine, or container, as part of a file name."""
     return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40]
 
 
-def _runs(pid: int) -> bool:
+def _is_running(pid: int) -> bool:
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
     except OSError:
-        return True  # somebody else's process: it lives
+        return True  # the process of another user
     return True

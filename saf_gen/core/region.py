@@ -1,4 +1,4 @@
-"""Parts of a recording: windows of frames, regions of pixels, and the box round the target."""
+"""Windows of frames, regions of pixels, and the bounding box of the target, checked."""
 
 import operator
 
@@ -9,13 +9,13 @@ from saf_gen.errors import BadInput
 __all__ = ["REGIONS", "Region", "region_shape", "target_bounding_box", "validate_region", "validate_window"]
 
 Region = tuple[slice, slice]
-"""Rows and columns, steps of 1."""
+"""Rows and columns, with step 1."""
 REGIONS = ("target", "frame")
-"""Where a method may look: the box round the target, or the whole frame."""
+"""Where a method may look: the bounding box of the target, or the whole frame."""
 
 
-def validate_window(first: int, stop: int, total: int, *, what: str = "frames", where: str = "") -> range:
-    """The window ``first <= t < stop`` of ``total`` frames, or of ``what`` is counted.
+def validate_window(first: int, stop: int, *, total: int, what: str = "frames", where: str = "") -> range:
+    """Return the window ``first <= t < stop`` of ``total`` frames, or of ``what`` is counted.
 
     Raises BadInput unless both are whole numbers, 0 <= first < stop <= total.
     """
@@ -33,17 +33,18 @@ def validate_window(first: int, stop: int, total: int, *, what: str = "frames", 
 
 
 def validate_region(region: Region | None, size: tuple[int, int], *, where: str = "") -> Region:
-    """``region`` with both ends filled in; None is the whole frame of ``size`` (rows, columns).
+    """Return ``region`` with both ends filled in; None is the whole frame of ``size`` (rows, columns).
 
-    Raises BadInput for an empty one, for one that leaves the frame, and for steps.
+    Raises BadInput for a region that is empty or leaves the frame, and for steps.
     """
     bounds = []
-    for part, most, axis in zip(region or (slice(None), slice(None)), size, ("rows", "columns"), strict=True):
-        first = 0 if part.start is None else operator.index(part.start)
-        stop = most if part.stop is None else operator.index(part.stop)
-        if not 0 <= first < stop <= most or part.step not in (None, 1):
+    given = region or (slice(None), slice(None))
+    for span, most, axis in zip(given, size, ("rows", "columns"), strict=True):
+        first = 0 if span.start is None else operator.index(span.start)
+        stop = most if span.stop is None else operator.index(span.stop)
+        if not 0 <= first < stop <= most or span.step not in (None, 1):
             raise BadInput(
-                f"the region's {axis} are {part}",
+                f"the region's {axis} are {span}",
                 where=where,
                 allowed=f"0 <= first < stop <= {most}, step 1",
             )
@@ -52,12 +53,12 @@ def validate_region(region: Region | None, size: tuple[int, int], *, where: str 
 
 
 def region_shape(region: Region) -> tuple[int, int]:
-    """Rows and columns of a region with both ends filled in."""
+    """Return the rows and columns of a region with both ends filled in."""
     return region[0].stop - region[0].start, region[1].stop - region[1].start
 
 
 def target_bounding_box(target: np.ndarray) -> Region:
-    """The rows and columns of the box round a target mask, bool (H, W). Raises BadInput for an empty one."""
+    """Return the bounding box of a target mask, bool (H, W); raises BadInput for an empty one."""
     mask = np.asarray(target, dtype=bool)
     if mask.ndim != 2 or not mask.any():
         raise BadInput(

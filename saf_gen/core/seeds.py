@@ -1,8 +1,8 @@
-"""Random streams, named by purpose.
+"""Random streams named by their purpose.
 
-A stream's name is a list (recipe seed, sequence, stage), hashed as a list: ``("a", "bc")`` and
-``("ab", "c")`` differ. Nothing about workers, time or order enters, so any part of a dataset can be made
-again alone, anywhere, with the same numbers.
+The name is a list such as (recipe seed, sequence, stage), and hashed as a list: ``("a", "bc")`` and
+``("ab", "c")`` differ. Neither workers nor time nor order enter, so every sequence of a dataset can be made
+again alone, on any machine, with the same numbers.
 """
 
 import hashlib
@@ -18,11 +18,11 @@ def _digest(name: tuple[str | int, ...]) -> bytes:
 
 
 def make_generator(*name: str | int) -> np.random.Generator:
-    """A PCG64 generator for this purpose and no other."""
+    """Return the PCG64 generator of this name."""
     words = np.frombuffer(_digest(name), dtype="<u4")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([int(w) for w in words])))
 
 
 def derive_seed(*name: str | int) -> int:
-    """A 63-bit integer for this purpose: a seed to hand to a compiled kernel or to write in a file."""
+    """Return the 63-bit integer of this name, a seed for a compiled kernel or a file."""
     return int.from_bytes(_digest(name)[:8], "little") >> 1

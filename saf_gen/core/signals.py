@@ -1,7 +1,7 @@
-"""The whole chain on one page: every signal, its axes, dtype and unit.
+"""The arrays of the whole chain: axes, dtype and unit of each.
 
-Axes are always in the order light, focus, time, row, column. Modules that take or give one of these
-arrays name it here and check it at their border with :func:`validate_signal`.
+Axes are always in the order light, focus, time, row, column. Arrays that come from users are checked with
+:func:`validate_signal`.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ __all__ = ["SIGNALS", "Signal", "validate_signal"]
 
 @dataclass(frozen=True)
 class Signal:
-    """One array of the chain: axis names, dtype, unit, meaning."""
+    """One array of the chain: names of its axes, dtype, unit, meaning."""
 
     name: str
     axes: tuple[str, ...]
@@ -31,9 +31,9 @@ SIGNALS = {
                "mean over aperture and pixel, one light group alone"),
         Signal("depth", ("row", "col"), "float32", "m",
                "axial distance of the first surface, pinhole at the lens centre"),
-        Signal("target", ("row", "col"), "bool", "-", "the pixels that should be in focus"),
+        Signal("target", ("row", "col"), "bool", "-", "the pixels to focus on"),
         Signal("gain", ("frame", "light"), "float32", "1", "the light schedule"),
-        Signal("focus_position", ("frame",), "float32", "0...1 of the travel", "what the lens drive did"),
+        Signal("focus_position", ("frame",), "float32", "0...1 of the travel", "position of the lens"),
         Signal("charge", ("focus", "row", "col"), "float32", "e- per readout",
                "photo-electrons collected by a pixel"),
         Signal("spikes", ("row", "col", "frame/8"), "uint8", "bit",
@@ -45,20 +45,20 @@ SIGNALS = {
 
 
 def validate_signal(name: str, array: np.ndarray) -> np.ndarray:
-    """``array`` as the signal ``name``: same values, the table's dtype, C order.
+    """Return ``array`` as the signal ``name``: the same values, in the dtype of SIGNALS and in C order.
 
-    Raises BadInput when the number of axes differs or a value does not survive the table's dtype.
+    Raises BadInput where the number of axes differs, or values are not numbers that the dtype can hold.
     """
     signal = SIGNALS[name]
-    given = np.asarray(array)
-    if given.ndim != len(signal.axes):
+    array = np.asarray(array)
+    if array.ndim != len(signal.axes):
         raise BadInput(
-            f"{name} has shape {given.shape}",
+            f"{name} has shape {array.shape}",
             allowed=f"{len(signal.axes)} axes ({', '.join(signal.axes)})",
         )
-    if given.dtype.kind not in "buif":
-        raise BadInput(f"{name} has dtype {given.dtype}", allowed=f"numbers ({signal.dtype})")
-    out = np.ascontiguousarray(given, dtype=signal.dtype)
+    if array.dtype.kind not in "buif":
+        raise BadInput(f"{name} has dtype {array.dtype}", allowed=f"numbers ({signal.dtype})")
+    out = np.ascontiguousarray(array, dtype=signal.dtype)
     if signal.dtype == "float32" and not np.isfinite(out).all():
         raise BadInput(f"{name} holds values that are not finite", allowed=f"finite numbers in {signal.unit}")
     return out

@@ -171,7 +171,7 @@ def _draw_params(
     chosen = recipe.scene_params.get(scene, {})
     for key in chosen:
         if key not in family.params:
-            raise unknown(f"parameter of scene {scene!r}:", key, family.params)
+            raise unknown(f"parameter of scene {scene!r}:", key, allowed=family.params)
         _check_fits(chosen[key], family.params[key], what=f"scene_params.{scene}.{key}")
     return {
         key: draw_value(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))

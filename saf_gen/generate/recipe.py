@@ -194,7 +194,10 @@ def read_recipe(path: str | Path) -> Recipe:
         for i, light in enumerate(split.lights):
             if light not in recipe.lights:
                 raise unknown(
-                    "light", light, recipe.lights, where=document.locate("splits", split_name, "lights", i)
+                    "light",
+                    light,
+                    allowed=recipe.lights,
+                    where=document.locate("splits", split_name, "lights", i),
                 )
         for i, scene in enumerate(split.scenes):
             where = document.locate("splits", split_name, "scenes", i)
@@ -209,7 +212,7 @@ def read_recipe(path: str | Path) -> Recipe:
     for scene, params in recipe.scene_params.items():
         where = document.locate("scene_params", scene)
         if scene not in owners:
-            raise unknown("scene of scene_params", scene, owners, where=where)
+            raise unknown("scene of scene_params", scene, allowed=owners, where=where)
         for key, value in params.items():
             where = document.locate("scene_params", scene, key)
             check_parameter(value, what=f"scene_params.{scene}.{key}", where=where)

@@ -159,7 +159,7 @@ def resolve_recipe(
             scenes[name] = find_scene(name)
         _check_drive(recipe, scenes[name])
     if split is not None and split not in recipe.splits:
-        raise unknown("split", split, recipe.splits, where=where)
+        raise unknown("split", split, allowed=recipe.splits, where=where)
     families = {
         name: SceneFamily(scene.card.params, scene.card.slices_per_s is not None, scene.card.illuminance_lux)
         for name, scene in scenes.items()

@@ -84,7 +84,7 @@ def generate(
         Before anything is made: for a backend that cannot run here, and a folder that cannot be used.
     """
     if variant not in BACKENDS:
-        raise unknown("variant", variant, BACKENDS)
+        raise unknown("variant", variant, allowed=BACKENDS)
     folder = (Path(folder) if folder is not None else Path("datasets") / work.recipe.name).resolve()
     stacks = folder / "stacks"
     to_render = work.stacks_to_render(folder)

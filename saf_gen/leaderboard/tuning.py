@@ -91,11 +91,11 @@ def tune(
             hint="a test split is for methods that are finished",
         )
     if region not in REGIONS:
-        raise unknown("region", region, REGIONS)
+        raise unknown("region", region, allowed=REGIONS)
     specs = expand_parameter_grid(method, values)
     splits = {entry.split for entry in read_manifest(dataset).sequences}
     if split not in splits:
-        raise unknown("split", split, splits, where=str(dataset))
+        raise unknown("split", split, allowed=splits, where=str(dataset))
     result = evaluate(
         dataset, methods=specs, split=split, region=region, protocol=protocol, progress=progress
     )

@@ -159,7 +159,7 @@ def get_light(
     known = registry.option_fields("lights", name)
     for key in options:
         if key not in known:
-            raise unknown(f"key of light schedule {name!r}:", key, (*known, *COMMON_KEYS))
+            raise unknown(f"key of light schedule {name!r}:", key, allowed=(*known, *COMMON_KEYS))
     light: Light = registry.build("lights", name, **options)
     if not (isinstance(offset, int | float) and 0 <= offset < inf):
         raise BadInput(f"offset is {offset!r}", allowed="0 or more, added to the gain")

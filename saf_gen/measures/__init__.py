@@ -159,7 +159,7 @@ def get_measure(name: str, **options: Any) -> Measure:
         return _interval_texture(name.removesuffix(INTERVAL_SUFFIX), options)
     base = name.removesuffix(NORMALISED_SUFFIX)
     if base == name or (base not in names(KIND) and ":" not in base):
-        raise unknown(PLUGIN_KINDS[KIND], name, measure_names())
+        raise unknown(PLUGIN_KINDS[KIND], name, allowed=measure_names())
     measure = build(KIND, base, **options)
     if getattr(measure, "degree", 0) <= 0:
         raise BadInput(

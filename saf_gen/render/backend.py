@@ -64,7 +64,7 @@ def choose_backend(requested: str = "auto", machine: BackendProbe | None = None)
     if requested == "auto":
         return "cuda" if machine.cuda else "llvm" if machine.llvm_usable else "scalar"
     if requested not in MITSUBA_VARIANTS:
-        raise unknown("variant", requested, ["auto", *MITSUBA_VARIANTS])
+        raise unknown("variant", requested, allowed=["auto", *MITSUBA_VARIANTS])
     if requested == "llvm" and not machine.llvm_usable:
         raise BadInput(f"variant llvm cannot run here: {machine.llvm_description}", hint=ADVICE)
     if requested == "cuda" and not machine.cuda:

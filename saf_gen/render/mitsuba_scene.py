@@ -37,10 +37,10 @@ def build_scene_dict(scene: Scene) -> dict[str, Any]:
     for group, names in scene.card.lights.items():
         for name in names:
             if name not in lamps:
-                raise unknown(f"emitter of light group {group!r}:", name, lamps, where=card)
+                raise unknown(f"emitter of light group {group!r}:", name, allowed=lamps, where=card)
     for name in scene.card.target:
         if name not in shapes:
-            raise unknown("target shape", name, shapes, where=card)
+            raise unknown("target shape", name, allowed=shapes, where=card)
     listed = {name for names in scene.card.lights.values() for name in names}
     for name in lamps:
         if name not in listed:
@@ -73,7 +73,7 @@ def read_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidM
         moving[name] = (motion, script)
     for name, (_, where) in moving.items():
         if name not in described:
-            raise unknown("moving shape", name, described, where=where)
+            raise unknown("moving shape", name, allowed=described, where=where)
     return {name: motion for name, (motion, _) in moving.items()}
 
 

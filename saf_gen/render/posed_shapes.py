@@ -54,7 +54,7 @@ def pose_shapes(
     moved = dict(described)
     for name, motion in motions.items():
         if name not in described:
-            raise unknown("moving shape", name, described)
+            raise unknown("moving shape", name, allowed=described)
         pose = motion.pose_at(time_s)
         if not np.array_equal(pose, np.eye(4)):
             pose[:3, 3] /= unit_m

@@ -155,7 +155,7 @@ class Scene:
         """Return this scene with some parameters replaced; raise BadInput for an unknown one."""
         for key in chosen:
             if key not in self.params:
-                raise unknown(f"parameter of scene {self.id!r}:", key, self.params)
+                raise unknown(f"parameter of scene {self.id!r}:", key, allowed=self.params)
         return replace(self, params={**self.params, **chosen})
 
     def library_files(self) -> dict[str, Path]:
@@ -190,7 +190,7 @@ def find_scene(name: str) -> Scene:
     for root in scene_roots():
         if Path(name).name == name and (root / name / CARD_FILE).is_file():
             return _read(root / name)
-    raise unknown("scene", name, scene_names(), hint="see: saf-gen scenes list")
+    raise unknown("scene", name, allowed=scene_names(), hint="see: saf-gen scenes list")
 
 
 def load_scene_folder(folder: Path) -> Scene:

@@ -46,7 +46,7 @@ def run_benches(
     """
     for name in names:
         if name not in BENCHES:
-            raise unknown("bench", name, BENCHES)
+            raise unknown("bench", name, allowed=BENCHES)
     found: list[BenchFigure | str] = []
     failed: dict[str, SafGenError] = {}
     for name in dict.fromkeys(names or BENCHES):

@@ -159,7 +159,7 @@ def _parsed(cls: type, given: Any, where: str) -> Any:
         raise BadInput(f"{given!r:.60} is no mapping", where=where, allowed=", ".join(known))
     for key in given:
         if key not in known:
-            raise unknown("key", key, known, where=where)
+            raise unknown("key", key, allowed=known, where=where)
     for key, kind in known.items():
         if key not in given:
             raise BadInput(f"{key} is missing", where=where, allowed=", ".join(known))

@@ -191,7 +191,7 @@ def _known(what: str, names: Iterable[str], cls: type) -> None:
     allowed = [f.name for f in fields(cls)]
     for name in names:
         if name not in allowed:
-            raise unknown(what, name, allowed)
+            raise unknown(what, name, allowed=allowed)
 
 
 def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:

@@ -323,7 +323,7 @@ class SpikeStream:
         out = np.empty((len(window), *region_shape(part)), np.uint8)
         for start, first, stop in self._time_blocks.split_frames(window.start, window.stop):
             begin = 8 * start + first - window.start
-            bits.unpack(self._planes(start, part), first, out[begin : begin + stop - first])
+            bits.unpack(self._planes(start, part), out[begin : begin + stop - first], first=first)
         return out
 
     def counts(self, a: int, b: int, *, region: Region | None = None) -> np.ndarray:
@@ -331,13 +331,13 @@ class SpikeStream:
         window, part = self._checked(a, b, region)
         out = np.zeros(region_shape(part), np.uint32)
         for start, first, stop in self._time_blocks.split_frames(window.start, window.stop):
-            bits.add_counts(self._planes(start, part), first, stop, out)
+            bits.add_counts(self._planes(start, part), out, first=first, stop=stop)
         return out
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
         """Bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes). Raises BadInput outside."""
         total = self._spikes.shape[2]
-        window = validate_window(first_byte, stop_byte, total, what="bytes", where=str(self.path))
+        window = validate_window(first_byte, stop_byte, total=total, what="bytes", where=str(self.path))
         part = validate_region(region, self.shape[1:], where=str(self.path))
         with self._report_damage():
             return self._time_blocks.packed(window.start, window.stop, region=part)
@@ -362,7 +362,7 @@ class SpikeStream:
 
     def _checked(self, a: int, b: int, region: Region | None) -> tuple[range, Region]:
         where = str(self.path)
-        return validate_window(a, b, self.shape[0], where=where), validate_region(
+        return validate_window(a, b, total=self.shape[0], where=where), validate_region(
             region, self.shape[1:], where=where
         )
 

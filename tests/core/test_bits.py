@@ -25,7 +25,7 @@ def test_packing_is_numpys_along_time(count, dtype):
 def test_unpacking_gives_back_any_window(first, stop):
     frames = random_frames(67)
     out = np.full((stop - first, 5, 7), 9, np.uint8)
-    bits.unpack(planes_of(frames), first, out)
+    bits.unpack(planes_of(frames), out, first=first)
     assert np.array_equal(out, frames[first:stop])
 
 
@@ -35,14 +35,14 @@ def test_counts_of_every_window_are_sums():
     for first in range(38):
         for stop in range(first, 38):
             counts = np.zeros((5, 7), np.uint32)
-            bits.add_counts(planes, first, stop, counts)
+            bits.add_counts(planes, counts, first=first, stop=stop)
             assert np.array_equal(counts, frames[first:stop].sum(axis=0)), (first, stop)
 
 
 def test_counts_add_up_and_take_views():
     frames = np.ones((40, 5, 7), np.uint8)
     counts = np.full((2, 3), 10, np.uint32)
-    bits.add_counts(planes_of(frames)[:, 1:3, 2:5], 1, 39, counts)
+    bits.add_counts(planes_of(frames)[:, 1:3, 2:5], counts, first=1, stop=39)
     assert np.array_equal(counts, np.full((2, 3), 48))
 
 

@@ -26,7 +26,7 @@ def test_a_mask_without_a_pixel_is_refused():
 
 
 def test_a_window_comes_back_in_plain_numbers():
-    assert validate_window(np.int64(3), np.uint8(7), 7) == range(3, 7)
+    assert validate_window(np.int64(3), np.uint8(7), total=7) == range(3, 7)
 
 
 @pytest.mark.parametrize("window", [(0, 0), (5, 5), (6, 5), (-1, 4), (0, 101), (0.0, 4), (0, 4.5), (None, 4)])
@@ -36,7 +36,7 @@ def test_a_window_that_is_empty_outside_or_fractional_is_refused(window):
         f"a.h5: bytes {first} to {stop} were asked for; allowed: whole numbers, 0 <= first < stop <= 100"
     )
     with pytest.raises(BadInput, match=message):
-        validate_window(first, stop, 100, what="bytes", where="a.h5")
+        validate_window(first, stop, total=100, what="bytes", where="a.h5")
 
 
 def test_open_ends_of_a_region_are_filled_in():

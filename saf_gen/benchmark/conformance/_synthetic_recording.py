@@ -51,7 +51,7 @@ class SyntheticRecording:
         return self.seen
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        window = validate_window(first, stop, self.frames)
+        window = validate_window(first, stop, total=self.frames)
         self.scores += 1
         if self.scores > self._limits.scores:
             raise LimitExceededError(f"did not end within {self._limits.scores:,} scores")
@@ -60,7 +60,7 @@ class SyntheticRecording:
         return self._unit * mean if measure is None else self._named(measure, mean, len(window))
 
     def position(self, frame: int) -> float:
-        validate_window(frame, frame + 1, self.frames)
+        validate_window(frame, frame + 1, total=self.frames)
         self.seen = max(self.seen, frame + 1)  # who asks where the lens will be looks ahead
         return frame / max(self.frames - 1, 1)
 

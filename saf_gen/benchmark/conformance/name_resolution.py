@@ -34,7 +34,7 @@ def _room(name: str) -> str:
         bare = next(bare.removesuffix(twin) for twin in FORM_SUFFIXES if bare.endswith(twin))
     if bare in names("measures") or ":" not in name:
         if bare not in names("measures"):
-            raise unknown("measure or search", name, [*measure_names(), *search_names()])
+            raise unknown("measure or search", name, allowed=[*measure_names(), *search_names()])
         return "measures"
     cls = _class(name, bare)
     if bare != name or any(hasattr(cls, says) for says in ("degree", "score_range", "halves")):

@@ -79,9 +79,9 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise unknown("render mode", render_mode, self.metadata["render_modes"])
+            raise unknown("render mode", render_mode, allowed=self.metadata["render_modes"])
         if region not in REGIONS:
-            raise unknown("region", region, REGIONS)
+            raise unknown("region", region, allowed=REGIONS)
         if not (math.isfinite(control_s) and control_s > 0):
             raise BadInput(f"the control period is {control_s:g} s", allowed="seconds, above 0")
         _check_whole("pixels", pixels, MAX_PIXELS)
@@ -130,7 +130,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         options = options or {}
         for key in options:
             if key != "sequence":
-                raise unknown("option", key, ["sequence"])
+                raise unknown("option", key, allowed=["sequence"])
         self._episode = None
         if "sequence" in options:
             (self._job,), noise = _chosen(self.tasks, [options["sequence"]]), None
@@ -186,7 +186,7 @@ def _chosen(tasks: Sequence[SequenceTask], sequences: Sequence[str] | None) -> l
         raise BadInput(f"sequences are {sequences!r}", allowed="a list of at least one id, or None for all")
     for sequence in sequences:
         if sequence not in known:
-            raise unknown("sequence", sequence, known)
+            raise unknown("sequence", sequence, allowed=known)
     return [known[sequence] for sequence in dict.fromkeys(sequences)]
 
 

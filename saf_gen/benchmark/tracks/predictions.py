@@ -82,7 +82,7 @@ class PredictionSet:
             for sequence, prediction in answers.items():
                 where = f"{self.path}, method {method}"
                 if sequence not in sequences:
-                    raise unknown("sequence", sequence, sequences, where=where)
+                    raise unknown("sequence", sequence, allowed=sequences, where=where)
                 _check_made_of(prediction, sequences[sequence], where)
             lacking = [s for s in sequences if s not in answers]
             if lacking:
@@ -151,7 +151,7 @@ def _parsed(text: str, where: str) -> Prediction:
     known = Prediction.model_fields
     for key in line:
         if key not in known:
-            raise unknown("key", key, known, where=where)
+            raise unknown("key", key, allowed=known, where=where)
     for key in ("method", "sequence", "frame"):
         if key not in line:
             raise BadInput(f"{key} is missing", where=where, allowed=_EXAMPLE)

@@ -66,12 +66,12 @@ def list_sequence_tasks(
     if split is not None:
         splits = {entry.split for entry in entries}
         if split not in splits:
-            raise unknown("split", split, splits, where=str(path))
+            raise unknown("split", split, allowed=splits, where=str(path))
         entries = tuple(entry for entry in entries if entry.split == split)
     if scene_motion is not None:
         motions = {entry.scene_motion for entry in entries}
         if scene_motion not in motions:
-            raise unknown("scene motion", scene_motion, motions, where=str(path))
+            raise unknown("scene motion", scene_motion, allowed=motions, where=str(path))
         entries = tuple(entry for entry in entries if entry.scene_motion == scene_motion)
     return [
         SequenceTask(

@@ -52,7 +52,7 @@ class CapturedFrames:
     def window(self, first: int, stop: int) -> np.ndarray:
         """Return the counts in frames ``first <= t < stop`` that are encoded already: uint32 (h, w)."""
         counts = np.zeros(self.shape, np.uint32)
-        bits.add_counts(self._planes, first, stop, counts)
+        bits.add_counts(self._planes, counts, first=first, stop=stop)
         return counts
 
     def halves(self, first: int, stop: int) -> np.ndarray:

@@ -30,7 +30,7 @@ class RecordingView:
 
         Raises BadInput for a frame outside the recording.
         """
-        window, lens = validate_window(frame, frame + 1, self.frames), self._counts.lens_position
+        window, lens = validate_window(frame, frame + 1, total=self.frames), self._counts.lens_position
         return float("nan") if lens is None else float(lens[window.start])
 
     def move(self, to: float) -> None:

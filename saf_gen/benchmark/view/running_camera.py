@@ -86,7 +86,7 @@ class RunningCamera:
         """
         if stop > self.frames:
             raise BudgetSpentError(f"frame {stop} of a budget of {self.frames}")
-        window = validate_window(first, stop, self.frames)
+        window = validate_window(first, stop, total=self.frames)
         self.wait(max(0, window.stop - self.now))
         if self._captured.frames < window.stop:
             try:

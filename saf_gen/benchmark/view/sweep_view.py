@@ -44,7 +44,7 @@ class SweepView:
 
         Raises BadInput for a window that is empty, begins before the sweep or ends after it.
         """
-        window = validate_window(first, stop, self.frames)
+        window = validate_window(first, stop, total=self.frames)
         return self._camera.score(self._offset + window.start, self._offset + window.stop, measure)
 
     def position(self, frame: int) -> float:

@@ -83,7 +83,7 @@ class WindowCounts:
 
         Raises BadInput unless the window holds at least one frame and lies in the recording.
         """
-        window = validate_window(first, stop, self.frames)
+        window = validate_window(first, stop, total=self.frames)
         return self._compute_once("counts", self._count, window=window)
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
@@ -91,7 +91,7 @@ class WindowCounts:
 
         See texture_from_intervals. Raises BadInput as ``window`` does.
         """
-        window = validate_window(first, stop, self.frames)
+        window = validate_window(first, stop, total=self.frames)
         image = self._compute_once("intervals", self._compute_texture, window=window)
         self.textures_s += self._texture_seconds[window.start, window.stop]
         return image
@@ -101,7 +101,7 @@ class WindowCounts:
 
         Raises BadInput as ``window`` does, and for a single frame.
         """
-        window = validate_window(first, stop, self.frames)
+        window = validate_window(first, stop, total=self.frames)
         if len(window) < 2:
             raise BadInput(
                 f"the window of frame {window.start} alone has no halves",

@@ -54,11 +54,11 @@ def read_component(
         )
     kind, options = component["kind"], {key: value for key, value in component.items() if key != "kind"}
     if kind not in names:
-        raise unknown(what, kind, names, where=document.locate(*keys, "kind"))
+        raise unknown(what, kind, allowed=names, where=document.locate(*keys, "kind"))
     known = [*registry.option_fields(plugin_kind, kind), *common]
     for key in options:
         if key not in known:
-            raise unknown(f"key of {what} {kind!r}:", key, known, where=document.locate(*keys, key))
+            raise unknown(f"key of {what} {kind!r}:", key, allowed=known, where=document.locate(*keys, key))
     if "file" in options:
         options["file"] = _with_text(options["file"], document, where=document.locate(*keys, "file"))
     corners = [extreme_values(value, where=document.locate(*keys, key)) for key, value in options.items()]

@@ -107,6 +107,6 @@ class Presets(Generic[Device]):
         elif str(name) in (names := self.names()):
             path = self.folder / f"{name}.yaml"
         else:
-            raise unknown(self.kind, name, names, hint="or give the path of a .yaml file")
+            raise unknown(self.kind, name, allowed=names, hint="or give the path of a .yaml file")
         device = validate(self.model, read_yaml(path))
         return change_fields(device, changes, where=f"{self.kind} {name}") if changes else device

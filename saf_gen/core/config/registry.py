@@ -77,7 +77,7 @@ def plugin_class(plugin_kind: str, name: str) -> type:
         return part
     if ":" in name:
         return _named(plugin_kind, name)
-    raise unknown(PLUGIN_KINDS[plugin_kind], name, names(plugin_kind))
+    raise unknown(PLUGIN_KINDS[plugin_kind], name, allowed=names(plugin_kind))
 
 
 def _named(plugin_kind: str, name: str) -> type:
@@ -128,7 +128,7 @@ def build(plugin_kind: str, name: str, /, **options: Any) -> Any:
     cls, known = plugin_class(plugin_kind, name), option_fields(plugin_kind, name)
     for key in options:
         if key not in known:
-            raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, known)
+            raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, allowed=known)
     try:
         return cls(**{known[k]: v for k, v in options.items()})
     except BadInput:

@@ -86,7 +86,7 @@ class ActuatedLens:
 
         With noise it may read a little outside 0...1. Raises BadInput for a window of other frames.
         """
-        window = validate_window(first, stop, self.frames)
+        window = validate_window(first, stop, total=self.frames)
         read = self._read[window.start : window.stop].copy()
         if rms := self.actuator.position_noise_rms:
             blocks = range(window.start // BLOCK, (window.stop - 1) // BLOCK + 1)

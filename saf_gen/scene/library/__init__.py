@@ -20,5 +20,5 @@ MODULES = {path.stem: path for path in Path(__file__).parent.glob("[!_]*.py")}
 def find_library_module(name: str, *, where: str = "") -> Path:
     """Return the file of a library module; raise BadInput, located at ``where``, for an unknown name."""
     if name not in MODULES:
-        raise unknown("library module", name, MODULES, where=where)
+        raise unknown("library module", name, allowed=MODULES, where=where)
     return MODULES[name]

@@ -72,7 +72,7 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
     for name in params:
         if name not in resolver.values:
             card = str(path.parent / "scene.yaml")
-            raise unknown("parameter", name, resolver.values, where=card, hint=PARAMETER_HINT)
+            raise unknown("parameter", name, allowed=resolver.values, where=card, hint=PARAMETER_HINT)
     files = [*resolver.included]
     for element in (*elements, *resolver.cameras):
         files += check_element(element, resolver.folder)
@@ -136,7 +136,9 @@ class _Resolver:
                 text = text.replace(f"${name}", self.values[name])
             if "$" in text:
                 name = re.sub(r".*?\$(\w*).*", r"\1", text, flags=re.DOTALL)
-                raise unknown("parameter", name, self.values, where=element.where, hint=PARAMETER_HINT)
+                raise unknown(
+                    "parameter", name, allowed=self.values, where=element.where, hint=PARAMETER_HINT
+                )
             element.attributes[key] = text
         element.children = [inner for inner in element.children if inner.tag not in IGNORED]
         for inner in element.children:

@@ -52,12 +52,16 @@ def check_element(element: Element, folder: Path) -> list[SceneFile]:
         )
     known = {*ALLOWED_PLUGINS, *OTHER_ELEMENTS}
     if tag not in known and tag not in ("alias", "sensor"):
-        raise unknown("element", tag, known, where=f"{element.file}:{element.line}")
+        raise unknown("element", tag, allowed=known, where=f"{element.file}:{element.line}")
     if tag in ALLOWED_PLUGINS and (tag != "spectrum" or "type" in attributes):
         plugin = require_attribute(element, "type")
         if plugin not in ALLOWED_PLUGINS[tag]:
             raise unknown(
-                "type", plugin, ALLOWED_PLUGINS[tag], where=element.where, hint=_refusal_reason(plugin)
+                "type",
+                plugin,
+                allowed=ALLOWED_PLUGINS[tag],
+                where=element.where,
+                hint=_refusal_reason(plugin),
             )
     if tag == "spectrum" and "filename" in attributes:
         files.append(resolve_file(element, "filename", folder))

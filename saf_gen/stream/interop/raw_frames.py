@@ -53,7 +53,7 @@ RAW_LAYOUTS = {
 
 def _layout(name: str) -> RawLayout:
     if name not in RAW_LAYOUTS:
-        raise unknown("layout", name, RAW_LAYOUTS)
+        raise unknown("layout", name, allowed=RAW_LAYOUTS)
     return RAW_LAYOUTS[name]
 
 
