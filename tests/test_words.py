@@ -1,4 +1,4 @@
-"""One thing has one word: words that were given up stay out of the package, and the glossary's names are in it."""
+"""Words that were given up stay out of the package, and the names that the glossary explains are in it."""
 
 import ast
 import re
