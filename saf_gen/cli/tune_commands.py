@@ -43,7 +43,7 @@ def tune(
         tuned, rows = run(
             dataset,
             method,
-            values,
+            values=values,
             split=split,
             region=region,
             protocol=build_protocol(track, actuator, budget, sweep),

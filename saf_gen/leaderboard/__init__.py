@@ -1,8 +1,9 @@
-"""Records into a ranking, tables by condition, and the files that tell them.
+"""Ranks methods from their records, tabulates them by condition, and writes the result to files.
 
-Methods rank by success within one depth of focus. Success and cost are averaged over scenes (each scene's
-light schedules first), so that a scene with many sequences weighs no more than another; errors are medians
-over all sequences. Equal success shares a rank, and intervals say which ranks the scenes can tell apart.
+Methods rank by success within one depth of focus. Success and cost are averaged over each scene's light
+schedules, then over scenes, so that a scene with many sequences weighs no more than another; errors are
+medians over all sequences. Methods with equal success share a rank, and intervals say which ranks the scenes
+can tell apart.
 """
 
 from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, BinSummary, group_by_bin, tabulate_by_axis

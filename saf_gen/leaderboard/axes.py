@@ -1,6 +1,6 @@
-"""Tables by condition: how methods do under each light, motion, photon budget, place of the focus.
+"""Tables by condition: how methods do under each light, motion, photon budget and position of the focus.
 
-What sorts a sequence is a property of the sequence alone, so that all methods meet the same ones in a bin.
+The bin of a sequence depends on the sequence alone, so all methods meet the same sequences in a bin.
 """
 
 from bisect import bisect_right
@@ -14,24 +14,24 @@ from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
 __all__ = ["AXES", "Axis", "AxisTable", "BinSummary", "group_by_bin", "tabulate_by_axis"]
 
 BLOCK_READOUTS = 100
-"""Readouts of the block that the photon budget is told for: the default of argmax."""
+"""Readouts of the block over which the photon budget is counted: the default window of argmax."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What sequences are sorted by. ``bin_of`` names the bin of a record, None where it is unknown."""
+    """A property that sorts sequences into bins; ``bin_of`` names a record's bin, None if it is unknown."""
 
     name: str
     title: str
     meaning: str
     bin_of: Callable[[Record], str | None]
     order: tuple[str, ...] = ()
-    """Of the bins; without, that of their names."""
+    """The bins in their order; without it they are sorted by name."""
 
 
 @dataclass(frozen=True)
 class BinSummary:
-    """One method in one bin. None is unknown."""
+    """One method in one bin; None is unknown."""
 
     success_1dof: float | None
     median_error_dof: float | None
@@ -41,7 +41,7 @@ class BinSummary:
 
 @dataclass(frozen=True)
 class AxisTable:
-    """All methods on one axis: cells by method, one for each bin."""
+    """All methods along one axis: by bin the counts of scenes and sequences, by method a cell per bin."""
 
     axis: Axis
     bins: tuple[str, ...]
@@ -51,7 +51,7 @@ class AxisTable:
 
 
 def tabulate_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
-    """A table for each of AXES that is known of some sequence, methods in the order given."""
+    """Return a table for each of AXES that is known for some sequence, methods in the order given."""
     tables = (_tabulate(axis, records, methods) for axis in AXES)
     return tuple(table for table in tables if table.bins)
 
@@ -88,41 +88,41 @@ def _summarise(records: Sequence[Record]) -> BinSummary:
     )
 
 
-def _binned(
-    value: Callable[[Record], float | None], edges: Sequence[float], names: Sequence[str]
+def _bin_between(
+    edges: Sequence[float], names: Sequence[str], *, value: Callable[[Record], float | None]
 ) -> Callable[[Record], str | None]:
-    """The bin between two edges that the value lies in; a value at an edge is in the bin above it."""
+    """Return a function that names the bin of a record's value; a value at an edge is in the bin above it."""
 
-    def name(record: Record) -> str | None:
-        held = value(record)
-        return None if held is None else names[bisect_right(edges, held)]
+    def name_bin(record: Record) -> str | None:
+        number = value(record)
+        return None if number is None else names[bisect_right(edges, number)]
 
-    return name
+    return name_bin
 
 
-def _budget(record: Record) -> float | None:
+def _photon_budget(record: Record) -> float | None:
     return None if record.mean_rate is None else BLOCK_READOUTS * record.mean_rate
 
 
-def _place(record: Record) -> str | None:
-    place, off = record.focus_place, record.focus_off_dof
-    if off is not None and off > SUCCESS_LIMITS_DOF[1]:
-        return _PLACES[3]
-    if place is None:
+def _focus_position(record: Record) -> str | None:
+    position, distance = record.focus_place, record.focus_off_dof
+    if distance is not None and distance > SUCCESS_LIMITS_DOF[1]:
+        return _POSITIONS[3]
+    if position is None:
         return None
-    return _PLACES[0] if place < 0.1 else _PLACES[2] if place > 0.9 else _PLACES[1]
+    return _POSITIONS[0] if position < 0.1 else _POSITIONS[2] if position > 0.9 else _POSITIONS[1]
 
 
 _BUDGETS = ("below 1", "1 to 3", "3 to 10", "10 to 30", "30 and more")
 _RATIOS = ("up to 1.1", "1.1 to 2", "2 to 5", "5 and more")
-_PLACES = ("first 10 %", "middle", "last 10 %", "outside")
+_POSITIONS = ("first 10 %", "middle", "last 10 %", "outside")
 AXES = (
-    Axis("light", "Light schedule", "As the recipe names it.", lambda r: r.light),
+    Axis("light", "Light schedule", "The light schedule's name in the recipe.", lambda r: r.light),
     Axis(
         "light_ratio",
         "Light ratio",
         "Brightest over darkest light of the recording.",
-        _binned(lambda r: r.light_ratio, (1.1, 2, 5), _RATIOS),
+        _bin_between((1.1, 2, 5), _RATIOS, value=lambda r: r.light_ratio),
         _RATIOS,
     ),
     Axis("scene_motion", "Scene motion", "Whether anything in the scene moves.", lambda r: r.scene_motion),
@@ -130,17 +130,18 @@ AXES = (
     Axis(
         "photon_budget",
         "Photon budget",
-        f"Mean counts a pixel in a block of {BLOCK_READOUTS} readouts, where measures look.",
-        _binned(_budget, (1, 3, 10, 30), _BUDGETS),
+        f"Mean counts per pixel in a block of {BLOCK_READOUTS} readouts, in the region that measures see.",
+        _bin_between((1, 3, 10, 30), _BUDGETS, value=_photon_budget),
         _BUDGETS,
     ),
     Axis(
         "focus_position",
         "Focus position",
-        "Where in the recording, in the closed loop in the travel, the lens first meets the true focus; "
-        "outside, it never comes within 1 DoF.",
-        _place,
-        _PLACES,
+        "Where in the recording (closed loop: in the travel) the lens first meets the true focus; "
+        "outside: it never comes within 1 DoF.",
+        _focus_position,
+        _POSITIONS,
     ),
     Axis("scene", "Scene", "Each scene alone.", lambda r: r.scene),
 )
+"""The conditions of the leaderboard, in the order of its tables."""

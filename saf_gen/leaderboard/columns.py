@@ -1,4 +1,4 @@
-"""What a row says, number by number: how each is named, explained and printed."""
+"""The columns of the leaderboard: how each number of a row is named, explained and printed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ __all__ = [
 ]
 
 STANDARD_TERMINAL_WIDTH, WIDE_TERMINAL_WIDTH = 120, 200
-"""Characters across that a terminal has room for intervals with, and for everything."""
-ABSTAINED = "An abstention is right where no answer could lie so near, so this can be"
+"""Widths of a terminal, in characters, from which it shows intervals and all columns."""
+_WIDE: dict[str, Any] = {"min_terminal_width": WIDE_TERMINAL_WIDTH}
 
 
 @dataclass(frozen=True)
 class Column:
-    """How one number of a row is named, explained and printed."""
+    """One column: its name, heading and meaning, and the value and text that a row has in it."""
 
     name: str
     header: str
@@ -33,201 +33,183 @@ class Column:
     format_value: Callable[[LeaderboardRow], str]
     justify: Literal["left", "right"] = "right"
     group: str = ""
-    """What the columns of a group share, for a table with room for a second line of headers."""
+    """Heading that neighbouring columns share, for a table with room for a second line of headings."""
     min_terminal_width: int = 0
-    """Left out of a terminal with fewer columns of characters; never of a file."""
+    """Narrowest terminal that shows the column; files always have it."""
     is_fraction: bool = False
-    """A share of successes, 0...1."""
+    """Whether the value is a fraction of successes, 0–1."""
     is_optional: bool = False
-    """Shown where a row knows it."""
+    """Whether the column is shown only where some row knows its value."""
     machine_only: bool = False
-    """A number for programs: another column tells people."""
+    """Whether the column is for programs, because another one shows its value to people."""
     light: str = ""
-    """The light schedule that it is the share of, where it is of one alone."""
+    """The light schedule that the column is restricted to, if any."""
 
     @property
     def key(self) -> str:
-        """What files call it: no two columns have the same, whatever a recipe calls its lights."""
+        """Name of the column in files, unique whatever a recipe calls its lights."""
         return f"success_1dof_light_{self.light}" if self.light else self.name
 
 
 def list_shown_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
-    """The columns of these rows that people read, in order: one for each light schedule among them."""
-    known = (
+    """Return the columns of these rows for people, in order, with one per light schedule."""
+    return tuple(
         c
         for c in list_all_columns(rows)
-        if not c.is_optional or any(c.value(row) is not None for row in rows)
+        if not c.machine_only and (not c.is_optional or any(c.value(row) is not None for row in rows))
     )
-    return tuple(c for c in known if not c.machine_only)
 
 
 def list_all_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
-    """Every number of these rows, for files that programs read: whatever is known, the same ones."""
+    """Return the columns of these rows for programs, whether or not their values are known."""
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
-    return (*_standing(), *_success(lights), *_errors(), *_unanswered(), *_cost())
-
-
-def _standing() -> tuple[Column, ...]:
-    rank = "Rank by success within 1 DoF; = marks a tie, ~ what the scenes cannot tell from the best."
-    ranks = "Ranks it may hold on other scenes: 95 % of a bootstrap over scenes."
-    lead = "What the best method has more of success within 1 DoF, scene by scene: 95 % interval."
-    best, worst = _ends("rank_best", "rank_worst", "# 95 %", "", str, ranks)
     return (
-        Column("rank", "#", rank, attrgetter("rank"), _rank),
-        best,
-        worst,
-        _column("method", "method", "", str, "Focus measure + search.", justify="left"),
-        _column(
-            "level_with_best",
-            "",
-            "",
-            str,
-            "Whether the scenes cannot tell it from the best.",
+        *_rank_columns(),
+        *_success_columns(lights),
+        *_error_columns(),
+        *_count_columns(),
+        *_cost_columns(),
+    )
+
+
+def format_percent(fraction: float) -> str:
+    """Return a fraction as a whole percentage; halves are rounded up."""
+    return f"{fraction + TIE_TOLERANCE:.0%}"  # 0.375 is 38 %, whatever its last bit
+
+
+def _rank_columns() -> tuple[Column, ...]:
+    rank = (
+        "Rank by success within 1 DoF; = marks a tie, ~ a method that the scenes cannot tell from the best."
+    )
+    ranks = "Ranks that the method may hold on other scenes: 95 % interval of a bootstrap over scenes."
+    level = "Whether the scenes cannot tell the method from the best."
+    behind = "Success of the best method within 1 DoF minus the method's own: 95 % interval over scenes."
+    return (
+        Column("rank", "#", rank, attrgetter("rank"), _format_rank),
+        *_interval_columns("rank_best", "rank_worst", header="# 95 %", meaning=ranks, text=str),
+        _column("method", "method", meaning="Focus measure + search.", text=str, justify="left"),
+        _column("level_with_best", "", meaning=level, text=str, machine_only=True),
+        *_interval_columns(
+            "behind_best_low",
+            "behind_best_high",
+            header="",
+            meaning=behind,
+            text=format_percent,
             machine_only=True,
         ),
-        *_ends("behind_best_low", "behind_best_high", "", "", format_percent, lead, machine_only=True),
     )
 
 
-def _success(lights: Sequence[str]) -> tuple[Column, ...]:
-    group, names = "success", ("success_1dof_low", "success_1dof_high")
-    half = f"Share within ½ depth of focus: blur ≤ 1 px. {ABSTAINED} above ≤1 DoF."
-    one = "Share within 1 DoF, blur ≤ 2 px: this ranks."
-    two = f"Share within 2 DoF, blur ≤ 4 px. {ABSTAINED} below ≤1 DoF."
-    interval = "95 % interval of the share within 1 DoF, from a bootstrap over scenes."
+def _success_columns(lights: Sequence[str]) -> tuple[Column, ...]:
+    abstention = "An abstention is right where no answer could be so near, so this can be"
+    half = f"Success within ½ depth of focus: blur ≤ 1 px. {abstention} above ≤1 DoF."
+    one = "Success within 1 DoF, blur ≤ 2 px: methods rank by it."
+    two = f"Success within 2 DoF, blur ≤ 4 px. {abstention} below ≤1 DoF."
+    interval = "95 % interval of the success within 1 DoF, from a bootstrap over scenes."
+    options: dict[str, Any] = {"text": format_percent, "group": "success"}
     return (
-        _column(
-            "success_half_dof",
-            "≤½ DoF",
-            group,
-            format_percent,
-            half,
-            min_terminal_width=WIDE_TERMINAL_WIDTH,
-            is_fraction=True,
+        _column("success_half_dof", "≤½ DoF", meaning=half, is_fraction=True, **options, **_WIDE),
+        _column("success_1dof", "≤1 DoF", meaning=one, is_fraction=True, **options),
+        *_interval_columns(
+            "success_1dof_low", "success_1dof_high", header="≤1 DoF 95 %", meaning=interval, **options
         ),
-        _column("success_1dof", "≤1 DoF", group, format_percent, one, is_fraction=True),
-        *_ends(*names, "≤1 DoF 95 %", group, format_percent, interval),
-        _column(
-            "success_2dof",
-            "≤2 DoF",
-            group,
-            format_percent,
-            two,
-            min_terminal_width=WIDE_TERMINAL_WIDTH,
-            is_fraction=True,
-        ),
-        *(_light(light, "≤1 DoF by light") for light in lights),
+        _column("success_2dof", "≤2 DoF", meaning=two, is_fraction=True, **options, **_WIDE),
+        *map(_light_column, lights),
     )
 
 
-def _errors() -> tuple[Column, ...]:
-    group, names = "error", ("median_error_dof_low", "median_error_dof_high")
-    error, two, four = "Median |answer − truth| in depths of focus.", _fixed(2), _fixed(4)
-    interval = "95 % interval of this median, from a bootstrap over scenes."
-    travel, frames = "The same as a fraction of the travel.", "The same in frames of the recording."
-    blur = "Median blur at the answer, pixels."
-    return (
-        _column("median_error_dof", "err DoF", group, two, error),
-        *_ends(*names, "err DoF 95 %", group, two, interval, min_terminal_width=WIDE_TERMINAL_WIDTH),
-        _column(
-            "median_error_travel", "err travel", group, four, travel, min_terminal_width=WIDE_TERMINAL_WIDTH
-        ),
-        _column(
-            "median_error_frames",
-            "err frames",
-            group,
-            _fixed(0),
-            frames,
-            min_terminal_width=WIDE_TERMINAL_WIDTH,
-            is_optional=True,
-        ),
-        _column("median_blur_px", "blur px", group, _fixed(1), blur, min_terminal_width=WIDE_TERMINAL_WIDTH),
-    )
-
-
-def _unanswered() -> tuple[Column, ...]:
-    group = "no answer"
-    abstained = "Sequences on which the search gave no answer."
-    failed = "Sequences on which the method broke; the records say why."
-    return (
-        _column("abstained", "abst.", group, _count, abstained),
-        _column("failed", "failed", group, _count, failed),
-    )
-
-
-def _cost() -> tuple[Column, ...]:
-    group, two, three = "cost", _fixed(2), _fixed(3)
-    seen = "Share of the frames that the method waited for."
-    way = "Lens way in travels: as far as seen, then to the answer."
-    turns = "How often a lens turned round that the method moved."
-    until = "Seconds until the answer; of a recording without the lens's way to it."
-    asked = "Scores that the search asked for."
-    compute = "Seconds a sequence that the method computed, search and measure; counting is not in it."
-    return (
-        _column("frames_seen", "seen", group, format_percent, seen, min_terminal_width=WIDE_TERMINAL_WIDTH),
-        _column("lens_travel", "lens", group, two, way),
-        _column("reversals", "turns", group, _fixed(1), turns, is_optional=True),
-        _column("time_to_focus_s", "to focus s", group, three, until, is_optional=True),
-        _column("windows", "scores", group, _fixed(0), asked, min_terminal_width=WIDE_TERMINAL_WIDTH),
-        _column("seconds", "s", group, three, compute, min_terminal_width=WIDE_TERMINAL_WIDTH),
-    )
-
-
-def format_percent(share: float) -> str:
-    """A share as whole per cent."""
-    return f"{share + TIE_TOLERANCE:.0%}"  # 0.375 is 38 %, whatever its last bit
-
-
-def _column(
-    name: str, header: str, group: str, show: Callable[[Any], str], meaning: str, **more: Any
-) -> Column:
-    """A column of the row's attribute ``name``."""
-    value = attrgetter(name)
-
-    def text(row: LeaderboardRow) -> str:
-        held = value(row)
-        return "–" if held is None else show(held)
-
-    return Column(name, header, meaning, value, text, group=group, **more)
-
-
-def _ends(
-    low: str, high: str, header: str, group: str, show: Callable[[Any], str], meaning: str, **more: Any
-) -> tuple[Column, Column]:
-    """Both ends of an interval: the column of the first shows them, that of the second is for programs."""
-
-    def text(row: LeaderboardRow) -> str:
-        ends = getattr(row, low), getattr(row, high)
-        return "–" if None in ends else "–".join(map(show, ends))
-
-    more = {"min_terminal_width": STANDARD_TERMINAL_WIDTH, "is_optional": True, **more}
-    first = Column(low, header, meaning, attrgetter(low), text, group=group, **more)
-    return first, _column(high, "", group, show, "Its upper end.", machine_only=True)
-
-
-def _light(light: str, group: str) -> Column:
+def _light_column(light: str) -> Column:
     def value(row: LeaderboardRow) -> float | None:
         return dict(row.success_by_light).get(light)
 
     def text(row: LeaderboardRow) -> str:
-        share = value(row)
-        return "–" if share is None else format_percent(share)
+        return "–" if (fraction := value(row)) is None else format_percent(fraction)
 
-    meaning = f"Share within 1 DoF under the light {light}."
+    meaning = f"Success within 1 DoF under the light {light}."
+    group = "≤1 DoF by light"
     return Column(
         f"success_1dof_{light}", light, meaning, value, text, group=group, is_fraction=True, light=light
     )
 
 
-def _rank(row: LeaderboardRow) -> str:
+def _error_columns() -> tuple[Column, ...]:
+    error = "Median |answer − truth| in depths of focus."
+    interval = "95 % interval of the median error, from a bootstrap over scenes."
+    travel = "Median |answer − truth| as a fraction of the travel."
+    frames = "Median |answer − truth| in frames of the recording."
+    blur = "Median blur at the answer, pixels."
+    name, low, high = "median_error_dof", "median_error_dof_low", "median_error_dof_high"
+    two: dict[str, Any] = {"text": _fixed(2), "group": "error"}
+    four: dict[str, Any] = {"text": _fixed(4), "group": "error", **_WIDE}
+    whole: dict[str, Any] = {"text": _fixed(0), "group": "error", **_WIDE, "is_optional": True}
+    return (
+        _column(name, "err DoF", meaning=error, **two),
+        *_interval_columns(low, high, header="err DoF 95 %", meaning=interval, **two, **_WIDE),
+        _column("median_error_travel", "err travel", meaning=travel, **four),
+        _column("median_error_frames", "err frames", meaning=frames, **whole),
+        _column("median_blur_px", "blur px", meaning=blur, **{**four, "text": _fixed(1)}),
+    )
+
+
+def _count_columns() -> tuple[Column, ...]:
+    abstained = "Sequences on which the search gave no answer."
+    failed = "Sequences on which the method raised an error; the records say why."
+    options: dict[str, Any] = {"text": lambda number: str(number or "–"), "group": "no answer"}
+    return (
+        _column("abstained", "abst.", meaning=abstained, **options),
+        _column("failed", "failed", meaning=failed, **options),
+    )
+
+
+def _cost_columns() -> tuple[Column, ...]:
+    seen = "Fraction of the frames that the method waited for."
+    travel = "Distance that the lens moves, in travels: over all frames seen, then to the answer."
+    reversals = "How often the lens turned round, where the method moves it."
+    until = "Seconds until the answer; on a recording without the lens's move to it."
+    scores = "Scores that the search asked for."
+    seconds = (
+        "Seconds per sequence that the method computed, search and measure, without the counting of spikes."
+    )
+    two, three = _fixed(2), _fixed(3)
+    return (
+        _column("frames_seen", "seen", meaning=seen, text=format_percent, group="cost", **_WIDE),
+        _column("lens_travel", "lens", meaning=travel, text=two, group="cost"),
+        _column("reversals", "turns", meaning=reversals, text=_fixed(1), group="cost", is_optional=True),
+        _column("time_to_focus_s", "to focus s", meaning=until, text=three, group="cost", is_optional=True),
+        _column("windows", "scores", meaning=scores, text=_fixed(0), group="cost", **_WIDE),
+        _column("seconds", "s", meaning=seconds, text=three, group="cost", **_WIDE),
+    )
+
+
+def _column(name: str, header: str, *, meaning: str, text: Callable[[Any], str], **options: Any) -> Column:
+    """Return the column of the row's attribute ``name``; ``text`` prints a known value."""
+    value = attrgetter(name)
+
+    def format_value(row: LeaderboardRow) -> str:
+        return "–" if (number := value(row)) is None else text(number)
+
+    return Column(name, header, meaning, value, format_value, **options)
+
+
+def _interval_columns(
+    low: str, high: str, *, header: str, meaning: str, text: Callable[[Any], str], **options: Any
+) -> tuple[Column, Column]:
+    """Return the columns of an interval's ends: the first shows both, the second is for programs."""
+
+    def format_value(row: LeaderboardRow) -> str:
+        ends = getattr(row, low), getattr(row, high)
+        return "–" if None in ends else "–".join(map(text, ends))
+
+    options = {"min_terminal_width": STANDARD_TERMINAL_WIDTH, "is_optional": True, **options}
+    upper = _column(high, "", meaning="Upper end of the interval.", text=text, machine_only=True)
+    return Column(low, header, meaning, attrgetter(low), format_value, **options), upper
+
+
+def _format_rank(row: LeaderboardRow) -> str:
     if row.rank is None:
         return "–"
     level = "~" if row.level_with_best and row.rank > 1 else ""
     return f"{row.rank}{'=' if row.tied else ''}{level}"
-
-
-def _count(number: int) -> str:
-    return str(number) if number else "–"
 
 
 def _fixed(digits: int) -> Callable[[float], str]:

@@ -1,4 +1,4 @@
-"""Tables for programs."""
+"""CSV files for programs."""
 
 import csv
 import io
@@ -8,10 +8,8 @@ from typing import Any
 __all__ = ["format_csv"]
 
 
-def format_csv(heads: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
-    """A CSV with one line of headings; None is an empty field."""
+def format_csv(header: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
+    """Return a CSV text with one header line; None is an empty field."""
     sheet = io.StringIO()
-    writer = csv.writer(sheet, lineterminator="\n")
-    writer.writerow(heads)
-    writer.writerows([["" if value is None else value for value in line] for line in lines])
+    csv.writer(sheet, lineterminator="\n").writerows([header, *lines])
     return sheet.getvalue()

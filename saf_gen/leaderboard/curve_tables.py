@@ -1,18 +1,19 @@
-"""Focus curves as tables: the quality of each, and how the measures compare.
+"""Focus curves as tables: the quality of each curve, and how the measures compare.
 
-Curves are those that argmax looked at. A lens that comes back or rests gives none, and a flat curve has none:
-such lines are empty, and counted.
+The curves are those that argmax computed. A curve that is constant, or over a lens that comes back or rests,
+has no quality: its fields are empty, and it is counted.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from pathlib import Path
 
 import numpy as np
 
 from saf_gen.benchmark.judgement import depth_of_focus, interpolate_position
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
+from saf_gen.leaderboard.averages import median_magnitude
 from saf_gen.leaderboard.csv_output import format_csv
 from saf_gen.leaderboard.curve_quality import CurveQuality, assess_focus_curve
 from saf_gen.stream.manifest import write_text_atomically
@@ -29,20 +30,20 @@ __all__ = [
 _NAMES = tuple(f.name for f in fields(CurveQuality))
 QUALITY_MEANINGS = {
     "accuracy_dof": "Distance of the curve's peak from the truth, depths of focus.",
-    "accuracy": "The same, fraction of the travel.",
-    "range": "Way of the lens between the minima beside the peak, fraction of the travel.",
+    "accuracy": "Distance of the curve's peak from the truth, fraction of the travel.",
+    "range": "Distance between the minima beside the peak, fraction of the travel.",
     "false_maxima": "Local maxima beside the peak, however small.",
-    "false_peaks": "Those that stand out by more than a tenth of the curve's height.",
+    "false_peaks": "Local maxima beside the peak that stand out by more than a tenth of the curve's height.",
     "width_50": "Width of the peak at half its height, fraction of the travel.",
-    "width_80": "Width at 80 % of its height.",
-    "noise": "Standard deviation of the noise on the curve, of its height.",
+    "width_80": "Width of the peak at 80 % of its height, fraction of the travel.",
+    "noise": "Standard deviation of the noise on the curve, fraction of its height.",
 }
-"""What medians a measure has, in order."""
+"""The criteria of which a measure has medians, in order."""
 
 
 @dataclass(frozen=True)
 class CurveRow:
-    """One measure on one sequence."""
+    """The quality of one measure's curve on one sequence."""
 
     measure: str
     sweep: SweepSummary
@@ -51,43 +52,42 @@ class CurveRow:
 
 @dataclass(frozen=True)
 class MeasureRow:
-    """One measure over all its curves; ``medians`` by the names of QUALITY_MEANINGS, None where none is
-    known."""
+    """One measure over all its curves; ``medians`` by the names of QUALITY_MEANINGS, None where unknown."""
 
     measure: str
     curves: int
     without_quality: int
-    """Sequences whose curve has no quality."""
+    """Number of curves without a quality."""
     medians: dict[str, float | None]
 
 
 def assess_curves(sweeps: Sequence[SweepSummary]) -> list[CurveRow]:
-    """Every curve of these sweeps, in their order."""
-    return [CurveRow(c.measure, sweep, _quality(sweep, c)) for sweep in sweeps for c in sweep.curves]
+    """Return the quality of every curve of these sweeps, in their order."""
+    return [CurveRow(c.measure, sweep, _assess(sweep, curve=c)) for sweep in sweeps for c in sweep.curves]
 
 
 def summarise_measures(curves: Sequence[CurveRow]) -> list[MeasureRow]:
-    """A row for each measure, the most accurate first; those of unknown accuracy last, by name."""
+    """Return a row per measure, the most accurate first; those of unknown accuracy last, by name."""
     by_measure: dict[str, list[CurveRow]] = {}
     for row in curves:
         by_measure.setdefault(row.measure, []).append(row)
     rows = []
-    for measure, some in by_measure.items():
-        known = [row.quality for row in some if row.quality is not None]
-        medians = {name: _median([getattr(q, name) for q in known]) for name in QUALITY_MEANINGS}
-        rows.append(MeasureRow(measure, len(some), len(some) - len(known), medians))
-    return sorted(rows, key=_order)
+    for measure, own in by_measure.items():
+        known = [row.quality for row in own if row.quality is not None]
+        medians = {name: median_magnitude(getattr(q, name) for q in known) for name in QUALITY_MEANINGS}
+        rows.append(MeasureRow(measure, len(own), len(own) - len(known), medians))
+    return sorted(rows, key=_sort_key)
 
 
 def write_curve_tables(folder: str | Path, sweeps: Sequence[SweepSummary]) -> list[Path]:
-    """Write curves.csv and measures.csv into ``folder``; nothing where there is no curve. Returns the paths.
+    """Write curves.csv and measures.csv into ``folder``, unless there is no curve, and return their paths.
 
-    BadInput where that fails; an unknown number is an empty field.
+    Unknown numbers are empty fields. Raises BadInput where a file cannot be written.
     """
     curves = assess_curves(sweeps)
     if not curves:
         return []
-    heads = ["measure", "sequence", "split", "scene", "light", "truth", "depth_of_focus", *_NAMES]
+    header = ["measure", "sequence", "split", "scene", "light", "truth", "depth_of_focus", *_NAMES]
     lines = [
         [
             row.measure,
@@ -105,26 +105,24 @@ def write_curve_tables(folder: str | Path, sweeps: Sequence[SweepSummary]) -> li
         [row.measure, row.curves, row.without_quality, *row.medians.values()]
         for row in summarise_measures(curves)
     ]
-    out = Path(folder)
     texts = {
-        "curves.csv": format_csv(heads, lines),
+        "curves.csv": format_csv(header, lines),
         "measures.csv": format_csv(["measure", "curves", "without", *QUALITY_MEANINGS], measures),
     }
     for name, text in texts.items():
-        write_text_atomically(out / name, text)
-    return [out / name for name in texts]
+        write_text_atomically(Path(folder) / name, text)
+    return [Path(folder) / name for name in texts]
 
 
-def _quality(sweep: SweepSummary, curve: FocusCurve) -> CurveQuality | None:
+def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
     lens = sweep.focus_position
     if lens is None or not np.isfinite(lens).all():
         return None
     truth = sweep.truth
-    if sweep.track is not None and curve.scores.size:
-        whole = isfinite(truth) and np.isfinite(sweep.track).all()  # else unknown: see scores.judge
-        truth = (
-            interpolate_position(float(curve.frames[curve.scores.argmax()]), sweep.track) if whole else nan
-        )
+    if sweep.track is not None and curve.scores.size:  # a moving truth counts at the frame of the peak
+        is_known = isfinite(truth) and np.isfinite(sweep.track).all()
+        peak_frame = float(curve.frames[curve.scores.argmax()])
+        truth = interpolate_position(peak_frame, sweep.track) if is_known else nan
     return assess_focus_curve(
         np.interp(curve.frames, np.arange(len(lens)), lens),
         curve.scores,
@@ -133,11 +131,6 @@ def _quality(sweep: SweepSummary, curve: FocusCurve) -> CurveQuality | None:
     )
 
 
-def _median(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
-
-
-def _order(row: MeasureRow) -> tuple[float, str]:
+def _sort_key(row: MeasureRow) -> tuple[float, str]:
     accuracy = row.medians["accuracy_dof"]
-    return (float("inf") if accuracy is None else accuracy, row.measure)
+    return inf if accuracy is None else accuracy, row.measure

@@ -1,15 +1,15 @@
-"""The files of a leaderboard."""
+"""Writes the files of a leaderboard: JSON and CSV for programs, Markdown and LaTeX for people."""
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple, fields
 from pathlib import Path
 from typing import Any
 
 from saf_gen import __version__
 from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
 from saf_gen.benchmark.results import SequenceFailure
-from saf_gen.leaderboard.axes import AxisTable, tabulate_by_axis
+from saf_gen.leaderboard.axes import AxisTable, BinSummary, tabulate_by_axis
 from saf_gen.leaderboard.columns import list_all_columns, list_shown_columns
 from saf_gen.leaderboard.csv_output import format_csv
 from saf_gen.leaderboard.rows import LeaderboardRow
@@ -33,50 +33,51 @@ def write_leaderboard(
     records: Sequence[Record],
     failures: Sequence[SequenceFailure] = (),
 ) -> list[Path]:
-    """Write leaderboard.json, .csv, .md and .tex, axes.csv and records.jsonl into ``folder``; returns paths.
+    """Write leaderboard.json, .csv, .md, .tex, axes.csv and records.jsonl into ``folder``; return the paths.
 
-    Each file is replaced at once, never seen half written; BadInput where that fails. None becomes null, or
-    an empty field of a csv.
+    Each file is replaced at once, never seen half written. None becomes null, or an empty field of a CSV.
+    Raises BadInput where a file cannot be written.
     """
-    out = Path(folder)
     axes = tabulate_by_axis(records, [row.method for row in rows])
-    shown = list_all_columns(rows)
-    sheet = [[c.value(row) for c in shown] for row in rows]
+    columns = list_all_columns(rows)
     texts = {
-        "leaderboard.json": _document(rows, records, failures, axes),
-        "leaderboard.csv": format_csv([c.key for c in shown], sheet),
-        "leaderboard.md": _page(rows, records, failures, axes),
+        "leaderboard.json": _format_json(rows, records=records, failures=failures, axes=axes),
+        "leaderboard.csv": format_csv(
+            [c.key for c in columns], [[c.value(row) for c in columns] for row in rows]
+        ),
+        "leaderboard.md": _format_page(rows, records=records, failures=failures, axes=axes),
         "leaderboard.tex": format_latex(rows),
-        "axes.csv": _axes_csv(axes),
+        "axes.csv": _format_axes(axes),
         RECORDS_FILE: format_records(records),
     }
     for name, text in texts.items():
-        write_text_atomically(out / name, text)
-    return [out / name for name in texts]
+        write_text_atomically(Path(folder) / name, text)
+    return [Path(folder) / name for name in texts]
 
 
-def _document(
+def _format_json(
     rows: Sequence[LeaderboardRow],
+    *,
     records: Sequence[Record],
     failures: Sequence[SequenceFailure],
     axes: Sequence[AxisTable],
 ) -> str:
-    shown = list_all_columns(rows)
+    columns = list_all_columns(rows)
     document = {
         "format": "saf-gen leaderboard",
         "version": __version__,
         "ranked_by": "success_1dof",
         "track": sorted({r.track for r in records}),
         "rig": sorted({r.rig for r in records}),
-        "columns": {c.key: c.meaning for c in shown},
-        "rows": [{**{c.key: c.value(row) for c in shown}, "tied": list(row.tied)} for row in rows],
+        "columns": {c.key: c.meaning for c in columns},
+        "rows": [{**{c.key: c.value(row) for c in columns}, "tied": list(row.tied)} for row in rows],
         "intervals": {
             "unit": "scene",
             "confidence": CONFIDENCE,
             "resamples": RESAMPLES,
             "unknown": next((row.missing_reason for row in rows if row.missing_reason), None),
         },
-        "axes": [_axis(table) for table in axes],
+        "axes": [_axis_to_json(table) for table in axes],
         "notes": compose_notes(rows, records),
         "data": {r.sequence: r.data for r in records},
         "code": {r.method: r.code for r in records},
@@ -88,7 +89,7 @@ def _document(
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _axis(table: AxisTable) -> dict[str, Any]:
+def _axis_to_json(table: AxisTable) -> dict[str, Any]:
     return {
         "axis": table.axis.name,
         "meaning": table.axis.meaning,
@@ -100,20 +101,20 @@ def _axis(table: AxisTable) -> dict[str, Any]:
     }
 
 
-def _axes_csv(axes: Sequence[AxisTable]) -> str:
-    heads = ["axis", "bin", "scenes", "sequences", "method"]
-    lines = []
-    for table in axes:
-        for method, cells in table.cells.items():
-            for name, scenes, sequences, cell in zip(
-                table.bins, table.scenes, table.sequences, cells, strict=True
-            ):
-                lines.append([table.axis.name, name, scenes, sequences, method, *asdict(cell).values()])
-    return format_csv([*heads, "success_1dof", "median_error_dof", "abstained", "failed"], lines)
+def _format_axes(axes: Sequence[AxisTable]) -> str:
+    header = ["axis", "bin", "scenes", "sequences", "method", *(f.name for f in fields(BinSummary))]
+    lines = [
+        [table.axis.name, *counts, method, *astuple(cell)]
+        for table in axes
+        for method, cells in table.cells.items()
+        for *counts, cell in zip(table.bins, table.scenes, table.sequences, cells, strict=True)
+    ]
+    return format_csv(header, lines)
 
 
-def _page(
+def _format_page(
     rows: Sequence[LeaderboardRow],
+    *,
     records: Sequence[Record],
     failures: Sequence[SequenceFailure],
     axes: Sequence[AxisTable],
@@ -126,10 +127,10 @@ def _page(
     ]
     if failures:
         parts.append("Not read:\n\n" + "".join(f"- `{f.sequence}`: {f.problem}\n" for f in failures))
-    for table in axes:
-        if len(table.bins) > 1:
-            parts.append(
-                f"## {table.axis.title}\n\n{table.axis.meaning} Share within 1 DoF (median error in DoF).\n\n"
-                + format_axis_markdown(table)
-            )
+    parts += [
+        f"## {table.axis.title}\n\n{table.axis.meaning} Success within 1 DoF (median error in DoF).\n\n"
+        + format_axis_markdown(table)
+        for table in axes
+        if len(table.bins) > 1
+    ]
     return "\n".join(parts)

@@ -1,7 +1,8 @@
-"""Methods in their order: one row each."""
+"""Ranks the methods: one row each, best first."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Any
 
 from saf_gen.benchmark.records import Record
@@ -14,11 +15,11 @@ __all__ = ["LeaderboardRow", "rank_methods"]
 
 @dataclass(frozen=True)
 class LeaderboardRow:
-    """One method of the leaderboard. None is unknown: no sequence has the truth that it needs."""
+    """One method of the leaderboard; None is unknown, as no sequence has the truth that the number needs."""
 
     rank: int | None
     tied: tuple[str, ...]
-    """The methods that share the rank."""
+    """The other methods that share the rank."""
     method: str
     success_half_dof: float | None
     success_1dof: float | None
@@ -47,77 +48,72 @@ class LeaderboardRow:
     behind_best_high: float | None = None
     level_with_best: bool | None = None
     missing_reason: str = ""
-    """Why there are no intervals (see statistics.BootstrapIntervals, of which these nine are), else ''."""
+    """Why there are no intervals (the nine fields above), else ''."""
 
 
 def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
-    """The leaderboard of these records, best first.
+    """Return the leaderboard of these records, best first.
 
-    Within a rank rows stand by median error in depths of focus, then by name. Methods without any
-    success to judge come last, with no rank.
+    Methods rank by success within one depth of focus. Within a rank, rows are ordered by median error in
+    depths of focus, then by name. Methods for which no success is known come last, without a rank.
 
     Raises BadInput where records cannot be compared: see merge_records.
     """
     by_method: dict[str, list[Record]] = {}
     for record in merge_records({"": list(records)}):
         by_method.setdefault(record.method, []).append(record)
-    lights = sorted({r.light for mine in by_method.values() for r in mine if r.light is not None})
-    rows = [_row(method, mine, lights) for method, mine in by_method.items()]
-    standing = _standings(by_method)
-    last = float("inf")
-    return tuple(
-        sorted(
-            (
-                replace(_ranked(row, rows), **_ends(standing.get(row.method, BootstrapIntervals())))
-                for row in rows
-            ),
-            key=lambda r: (
-                last if r.rank is None else r.rank,
-                last if r.median_error_dof is None else r.median_error_dof,
-                r.method,
-            ),
-        )
-    )
+    lights = sorted({r.light for own in by_method.values() for r in own if r.light is not None})
+    rows = [_average(method, own, lights=lights) for method, own in by_method.items()]
+    intervals = _find_intervals(by_method)
+    unknown = BootstrapIntervals()
+    ranked = [replace(_rank(row, rows), **_interval_ends(intervals.get(row.method, unknown))) for row in rows]
+    return tuple(sorted(ranked, key=_sort_key))
 
 
-def _ranked(row: LeaderboardRow, rows: Sequence[LeaderboardRow]) -> LeaderboardRow:
+def _sort_key(row: LeaderboardRow) -> tuple[float, float, str]:
+    error = row.median_error_dof
+    return inf if row.rank is None else row.rank, inf if error is None else error, row.method
+
+
+def _rank(row: LeaderboardRow, rows: Sequence[LeaderboardRow]) -> LeaderboardRow:
     own = row.success_1dof
     if own is None:
         return row
     others = {r.method: r.success_1dof for r in rows if r.success_1dof is not None and r is not row}
-    tied = sorted(method for method, share in others.items() if abs(share - own) <= TIE_TOLERANCE)
-    return replace(
-        row, rank=1 + sum(share > own + TIE_TOLERANCE for share in others.values()), tied=tuple(tied)
-    )
+    tied = sorted(method for method, success in others.items() if abs(success - own) <= TIE_TOLERANCE)
+    rank = 1 + sum(success > own + TIE_TOLERANCE for success in others.values())
+    return replace(row, rank=rank, tied=tuple(tied))
 
 
-def _standings(by_method: dict[str, list[Record]]) -> dict[str, BootstrapIntervals]:
-    success = {method: mean_by_scene(mine, lambda r: r.success_1dof) for method, mine in by_method.items()}
+def _find_intervals(by_method: Mapping[str, Sequence[Record]]) -> dict[str, BootstrapIntervals]:
+    success = {method: mean_by_scene(own, lambda r: r.success_1dof) for method, own in by_method.items()}
     return bootstrap_intervals(
-        {method: cells for method, cells in success.items() if cells},
+        {method: by_scene for method, by_scene in success.items() if by_scene},
         {
-            method: [(r.scene, abs(r.error_dof)) for r in mine if r.error_dof is not None]
-            for method, mine in by_method.items()
+            method: [(r.scene, abs(r.error_dof)) for r in own if r.error_dof is not None]
+            for method, own in by_method.items()
         },
     )
 
 
-def _ends(standing: BootstrapIntervals) -> dict[str, Any]:
-    intervals = {
-        ("success_1dof_low", "success_1dof_high"): standing.success,
-        ("median_error_dof_low", "median_error_dof_high"): standing.error,
-        ("rank_best", "rank_worst"): standing.rank,
-        ("behind_best_low", "behind_best_high"): standing.deficit_to_best,
+def _interval_ends(intervals: BootstrapIntervals) -> dict[str, Any]:
+    """Return the fields of a row that come from its intervals."""
+    pairs = {
+        ("success_1dof_low", "success_1dof_high"): intervals.success,
+        ("median_error_dof_low", "median_error_dof_high"): intervals.error,
+        ("rank_best", "rank_worst"): intervals.rank,
+        ("behind_best_low", "behind_best_high"): intervals.deficit_to_best,
     }
     ends = {
         name: end
-        for names, held in intervals.items()
-        for name, end in zip(names, held or (None,) * 2, strict=True)
+        for names, interval in pairs.items()
+        for name, end in zip(names, interval or (None, None), strict=True)
     }
-    return {**ends, "level_with_best": standing.level_with_best, "missing_reason": standing.missing_reason}
+    return {**ends, "level_with_best": intervals.level_with_best, "missing_reason": intervals.missing_reason}
 
 
-def _row(method: str, records: Sequence[Record], lights: Sequence[str]) -> LeaderboardRow:
+def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -> LeaderboardRow:
+    """Return the row of a method, without its rank and intervals."""
     return LeaderboardRow(
         rank=None,
         tied=(),

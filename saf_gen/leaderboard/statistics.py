@@ -1,11 +1,10 @@
-"""How far a ranking can be trusted: paired bootstrap over scenes.
+"""Confidence intervals of a ranking, from a paired bootstrap over scenes.
 
-The scene is the unit: sequences of one scene share its content and tell the same twice. Each resample draws
-as many scenes as there are, with replacement, and every method is judged on the same draw, so that what is
-hard for all cancels in a difference. Intervals are percentile intervals (Efron and Tibshirani, An
-Introduction to the Bootstrap, 1993, doi:10.1201/9780429246593, chapter 13). With few scenes they are too
-narrow, and where every scene says the same they have no width: a bootstrap cannot show what no scene has
-shown.
+The scene is the unit, because sequences of one scene share its content. Each resample draws as many scenes
+as there are, with replacement, and every method is judged on the same draw, so that what is hard for all
+cancels in a difference. Intervals are percentile intervals (Efron and Tibshirani, An Introduction to the
+Bootstrap, 1993, doi:10.1201/9780429246593, chapter 13). With few scenes they are too narrow, and where all
+scenes agree they have no width: a bootstrap cannot show what no scene has shown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,27 +27,26 @@ __all__ = [
 CONFIDENCE = 0.95
 RESAMPLES = 5000
 MIN_SCENES = 3
-"""With fewer there is no interval: two scenes can be drawn in three ways."""
+"""Fewest scenes for an interval: two scenes have only three different draws."""
 TIE_TOLERANCE = 1e-9
-"""Success is an average of averages: equal fractions may differ in the last bit."""
+"""Largest difference between equal successes: averages of averages may differ in the last bit."""
 
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class BootstrapIntervals:
-    """One method among the others. None is unknown; ``missing_reason`` then says the reason, else it is
-    ''."""
+    """Intervals of one method among the others; None is unknown, for the reason in ``missing_reason``."""
 
     success: Interval | None = None
     error: Interval | None = None
-    """Of the median of the errors."""
+    """Interval of the median error."""
     rank: tuple[int, int] | None = None
     """Best and worst rank."""
     deficit_to_best: Interval | None = None
-    """Success of the best method less one's own; of several best, of the one that comes nearest."""
+    """Success of the best method minus the method's own; of several best ones, the nearest counts."""
     level_with_best: bool | None = None
-    """Whether the scenes cannot tell it apart from a best method: ``deficit_to_best`` reaches down to 0."""
+    """Whether the scenes cannot tell the method from a best one: ``deficit_to_best`` reaches down to 0."""
     missing_reason: str = ""
 
 
@@ -59,66 +57,68 @@ def bootstrap_intervals(
     resamples: int = RESAMPLES,
     confidence: float = CONFIDENCE,
 ) -> dict[str, BootstrapIntervals]:
-    """Each method's intervals, by method.
+    """Return the intervals of each method.
+
+    The draws depend only on the number of scenes (random stream ``("statistics", "bootstrap", scenes)``);
+    scenes are ordered by name.
 
     Parameters
     ----------
-    success : by method, then by scene: the share of successes there, 0...1. Scenes that a method lacks are
-        left out for all.
-    errors : by method: (scene, \\|error\\|) of every answer, in any unit. A resample without any answer of a
-        method is left out for it.
-    resamples, confidence : draws, and the share of them between the ends of an interval.
-
-    The draws depend on the number of scenes alone (random stream ``("statistics", "bootstrap", scenes)``),
-    scenes are taken in the order of their names.
+    success : by method, then by scene: the success, 0–1. Scenes that a method lacks are left out for all.
+    errors : by method: (scene, \\|error\\|) of every answer, in any unit. A resample without an answer of a
+        method is left out for that method.
+    resamples : number of draws.
+    confidence : fraction of the draws between the ends of an interval, 0–1.
     """
     methods = list(success)
-    common = set.intersection(*(set(cells) for cells in success.values())) if methods else set()
+    common = set.intersection(*(set(by_scene) for by_scene in success.values())) if methods else set()
     scenes = sorted(common)
     if len(scenes) < MIN_SCENES:
-        why = f"{len(scenes)} of at least {MIN_SCENES} scenes"
-        return {method: BootstrapIntervals(missing_reason=why) for method in methods}
-    drawn = _draws(len(scenes), resamples)
-    cells = np.array([[success[method][scene] for scene in scenes] for method in methods])
-    shares = drawn @ cells.T / len(scenes)  # (resamples, methods)
-    ranks = 1 + (shares[:, None, :] > shares[:, :, None] + TIE_TOLERANCE).sum(axis=2)
-    means = cells.mean(axis=1)
+        reason = f"{len(scenes)} of at least {MIN_SCENES} scenes"
+        return {method: BootstrapIntervals(missing_reason=reason) for method in methods}
+    draws = _draw_scenes(len(scenes), resamples)
+    values = np.array([[success[method][scene] for scene in scenes] for method in methods])
+    resampled = draws @ values.T / len(scenes)  # (resamples, methods)
+    ranks = 1 + (resampled[:, None, :] > resampled[:, :, None] + TIE_TOLERANCE).sum(axis=2)
+    means = values.mean(axis=1)
     best = np.flatnonzero(means >= means.max() - TIE_TOLERANCE)
-    out = {}
+    intervals = {}
     for i, method in enumerate(methods):
-        ahead = [_interval(shares[:, b] - shares[:, i], confidence) for b in best]
-        behind = min(ahead, key=lambda interval: interval[0])
-        out[method] = BootstrapIntervals(
-            success=_interval(shares[:, i], confidence),
-            error=_error_interval(errors.get(method, ()), scenes, drawn, confidence),
-            rank=_whole_interval(ranks[:, i], confidence),
-            deficit_to_best=behind,
-            level_with_best=i in best or behind[0] <= TIE_TOLERANCE,
+        deficits = [_interval(resampled[:, b] - resampled[:, i], confidence) for b in best]
+        nearest = min(deficits, key=lambda interval: interval[0])
+        intervals[method] = BootstrapIntervals(
+            success=_interval(resampled[:, i], confidence),
+            error=_error_interval(errors.get(method, ()), scenes, draws=draws, confidence=confidence),
+            rank=_rank_interval(ranks[:, i], confidence),
+            deficit_to_best=nearest,
+            level_with_best=i in best or nearest[0] <= TIE_TOLERANCE,
         )
-    return out
+    return intervals
 
 
-def _draws(scenes: int, resamples: int) -> np.ndarray:
-    """How often each scene is drawn: int64 (resamples, scenes), each row sums to ``scenes``."""
+def _draw_scenes(scenes: int, resamples: int) -> np.ndarray:
+    """Return how often each scene is drawn: int64 (resamples, scenes), each row sums to ``scenes``."""
     random = make_generator("statistics", "bootstrap", scenes)
     return random.multinomial(scenes, np.full(scenes, 1 / scenes), size=resamples)
 
 
 def _error_interval(
-    errors: Sequence[tuple[str, float]], scenes: Sequence[str], drawn: np.ndarray, confidence: float
+    errors: Sequence[tuple[str, float]], scenes: Sequence[str], *, draws: np.ndarray, confidence: float
 ) -> Interval | None:
-    """Of the median; None where fewer than MIN_SCENES scenes have an answer."""
-    at = {scene: i for i, scene in enumerate(scenes)}
-    held = sorted((error, at[scene]) for scene, error in errors if scene in at)
-    if len({scene for _, scene in held}) < MIN_SCENES:
+    """Return the interval of the median error; None where fewer than MIN_SCENES scenes have an answer."""
+    columns = {scene: i for i, scene in enumerate(scenes)}
+    known = sorted((error, columns[scene]) for scene, error in errors if scene in columns)
+    if len({column for _, column in known}) < MIN_SCENES:
         return None
-    values = np.array([error for error, _ in held])
-    upto = np.cumsum(drawn[:, [scene for _, scene in held]], axis=1)  # answers up to each, in order of size
-    count = upto[:, -1]
-    some = count > 0
-    upto, count = upto[some], count[some]
-    middle = [values[(upto > place[:, None]).argmax(axis=1)] for place in ((count - 1) // 2, count // 2)]
-    return _interval((middle[0] + middle[1]) / 2, confidence)
+    values = np.array([error for error, _ in known])
+    # Number of drawn answers up to each, in order of size; the last is their total.
+    cumulative = np.cumsum(draws[:, [column for _, column in known]], axis=1)
+    cumulative = cumulative[cumulative[:, -1] > 0]
+    total = cumulative[:, -1]
+    low, high = (
+        values[(cumulative > rank[:, None]).argmax(axis=1)] for rank in ((total - 1) // 2, total // 2)
+    )
+    return _interval((low + high) / 2, confidence)
 
 
 def _interval(values: np.ndarray, confidence: float) -> Interval:
@@ -127,8 +127,8 @@ def _interval(values: np.ndarray, confidence: float) -> Interval:
     return float(low), float(high)
 
 
-def _whole_interval(values: np.ndarray, confidence: float) -> tuple[int, int]:
-    """As ``_interval``, rounded outwards: between two ranks there is none."""
+def _rank_interval(values: np.ndarray, confidence: float) -> tuple[int, int]:
+    """Return the interval of a rank, rounded outwards to whole ranks."""
     tail = (1 - confidence) / 2
     low = np.quantile(values, tail, method="lower")
     high = np.quantile(values, 1 - tail, method="higher")

@@ -1,4 +1,4 @@
-"""The table for people: Markdown for a readme, LaTeX for a paper, and what a reader must know beside it."""
+"""The leaderboard as text for people: Markdown, LaTeX, and the notes that a reader must know."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -9,7 +9,16 @@ from saf_gen.leaderboard.columns import WIDE_TERMINAL_WIDTH, Column, format_perc
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.statistics import MIN_SCENES
 
-__all__ = ["compose_notes", "escape_latex", "format_axis_markdown", "format_latex", "format_markdown"]
+__all__ = [
+    "compose_notes",
+    "count_noun",
+    "escape_latex",
+    "explain_columns",
+    "format_axis_markdown",
+    "format_bin",
+    "format_latex",
+    "format_markdown",
+]
 
 _LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -30,37 +39,37 @@ _LATEX = {
 
 
 def format_markdown(rows: Sequence[LeaderboardRow]) -> str:
-    """The table as GitHub-flavoured Markdown."""
+    """Return the table as GitHub-flavoured Markdown."""
     shown = list_shown_columns(rows)
     body = [[c.format_value(row) for c in shown] for row in rows]
-    return _grid([c.header for c in shown], body, [c.justify == "left" for c in shown])
+    return _format_grid([c.header for c in shown], body, is_left=[c.justify == "left" for c in shown])
 
 
 def format_axis_markdown(table: AxisTable) -> str:
-    """The table of one axis as Markdown: success within 1 DoF, and the median error in brackets."""
-    heads = [
+    """Return the table of one axis as Markdown: success within 1 DoF, and the median error in brackets."""
+    headers = [
         f"{name}<br>{count_noun(scenes, 'scene')}, {count_noun(sequences, 'sequence')}"
         for name, scenes, sequences in zip(table.bins, table.scenes, table.sequences, strict=True)
     ]
     body = [[method, *map(format_bin, cells)] for method, cells in table.cells.items()]
-    return _grid(["method", *heads], body, [True] + [False] * len(heads))
+    return _format_grid(["method", *headers], body, is_left=[True] + [False] * len(headers))
 
 
 def format_latex(rows: Sequence[LeaderboardRow]) -> str:
-    """The columns of a usual terminal as a LaTeX ``tabular``, with the rules of the package booktabs."""
+    """Return the columns of a usual terminal as a LaTeX ``tabular`` with rules of the package booktabs."""
     shown = [c for c in list_shown_columns(rows) if c.min_terminal_width < WIDE_TERMINAL_WIDTH]
-    groups = [(group, len(list(some))) for group, some in groupby(shown, key=lambda c: c.group)]
-    heads, rules, at = [], [], 1
-    for group, wide in groups:
-        heads.append(rf"\multicolumn{{{wide}}}{{c}}{{{escape_latex(group)}}}")
+    headers, rules, first = [], [], 1
+    for group, columns in groupby(shown, key=lambda c: c.group):
+        span = len(list(columns))
+        headers.append(rf"\multicolumn{{{span}}}{{c}}{{{escape_latex(group)}}}")
         if group:
-            rules.append(rf"\cmidrule(lr){{{at}-{at + wide - 1}}}")
-        at += wide
+            rules.append(rf"\cmidrule(lr){{{first}-{first + span - 1}}}")
+        first += span
     lines = [
         r"% needs \usepackage{booktabs}",
         rf"\begin{{tabular}}{{{''.join('l' if c.justify == 'left' else 'r' for c in shown)}}}",
         r"\toprule",
-        " & ".join(heads) + r" \\",
+        " & ".join(headers) + r" \\",
         "".join(rules),
         " & ".join(escape_latex(c.header) for c in shown) + r" \\",
         r"\midrule",
@@ -72,44 +81,48 @@ def format_latex(rows: Sequence[LeaderboardRow]) -> str:
 
 
 def escape_latex(text: str) -> str:
-    """Text as LaTeX sets it: its own signs escaped, on one line."""
-    return "".join(_LATEX.get(sign, sign) for sign in " ".join(text.split()))
+    """Return the text on one line, with LaTeX's special characters escaped."""
+    return "".join(_LATEX.get(character, character) for character in " ".join(text.split()))
+
+
+def explain_columns(shown: Sequence[Column]) -> str:
+    """Return the meanings of the columns, a line of Markdown each."""
+    return "".join(f"- **{c.header}**: {c.meaning}\n" for c in shown)
 
 
 def compose_notes(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
-    """What must be known to read the numbers, a sentence each."""
-    out = ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
-    why = next((row.missing_reason for row in rows if row.missing_reason), "")
+    """Return what a reader must know to interpret the numbers, a sentence each."""
+    notes = ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
+    reason = next((row.missing_reason for row in rows if row.missing_reason), "")
     scenes = len({r.scene for r in records if r.success_1dof is not None})
-    if why:
-        out.append(f"There are no intervals: {why} with a known truth.")
+    if reason:
+        notes.append(f"There are no intervals: {reason} with a known truth.")
     elif scenes:
-        out.append(
+        notes.append(
             f"Intervals are 95 % of a paired bootstrap over {scenes} scenes"
             + ("; so few make them too narrow." if scenes < 4 * MIN_SCENES else ".")
         )
     machines = sorted({r.machine for r in records if r.machine})
     if len(machines) > 1:
-        out.append(f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}.")
-    return out
+        notes.append(
+            f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}."
+        )
+    return notes
 
 
-def format_bin(cell: BinSummary) -> str:
-    if cell.success_1dof is None:
+def format_bin(summary: BinSummary) -> str:
+    """Return one method in one bin as text: success within 1 DoF, and the median error in brackets."""
+    if summary.success_1dof is None:
         return "–"
-    error = "" if cell.median_error_dof is None else f" ({cell.median_error_dof:.2f})"
-    return format_percent(cell.success_1dof) + error
+    error = "" if summary.median_error_dof is None else f" ({summary.median_error_dof:.2f})"
+    return format_percent(summary.success_1dof) + error
 
 
-def count_noun(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
+def count_noun(count: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless it is 1."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def _grid(heads: Sequence[str], body: Sequence[Sequence[str]], left: Sequence[bool]) -> str:
-    lines = [heads, ["---" if side else "---:" for side in left], *body]
+def _format_grid(headers: Sequence[str], body: Sequence[Sequence[str]], *, is_left: Sequence[bool]) -> str:
+    lines = [headers, ["---" if left else "---:" for left in is_left], *body]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
-
-
-def explain_columns(shown: Sequence[Column]) -> str:
-    """The columns explained, a line of Markdown each."""
-    return "".join(f"- **{c.header}**: {c.meaning}\n" for c in shown)

@@ -1,4 +1,4 @@
-"""Finds the constants of a method: every combination of the values to try, judged like methods of a contest.
+"""Tunes the constants of a method: judges every combination of the values to try, as evaluate does.
 
 Constants are tuned on train; a split called test is for methods that are finished.
 """
@@ -25,64 +25,83 @@ if TYPE_CHECKING:
 __all__ = ["MAX_COMBINATIONS", "expand_parameter_grid", "tune"]
 
 MAX_COMBINATIONS = 1000
-"""Combinations that are tried at most."""
+"""Most combinations in one run."""
 ParameterGrid = Mapping[str, Sequence[str]]
 
 
 def expand_parameter_grid(method: str, values: ParameterGrid) -> list[str]:
-    """The method with every combination of these values, in order. Keys: ``measure.KEY`` and ``search.KEY``.
+    """Return the method with every combination of the values, in order.
 
-    A value stands in place of the one that the method names, as of ``@FILE``, whose constants are taken up.
-    Raises BadInput for another key, for no value, for more than MAX_COMBINATIONS combinations, and for a
-    value or key that a part refuses.
+    Parameters
+    ----------
+    method : the method's name, or ``@FILE`` for one with constants tuned before.
+    values : by ``measure.KEY`` or ``search.KEY``, the values that replace the one in the method's name.
+
+    Raises
+    ------
+    BadInput
+        Another key, no value, more than MAX_COMBINATIONS combinations, or a key or value that the measure or
+        the search refuses.
     """
-    name, region = split_region(parse_method(method).name)  # says what is wrong with it before anything else
+    name, region = split_region(parse_method(method).name)  # the method itself must be right first
     halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
-    for key, given in values.items():
+    for key, choices in values.items():
         half, dot, option = key.partition(".")
         if half not in halves or not dot or not option:
             raise BadInput(f"--try {key!r}", allowed="measure.KEY=VALUE,... or search.KEY=VALUE,...")
-        if not given or not all(given):
+        if not choices or not all(choices):
             raise BadInput(f"--try {key!r} has an empty value", allowed="values with commas between them")
     if not values:
         raise BadInput("nothing to try", allowed="--try search.window=50,100,200, and more of them")
-    if (count := prod(len(given) for given in values.values())) > MAX_COMBINATIONS:
+    if (count := prod(len(choices) for choices in values.values())) > MAX_COMBINATIONS:
         raise BadInput(
             f"{count} combinations", allowed=f"at most {MAX_COMBINATIONS}", hint="try fewer values at a time"
         )
-    out = []
+    specs = []
     for chosen in product(*values.values()):
         spec = dict(halves)
         for key, value in zip(values, chosen, strict=True):
             half, _, option = key.partition(".")
-            spec[half] = _with(spec[half], option, value)
-        out.append("+".join(spec.values()) + (f"@{region}" if region else ""))
-        parse_method(out[-1])
-    return out
-
-
-def _with(half: str, option: str, value: str) -> str:
-    """A measure or search with this value of an option, in the place of the one that it has."""
-    name, tail = split_plugin_options(half)
-    options = {item.partition("=")[0]: item for item in tail.split(",") if item}
-    return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
+            spec[half] = _set_option(spec[half], option, value=value)
+        specs.append("+".join(spec.values()) + (f"@{region}" if region else ""))
+        parse_method(specs[-1])
+    return specs
 
 
 def tune(
     dataset: str | Path,
     method: str,
-    values: ParameterGrid,
     *,
+    values: ParameterGrid,
     split: str = "train",
     region: str = "target",
     protocol: "ClosedLoopProtocol | None" = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
-    """The best of ``expand_parameter_grid(method, values)`` on a split: by success within one depth of
-    focus, then error.
+    """Find the best of ``expand_parameter_grid(method, values)`` on a split of a dataset.
 
-    Returns what was tried, best first, and the rows of the leaderboard. Raises BadInput as variants and
-    evaluate do, for the split ``test``, and SafGenError where a sequence cannot be read.
+    The best method has the largest success within one depth of focus, and among equals the smallest median
+    error.
+
+    Parameters
+    ----------
+    dataset : folder of the dataset.
+    method, values : see expand_parameter_grid.
+    split : any split but ``test``.
+    region : where measures look: ``target`` or ``frame``.
+    protocol : rules of the closed loop; None judges on the recordings.
+    progress : called with the number of finished tasks, the number of all, and the current task.
+
+    Returns
+    -------
+    The tuned method with all trials, best first, and the rows of their leaderboard in the same order.
+
+    Raises
+    ------
+    BadInput
+        The split ``test``, an unknown split or region, or what expand_parameter_grid and evaluate refuse.
+    SafGenError
+        A sequence cannot be read.
     """
     if split == "test":
         raise BadInput(
@@ -101,7 +120,7 @@ def tune(
     )
     if result.failures:
         raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
-    rows = sorted(rank_methods(result.records), key=_order)
+    rows = sorted(rank_methods(result.records), key=_sort_key)
     data = list(dict.fromkeys(record.data for record in result.records))
     first = result.records[0]
     tuned = TunedMethod(
@@ -119,6 +138,13 @@ def tune(
     return tuned, tuple(rows)
 
 
-def _order(row: LeaderboardRow) -> tuple[float, float]:
+def _set_option(half: str, option: str, *, value: str) -> str:
+    """Return a measure or search with this value of an option, in place of the one that it has."""
+    name, tail = split_plugin_options(half)
+    options = {item.partition("=")[0]: item for item in tail.split(",") if item}
+    return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
+
+
+def _sort_key(row: LeaderboardRow) -> tuple[float, float]:
     success = -1.0 if row.success_1dof is None else row.success_1dof
     return -success, inf if row.median_error_dof is None else row.median_error_dof

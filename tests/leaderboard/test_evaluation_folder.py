@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from handmade_evaluations import make_sweep
 from handmade_records import record
+from refusals import refusal
 
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.errors import BadInput
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import evaluation_folder, write_evaluation
 
@@ -111,8 +111,7 @@ def test_a_folder_half_replaced_is_no_evaluation_and_the_next_one_clears_it(tmp_
         patch.setattr(Path, "replace", until_killed)
         with pytest.raises(KeyboardInterrupt):
             write(tmp_path, of_one_method("fan"))
-    with pytest.raises(BadInput, match=r"there is no records\.jsonl"):
-        read_records(tmp_path)
+    assert "records.jsonl" in refusal(read_records, tmp_path).problem
     write(tmp_path, of_one_method("usaf"))
     assert held(tmp_path) == TABLES | {"figures/errors-usaf_test.svg"}
 
@@ -135,12 +134,12 @@ def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluatio
     (tmp_path / ERRORS).unlink()
     (tmp_path / "figures").rmdir()
     (tmp_path / "figures").write_text("in the way")
-    with pytest.raises(BadInput, match=r"figures cannot be written: File exists"):
-        write(tmp_path, with_curves())
+    assert "figures" in str(refusal(write, tmp_path, with_curves()))
     assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
     (tmp_path / "notes").write_text("a file")
-    with pytest.raises(BadInput, match="notes cannot be written"):
-        write(tmp_path / "notes", with_curves())
+    assert str(refusal(write, tmp_path / "notes", with_curves())) == (
+        f"{tmp_path}/notes cannot be written: File exists; choose another folder"
+    )
 
 
 def test_what_a_killed_run_wrote_aside_goes_after_a_day_and_a_neighbour_s_stays(tmp_path):

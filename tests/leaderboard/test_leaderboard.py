@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 from handmade_records import failed, record
+from refusals import refusal
 
 from saf_gen.benchmark.results import SequenceFailure
-from saf_gen.errors import BadInput
 from saf_gen.leaderboard import (
     compose_notes,
     format_latex,
@@ -191,8 +191,8 @@ def test_a_file_replaces_the_one_before_at_once(tmp_path, records):
 
 def test_a_folder_that_cannot_be_is_bad_input(tmp_path, records):
     (tmp_path / "file").write_text("")
-    with pytest.raises(BadInput, match="cannot be written"):
-        write_leaderboard(tmp_path / "file" / "out", rows=rank_methods(records), records=records)
+    error = refusal(write_leaderboard, tmp_path / "file/out", rows=rank_methods(records), records=records)
+    assert str(tmp_path / "file") in str(error)
 
 
 def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
@@ -367,6 +367,6 @@ def test_the_shares_that_may_stand_the_other_way_round_say_so():
     (row,) = rank_methods(records)
     assert row.success_half_dof > row.success_1dof
     meanings = {c.name: c.meaning for c in list_all_columns([row])}
-    rule = "An abstention is right where no answer could lie so near, so this can be"
+    rule = "An abstention is right where no answer could be so near, so this can be"
     assert meanings["success_half_dof"].endswith(f"{rule} above ≤1 DoF.")
     assert meanings["success_2dof"].endswith(f"{rule} below ≤1 DoF.")

@@ -121,12 +121,12 @@ def test_the_median_of_a_resample_is_that_of_its_answers_each_as_often_as_its_sc
     random = make_generator("test_statistics", "median")
     errors = [(f"scene{i % 5:03d}", float(e)) for i, e in enumerate(random.exponential(size=23))]
     scenes = sorted({scene for scene, _ in errors})
-    drawn = statistics._draws(len(scenes), 400)
+    drawn = statistics._draw_scenes(len(scenes), 400)
     plain = []
     for row in drawn:
         often = dict(zip(scenes, row, strict=True))
         plain.append(np.median([e for scene, e in errors for _ in range(often[scene])]))
-    found = statistics._error_interval(errors, scenes, drawn, CONFIDENCE)
+    found = statistics._error_interval(errors, scenes, draws=drawn, confidence=CONFIDENCE)
     assert found == pytest.approx(np.quantile(plain, [0.025, 0.975]), rel=1e-12)
 
 
@@ -159,4 +159,4 @@ def test_neither_order_of_methods_nor_of_scenes_matters_and_the_seed_is_named():
     other = {m: dict(reversed(list(one[m].items()))) for m in ("b", "a")}
     assert bootstrap_intervals(one, {}) == bootstrap_intervals(other, {})
     drawn = make_generator("statistics", "bootstrap", 4).multinomial(4, [0.25] * 4, size=RESAMPLES)
-    np.testing.assert_array_equal(statistics._draws(4, RESAMPLES), drawn)
+    np.testing.assert_array_equal(statistics._draw_scenes(4, RESAMPLES), drawn)
