@@ -1,7 +1,7 @@
-"""A recording's stacks as charge: what the sensor collects at any frame and focus position.
+"""The charge that a sensor collects from recorded focal stacks, at any frame and focus position.
 
-Of a scene that stands still the whole stack is in memory. Of one that moves only those positions are read at
-which the lens is, and unless told to keep more those of three stacks at most are in memory.
+The stack of a static scene is held in memory as a whole. Of a moving scene only the focus positions that the
+lens visits are read, and by default those of at most three stacks are held in memory.
 """
 
 import numpy as np
@@ -13,10 +13,16 @@ __all__ = ["ChargeSource"]
 
 
 class ChargeSource:
-    """PlaneSource in front of a sensor, in photo-electrons a readout at gain 1.
+    """The planes of a :class:`PlaneSource` as photo-electrons per readout at gain 1.
 
-    ``scale`` multiplies the light (the exposure): 1 at first, and may be set at any time. ``rows``: of these
-    rows of the sensor alone. ``keep_bytes``: of a scene that moves, keep what was read up to this.
+    ``scale`` multiplies the light (the exposure); it is 1 at first and may be set at any time.
+
+    Parameters
+    ----------
+    plane_source : the radiance in front of the lens.
+    sensor : the sensor that collects the light.
+    rows : only these rows of the sensor; all of them by default.
+    keep_bytes : memory (bytes) in which planes of a moving scene are kept for the next run.
     """
 
     def __init__(
@@ -24,19 +30,19 @@ class ChargeSource:
     ) -> None:
         self.time_stack, self.sensor, self.scale = plane_source.time_stack, sensor, 1.0
         self._plane_source, self._rows, self._keep_bytes = plane_source, rows, keep_bytes
-        # Plain dictionaries: an lru_cache over a method would keep both, and the stacks, until a collection.
-        self._still: dict[bool, np.ndarray] = {}  # the whole stack: each light alone, all as one
+        # Plain dictionaries: an lru_cache on a method would keep self, and the stacks, until a collection.
+        self._static: dict[bool, np.ndarray] = {}  # summed over lights or not: the charge of the whole stack
         self._kept: dict[tuple[int, int], np.ndarray] = {}  # (stack, position): charge (light, row, col)
 
     def charge_image(self, frame: float, position: float) -> np.ndarray:
-        """Photo-electrons a readout at gain 1, float32 (light, row, col), at a moment and a focus position.
+        """Return photo-electrons per readout at gain 1, float32 (light, row, col), at a frame and a position.
 
-        Where a moving scene was not rendered at that position, at the nearest one that was.
+        Beyond the positions rendered for a moving scene, the nearest rendered ones are used.
         """
-        j, w = self._between(frame)
-        before = self._at(j, position)
-        if w > 0:
-            before = before + np.float32(w) * (self._at(j + 1, position) - before)
+        j, weight = self._slice_weight(frame)
+        before = self._charge_at(j, position)
+        if weight > 0:
+            before = before + np.float32(weight) * (self._charge_at(j + 1, position) - before)
         return before * np.float32(self.scale)
 
     def encoder_inputs(
@@ -44,79 +50,79 @@ class ChargeSource:
     ) -> dict[str, np.ndarray]:
         """Return the arguments of :meth:`saf_gen.camera.Encoder.encode` for a run of frames.
 
-        ``position`` and ``gain`` are those of the whole recording, (T,) and (T, G). One schedule for all
-        light groups makes one light of them, as far as the camera can tell.
+        ``position`` (T,) and ``gain`` (T, G) are those of the whole recording. Light groups that share one
+        gain are summed: the camera cannot tell them apart.
         """
-        positions = self.time_stack.specs[0].positions
-        index, fraction = knot_weights(position[run.begin : run.end], positions)
-        as_one = bool((gain == gain[:, :1]).all())
-        if as_one:
-            gain = gain[:, :1]
-        gain = gain[run.begin : run.end] * self.scale
+        spec = self.time_stack.specs[0]
+        index, fraction = knot_weights(position[run.begin : run.end], spec.positions)
+        summed = bool((gain == gain[:, :1]).all())
+        gain = (gain[:, :1] if summed else gain)[run.begin : run.end] * self.scale
         if not self.time_stack.is_moving:
-            index = index - self.time_stack.specs[0].first_index
-            return {"stack": self._whole(as_one), "index": index, "fraction": fraction, "gain": gain}
+            stack = self._static_charge(summed=summed)
+            return {"stack": stack, "index": index - spec.first_index, "fraction": fraction, "gain": gain}
         first, stop = int(index.min()), int((index + (fraction > 0)).max()) + 1
-        before_and_after = run.slice_index, run.slice_index + 1
-        stack = np.concatenate([self._charge(j, first, stop, as_one) for j in before_and_after])
+        neighbours = run.slice_index, run.slice_index + 1
+        stack = np.concatenate([self._charge(j, range(first, stop), summed=summed) for j in neighbours])
         weight = self.time_stack.interpolation_weight(run)[:, None]
         gain = np.concatenate([gain * (1 - weight), gain * weight], axis=1)
         return {"stack": stack, "index": index - first, "fraction": fraction, "gain": gain}
 
-    def _between(self, frame: float) -> tuple[int, float]:
-        """The stack before a moment and the share of the way to the next."""
+    def _slice_weight(self, frame: float) -> tuple[int, float]:
+        """Return the stack before a frame, and the weight of the one after it."""
         if not self.time_stack.is_moving:
             return 0, 0.0
-        at = self.time_stack.slice_frames
-        j = min(max(int(np.searchsorted(at, frame + 0.5, side="right")) - 1, 0), len(at) - 2)
-        return j, float(np.clip((frame + 0.5 - at[j]) / (at[j + 1] - at[j]), 0, 1))
+        starts = self.time_stack.slice_frames
+        j = min(max(int(np.searchsorted(starts, frame + 0.5, side="right")) - 1, 0), len(starts) - 2)
+        return j, float(np.clip((frame + 0.5 - starts[j]) / (starts[j + 1] - starts[j]), 0, 1))
 
-    def _at(self, j: int, position: float) -> np.ndarray:
+    def _charge_at(self, j: int, position: float) -> np.ndarray:
+        """Return the charge of stack j at one focus position, (light, row, col), before the exposure."""
         spec = self.time_stack.specs[j]
         last = spec.first_index + spec.rendered_count - 1
         knot = float(np.clip(position * (spec.positions - 1), spec.first_index, last))
         k = min(int(knot), last - 1)
-        charge = self._charge(j, k, k + 2)
+        charge = self._charge(j, range(k, k + 2))
         return charge[:, 0] + np.float32(knot - k) * (charge[:, 1] - charge[:, 0])
 
-    def _charge(self, j: int, first: int, stop: int, as_one: bool = False) -> np.ndarray:
-        """Charge float32 (light, focus, row, col) of stack j at positions first <= k < stop of the travel.
+    def _charge(self, j: int, positions: range, *, summed: bool = False) -> np.ndarray:
+        """Return the charge of stack j at these of all positions, float32 (light, focus, row, col).
 
-        Before the exposure; ``as_one``: all light groups as one.
+        It is taken before the exposure; ``summed`` adds up the light groups.
         """
         if self.time_stack.is_moving:
-            charge = np.stack(self._planes(j, first, stop), axis=1)
-            return charge.sum(axis=0, keepdims=True) if as_one else charge
+            charge = np.stack(self._kept_planes(j, positions), axis=1)
+            return charge.sum(axis=0, keepdims=True) if summed else charge
         begin = self.time_stack.specs[0].first_index
-        return self._whole(as_one)[:, first - begin : stop - begin]
+        return self._static_charge(summed=summed)[:, positions.start - begin : positions.stop - begin]
 
-    def _whole(self, as_one: bool) -> np.ndarray:
-        """The same of a scene that stands still, at all rendered positions."""
-        if False not in self._still:
+    def _static_charge(self, *, summed: bool) -> np.ndarray:
+        """Return the charge of a static scene at all rendered positions."""
+        if False not in self._static:
             spec = self.time_stack.specs[0]
-            self._still[False] = self._developed(0, spec.first_index, spec.first_index + spec.rendered_count)
-        if as_one not in self._still:
-            self._still[True] = self._still[False].sum(axis=0, keepdims=True)
-        return self._still[as_one]
+            rendered = range(spec.first_index, spec.first_index + spec.rendered_count)
+            self._static[False] = self._load_charge(0, rendered)
+        if summed not in self._static:
+            self._static[True] = self._static[False].sum(axis=0, keepdims=True)
+        return self._static[summed]
 
-    def _planes(self, j: int, first: int, stop: int) -> list[np.ndarray]:
-        """The same of a scene that moves, position by position; those not yet in memory are read."""
-        lacking = [k for k in range(first, stop) if (j, k) not in self._kept]
+    def _kept_planes(self, j: int, positions: range) -> list[np.ndarray]:
+        """Return the charge of a moving scene plane by plane; planes that are not in memory are read."""
+        lacking = [k for k in positions if (j, k) not in self._kept]
         if lacking:
             begin, end = lacking[0], lacking[-1] + 1
-            charge = self._developed(j, begin, end)
+            charge = self._load_charge(j, range(begin, end))
             self._kept |= {(j, k): charge[:, k - begin].copy() for k in range(begin, end)}
-        found = [self._kept[j, k] for k in range(first, stop)]
-        over = len(self._kept) - self._keep_bytes // found[0].nbytes
-        if over > 0:  # the oldest go; neighbours stay, for a moment of the scene lies between two stacks
-            for key in [key for key in self._kept if abs(key[0] - j) > 1][:over]:
+        found = [self._kept[j, k] for k in positions]
+        excess = len(self._kept) - self._keep_bytes // found[0].nbytes
+        if excess > 0:  # drop the oldest, except neighbours: a moment of the scene lies between two stacks
+            for key in [key for key in self._kept if abs(key[0] - j) > 1][:excess]:
                 del self._kept[key]
         return found
 
-    def _developed(self, j: int, first: int, stop: int) -> np.ndarray:
-        """The same, read and worked out anew."""
+    def _load_charge(self, j: int, positions: range) -> np.ndarray:
+        """Read planes of stack j and return their charge."""
         spec = self.time_stack.specs[j]
-        first, stop = first - spec.first_index, stop - spec.first_index
+        first, stop = positions.start - spec.first_index, positions.stop - spec.first_index
         radiance = self._plane_source.load_planes(j, first, stop)
         charge = charge_stack(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
         return charge if self._rows is None else charge[:, :, self._rows].copy()

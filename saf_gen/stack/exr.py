@@ -1,4 +1,4 @@
-"""OpenEXR in and out: named planes of floats or half floats with text attributes. The one door to OpenEXR."""
+"""OpenEXR files of named planes, float32 or float16, with text attributes; nothing else calls OpenEXR."""
 
 from collections.abc import Iterable, Mapping
 from contextlib import closing
@@ -16,11 +16,10 @@ STORED = {"FLOAT": "<f4", "HALF": "<f2"}
 
 
 def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str]) -> None:
-    """Write planes (row, col), all of one shape, as channels of one scan-line image: float16 as half floats,
-    all others as float32.
+    """Write planes (row, col) of one shape as channels of a scan-line image, as float16 or else float32.
 
-    Not compressed: ZIP takes 1 % off the float noise of a render, and nine times as long; and some planes of
-    many could not be read alone.
+    The file is not compressed: ZIP saves 1 % of a render and takes nine times as long, and single
+    planes could no longer be read alone.
     """
     header: dict[str, object] = {
         "compression": OpenEXR.NO_COMPRESSION,
@@ -37,11 +36,11 @@ def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Ma
 def read_planes(
     path: Path, names: Iterable[str] | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Read back what :func:`write_planes` wrote: planes by name and text attributes by name.
+    """Return the planes and the text attributes, by name, of a file that :func:`write_planes` wrote.
 
-    ``names``: these planes alone, and of the file little more than them.
+    With ``names`` only these planes are read, and little else of the file.
 
-    Raises BadInput for a file that is missing, cut short or no EXR, and for a plane that it does not have.
+    Raises BadInput for a file that is missing, truncated or not an EXR, and for a missing plane.
     """
     try:
         with closing(OpenEXR.InputFile(str(path))) as file:
@@ -51,16 +50,16 @@ def read_planes(
         attributes = {key: value.decode() for key, value in header.items() if isinstance(value, bytes)}
     except (RuntimeError, OSError, ValueError, TypeError, KeyError) as error:
         raise BadInput(
-            f"{path} is no whole OpenEXR file: {error}", hint="delete it, generate again"
+            f"{path} is not a whole OpenEXR file: {error}", hint="delete it, generate again"
         ) from error
     return planes, attributes
 
 
 def _rows(path: Path, header: Mapping[str, Any]) -> np.ndarray:
-    """The scan lines as they lie in the file, mapped: y, the bytes that follow, a line of each channel.
+    """Return the scan lines as a memory map: y, the number of bytes that follow, a line of each channel.
 
-    OpenEXR itself reads all channels of a line to give one of them. Not compressed, all lines have one size
-    and are the end of the file, so that it can be done without.
+    OpenEXR itself reads all channels of a line to return one. Without compression all lines have one size and
+    end the file, so they can be mapped.
     """
     window, channels = header["dataWindow"], header["channels"]
     columns, first = window.max.x - window.min.x + 1, window.min.y
@@ -72,9 +71,9 @@ def _rows(path: Path, header: Mapping[str, Any]) -> np.ndarray:
     line = np.dtype([("y", "<i4"), ("bytes", "<i4"), *of_channels])
     begin = path.stat().st_size - count * line.itemsize
     if begin <= 0:
-        raise ValueError("it is cut short")
+        raise ValueError("it is truncated")
     rows = np.memmap(path, line, "r", begin, (count,))
     whole = (rows["bytes"] == line.itemsize - 8) & (rows["y"] == np.arange(first, first + count))
     if not whole.all():
-        raise ValueError("its scan lines are not those of a whole file without compression")
+        raise ValueError("its scan lines are not those of a whole, uncompressed file")
     return rows

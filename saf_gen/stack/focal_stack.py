@@ -1,10 +1,11 @@
-"""A focal stack: the scene at every focus position, each light group alone; and where it is stored.
+"""Focal stacks, the radiance of a scene at every focus position per light group, and how they are stored.
 
-On disk a stack is a folder of OpenEXR files named by its content (scene, lens, film, positions, samples),
-so that every sequence that needs it finds it and nothing is rendered twice. Reading one needs no renderer.
+On disk a stack is a folder of OpenEXR files whose name is derived from its content (scene, lens, sensor grid,
+positions, samples), so every sequence that needs it finds it and nothing is rendered twice. Reading one needs
+no renderer.
 
-A scene at rest is stored as float32. Time slices, of which a scene that moves has hundreds, are half floats:
-a rounding of at most 0.05 %, far below their noise, for half of the disk.
+The stack of a static scene is stored as float32. Time slices, of which a moving scene has hundreds, are
+stored as float16: the rounding of at most 0.05 % is far below their noise and halves the disk space.
 """
 
 import hashlib
@@ -45,10 +46,12 @@ class PixelGrid(Protocol):
 
 @dataclass(frozen=True)
 class StackSpec:
-    """Everything that decides what a stack looks like; its :attr:`key` is the folder's name.
+    """Everything that determines a stack; its :attr:`key` is the name of the folder.
 
-    ``params`` is the member of the scene's family, as JSON; ``time_s`` the moment that is seen. ``positions``
-    lie evenly over the whole travel. A time slice has a ``window``, the first and last of them to render.
+    params : the member of the scene's family, as JSON.
+    time_s : the moment that is seen.
+    positions : number of focus positions, evenly spaced over the whole travel.
+    window : of a time slice, the first and last position to render.
     """
 
     scene: str
@@ -98,56 +101,56 @@ class StackSpec:
 
     @property
     def key(self) -> str:
-        """Scene name and digest of the content; neither seed nor variant enters: a stack is a stack."""
+        """Name of the scene and digest of this spec; neither seed nor backend enters it."""
         text = json.dumps([FORMAT, self.as_dict(), *(["half"] if self.window else [])], sort_keys=True)
         return f"{self.scene}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain data, the drive with its kind."""
+        """Return the spec as plain data, the drive with its kind."""
         return {**asdict(self), "drive": self.drive.as_dict()}
 
     @classmethod
     def read(cls, root: Path, key: str) -> "StackSpec":
-        """The spec of the stack ``key`` that lies under ``root``.
-
-        Raises BadInput where there is none, or its note is damaged.
-        """
+        """Return the spec of the stack ``key`` under ``root``; BadInput if it is missing or damaged."""
         path = root / key / "geometry.json"
         try:
-            said = json.loads(path.read_text())["spec"]
-            window = said.pop("window")
-            said |= {"drive": drive_from_dict(said["drive"]), "groups": tuple(said["groups"])}
-            spec = cls(**said, window=None if window is None else tuple(window))
+            fields = json.loads(path.read_text())["spec"]
+            window = fields.pop("window")
+            fields |= {"drive": drive_from_dict(fields["drive"]), "groups": tuple(fields["groups"])}
+            spec = cls(**fields, window=None if window is None else tuple(window))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise BadInput(
                 f"there is no focal stack {key} under {root}",
                 hint="keep stacks/ beside the streams, or run saf-gen generate again",
             ) from error
         if spec.key != key:
-            raise BadInput(f"{path} tells of another stack, {spec.key}", hint="run saf-gen generate again")
+            raise BadInput(f"{path} describes another stack, {spec.key}", hint="run saf-gen generate again")
         return spec
 
     @property
     def focus(self) -> np.ndarray:
-        """The rendered positions, float64 (focus,)."""
+        """Rendered positions, fractions of the travel, float64 (focus,)."""
         return np.linspace(0, 1, self.positions)[self.first_index : self.first_index + self.rendered_count]
 
     @property
     def first_index(self) -> int:
-        """Which of all positions the first rendered one is."""
+        """Index of the first rendered position among all positions."""
         return self.window[0] if self.window else 0
 
     @property
     def rendered_count(self) -> int:
-        """How many positions are rendered."""
+        """Number of rendered positions."""
         return self.window[1] - self.window[0] + 1 if self.window else self.positions
 
 
 @dataclass(frozen=True)
 class FocalStack:
-    """radiance float32 (light, focus, row, col); depth float32 (row, col), m; target bool (row, col).
+    """The images of a stack, at the rendered positions.
 
-    ``focus`` runs over the rendered positions.
+    radiance : float32 (light, focus, row, col), W m⁻² sr⁻¹ at gain 1.
+    depth : float32 (row, col), m.
+    target : bool (row, col).
+    digest : of the stored pieces; '' for a stack that was never stored.
     """
 
     spec: StackSpec
@@ -156,14 +159,13 @@ class FocalStack:
     target: np.ndarray
     backend: str
     digest: str = ""
-    """Of the stored pieces; '' for a stack that was never stored."""
 
 
 class StackStore:
-    """The folder of one stack: tells what is there, takes what is rendered, gives the whole.
+    """The folder of one stack, written piece by piece.
 
-    A piece (a light group, or 'geometry') is ``<name>.exr`` with ``<name>.json`` beside it, which holds its
-    digest and says how it was made; a piece without a digest that fits is no piece.
+    A piece (a light group, or 'geometry') is ``<name>.exr`` with a note ``<name>.json``, which holds its
+    digest and says how it was made. A piece whose digest does not match counts as missing.
     """
 
     def __init__(self, root: Path, spec: StackSpec) -> None:
@@ -171,52 +173,48 @@ class StackStore:
         self.pieces = ("geometry", *spec.groups)
 
     def missing_pieces(self) -> list[str]:
-        """Names of the pieces still to be rendered. A damaged one counts as missing."""
+        """Return the names of the pieces that are missing or damaged."""
         return [name for name in self.pieces if not self._is_whole(name)]
 
     def has_all_notes(self) -> bool:
-        """Whether all pieces have their notes; the pieces themselves are looked at when they are read."""
+        """Return whether all pieces have a note; the pieces themselves are checked when they are read."""
         return all(self._note(name) for name in self.pieces)
 
     def digest(self) -> str:
-        """SHA-256 over the pieces' own: what sequences made from this very stack are made from."""
+        """Return a SHA-256 over those of the pieces, as their notes hold them."""
         digests = json.dumps([self._note(name).get("sha256") for name in self.pieces])
         return hashlib.sha256(digests.encode()).hexdigest()
 
     def backends(self) -> set[str]:
-        """The variants that rendered what is there."""
+        """Return the backends that rendered the stored pieces."""
         return {str(note["variant"]) for note in map(self._note, self.pieces) if "variant" in note}
 
     def write_group(self, group: str, radiance: np.ndarray, *, backend: str, clipped: int = 0) -> None:
-        """Store one light group, float32 (focus, row, col), with the number of paths clipped as fireflies."""
+        """Store the radiance of a light group, (focus, row, col); ``clipped`` paths were fireflies."""
         facts = {"unit": UNIT, "light_group": group, "clipped_paths": str(clipped), "variant": backend}
         if self.spec.window:
-            radiance, exponent = _halved(radiance)
+            radiance, exponent = _to_half_floats(radiance)
             facts |= {"unit": f"2^{exponent} {UNIT}", "exponent": str(exponent)}
         planes = {f"focus.{self.spec.first_index + k:04d}": plane for k, plane in enumerate(radiance)}
-        self._put(group, planes, facts)
+        self._put(group, planes, facts=facts)
 
     def write_geometry(self, depth: np.ndarray, target: np.ndarray, *, backend: str) -> None:
-        """Store depth (m) and target mask."""
+        """Store the depth (m) and the target mask, both (row, col)."""
         planes = {"depth": depth, "target": target.astype(np.float32)}
-        self._put("geometry", planes, {"unit": "m", "variant": backend})
+        self._put("geometry", planes, facts={"unit": "m", "variant": backend})
 
     def load(self) -> FocalStack:
-        """The whole stack.
-
-        Raises BadInput where a piece is missing or damaged.
-        """
+        """Return the whole stack; BadInput if a piece is missing or damaged."""
         radiance = self.load_planes(0, self.spec.rendered_count)
-        variant = ", ".join(sorted(self.backends()))
-        return FocalStack(self.spec, radiance, *self.load_geometry(), variant, self.digest())
+        backend = ", ".join(sorted(self.backends()))
+        return FocalStack(self.spec, radiance, *self.load_geometry(), backend, self.digest())
 
     def load_planes(self, first: int, stop: int) -> np.ndarray:
-        """Radiance float32 (light, focus, row, col) of positions first <= k < stop, counted as rendered.
+        """Return the radiance of rendered positions first <= k < stop, float32 (light, focus, row, col).
 
-        Raises BadInput where a piece is missing or damaged.
+        Raises BadInput if a piece is missing or damaged.
         """
-        missing = self.missing_pieces()
-        if missing:
+        if missing := self.missing_pieces():
             raise BadInput(f"{self.folder} lacks {', '.join(missing)}", hint="run saf-gen generate again")
         names = [f"focus.{self.spec.first_index + k:04d}" for k in range(first, stop)]
         radiance = np.empty(
@@ -231,10 +229,7 @@ class StackStore:
         return radiance
 
     def load_geometry(self) -> tuple[np.ndarray, np.ndarray]:
-        """Depth (m), float32, and target mask, bool, both (row, col).
-
-        Raises BadInput where they are missing or damaged.
-        """
+        """Return the depth (m, float32) and the target mask (bool), both (row, col); BadInput if damaged."""
         if not self._is_whole("geometry"):
             raise BadInput(f"{self.folder} lacks geometry", hint="run saf-gen generate again")
         planes, _ = exr.read_planes(self.folder / "geometry.exr")
@@ -244,17 +239,17 @@ class StackStore:
         try:
             note = json.loads((self.folder / f"{name}.json").read_text())
         except (OSError, ValueError):
-            return {}  # no note, or half of one: then the piece is not known to be whole
+            return {}  # no note, or a truncated one: the piece counts as missing
         return note if isinstance(note, dict) else {}
 
     def _is_whole(self, name: str) -> bool:
         note, path = self._note(name), self.folder / f"{name}.exr"
         if not note or not path.is_file():
             return False
-        there = path.stat()
-        return _sha256(path, there.st_size, there.st_mtime_ns) == note.get("sha256")
+        status = path.stat()
+        return _sha256(path, size=status.st_size, changed_ns=status.st_mtime_ns) == note.get("sha256")
 
-    def _put(self, name: str, planes: dict[str, np.ndarray], facts: dict[str, str]) -> None:
+    def _put(self, name: str, planes: dict[str, np.ndarray], *, facts: dict[str, str]) -> None:
         with write_atomically(self.folder / f"{name}.exr") as part:
             drive = json.dumps(self.spec.drive.as_dict())
             attributes = {"format": FORMAT, "stack": self.spec.key, "drive": drive, **facts}
@@ -265,19 +260,19 @@ class StackStore:
             part.write_text(json.dumps(note, indent=1))
 
 
-def _halved(radiance: np.ndarray) -> tuple[np.ndarray, int]:
-    """As half floats in units of a power of two, which is exact, and its exponent.
+def _to_half_floats(radiance: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return the radiance as float16 in units of 2^exponent, and the exponent.
 
-    The brightest lies below 2^15. What is 4·10^-9 of it or more keeps all 11 bits.
+    The largest value lies below 2^15. Values of at least 4·10^-9 of it keep all 11 bits.
     """
     exponent = int(np.frexp(radiance.max(initial=0.0))[1]) - HALF_BITS
     return np.ldexp(radiance, -exponent).astype(np.float16), exponent
 
 
 @lru_cache(maxsize=1 << 14)
-def _sha256(path: Path, size: int, changed_ns: int) -> str:
-    """Digest of a file; asked for again it is not read again unless its size or time changed.
+def _sha256(path: Path, *, size: int, changed_ns: int) -> str:
+    """Return the digest of a file, which is read again only if its size or time changed.
 
-    So many are kept because a scene that moves has hundreds of stacks, and each method asks for all of them.
+    The cache is large because a moving scene has hundreds of stacks, and each method needs all of them.
     """
     return hashlib.sha256(path.read_bytes()).hexdigest()

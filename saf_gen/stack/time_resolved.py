@@ -1,9 +1,9 @@
-"""What a recording films: one focal stack, or for a scene that moves a focal stack at each of many moments.
+"""Time-resolved focal stacks: one stack of a static scene, or of a moving scene one at each of many moments.
 
-Between two moments the picture goes over from one stack to the other in a straight line. A readout at the
-share w of the way, at its own focus position, sees (1 - w) of the stack before and w of the one after, each
-interpolated between its own two nearest positions. The encoder takes the two as two sets of lights, so that
-this is exact at every readout.
+Between two moments the image changes linearly from one stack to the next. A readout at the fraction w of the
+time between them, at its own focus position, sees (1 - w) of the earlier and w of the later stack, each
+interpolated between its own two nearest positions. The encoder takes the two stacks as two sets of lights, so
+that this is exact at every readout.
 """
 
 import hashlib
@@ -19,9 +19,7 @@ from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 
 __all__ = ["FrameRun", "PlaneSource", "TimeResolvedStack", "needed_focus_windows", "time_slice_frames"]
 
-FRAMES_PER_BYTE = (
-    8  # frames: the encoder records whole bytes, and goes over to the next pair of stacks between two
-)
+FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two
 
 
 class FrameRun(NamedTuple):
@@ -34,9 +32,10 @@ class FrameRun(NamedTuple):
 
 @dataclass(frozen=True)
 class TimeResolvedStack:
-    """The stacks of a recording, and at the beginning of which frame each is what is seen.
+    """The focal stacks of a recording, and the frame at whose beginning each of them is seen.
 
-    One stack: nothing moves. More: rising frames from 0 to at least the length of the recording.
+    A static scene has one stack. A moving scene has several, at rising frames from 0 to at least the length
+    of the recording.
     """
 
     slice_frames: tuple[int, ...]
@@ -48,34 +47,30 @@ class TimeResolvedStack:
         return len(self.specs) > 1
 
     def with_full_travel(self) -> "TimeResolvedStack":
-        """The same moments at all focus positions."""
-        return TimeResolvedStack(
-            self.slice_frames, tuple(replace(s, window=(0, s.positions - 1)) for s in self.specs)
-        )
+        """Return the same moments at all focus positions."""
+        specs = tuple(replace(spec, window=(0, spec.positions - 1)) for spec in self.specs)
+        return TimeResolvedStack(self.slice_frames, specs)
 
     def truncated_to(self, frames: float) -> "TimeResolvedStack":
-        """The stacks of the first ``frames`` readouts, the one after them too: pictures go over to it."""
+        """Return the stacks that the first ``frames`` readouts need, with the one after them."""
         count = 1 + sum(frame < frames for frame in self.slice_frames)
         return TimeResolvedStack(self.slice_frames[:count], self.specs[:count])
 
     def count_stored(self, root: Path) -> int:
-        """How many of the first stacks lie under ``root``, to its notes."""
+        """Return how many of the first stacks are under ``root``, according to their notes."""
         return sum(1 for _ in takewhile(lambda spec: StackStore(root, spec).has_all_notes(), self.specs))
 
     def find_missing(self, root: Path) -> list[StackSpec]:
-        """The stacks that are not whole under ``root``."""
+        """Return the stacks that are not whole under ``root``."""
         return [spec for spec in self.specs if StackStore(root, spec).missing_pieces()]
 
     def digest(self, root: Path) -> str:
-        """What is made from these very stacks, as they lie under ``root``, is made from this."""
+        """Return a SHA-256 over the stacks as they are stored under ``root``."""
         digests = [StackStore(root, spec).digest() for spec in self.specs]
         return digests[0] if len(digests) == 1 else hashlib.sha256(" ".join(digests).encode()).hexdigest()
 
     def split_at_slices(self, begin: int, end: int) -> Iterator[FrameRun]:
-        """The stretches of frames begin <= t < end that lie between the same two stacks.
-
-        Yields first frame, end, and the number of the stack before; all in one where nothing moves.
-        """
+        """Yield frames begin <= t < end in runs between the same two stacks; one run for a static scene."""
         if not self.is_moving:
             yield FrameRun(begin, end, 0)
             return
@@ -84,18 +79,20 @@ class TimeResolvedStack:
                 yield FrameRun(max(first, begin), min(last, end), j)
 
     def interpolation_weight(self, run: FrameRun) -> np.ndarray:
-        """How far each readout begin <= t < end is on the way from stack j to the next: float64, 0...1."""
+        """Return the weight of the later stack in each readout of a run, float64, 0...1."""
         first, last = self.slice_frames[run.slice_index], self.slice_frames[run.slice_index + 1]
         return (np.arange(run.begin, run.end) + 0.5 - first) / (last - first)
 
 
 @dataclass(frozen=True)
 class PlaneSource:
-    """A time_stack and where its stacks come from.
+    """Where the image planes of a time-resolved stack are read from.
 
-    ``load_planes(j, first, stop)`` is the radiance of stack j at its rendered positions first <= k < stop,
-    float32 (light, focus, row, col); ``load_geometry(j)`` its depth and target. ``digest`` is over all
-    stacks, ``variant`` what rendered them.
+    load_planes : ``(j, first, stop)`` gives the radiance of stack j at its rendered positions
+        first <= k < stop, float32 (light, focus, row, col).
+    load_geometry : ``(j)`` gives the depth and the target mask of stack j.
+    digest : SHA-256 over all stacks.
+    backend : what rendered them.
     """
 
     time_stack: TimeResolvedStack
@@ -106,24 +103,21 @@ class PlaneSource:
 
     @classmethod
     def from_folder(cls, time_stack: TimeResolvedStack, root: Path) -> "PlaneSource":
-        """The reel's stacks as they lie under ``root``; one that is not whole is refused in its turn."""
+        """Return the stacks stored under ``root``; loading from one that is not whole raises BadInput."""
         stores = [StackStore(root, spec) for spec in time_stack.specs]
-        variant = ", ".join(sorted(set().union(*(store.backends() for store in stores))))
-        digest = time_stack.digest(root)
         return cls(
             time_stack,
             lambda j, first, stop: stores[j].load_planes(first, stop),
             lambda j: stores[j].load_geometry(),
-            digest,
-            variant,
+            time_stack.digest(root),
+            ", ".join(sorted(set().union(*(store.backends() for store in stores)))),
         )
 
     @classmethod
     def from_stack(cls, stack: FocalStack) -> "PlaneSource":
-        """One stack in memory, of a scene that stands still."""
-        time_stack = TimeResolvedStack((0,), (stack.spec,))
+        """Return one stack in memory, of a static scene."""
         return cls(
-            time_stack,
+            TimeResolvedStack((0,), (stack.spec,)),
             lambda j, first, stop: stack.radiance[:, first:stop],
             lambda j: (stack.depth, stack.target),
             stack.digest,
@@ -132,27 +126,28 @@ class PlaneSource:
 
 
 def time_slice_frames(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
-    """Frames, from 0 to the first at or after the end, at which a moving scene is rendered.
+    """Return the frames at which a moving scene is rendered, from 0 to the first one at or after the end.
 
-    As many a second as asked for, or a few more: multiples of 8 frames, at least 8 apart.
+    They are multiples of 8 frames and give ``slices_per_s`` slices per second, or a few more.
     """
     step = max(FRAMES_PER_BYTE, int(readout_hz / slices_per_s) // FRAMES_PER_BYTE * FRAMES_PER_BYTE)
     return tuple(range(0, frames + step, step))
 
 
 def needed_focus_windows(
-    position: np.ndarray, at: tuple[int, ...], *, positions: int
+    position: np.ndarray, slice_frames: tuple[int, ...], *, positions: int
 ) -> list[tuple[int, int]]:
-    """For each of these moments the first and last rendered position that the recording needs there.
+    """Return the first and last focus position that a recording needs of each time slice, at least two each.
 
-    ``position`` (T,) is the lens, fraction of the travel: a stack serves the readouts from the moment before
-    it to the one after. At least two positions each.
+    ``position`` (T,) is where the lens is, a fraction of the travel. A stack serves the readouts from the
+    moment before it to the moment after it.
     """
-    place = np.clip(np.asarray(position, dtype=np.float64), 0, 1) * (positions - 1)
-    out = []
-    for j in range(len(at)):
-        begin, end = at[max(j - 1, 0)], min(at[min(j + 1, len(at) - 1)], place.size)
-        used = place[min(begin, place.size - 1) : max(end, begin + 1)]
+    knots = np.clip(np.asarray(position, dtype=np.float64), 0, 1) * (positions - 1)
+    windows = []
+    for j in range(len(slice_frames)):
+        begin = slice_frames[max(j - 1, 0)]
+        end = min(slice_frames[min(j + 1, len(slice_frames) - 1)], knots.size)
+        used = knots[min(begin, knots.size - 1) : max(end, begin + 1)]
         first = min(int(np.floor(used.min())), positions - 2)
-        out.append((first, max(int(np.ceil(used.max())), first + 1)))
-    return out
+        windows.append((first, max(int(np.ceil(used.max())), first + 1)))
+    return windows

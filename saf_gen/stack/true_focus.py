@@ -1,4 +1,6 @@
-"""The true focus of a recording: where the target is sharp, when the lens is there, and what is elsewhere."""
+"""The true focus of a recording: the position at which the target is sharp, and when the lens is there."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,58 +15,57 @@ __all__ = ["find_true_focus", "noise_free_sharpness"]
 
 
 def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
-    """What is in focus where, and when a lens with these positions (T,) is first there.
+    """Return the true focus for a lens at these positions (T,), without the sharpness.
 
-    In a scene that moves the best focus may move too: ``track`` follows it, on straight lines between the
-    moments that were rendered and see the target, and stays where it was while the target is out of sight.
-    Everything else is of the moment at which the lens first meets a target in sight, or comes nearest.
+    In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered
+    moments that see the target, and is held while the target is out of sight. Everything else is of the
+    moment at which the lens first meets a visible target, or comes nearest to it.
 
-    Raises BadInput where no moment sees the target.
+    Raises BadInput if the target is seen at no moment.
     """
     time_stack = plane_source.time_stack
     if not time_stack.is_moving:
         depth, target = plane_source.load_geometry(0)
-        place = time_stack.specs[0].drive.true_focus(depth[target])
-        return _truth(plane_source, 0, place, _first(find_crossings(position, place)))
-    at, best, seen = [], [], []
+        best = time_stack.specs[0].drive.true_focus(depth[target])
+        return _truth_at(plane_source, 0, position=best, frame=_first(find_crossings(position, best)))
+    seen_frames, best_positions, seen = [], [], []
     for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         depth, target = plane_source.load_geometry(j)
         seen.append(bool(target.any()))
         if seen[-1]:
-            at.append(begin)
-            best.append(spec.drive.true_focus(depth[target]))
-    if not at:
+            seen_frames.append(begin)
+            best_positions.append(spec.drive.true_focus(depth[target]))
+    if not seen_frames:
         raise BadInput(
             f"the target of {time_stack.specs[0].scene} is never seen in {position.size} frames",
             hint="check its motion, the camera and the target in scene.yaml",
         )
-    track = np.interp(np.arange(position.size) + 0.5, at, best)
-    in_sight = _in_sight(time_stack, np.array(seen), position.size)
+    track = np.interp(np.arange(position.size) + 0.5, seen_frames, best_positions)
+    in_sight = _in_sight(time_stack, np.array(seen), frames=position.size)
     off = position - track
-    passed = find_crossings(off, 0.0)
-    frame = _first(passed[in_sight[np.clip(np.rint(passed).astype(int), 0, position.size - 1)]])
+    crossings = find_crossings(off, 0.0)
+    frame = _first(crossings[in_sight[np.clip(np.rint(crossings).astype(int), 0, position.size - 1)]])
     met = frame if np.isfinite(frame) else float(np.argmin(np.where(in_sight, np.abs(off), np.inf)))
-    nearest = at[int(np.argmin(np.abs(np.asarray(at) - met - 0.5)))]
-    place = float(np.interp(met, np.arange(position.size), track))
-    truth = _truth(plane_source, time_stack.slice_frames.index(nearest), place, frame)
-    return Truth(**{**vars(truth), "track": track.astype(np.float32)})
+    nearest = seen_frames[int(np.argmin(np.abs(np.asarray(seen_frames) - met - 0.5)))]
+    best = float(np.interp(met, np.arange(position.size), track))
+    truth = _truth_at(plane_source, time_stack.slice_frames.index(nearest), position=best, frame=frame)
+    return replace(truth, track=track.astype(np.float32))
 
 
-def _in_sight(time_stack: TimeResolvedStack, seen: np.ndarray, frames: int) -> np.ndarray:
-    """Readouts between two moments that both see the target, bool (T,); where there are none, beside one."""
-    after = np.minimum(
-        np.searchsorted(time_stack.slice_frames, np.arange(frames), side="right"), len(seen) - 1
-    )
+def _in_sight(time_stack: TimeResolvedStack, seen: np.ndarray, *, frames: int) -> np.ndarray:
+    """Return which readouts lie between two moments that see the target, bool (T,); if none, next to one."""
+    after = np.searchsorted(time_stack.slice_frames, np.arange(frames), side="right")
+    after = np.minimum(after, len(seen) - 1)
     both = seen[after - 1] & seen[after]
     return both if both.any() else seen[after - 1] | seen[after]
 
 
-def _first(passed: np.ndarray) -> float:
-    return float(passed[0]) if passed.size else float("nan")
+def _first(crossings: np.ndarray) -> float:
+    return float(crossings[0]) if crossings.size else float("nan")
 
 
-def _truth(plane_source: PlaneSource, j: int, position: float, frame: float) -> Truth:
-    """The truth at stack j."""
+def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: float) -> Truth:
+    """Return the truth at the moment of stack j."""
     spec = plane_source.time_stack.specs[j]
     depth, target = plane_source.load_geometry(j)
     return Truth(
@@ -77,23 +78,24 @@ def _truth(plane_source: PlaneSource, j: int, position: float, frame: float) -> 
     )
 
 
-def noise_free_sharpness(exposed: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
-    """Noise-free SD (variance over squared mean) in the target's box at each of the evenly spaced positions.
+def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
+    """Return the noise-free SD (variance over squared mean) in the target's box at each rendered position.
 
-    float64 (focus,), at gain 1. Where the scene moves, at the moment when the lens is first there; NaN at
-    positions where it never is.
+    The result is float64 (focus,), at gain 1. ``position`` (T,) is where the lens is. In a moving scene the
+    value is of the moment at which the lens first gets to a position, and NaN where it never does.
     """
     rows, columns = target_bounding_box(np.asarray(truth.target))
-    positions = exposed.time_stack.specs[0].positions
+    positions = charge_source.time_stack.specs[0].positions
     lowest, highest = float(position.min()), float(position.max())
     stride = float(np.abs(np.diff(position)).max(initial=0.0))  # readouts see the ends only to within that
-    out = np.full(positions, np.nan)
-    for k, place in enumerate(np.linspace(0, 1, positions)):
-        passed = np.zeros(1)
-        if exposed.time_stack.is_moving:
-            there = float(np.clip(place, lowest, highest))
-            passed = find_crossings(position, there) if abs(there - place) <= stride else passed[:0]
-        if passed.size:
-            seen = exposed.charge_image(float(passed[0]), float(place)).sum(axis=0)[rows, columns]
-            out[k] = seen.var(dtype=np.float64) / seen.mean(dtype=np.float64) ** 2
-    return out
+    sharpness = np.full(positions, np.nan)
+    for k, knot in enumerate(np.linspace(0, 1, positions)):
+        crossings = np.zeros(1)
+        if charge_source.time_stack.is_moving:
+            reached = float(np.clip(knot, lowest, highest))
+            near = abs(reached - knot) <= stride
+            crossings = find_crossings(position, reached) if near else crossings[:0]
+        if crossings.size:
+            image = charge_source.charge_image(float(crossings[0]), float(knot)).sum(axis=0)[rows, columns]
+            sharpness[k] = image.var(dtype=np.float64) / image.mean(dtype=np.float64) ** 2
+    return sharpness

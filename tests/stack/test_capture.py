@@ -1,4 +1,4 @@
-"""A sequence filmed again from its stacks: the same lens sees the same spikes."""
+"""A sequence captured again from its stacks: the same lens motion gives the same spikes."""
 
 import json
 import shutil
@@ -7,6 +7,7 @@ import capture_dataset
 import h5py
 import numpy as np
 import pytest
+from refusals import refusal
 
 import saf_gen
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
@@ -14,7 +15,6 @@ from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import list_sequence_tasks
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_to_encode
-from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.motions import readout_positions
@@ -34,40 +34,40 @@ def dataset(tmp_path_factory):
 @pytest.mark.parametrize("region", [(slice(0, 40), slice(0, 64)), (slice(7, 22), slice(5, 60))])
 def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
-        take = Capture.from_stream(stream, dataset / "stacks")
+        capture = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        position = readout_positions(motion, take.frames, readout_hz=stream.readout_hz)
-        film = CapturedFrames(take, take.open_charge_source(rows_to_encode(take, region)), region)
-        for stop in (8, 96, 800):  # whatever the pieces
-            film.encode_until(stop, position)
+        position = readout_positions(motion, capture.frames, readout_hz=stream.readout_hz)
+        frames = CapturedFrames(
+            capture, capture.open_charge_source(rows_to_encode(capture, region)), region=region
+        )
+        for stop in (8, 96, 800):  # in any pieces
+            frames.encode_until(stop, position)
         for first, last in ((0, 800), (3, 5), (90, 210)):
-            assert np.array_equal(film.window(first, last), stream.counts(first, last, region=region))
+            assert np.array_equal(frames.window(first, last), stream.counts(first, last, region=region))
 
 
 def test_another_lens_sees_other_spikes(dataset):
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
-        take = Capture.from_stream(stream, dataset / "stacks")
-        film = CapturedFrames(take, take.open_charge_source(), (slice(0, 40), slice(0, 64)))
-        film.encode_until(800, np.full(800, 0.9))
-        assert not np.array_equal(film.window(0, 100), stream.counts(0, 100))
+        capture = Capture.from_stream(stream, dataset / "stacks")
+        frames = CapturedFrames(capture, capture.open_charge_source(), region=(slice(0, 40), slice(0, 64)))
+        frames.encode_until(800, np.full(800, 0.9))
+        assert not np.array_equal(frames.window(0, 100), stream.counts(0, 100))
 
 
-def test_a_stream_that_somebody_wrote_cannot_be_filmed_again(tmp_path):
+def test_a_stream_that_somebody_wrote_cannot_be_captured_again(tmp_path):
     path = tmp_path / "own.h5"
     saf_gen.write_stream(path, np.zeros((16, 8, 8), np.uint8))
-    with (
-        saf_gen.open_stream(path) as stream,
-        pytest.raises(BadInput, match=r"does not tell how to film it again.*use --track recorded"),
-    ):
-        Capture.from_stream(stream, tmp_path)
+    with saf_gen.open_stream(path) as stream:
+        error = refusal(Capture.from_stream, stream, tmp_path)
+    assert error.where == str(path)
+    assert "--track recorded" in error.hint
 
 
-def test_without_its_stacks_it_cannot_be_filmed_again(dataset, tmp_path):
-    with (
-        saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream,
-        pytest.raises(BadInput, match=r"there is no focal stack plane-.*keep stacks/ beside the streams"),
-    ):
-        Capture.from_stream(stream, tmp_path)
+def test_without_its_stacks_it_cannot_be_captured_again(dataset, tmp_path):
+    with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
+        error = refusal(Capture.from_stream, stream, tmp_path)
+    assert error.problem.startswith("there is no focal stack plane-")
+    assert "keep stacks/" in error.hint
 
 
 def test_other_stacks_are_refused(dataset, tmp_path):
@@ -76,37 +76,31 @@ def test_other_stacks_are_refused(dataset, tmp_path):
     with h5py.File(path, "r+") as file:
         del file["provenance/stack_digest"]
         file["provenance/stack_digest"] = "0" * 64
-    with (
-        saf_gen.open_stream(path) as stream,
-        pytest.raises(BadInput, match="are not those it was made from"),
-    ):
-        Capture.from_stream(stream, tmp_path / "copy" / "stacks")
+    with saf_gen.open_stream(path) as stream:
+        error = refusal(Capture.from_stream, stream, tmp_path / "copy" / "stacks")
+    assert str(tmp_path / "copy" / "stacks") in error.problem
+    assert error.where == str(path)
 
 
-def test_a_note_that_tells_of_another_stack_is_refused(dataset, tmp_path):
+def test_a_note_that_describes_another_stack_is_refused(dataset, tmp_path):
     shutil.copytree(dataset / "stacks", tmp_path / "stacks")
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
         note = tmp_path / "stacks" / stream.metadata.provenance["stack"] / "geometry.json"
-        said = json.loads(note.read_text())
-        said["spec"]["samples"] += 1
-        note.write_text(json.dumps(said))
-        with pytest.raises(BadInput, match="tells of another stack"):
-            Capture.from_stream(stream, tmp_path / "stacks")
+        document = json.loads(note.read_text())
+        document["spec"]["samples"] += 1
+        note.write_text(json.dumps(document))
+        assert str(note) in refusal(Capture.from_stream, stream, tmp_path / "stacks").problem
 
 
-def test_slices_of_the_passed_positions_alone_are_refused(tmp_path, monkeypatch):
+def test_slices_of_the_visited_positions_alone_are_refused(tmp_path, monkeypatch):
     recipe = capture_dataset.RECIPE.replace(", whole_slices: true", "").replace("lamp_only]", "constant]", 1)
     recipe = recipe.replace(
         "[constant, constant], scene_motion: [static, dynamic]", "[constant], scene_motion: [dynamic]"
     )
     folder = capture_dataset.make_dataset(tmp_path, monkeypatch, recipe)
-    with (
-        saf_gen.open_stream(folder / "test" / "plane-dynamic-constant-00.h5") as stream,
-        pytest.raises(
-            BadInput, match=r"only the positions that the recorded sweep passed.*whole_slices: SECONDS"
-        ),
-    ):
-        Capture.from_stream(stream, folder / "stacks")
+    with saf_gen.open_stream(folder / "test" / "plane-dynamic-constant-00.h5") as stream:
+        error = refusal(Capture.from_stream, stream, folder / "stacks")
+    assert "whole_slices: SECONDS" in error.hint
 
 
 BEGINNING = capture_dataset.RECIPE.replace("[static, dynamic]", "[dynamic]").replace(
@@ -114,7 +108,7 @@ BEGINNING = capture_dataset.RECIPE.replace("[static, dynamic]", "[dynamic]").rep
 )
 
 
-def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
+def test_slices_of_its_own_are_captured_from_the_beginning(tmp_path, monkeypatch):
     """20 of 40 ms. The recording is that of a recipe without them; they may be rendered later."""
     without = BEGINNING.replace(", whole_slices: true", "")
     folder = capture_dataset.make_dataset(tmp_path, monkeypatch, without)
@@ -128,27 +122,28 @@ def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
     assert path.read_bytes() == before
     region = slice(0, 40), slice(0, 64)
     with saf_gen.open_stream(path) as stream:
-        take = Capture.from_stream(stream, folder / "stacks")
-        assert (take.frames, len(take.gain)) == (400, 800)
-        assert [spec.rendered_count for spec in take.plane_source.time_stack.specs] == [9] * 6
-        film = CapturedFrames(take, take.open_charge_source(), region)
+        capture = Capture.from_stream(stream, folder / "stacks")
+        assert (capture.frames, len(capture.gain)) == (400, 800)
+        assert [spec.rendered_count for spec in capture.plane_source.time_stack.specs] == [9] * 6
+        frames = CapturedFrames(capture, capture.open_charge_source(), region=region)
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        film.encode_until(400, readout_positions(motion, 800, readout_hz=stream.readout_hz))
+        frames.encode_until(400, readout_positions(motion, 800, readout_hz=stream.readout_hz))
         # The same light, through other paths: as many spikes, not the same ones.
-        assert film.window(0, 400).mean() == pytest.approx(
+        assert frames.window(0, 400).mean() == pytest.approx(
             stream.counts(0, 400, region=region).mean(), rel=0.01
         )
-        assert ClosedLoopProtocol(get_actuator("voice_coil")).count_frames(take)[0] == 400
-        allowed = r"0\.8 to 20 ms, as long as its time slices hold all focus positions"
-        with pytest.raises(BadInput, match=f"a budget of 30 ms.*{allowed}"):
-            ClosedLoopProtocol(get_actuator("voice_coil"), budget_s=0.03).count_frames(take)
+        assert ClosedLoopProtocol(get_actuator("voice_coil")).count_frames(capture)[0] == 400
+        too_long = ClosedLoopProtocol(get_actuator("voice_coil"), budget_s=0.03)
+        error = refusal(too_long.count_frames, capture)
+        assert "30 ms" in error.problem
+        assert error.allowed.startswith("0.8 to 20 ms")
         (job,) = list_sequence_tasks(folder, None, None)
         setting = ClosedLoopSequence.from_stream(job, stream, "target")
         assert setting.data != stream.content_sha256
-        note = next((folder / "stacks" / take.plane_source.time_stack.specs[0].key).glob("lamp.json"))
+        note = next((folder / "stacks" / capture.plane_source.time_stack.specs[0].key).glob("lamp.json"))
         note.write_text(note.read_text().replace('"sha256": "', '"sha256": "0'))
         assert ClosedLoopSequence.from_stream(job, stream, "target").data != setting.data
-        shutil.rmtree(folder / "stacks" / take.plane_source.time_stack.specs[3].key)
+        shutil.rmtree(folder / "stacks" / capture.plane_source.time_stack.specs[3].key)
         assert Capture.from_stream(stream, folder / "stacks").frames == 160
 
 
@@ -156,7 +151,7 @@ def test_slices_of_its_own_are_filmed_from_the_beginning(tmp_path, monkeypatch):
     ("whole_s", "frames", "stacks"),
     [(0.0399, 800, 22), (9.0, 800, 11), (1e-4, 80, 13)],  # slices every 80 frames
 )
-def test_no_more_is_filmed_than_was_recorded(tmp_path, monkeypatch, whole_s, frames, stacks):
+def test_no_more_is_captured_than_was_recorded(tmp_path, monkeypatch, whole_s, frames, stacks):
     recipe = BEGINNING.replace("whole_slices: true", f"whole_slices: {whole_s}")
     folder = capture_dataset.make_dataset(
         tmp_path, monkeypatch, recipe.replace("slice_samples: 16", "slice_samples: 1")
@@ -168,13 +163,12 @@ def test_no_more_is_filmed_than_was_recorded(tmp_path, monkeypatch, whole_s, fra
 
 def test_halves_and_intervals_are_those_of_a_recording(dataset):
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
-        take = Capture.from_stream(stream, dataset / "stacks")
+        capture = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        film = CapturedFrames(take, take.open_charge_source(), (slice(0, 40), slice(0, 64)))
-        film.encode_until(800, readout_positions(motion, take.frames, readout_hz=stream.readout_hz))
+        frames = CapturedFrames(capture, capture.open_charge_source(), region=(slice(0, 40), slice(0, 64)))
+        frames.encode_until(800, readout_positions(motion, capture.frames, readout_hz=stream.readout_hz))
         counts = WindowCounts(stream)
         for first, last in ((0, 800), (3, 61)):
-            assert np.array_equal(film.halves(first, last), counts.halves(first, last))
-            assert np.array_equal(film.intervals(first, last), counts.intervals(first, last))
-        with pytest.raises(BadInput, match="has no halves"):
-            film.halves(5, 6)
+            assert np.array_equal(frames.halves(first, last), counts.halves(first, last))
+            assert np.array_equal(frames.intervals(first, last), counts.intervals(first, last))
+        assert "2 frames" in refusal(frames.halves, 5, 6).allowed

@@ -1,4 +1,4 @@
-"""Moving scenes on film: which moments, which positions, what is seen between two of them."""
+"""Moving scenes on source: which moments, which positions, what is seen between two of them."""
 
 from dataclasses import replace
 
@@ -58,17 +58,17 @@ def seen(made, frame, position):
     for stack in made[j : j + 2]:
         focus = stack.spec.focus
         k = min(int(np.searchsorted(focus, position, side="right")) - 1, len(focus) - 2)
-        share = (position - focus[k]) / (focus[k + 1] - focus[k])
-        pictures.append((1 - share) * stack.radiance[:, k] + share * stack.radiance[:, k + 1])
+        fraction = (position - focus[k]) / (focus[k + 1] - focus[k])
+        pictures.append((1 - fraction) * stack.radiance[:, k] + fraction * stack.radiance[:, k + 1])
     return (1 - w) * pictures[0] + w * pictures[1]
 
 
 @pytest.mark.parametrize(
-    ("frames", "hz", "a_second", "step"),
+    ("frames", "hz", "slices_per_s", "step"),
     [(20_000, 20_000, 100, 200), (20_000, 20_000, 64, 312), (400, 20_000, 1, 20_000), (100, 20_000, 1e4, 8)],
 )
-def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, a_second, step):
-    at = time_slice_frames(frames, readout_hz=hz, slices_per_s=a_second)
+def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_s, step):
+    at = time_slice_frames(frames, readout_hz=hz, slices_per_s=slices_per_s)
     assert set(np.diff(at)) == {step}
     assert at[0] == 0
     assert at[-2] < frames <= at[-1]
@@ -84,9 +84,7 @@ def test_windows_hold_every_position_that_the_lens_passes_between_the_moments_be
             assert 0 <= first < last <= 8
             assert first <= around.min()
             assert around.max() <= last
-    assert (
-        needed_focus_windows(SWEEP, AT, positions=9)[0][1] < 8
-    )  # not the whole travel: that is what windows are for
+    assert needed_focus_windows(SWEEP, AT, positions=9)[0][1] < 8  # not the whole travel
     assert set(needed_focus_windows(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
 
 
@@ -102,7 +100,7 @@ def test_runs_cover_every_frame_once_and_never_cross_a_moment(cut):
     assert frames == list(range(FRAMES))
 
 
-def test_a_reel_of_one_stack_is_one_run():
+def test_a_static_scene_is_one_run():
     assert list(TimeResolvedStack((0,), (SPEC,)).split_at_slices(0, 400)) == [(0, 400, 0)]
     assert not TimeResolvedStack((0,), (SPEC,)).is_moving
 
@@ -110,11 +108,11 @@ def test_a_reel_of_one_stack_is_one_run():
 @pytest.mark.parametrize("frame", [0, 79.5, 159.5, 160, 300, 399])
 def test_a_picture_is_the_straight_line_in_time_and_in_focus(frame):
     made = stacks()
-    exposed = ChargeSource(plane_source(made), SENSOR)
+    charge_source = ChargeSource(plane_source(made), SENSOR)
     even = [replace_light(stack, 1.0) for stack in made]
     position = float(np.interp(frame, np.arange(FRAMES), SWEEP))
     flat = ChargeSource(plane_source(even), SENSOR).charge_image(frame, position)  # lens and sensor alone
-    found = exposed.charge_image(frame, position) / flat
+    found = charge_source.charge_image(frame, position) / flat
     # The bellows factor is interpolated with the light: 1e-3 of it over a step of focus.
     assert found == pytest.approx(seen(made, frame, position), rel=2e-3)
 
@@ -124,50 +122,52 @@ def replace_light(stack, radiance):
 
 
 def test_what_the_encoder_gets_is_the_picture_of_every_readout():
-    exposed = ChargeSource(plane_source(stacks()), SENSOR)
-    exposed.scale = 3.0
+    charge_source = ChargeSource(plane_source(stacks()), SENSOR)
+    charge_source.scale = 3.0
     gain = np.stack([np.linspace(1, 2, FRAMES), np.linspace(1, 0, FRAMES)], axis=1)
-    for run in exposed.time_stack.split_at_slices(0, FRAMES):
+    for run in charge_source.time_stack.split_at_slices(0, FRAMES):
         begin, end, _ = run
-        stack, index, fraction, weights = exposed.encoder_inputs(run, position=SWEEP, gain=gain).values()
+        stack, index, fraction, weights = charge_source.encoder_inputs(
+            run, position=SWEEP, gain=gain
+        ).values()
         for t in range(0, end - begin, 37):
             k, f = index[t], fraction[t]
             after = stack[:, min(k + 1, stack.shape[1] - 1)]
             pictures = (1 - f) * stack[:, k] + f * after
             got = np.tensordot(weights[t], pictures, 1)
-            wanted = np.tensordot(gain[begin + t], exposed.charge_image(begin + t, SWEEP[begin + t]), 1)
+            wanted = np.tensordot(gain[begin + t], charge_source.charge_image(begin + t, SWEEP[begin + t]), 1)
             assert got == pytest.approx(wanted, rel=1e-5)
 
 
 def counted(made):
     """The plane_source, and what was read of it: (stack, first, stop)."""
-    film, reads = plane_source(made), []
+    source, reads = plane_source(made), []
 
     def planes(j, first, stop):
         reads.append((j, first, stop))
-        return film.load_planes(j, first, stop)
+        return source.load_planes(j, first, stop)
 
-    return replace(film, load_planes=planes), reads
+    return replace(source, load_planes=planes), reads
 
 
-def through(exposed, position, frames=FRAMES):
+def through(charge_source, position, frames=FRAMES):
     gain = np.ones((FRAMES, 2), np.float32)
     return [
-        list(exposed.encoder_inputs(run, position=position, gain=gain).values())
-        for run in exposed.time_stack.split_at_slices(0, frames)
+        list(charge_source.encoder_inputs(run, position=position, gain=gain).values())
+        for run in charge_source.time_stack.split_at_slices(0, frames)
     ]
 
 
 def test_only_those_positions_are_read_at_which_the_lens_is():
     whole = [replace_window(stack) for stack in stacks(np.abs(1 - 2 * SWEEP))]
-    film, reads = counted(whole)
-    exposed = ChargeSource(film, SENSOR)
-    got = through(exposed, 0.3 + 0.1 * SWEEP)  # positions 2.4 to 3.2 of 0 to 8
+    source, reads = counted(whole)
+    charge_source = ChargeSource(source, SENSOR)
+    got = through(charge_source, 0.3 + 0.1 * SWEEP)  # positions 2.4 to 3.2 of 0 to 8
     assert set(reads) == {(0, 2, 4), (1, 2, 4), (1, 4, 5), (2, 2, 5), (3, 3, 5)}
     assert len(reads) == 5
-    assert len(exposed._kept) <= 3 * 3  # of three stacks at most
+    assert len(charge_source._kept) <= 3 * 3  # of three stacks at most
     for (stack, index, fraction, _), (j, k) in zip(got, [(0, 2), (1, 2), (2, 3)], strict=True):
-        flat = ChargeSource(film, SENSOR)._developed(j, k, k + 1).sum(axis=0)
+        flat = ChargeSource(source, SENSOR)._load_charge(j, range(k, k + 1)).sum(axis=0)
         assert stack[0, 0] == pytest.approx(flat[0], rel=1e-6)
         assert index.min() == 0
         assert 0 <= fraction.min() <= fraction.max() < 1
@@ -183,11 +183,11 @@ def replace_window(stack):
 
 @pytest.mark.parametrize(("keep_bytes", "again"), [(1 << 20, 0), (0, 1)])
 def test_what_was_read_is_kept_for_the_next_method_as_far_as_allowed(keep_bytes, again):
-    film, reads = counted(stacks())
-    exposed = ChargeSource(film, SENSOR, keep_bytes=keep_bytes)
-    first = through(exposed, SWEEP)
+    source, reads = counted(stacks())
+    charge_source = ChargeSource(source, SENSOR, keep_bytes=keep_bytes)
+    first = through(charge_source, SWEEP)
     before = len(reads)
-    second = through(exposed, SWEEP)
+    second = through(charge_source, SWEEP)
     assert (len(reads) > before) == bool(again)
     assert all(np.array_equal(a[0], b[0]) for a, b in zip(first, second, strict=True))
 
@@ -198,13 +198,13 @@ def test_what_is_kept_never_outgrows_what_is_allowed_but_for_the_neighbours():
     still = np.full(480, 0.5)
     made = [replace_window(stack) for stack in stacks(still, at, (0.5,) * len(at))]
     plane = 2 * 6 * 8 * 4
-    exposed = ChargeSource(plane_source(made, at), SENSOR, keep_bytes=2 * len(at) * plane)
+    charge_source = ChargeSource(plane_source(made, at), SENSOR, keep_bytes=2 * len(at) * plane)
     gain, most = np.ones((480, 2), np.float32), []
     for swing in (0.0, 0.2, 0.4, 0.45):
         position = 0.5 + swing * np.sin(np.arange(480) / 2)
-        for run in exposed.time_stack.split_at_slices(0, 480):
-            exposed.encoder_inputs(run, position=position, gain=gain)
-            most.append(len(exposed._kept))
+        for run in charge_source.time_stack.split_at_slices(0, 480):
+            charge_source.encoder_inputs(run, position=position, gain=gain)
+            most.append(len(charge_source._kept))
     assert max(most) <= 2 * len(at) + 3 * SPEC.positions
     assert most[-1] <= 2 * len(at)
 
@@ -219,13 +219,15 @@ def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
         first, last = stack.spec.window
         slices.append(replace(stack, radiance=light[:, first : last + 1]))
     counts = []
-    for film in (PlaneSource.from_stack(whole), plane_source(slices)):
-        exposed, encoder = ChargeSource(film, SENSOR), Encoder(SENSOR, (6, 8), seed=3)
-        exposed.scale = 0.2 * SENSOR.threshold_e / float(exposed.charge_image(0, 0.0).sum(axis=0).mean())
+    for source in (PlaneSource.from_stack(whole), plane_source(slices)):
+        charge_source, encoder = ChargeSource(source, SENSOR), Encoder(SENSOR, (6, 8), seed=3)
+        charge_source.scale = (
+            0.2 * SENSOR.threshold_e / float(charge_source.charge_image(0, 0.0).sum(axis=0).mean())
+        )
         gain = np.ones((FRAMES, 2), np.float32)
         blocks = [
-            encoder.encode(**exposed.encoder_inputs(run, position=SWEEP, gain=gain))
-            for run in film.time_stack.split_at_slices(0, FRAMES)
+            encoder.encode(**charge_source.encoder_inputs(run, position=SWEEP, gain=gain))
+            for run in source.time_stack.split_at_slices(0, FRAMES)
         ]
         counts.append(np.unpackbits(np.concatenate(blocks, axis=-1), axis=-1).sum(axis=-1).astype(int))
     assert np.abs(counts[0] - counts[1]).max() <= 1
@@ -281,13 +283,13 @@ def test_a_target_that_is_never_seen_is_refused(tmp_path):
 
 
 def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
-    film = plane_source(stacks())
-    exposed = ChargeSource(film, SENSOR)
-    found = noise_free_sharpness(exposed, find_true_focus(film, SWEEP), position=SWEEP)
+    source = plane_source(stacks())
+    charge_source = ChargeSource(source, SENSOR)
+    found = noise_free_sharpness(charge_source, find_true_focus(source, SWEEP), position=SWEEP)
     assert np.isfinite(found).all()
     half = SWEEP / 2
-    film = plane_source(stacks(half))
-    found = noise_free_sharpness(ChargeSource(film, SENSOR), find_true_focus(film, half), position=half)
+    source = plane_source(stacks(half))
+    found = noise_free_sharpness(ChargeSource(source, SENSOR), find_true_focus(source, half), position=half)
     assert np.isfinite(found[:5]).all()
     assert np.isnan(found[5:]).all()
 
@@ -329,11 +331,11 @@ def test_a_reel_on_disk_knows_what_it_lacks(tmp_path):
             store.write_group(group, radiance, backend="llvm")
     assert time_stack.find_missing(tmp_path) == []
     assert (time_stack.count_stored(tmp_path), time_stack.with_full_travel().count_stored(tmp_path)) == (4, 0)
-    film = PlaneSource.from_folder(time_stack, tmp_path)
-    stored = film.load_planes(2, 0, made[2].spec.rendered_count)
+    source = PlaneSource.from_folder(time_stack, tmp_path)
+    stored = source.load_planes(2, 0, made[2].spec.rendered_count)
     assert stored == pytest.approx(made[2].radiance, rel=2**-11)  # time slices are half floats
-    assert np.array_equal(film.load_planes(2, 1, 3), stored[:, 1:3])
-    assert film.backend == "llvm"
+    assert np.array_equal(source.load_planes(2, 1, 3), stored[:, 1:3])
+    assert source.backend == "llvm"
     digest = time_stack.digest(tmp_path)
     StackStore(tmp_path, time_stack.specs[1]).write_group("lamp", made[1].radiance[0] * 2, backend="llvm")
     assert time_stack.digest(tmp_path) != digest
