@@ -1,75 +1,71 @@
 """What one method did on one sequence, as a line of ``records.jsonl``: written, and read back strictly.
 
-A line tells its format by number, so that a table is never made of lines whose meaning has changed. What
-cannot be true of a method is refused, too: tables divide by it and believe it.
+A line names its format by number, so that a table is never made of lines whose meaning has changed. A record
+that cannot be true is refused, too, because tables divide by its numbers and believe them.
 """
 
 import json
 import math
-import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from sys import float_info
-from types import UnionType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import ConfigDict, Field, ValidatorFunctionWrapHandler, WrapValidator
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
-from saf_gen.errors import BadInput, closest
+from saf_gen.core.config.document import STRICT, Document, read_text, validate
+from saf_gen.core.config.json_document import parse_json
+from saf_gen.errors import BadInput
 
 __all__ = [
-    "FIELD_RANGES",
-    "MAX_COUNT",
-    "MAX_SECONDS_OR_TRAVELS",
     "RECORDS_FILE",
     "RECORD_FORMAT",
+    "Count",
+    "Duration",
+    "Number",
     "Record",
-    "find_contradiction",
     "format_records",
-    "parse_record",
     "read_records",
     "record_to_json",
+    "take_format",
 ]
 
 RECORDS_FILE = "records.jsonl"
 RECORD_FORMAT = "saf-gen record 4"
-
+HINT = "run saf-gen evaluate again"
 
 MAX_COUNT = 2**53
-"""Of whole numbers: a float holds each of them up to here."""
+"""A float holds every whole number up to this one."""
 MAX_SECONDS_OR_TRAVELS = 1e9
-"""Seconds or travels: more than there will be, and means of it are finite."""
+"""More seconds or travels than there will be, and means of them are finite."""
 MAX_POSITION_OR_ERROR = 1e100
-"""Positions and errors, in any unit: the same."""
-FIELD_RANGES = {
-    "frames": (1, MAX_COUNT),
-    "frames_seen": (0, MAX_COUNT),
-    "windows": (0, MAX_COUNT),
-    "variant": (0, MAX_COUNT),
-    "reversals": (0, MAX_COUNT),
-    "seconds": (0, MAX_SECONDS_OR_TRAVELS),
-    "time_to_focus_s": (0, MAX_SECONDS_OR_TRAVELS),
-    "lens_travel": (0, MAX_SECONDS_OR_TRAVELS),
-    "mean_rate": (0, MAX_SECONDS_OR_TRAVELS),
-    "light_ratio": (1, MAX_SECONDS_OR_TRAVELS),
-    "blur_px": (0, MAX_POSITION_OR_ERROR),
-    "focus_place": (0, 1),
-    "focus_off_dof": (0, MAX_POSITION_OR_ERROR),
-    **dict.fromkeys(
-        ("position", "truth", "truth_first", "truth_frame"), (-MAX_POSITION_OR_ERROR, MAX_POSITION_OR_ERROR)
-    ),
-    **dict.fromkeys(("error", "error_frames", "error_dof"), (-MAX_POSITION_OR_ERROR, MAX_POSITION_OR_ERROR)),
-}
-"""The least and the most that a number of a record can be, where it is known."""
+"""More than a position or an error will be, in any unit, and means of them are finite."""
+
+Flag = Annotated[bool, Field(strict=True)]
+Count = Annotated[int, Field(strict=True, ge=0, le=MAX_COUNT)]
+Number = Annotated[float, Field(strict=True)]
+Duration = Annotated[Number, Field(ge=0, le=MAX_SECONDS_OR_TRAVELS)]
+Travel = Annotated[Number, Field(ge=0, le=MAX_SECONDS_OR_TRAVELS)]
+Position = Annotated[Number, Field(ge=-MAX_POSITION_OR_ERROR, le=MAX_POSITION_OR_ERROR)]
+Distance = Annotated[Number, Field(ge=0, le=MAX_POSITION_OR_ERROR)]
+
+
+def _null_to_nan(value: Any, validate_number: ValidatorFunctionWrapHandler) -> Any:
+    return math.nan if value is None else validate_number(value)
+
+
+TraceValue = Annotated[Number, WrapValidator(_null_to_nan)]
+"""A number, or NaN for a null in the file."""
 
 
 @dataclass(frozen=True)
 class Record:
     """One method on one sequence. None is unknown or not there; positions are fractions of the travel."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     method: str
     sequence: str
@@ -77,122 +73,139 @@ class Record:
     scene: str
     light: str | None
     status: Literal["answered", "abstained", "failed"]
-    position: float | None
-    frame: float | None
-    truth: float | None
-    truth_frame: float | None
-    error: float | None
-    error_frames: float | None
-    error_dof: float | None
-    blur_px: float | None
-    success_half_dof: bool | None
-    success_1dof: bool | None
-    success_2dof: bool | None
-    trace: tuple[float, ...]
-    frames: int
-    frames_seen: int
-    lens_travel: float | None
-    windows: int
-    seconds: float
+    position: Position | None
+    frame: Number | None
+    truth: Position | None
+    truth_frame: Position | None
+    error: Position | None
+    error_frames: Position | None
+    error_dof: Position | None
+    blur_px: Distance | None
+    success_half_dof: Flag | None
+    success_1dof: Flag | None
+    success_2dof: Flag | None
+    trace: tuple[TraceValue, ...]
+    frames: Annotated[Count, Field(ge=1)]
+    frames_seen: Count
+    lens_travel: Travel | None
+    windows: Count
+    seconds: Duration
     note: str
     region: str
     data: str
-    """content_sha256 of the stream; where a closed loop has time slices of its own, digest of both."""
+    """content_sha256 of the stream; for a closed loop with time slices of its own, a digest of both."""
     code: str
-    """Method.code."""
+    """See Method.code."""
     track: Literal["recorded", "closed_loop"] = "recorded"
     terms: str = ""
-    """Of the closed loop: what moves the lens, the budget, the sweep."""
-    variant: int | None = None
+    """The protocol of the closed loop: what moves the lens, the budget, the sweep."""
+    variant: Count | None = None
     """Which member of the scene's family."""
     scene_motion: str | None = None
     """``static`` or ``dynamic``."""
     lens_motion: str | None = None
     """Kind of the lens's motion in the recording."""
-    truth_first: float | None = None
+    truth_first: Position | None = None
     """Best focus when the lens of the recording first meets it: the same for all methods."""
-    focus_place: float | None = None
-    """Where the focus lies, 0...1. Recorded: the share of the recording at which the lens first meets it, or
-    comes nearest. Live: the place in the travel. None where neither comes within 1 depth of focus."""
-    focus_off_dof: float | None = None
-    """How far from the focus, in depths of focus, the lens stays in the recording; live, the whole travel."""
-    mean_rate: float | None = None
-    """Counts a pixel and readout, where the evaluation looks, over the frames that a method may see."""
-    light_ratio: float | None = None
-    """scores.light_ratio of the recording."""
-    time_to_focus_s: float | None = None
-    """Recorded: until all was seen that the answer needs, without the way to it. Live: until in place."""
-    reversals: int | None = None
-    """How often the lens turned round, where the method moved it."""
+    focus_place: Annotated[Number, Field(ge=0, le=1)] | None = None
+    """Where the focus lies, 0...1. Recorded track: the fraction of the recording at which the lens first
+    meets it, or comes nearest. Closed loop: the position in the travel. None beyond 1 depth of focus."""
+    focus_off_dof: Distance | None = None
+    """How many depths of focus away the lens stays from the focus: in the recording, or in all its travel."""
+    mean_rate: Travel | None = None
+    """Counts per pixel and readout, where the evaluation looks, over the frames that a method may see."""
+    light_ratio: Annotated[Number, Field(ge=1, le=MAX_SECONDS_OR_TRAVELS)] | None = None
+    """See judgement.light_ratio."""
+    time_to_focus_s: Duration | None = None
+    """Recorded track: until all was seen that the answer needs. Closed loop: until the lens has arrived."""
+    reversals: Count | None = None
+    """How often the lens changed its direction, where the method moved it."""
     parameters: str = ""
-    """Measure and search with every option, those by default too."""
+    """Measure and search with every option, defaults included."""
     tuning: str = ""
-    """12 digits of the file of tuned constants that the method was named by."""
+    """12 digits of the tuned file that named the method."""
     machine: str = ""
-    """host.describe(): ``seconds`` of two machines do not compare."""
+    """cores.describe_machine(): ``seconds`` of two machines do not compare."""
     rig: str = ""
-    """12 digits over the sources of the track's rig: contest.rig_code."""
+    """versions.evaluator_version() of the track."""
 
 
 def record_to_json(record: Record) -> dict[str, Any]:
-    """The record as JSON knows it: a number that is not finite is null, a tuple a list."""
-    return {"format": RECORD_FORMAT, **{f.name: _plain(getattr(record, f.name)) for f in fields(record)}}
+    """Return the record as plain JSON values: a number that is not finite is null, a tuple a list."""
+    return {"format": RECORD_FORMAT, **{f.name: _to_plain(getattr(record, f.name)) for f in fields(record)}}
 
 
 def format_records(records: Iterable[Record]) -> str:
-    """The lines of a ``records.jsonl``."""
+    """Return the lines of a ``records.jsonl``."""
     return "".join(json.dumps(record_to_json(r), ensure_ascii=False, allow_nan=False) + "\n" for r in records)
 
 
-def parse_record(line: Any, *, where: str = "") -> Record:
-    """What record_to_json wrote; a null in a trace is NaN.
+def read_records(source: str | Path) -> list[Record]:
+    """Read the records of an evaluation.
 
-    Raises BadInput for anything but a record of this format with every key of the right type, a number out of
-    its range, and a record that contradicts itself.
+    Parameters
+    ----------
+    source : the folder of an evaluation, or its ``records.jsonl``.
+
+    Raises
+    ------
+    BadInput : with the line, where there are no records, or one is damaged, was written in another format,
+        has a number out of its range, or contradicts itself.
     """
-    if not isinstance(line, dict) or line.get("format") != RECORD_FORMAT:
-        held = line.get("format", "no format") if isinstance(line, dict) else line
+    path = Path(source)
+    if path.is_dir():
+        path /= RECORDS_FILE
+    if not path.is_file():
         raise BadInput(
-            f"is no record of this version: {reprlib.repr(held)}",
-            where=where,
-            allowed=f'"format": "{RECORD_FORMAT}"',
-            hint="run saf-gen evaluate again",
+            f"there is no {RECORDS_FILE} at {str(source)!r}",
+            allowed="the folder of an evaluation, or its records",
+            hint="make it with saf-gen evaluate",
         )
-    known = _kinds()
-    for key in line:
-        if key not in known and key != "format":
-            raise BadInput(f"unknown key {key!r:.40}", where=where, nearest=closest(key, known))
-    held = {}
-    for key, kind in known.items():
-        if key not in line:
-            raise BadInput(f"{key} is missing", where=where, hint="run saf-gen evaluate again")
-        value = line[key]
-        if get_origin(kind) is tuple and isinstance(value, list):
-            value = tuple(math.nan if v is None else float(v) if _is(v, float) else v for v in value)
-        if not _is(value, kind):
-            raise BadInput(f"{key} is {reprlib.repr(value)}", where=where, allowed=_in_words(kind))
-        low, high = FIELD_RANGES.get(key, (-math.inf, math.inf))
-        if type(value) in (int, float) and not low <= value <= high:
-            allowed = f"{low:g} or more" if value < low else f"{high:g} or less"
-            raise BadInput(f"{key} is {reprlib.repr(value)}", where=where, allowed=allowed)
-        held[key] = value
-    record = Record(**held)
-    if wrong := find_contradiction(record):
+    lines = read_text(path, hint=HINT).removesuffix("\n").split("\n")  # notes may hold other ends of lines
+    if lines == [""]:
+        raise BadInput("the file holds no record", where=str(path), hint=HINT)
+    return [
+        _parse_record(parse_json(line, path, first_line=number, hint=HINT))
+        for number, line in enumerate(lines, start=1)
+    ]
+
+
+def take_format(document: Document, expected: str, *, what: str, hint: str) -> None:
+    """Remove the key ``format`` of a document; raises BadInput, naming ``what`` it is, unless as expected."""
+    data = document.data
+    found = data.pop("format", "no format") if isinstance(data, dict) else data
+    if found != expected:
         raise BadInput(
-            f"contradicts itself: {wrong[0]}",
-            where=where,
-            allowed=wrong[1],
-            hint="run saf-gen evaluate again",
+            f"this is not a {what} of this version: {found!r:.60}",
+            where=document.locate(),
+            allowed=f'"format": "{expected}"',
+            hint=hint,
+        )
+
+
+def _parse_record(document: Document) -> Record:
+    take_format(document, RECORD_FORMAT, what="record", hint=HINT)
+    record = validate(Record, document, hint=HINT)
+    if len(document.data) < len(_KEYS):  # one that has a default in memory
+        missing = next(key for key in _KEYS if key not in document.data)
+        raise BadInput(f"the key {missing!r} is missing", where=document.locate(), hint=HINT)
+    if fault := _find_contradiction(record):
+        raise BadInput(
+            f"the record contradicts itself: {fault[0]}", where=document.locate(), allowed=fault[1], hint=HINT
         )
     return record
 
 
-def find_contradiction(r: Record) -> tuple[str, str] | None:
-    """What in a record cannot be true at once, and what could; None where all can.
+_KEYS = [f.name for f in fields(Record)]
 
-    An answer is a success where its error is within the limit. An abstention is one where no answer could
-    have been, and has no error; where the truth is unknown there is neither. A frame of the closed loop
-    is when the method was done, of an abstention too. A focus that the lens stays away from lies nowhere.
+
+def _find_contradiction(r: Record) -> tuple[str, str] | None:
+    """Return what in a record cannot be true at once, and what could be; None where all of it can.
+
+    An answer is a success where its error is within the limit. An abstention is a success where no answer
+    could have been, and has no error; where the truth is unknown there is no success or failure. The frame of
+    a closed-loop record is when the method was done, for an abstention too. A focus that the lens stays away
+    from has no location.
     """
     if r.frames_seen > r.frames:
         return f"frames_seen is {r.frames_seen} of {r.frames} frames", f"0 to {r.frames}"
@@ -233,69 +246,9 @@ def find_contradiction(r: Record) -> tuple[str, str] | None:
     return None
 
 
-def read_records(source: str | Path) -> list[Record]:
-    """The records of an evaluation: its folder, or the file itself.
-
-    Raises BadInput, with the line, where there is none, one is damaged, or none is in it.
-    """
-    path = Path(source)
-    if path.is_dir():
-        path /= RECORDS_FILE
-    if not path.is_file():
-        raise BadInput(
-            f"there is no {RECORDS_FILE} at {str(source)!r}",
-            allowed="the folder of an evaluation, or its records",
-            hint="make it with saf-gen evaluate",
-        )
-    try:
-        lines = path.read_bytes().decode("utf-8").split("\n")  # a note may hold what splitlines would cut at
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"cannot be read: {error}", where=str(path)) from error
-    records = []
-    for number, text in enumerate(lines if lines[-1] else lines[:-1], start=1):
-        where = f"{path}:{number}"
-        try:
-            line = json.loads(text)
-        except (ValueError, RecursionError) as error:  # the latter of lists in lists in lists
-            raise BadInput(
-                f"is no JSON: {text!r:.40}", where=where, hint="run saf-gen evaluate again"
-            ) from error
-        records.append(parse_record(line, where=where))
-    if not records:
-        raise BadInput("holds no record", where=str(path), hint="run saf-gen evaluate again")
-    return records
-
-
-@cache
-def _kinds() -> dict[str, Any]:
-    return {f.name: get_type_hints(Record)[f.name] for f in fields(Record)}
-
-
-def _is(value: Any, kind: Any) -> bool:
-    """Whether a value from JSON is of a field's type; a whole number will do for a float, never a bool."""
-    if isinstance(kind, UnionType):
-        return any(_is(value, one) for one in get_args(kind))
-    if get_origin(kind) is Literal:
-        return value in get_args(kind)
-    if get_origin(kind) is tuple:
-        return isinstance(value, tuple) and all(isinstance(v, float) for v in value)
-    if kind is float:
-        return type(value) in (int, float) and -float_info.max <= value <= float_info.max
-    return type(value) is kind
-
-
-def _in_words(kind: Any) -> str:
-    if isinstance(kind, UnionType):
-        return " or ".join(_in_words(one) for one in get_args(kind))
-    if get_origin(kind) is Literal:
-        return " or ".join(map(str, get_args(kind)))
-    names = {str: "text", int: "a whole number", float: "a finite number", bool: "true or false"}
-    return names.get(kind, "null" if kind is type(None) else "a list of numbers")
-
-
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     if isinstance(value, tuple):
-        return [_plain(v) for v in value]
+        return [_to_plain(v) for v in value]
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value

@@ -177,7 +177,7 @@ def test_what_holds_no_records_is_one_line(call, runs, tmp_path):
     assert "there is no records.jsonl" in refused(call, runs[0], tmp_path / "nothing")
     whole = (runs[0] / "records.jsonl").read_text()
     (runs[0] / "records.jsonl").write_text(whole[:-20])
-    assert "records.jsonl:4: is no JSON" in refused(call, *runs)
+    assert "records.jsonl:4: this is not JSON" in refused(call, *runs)
 
 
 def test_an_evaluation_replaces_the_earlier_one_as_a_whole_and_says_so(call, dataset, tmp_path):

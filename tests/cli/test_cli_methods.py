@@ -292,7 +292,7 @@ def test_findings_come_as_json_and_nothing_else_does(call, own):
         ("sdd", "did you mean 'sd'"),
         ("sd+argmx", "did you mean 'argmax'"),
         ("somebody.py:Totl", "cannot be loaded"),
-        ("@gone.json", "cannot be read"),
+        ("@gone.json", "does not exist"),
     ],
 )
 @pytest.mark.parametrize("command", ["check", "show"])
