@@ -623,7 +623,7 @@ class Nothing:
         ("argmax:5", "option '5' of method"),
         ("sd+", "not a focus measure and a search"),
         ("sd+argmx", "method 'sd\\+argmx'.*did you mean 'argmax'"),
-        ("@nowhere.json", "nowhere.json cannot be read"),
+        ("@nowhere.json", "nowhere.json does not exist"),
         ("{own}:Nothing", "is neither a measure nor a search.*degree.*causal.*Nothing\\+argmax"),
         ("{own}:Totl", "cannot be loaded: AttributeError"),
         ("{own}:Totl_n", "cannot be loaded: AttributeError"),
