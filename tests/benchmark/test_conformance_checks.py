@@ -1,4 +1,4 @@
-"""The checks of the conformance room bite: parts broken on purpose, each caught for its own fault."""
+"""The checks of methods find faults: plug-ins broken on purpose, each caught for its own fault."""
 
 import math
 import random
@@ -11,6 +11,7 @@ from time import sleep
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 from saf_gen import get_measure, get_search
 from saf_gen.benchmark.conformance import CheckLimits, check_measure, check_method, check_named, check_search
@@ -24,8 +25,8 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 from saf_gen.stream.stream_file import open_stream
 
-SOON = CheckLimits(scores=50_000)  # ten times what a sound search of these asks for
-BRIEF = CheckLimits(seconds=0.5)  # for parts that idle for ever
+SOON = CheckLimits(scores=50_000)  # ten times what the sound searches here ask for
+BRIEF = CheckLimits(seconds=0.5)  # for plug-ins that never end
 
 
 def sum_of_squares(self, counts):
@@ -43,11 +44,11 @@ def scribble(self, counts):
     return score
 
 
-def told(self, counts, frames=None):
+def failing_at_400_frames(self, counts, frames=None):
     return sum_of_squares(self, counts) / (frames - 400 if frames else 1)
 
 
-def warned(self, counts):
+def warning(self, counts):
     warnings.warn("it is late", RuntimeWarning, stacklevel=1)
     return sum_of_squares(self, counts)
 
@@ -65,14 +66,14 @@ def with_a_memory(self, counts):
     return sum_of_squares(self, counts) + (KEPT[-1] != KEPT[max(len(KEPT) - 2, 0)])
 
 
-def part_of(members, *, frozen=True):
+def plug_in_of(members, *, frozen=True):
     return dataclass(frozen=frozen)(
         type("Broken", (), {"__doc__": "Broken.", "source": "this test"} | members)
     )()
 
 
 def measure_of(call=sum_of_squares, *, frozen=True, **members):
-    return part_of({"degree": 2, "score_range": "from 0", "__call__": call} | members, frozen=frozen)
+    return plug_in_of({"degree": 2, "score_range": "from 0", "__call__": call} | members, frozen=frozen)
 
 
 def of_plain_class(**members):
@@ -112,7 +113,7 @@ MEASURES = [
         r"IndexError: .*for one-pixel counts \(1, 1\)",
         measure_of(lambda s, c: float(c[0, 1]) + float(c.sum()), degree=1),
     ),
-    ("finite", "ZeroDivisionError", measure_of(told, timed=True)),
+    ("finite", "ZeroDivisionError", measure_of(failing_at_400_frames, timed=True)),
     (
         "zero when empty",
         "empty counts score 1.0",
@@ -137,20 +138,20 @@ MEASURES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "words", "part"), MEASURES, ids=[f"{n}: {w}" for n, w, _ in MEASURES])
-def test_a_broken_measure_is_caught(name, words, part):
-    assert_caught(check_measure(part, SOON), name, "fail", words)
+@pytest.mark.parametrize(("name", "words", "plug_in"), MEASURES, ids=[f"{n}: {w}" for n, w, _ in MEASURES])
+def test_a_broken_measure_is_caught(name, words, plug_in):
+    assert_caught(check_measure(plug_in, SOON), name, "fail", words)
 
 
 @pytest.mark.parametrize(
-    ("name", "words", "part"),
+    ("name", "words", "plug_in"),
     [
         ("sharp over blurred", "above the sharp one's", measure_of(lambda s, c: -sum_of_squares(s, c))),
-        ("speed", "RuntimeWarning: it is late", measure_of(warned)),
+        ("speed", "RuntimeWarning: it is late", measure_of(warning)),
     ],
 )
-def test_a_doubtful_measure_is_warned_of(name, words, part):
-    found = assert_caught(check_measure(part, SOON), name, "warn", words)
+def test_a_doubtful_measure_is_warned_of(name, words, plug_in):
+    found = assert_caught(check_measure(plug_in, SOON), name, "warn", words)
     assert "fail" not in {finding.level for finding in found}
 
 
@@ -243,7 +244,7 @@ def endless_on_ties(self, view):
 
 
 def search_of(call=best_block, *, frozen=True, **members):
-    return part_of({"causal": False, "__call__": call} | members, frozen=frozen)
+    return plug_in_of({"causal": False, "__call__": call} | members, frozen=frozen)
 
 
 def answering(wrap):
@@ -255,7 +256,7 @@ SEARCHES = [
     ("described", "its dataclass is not frozen", search_of(frozen=False)),
     ("described", "it cites no source", search_of(source="")),
     ("stated", "whether it is causal: 'yes'", search_of(causal="yes")),
-    ("stated", "it looks through 'sdd': .*did you mean 'sd'", search_of(measures=("sdd",))),
+    ("stated", "it uses 'sdd': .*'sd'", search_of(measures=("sdd",))),
     ("ends", "did not end within 50,000 scores; the rest", search_of(endless)),
     ("answers", "did not end within 50,000 scores", search_of(endless_on_ties)),
     ("ends", "it refuses .*frames 5 to 5 were", search_of(lambda s, v: Answer(v.score(5, 5)))),
@@ -276,20 +277,20 @@ SEARCHES = [
         "scores times 1024 change the answer",
         answering(lambda a, view: Answer(0.0 if view.score(0, 500) > 0.05 else 1.0)),
     ),
-    ("stops early", "it says it is causal, and .*up to 1.000", search_of(best_block, causal=True)),
-    ("stops early", "it says it is causal, and .*up to 1.000", search_of(looks_ahead, causal=True)),
-    ("stops early", "it says it is causal, and .*up to 1.000", search_of(asks_ahead, causal=True)),
+    ("stops early", "it states that it is causal.*1.000", search_of(best_block, causal=True)),
+    ("stops early", "it states that it is causal.*1.000", search_of(looks_ahead, causal=True)),
+    ("stops early", "it states that it is causal.*1.000", search_of(asks_ahead, causal=True)),
     ("short", "ValueError: .*empty", search_of(crashing_when_short)),
 ]
 
 
-@pytest.mark.parametrize(("name", "words", "part"), SEARCHES, ids=[f"{n}: {w}" for n, w, _ in SEARCHES])
-def test_a_broken_search_is_caught(name, words, part):
-    assert_caught(check_search(part, SOON), name, "fail", words)
+@pytest.mark.parametrize(("name", "words", "plug_in"), SEARCHES, ids=[f"{n}: {w}" for n, w, _ in SEARCHES])
+def test_a_broken_search_is_caught(name, words, plug_in):
+    assert_caught(check_search(plug_in, SOON), name, "fail", words)
 
 
 @pytest.mark.parametrize(
-    ("name", "words", "part"),
+    ("name", "words", "plug_in"),
     [
         (
             "finds a bell",
@@ -300,23 +301,23 @@ def test_a_broken_search_is_caught(name, words, part):
         ("stops early", "answers a later one", search_of(extrapolated, causal=True)),
     ],
 )
-def test_a_doubtful_search_is_warned_of(name, words, part):
-    found = assert_caught(check_search(part, SOON), name, "warn", words)
+def test_a_doubtful_search_is_warned_of(name, words, plug_in):
+    found = assert_caught(check_search(plug_in, SOON), name, "warn", words)
     assert "fail" not in {finding.level for finding in found}
 
 
 # Searches that command the lens
 
 
-def sent(self, view, *, places=(0.0, 0.2, 0.4, 0.6, 0.8, 1.0)):
-    """Looks at some places of the travel, and answers with the best."""
+def sent(self, view, *, positions=(0.0, 0.2, 0.4, 0.6, 0.8, 1.0)):
+    """Scores some positions of the travel, and answers with the best."""
     seen = []
-    for place in places:
-        view.move(place)
+    for position in positions:
+        view.move(position)
         if view.frames - view.now < 4100:
             break
         view.wait(4000)
-        seen.append((view.score(view.now, view.now + 100), place))
+        seen.append((view.score(view.now, view.now + 100), position))
     return Answer(position=max(seen)[1]) if seen else Answer(None, (), "out of frames")
 
 
@@ -324,13 +325,13 @@ def commanding(call, **members):
     return search_of(call, commands=True, **members)
 
 
-def place_of(wrap):
+def answering_after_moves(wrap):
     """``sent``, its answer made into another."""
     return commanding(lambda self, view: wrap(sent(self, view)))
 
 
 def hopeless(self, view):
-    """Waits on, whatever comes."""
+    """Waits for ever, whatever is raised."""
     view.move(0.5)
     while True:
         try:
@@ -340,7 +341,7 @@ def hopeless(self, view):
 
 
 def in_the_past(self, view):
-    """Looks at one window for ever."""
+    """Scores one past window for ever."""
     view.move(0.5)
     view.wait(8)
     while True:
@@ -360,7 +361,7 @@ WITH_LENS = [
     (
         "stays in travel and budget",
         "the lens was sent to 1.2; allowed: 0 to 1 of the travel .*with hand and 40,000",
-        commanding(lambda s, v: sent(s, v, places=(0.5, 1.2))),
+        commanding(lambda s, v: sent(s, v, positions=(0.5, 1.2))),
     ),
     (
         "stays in travel and budget",
@@ -370,15 +371,19 @@ WITH_LENS = [
     (
         "stays in travel and budget",
         "it answers with a frame",
-        place_of(lambda answer: Answer(1.0, position=0.5)),
+        answering_after_moves(lambda answer: Answer(1.0, position=0.5)),
     ),
-    ("stays in travel and budget", "it answers place 1.5", place_of(lambda answer: Answer(position=1.5))),
+    (
+        "stays in travel and budget",
+        "position 1.5",
+        answering_after_moves(lambda answer: Answer(position=1.5)),
+    ),
     (
         "stays in travel and budget",
         "its trace is",
-        place_of(lambda answer: Answer(None, (math.inf,), position=0.5)),
+        answering_after_moves(lambda answer: Answer(None, (math.inf,), position=0.5)),
     ),
-    ("little time", "it answers without a look", place_of(lambda a: Answer(position=a.position or 0.5))),
+    ("little time", "without a score", answering_after_moves(lambda a: Answer(position=a.position or 0.5))),
     (
         "little time",
         "it runs over the budget, with voice_coil_hall and 32 frames",
@@ -394,7 +399,11 @@ WITH_LENS = [
         r"ValueError: dark \(test_conformance_checks.py, line \d+\), with voice_coil_hall",
         commanding(in_daylight),
     ),
-    ("repeatable", "another answer", place_of(lambda a: Answer(position=a.position and random.random()))),
+    (
+        "repeatable",
+        "another answer",
+        answering_after_moves(lambda a: Answer(position=a.position and random.random())),
+    ),
     (
         "any unit",
         "scores times 1024 change the answer",
@@ -405,27 +414,27 @@ WITH_LENS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "words", "part"), WITH_LENS, ids=[f"{n}: {w}" for n, w, _ in WITH_LENS])
+@pytest.mark.parametrize(("name", "words", "plug_in"), WITH_LENS, ids=[f"{n}: {w}" for n, w, _ in WITH_LENS])
 @pytest.mark.slow
-def test_a_broken_search_with_the_lens_is_caught(name, words, part):
-    assert_caught(check_search(part, SOON), name, "fail", words)
+def test_a_broken_search_with_the_lens_is_caught(name, words, plug_in):
+    assert_caught(check_search(plug_in, SOON), name, "fail", words)
 
 
 def test_a_search_with_the_lens_that_finds_nothing_is_warned_of():
-    part = place_of(lambda answer: Answer(position=None if answer.position is None else 0.5))
-    assert_caught(check_search(part), "finds the focus", "warn", "0 as 0.5.*, 1 as 0.5")
+    plug_in = answering_after_moves(lambda answer: Answer(position=None if answer.position is None else 0.5))
+    assert_caught(check_search(plug_in), "finds the focus", "warn", "0 as 0.5.*, 1 as 0.5")
 
 
-def test_the_parts_that_the_broken_ones_are_made_of_conform():
-    parts = [
+def test_the_plug_ins_that_the_broken_ones_are_made_of_conform():
+    checked = [
         *map(check_measure, [measure_of(), measure_of(partialmethod(contrast, empty=0.0), degree=0)]),
         check_measure(measure_of(lambda s, c: float((c[0].astype(float) * c[1]).sum()), halves=True)),
         check_search(search_of()),
         check_search(search_of(first_fall, causal=True)),
         check_search(commanding(sent)),
     ]
-    for findings in parts:
-        assert {finding.level for finding in findings} == {"pass"}
+    for results in checked:
+        assert {result.level for result in results} == {"pass"}
 
 
 # Whole methods
@@ -460,10 +469,10 @@ METHODS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "words", "part"), METHODS, ids=[f"{n}: {w}" for n, w, _ in METHODS])
+@pytest.mark.parametrize(("name", "words", "plug_in"), METHODS, ids=[f"{n}: {w}" for n, w, _ in METHODS])
 @pytest.mark.slow
-def test_a_broken_method_is_caught(name, words, part):
-    found = assert_caught(check_method(method_of(part)), name, "fail", words)
+def test_a_broken_method_is_caught(name, words, plug_in):
+    found = assert_caught(check_method(method_of(plug_in)), name, "fail", words)
     assert {f.level for f in found if f.part != "method"} == {"pass"}
 
 
@@ -473,10 +482,10 @@ def tenth(view):
 
 @pytest.mark.slow
 def test_a_method_that_misses_the_focus_of_a_sweep_is_warned_of():
-    part = search_of(
+    plug_in = search_of(
         lambda s, v: best_block(s, v, answer=Answer if isinstance(v, SyntheticRecording) else tenth(v))
     )
-    found = assert_caught(check_method(method_of(part)), "recordings", "warn", "swept 0.100; focus at 0.4")
+    found = assert_caught(check_method(method_of(plug_in)), "recordings", "warn", "swept 0.100; focus at 0.4")
     assert_caught(found, "running camera", "warn", "ends at a usual light: 0.(09|10)")
 
 
@@ -498,7 +507,7 @@ def test_methods_of_ours_conform(name):
 # What the checks look at
 
 
-def test_recordings_of_the_stage_show_what_they_say(tmp_path):
+def test_recordings_of_the_test_scene_show_what_they_are_named_for(tmp_path):
     rates = {}
     for name, path in write_recordings(tmp_path, 2001).items():
         with open_stream(path) as stream:
@@ -527,16 +536,14 @@ def test_amplitudes_of_the_texture_fall_as_one_over_frequency():
     assert slope == pytest.approx(-1, abs=0.05)
 
 
-def test_a_drawn_recording_scores_the_mean_of_its_curve_and_named_measures_by_a_picture():
+def test_a_synthetic_recording_scores_the_mean_of_its_curve_and_named_measures_by_a_texture():
     view = SyntheticRecording(gaussian_curve(1000, 0.4), unit=2.0)
     assert view.score(100, 500) == pytest.approx(2 * gaussian_curve(1000, 0.4)[100:500].mean(), rel=1e-12)
     assert (view.now, view.scores) == (500, 1)
     assert view.score(350, 450, "sd") > 5 * view.score(600, 700, "sd")
     assert view.score(0, 200, "er_count") == pytest.approx(2 * view.score(0, 100, "er_count"), rel=0.01)
-    with pytest.raises(BadInput, match="frames 990 to 1001"):
-        view.score(990, 1001)
-    with pytest.raises(BadInput, match="cannot be moved"):
-        view.move(0.5)
+    assert "990 to 1001" in refusal(view.score, 990, 1001).problem
+    assert "cannot be moved" in refusal(view.move, 0.5).problem
 
 
 @pytest.mark.parametrize(
@@ -547,12 +554,12 @@ def test_a_drawn_recording_scores_the_mean_of_its_curve_and_named_measures_by_a_
         (check_search(commanding(hopeless), BRIEF), "stays in travel and budget"),
     ],
 )
-def test_a_part_that_hangs_is_stopped_by_the_clock(findings, name):
+def test_a_plug_in_that_hangs_is_stopped_by_the_clock(findings, name):
     found = assert_caught(findings, name, "fail", "did not end within 0.5 s; the rest")
     assert found[-1].check == name
 
 
-def test_a_search_that_looks_at_the_past_for_ever_is_stopped():
+def test_a_search_that_scores_the_past_for_ever_is_stopped():
     findings = check_search(commanding(in_the_past), CheckLimits(scores=1000))
     assert_caught(findings, "stays in travel and budget", "fail", "did not end within 1,000 scores")
 
@@ -613,24 +620,25 @@ class Nothing:
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    ("name", "problem", "nearest"),
     [
-        ("sdd", "unknown measure or search 'sdd'.*did you mean 'sd'"),
-        ("argmx", "did you mean 'argmax'"),
-        ("sd_tfl", "unknown measure or search 'sd_tfl'"),
-        ("sd_n", "'sd' has no form 'sd_n'"),
-        ("argmax:windw=5", "unknown key.*'windw'.*did you mean 'window'"),
-        ("argmax:5", "option '5' of method"),
-        ("sd+", "not a focus measure and a search"),
-        ("sd+argmx", "method 'sd\\+argmx'.*did you mean 'argmax'"),
-        ("@nowhere.json", "nowhere.json does not exist"),
-        ("{own}:Nothing", "is neither a measure nor a search.*degree.*causal.*Nothing\\+argmax"),
-        ("{own}:Totl", "cannot be loaded: AttributeError"),
-        ("{own}:Totl_n", "cannot be loaded: AttributeError"),
-        ("", "unknown measure or search ''"),
+        ("sdd", "'sdd'", "sd"),
+        ("argmx", "'argmx'", "argmax"),
+        ("sd_tfl", "'sd_tfl'", ""),
+        ("sd_n", "'sd_n'", "sd"),
+        ("argmax:windw=5", "'windw'", "window"),
+        ("argmax:5", "'5'", ""),
+        ("sd+", "", ""),
+        ("sd+argmx", "'argmx'", "argmax"),
+        ("@nowhere.json", "does not exist", ""),
+        ("{own}:Nothing", "neither a measure nor a search", ""),
+        ("{own}:Totl", "AttributeError", ""),
+        ("{own}:Totl_n", "AttributeError", ""),
+        ("", "''", ""),
     ],
 )
-def test_a_name_that_is_neither_is_told_in_one_line(tmp_path, name, message):
+def test_a_name_that_is_neither_is_refused(tmp_path, name, problem, nearest):
     (tmp_path / "own.py").write_text(OWN)
-    with pytest.raises(BadInput, match=message):
-        check_named(name.format(own=tmp_path / "own.py"))
+    error = refusal(check_named, name.format(own=tmp_path / "own.py"))
+    assert problem in error.problem
+    assert nearest in str(error)

@@ -1,8 +1,8 @@
-"""Checks of anybody's method: it ends, keeps to travel and budget, and gives the same again.
+"""Checks of anybody's method: it ends, keeps to the travel and the budget, and repeats itself.
 
-for finding in check_named("my_measure.py:Mine+argmax"): ...
+>>> for result in check_named("my_measure.py:Mine+argmax"): ...  # doctest: +SKIP
 
-They hold for every measure and search that is registered; the tests of this project run them over all.
+They hold for every registered measure and search; this project's tests run them over all of these.
 """
 
 from collections.abc import Iterator
@@ -22,41 +22,48 @@ LIMITS = CheckLimits()
 
 
 def check_named(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
-    """Findings on a method, ``MEASURE+SEARCH`` or ``@FILE``, or on a measure or a search alone, as they come.
+    """Run the checks of a method, or of a measure or a search alone, and yield their results.
 
-    Raises BadInput at once for a name that is none of these.
+    Parameters
+    ----------
+    name : ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options.
+    limits : when a plug-in that does not end is stopped.
+
+    Raises
+    ------
+    BadInput
+        At once, for a name that is none of these.
     """
-    part = resolve_name(name)
-    if isinstance(part, Method):
-        return check_method(part, limits)
-    room, alone = part
-    return check_measure(alone, limits) if room == "measures" else check_search(alone, limits)
+    found = resolve_name(name)
+    if isinstance(found, Method):
+        return check_method(found, limits)
+    kind, plug_in = found
+    return check_measure(plug_in, limits) if kind == "measures" else check_search(plug_in, limits)
 
 
 def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
-    """Findings on a focus measure."""
-    return run_checks("measure", measure_checks(measure), limits)
+    """Run the checks of a focus measure and yield their results."""
+    return run_checks("measure", measure_checks(measure), limits=limits)
 
 
 def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
-    """Findings on a search, one that estimates or one that commands the lens."""
+    """Run the checks of a search, estimating or lens-commanding, and yield their results."""
     if commands(search):
-        from saf_gen.benchmark.conformance.commanding_search_checks import (
-            commanding_checks,  # reads OpenEXR files
-        )
+        # Imported here because it reads OpenEXR files.
+        from saf_gen.benchmark.conformance.commanding_search_checks import commanding_checks
 
-        return run_checks("search", commanding_checks(search, limits), limits)
-    return run_checks("search", estimating_checks(search, limits), limits)
+        return run_checks("search", commanding_checks(search, limits), limits=limits)
+    return run_checks("search", estimating_checks(search, limits), limits=limits)
 
 
 def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
-    """Findings on a measure, a search, and both together; not on the whole where a half fails."""
+    """Run the checks of a measure, of a search and, where neither fails, of both together."""
     failed = False
-    for findings in (check_measure(method.measure, limits), check_search(method.search, limits)):
-        for finding in findings:
-            failed |= finding.level == "fail"
-            yield finding
+    for results in (check_measure(method.measure, limits), check_search(method.search, limits)):
+        for result in results:
+            failed |= result.level == "fail"
+            yield result
     if failed:
         yield CheckResult("method", "whole", "warn", "not run: a half of it fails", "mend that first")
         return
-    yield from run_checks("method", method_checks(method, limits), limits)
+    yield from run_checks("method", method_checks(method, limits), limits=limits)

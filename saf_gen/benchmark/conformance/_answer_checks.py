@@ -1,4 +1,4 @@
-"""What an answer must look like."""
+"""Checks of a search's answers."""
 
 from typing import Any
 
@@ -6,22 +6,31 @@ from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.benchmark.tracks.search_run import find_answer_fault
 from saf_gen.parts import Answer
 
-__all__ = ["check_answer", "check_frame"]
+__all__ = ["STATE_HINT", "UNIT_HINT", "check_answer", "check_frame", "check_same"]
+
+STATE_HINT = "draw nothing by chance, and keep nothing between calls"
+UNIT_HINT = "the unit of the scores must not matter: compare them with each other, never with a number"
 
 
 def check_answer(answer: Any, *, commanding: bool) -> Answer:
-    """The answer, if the contest can judge it (:func:`find_answer_fault`); else raises CheckFailure."""
-    if wrong := find_answer_fault(answer, commanding=commanding):
-        raise CheckFailure(*wrong)
+    """Return the answer if the benchmark can judge it, see find_answer_fault; else raise CheckFailure."""
+    if fault := find_answer_fault(answer, commanding=commanding):
+        raise CheckFailure(*fault)
     return answer
 
 
-def check_frame(answer: object, frames: int, name: str) -> Answer:
-    """The answer of a search that estimates, if its frame is one of ``frames``; else raises CheckFailure."""
+def check_frame(answer: object, frames: int, *, recording: str) -> Answer:
+    """Return an estimating search's answer if it lies in the recording; else raise CheckFailure."""
     found = check_answer(answer, commanding=False)
     if found.frame is not None and not 0 <= found.frame <= frames - 1:
         raise CheckFailure(
-            f"it answers frame {found.frame:g} of {frames:,}, on {name}",
+            f"it answers frame {found.frame:g} of {frames:,}, on {recording}",
             f"frames are counted from 0: 0 to {frames - 1:,}",
         )
     return found
+
+
+def check_same(first: object, again: object, *, cause: str, hint: str = STATE_HINT) -> None:
+    """Raise CheckFailure unless two answers are equal; ``cause`` begins the sentence that says so."""
+    if first != again:
+        raise CheckFailure(f"{cause}: {again}, not {first}", hint)

@@ -1,4 +1,4 @@
-"""What a check of a part has found, and how a check says so."""
+"""The result of a check, and the exceptions by which a check reports a fault."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,11 +8,11 @@ __all__ = ["CheckFailure", "CheckResult", "CheckWarning"]
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One line of one check: what was seen, and what to do where something is wrong.
+    """What one check saw, and what to do where something is wrong; one line each.
 
-    ``part`` is what was looked at: ``measure``, ``search`` or ``method``. ``level``: ``pass``; ``warn``, it
-    can be ranked, but is not as one would expect; ``fail``, the contest would refuse it, or its figures be
-    worth nothing.
+    ``part`` is ``measure``, ``search`` or ``method``. ``level`` is ``pass``; ``warn``, where it can be ranked
+    but is not as one would expect; or ``fail``, where the benchmark would refuse it or its figures would be
+    meaningless.
     """
 
     part: str
@@ -23,9 +23,9 @@ class CheckResult:
 
 
 class CheckFailure(BaseException):
-    """Raised by a check that fails: what was seen, and what to do.
+    """Raised by a check that fails, with what was seen and what to do.
 
-    No Exception, so that no ``except Exception`` of a part or of the contest between them keeps it.
+    A BaseException, so that no ``except Exception`` of a plug-in or of the benchmark catches it.
     """
 
     level: Literal["warn", "fail"] = "fail"

@@ -1,4 +1,4 @@
-"""Runs checks of anybody's part: each ends in a finding, whatever the part does, and in time."""
+"""Runs checks of anybody's plug-in: each ends in a result, whatever the plug-in does, and in time."""
 
 import signal
 import threading
@@ -18,7 +18,7 @@ from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckResul
 __all__ = ["Check", "CheckLimits", "LimitExceededError", "describe_crash", "run_checks"]
 
 Check = Callable[[], str]
-"""Gives what was seen where all is well, and raises CheckFailure or CheckWarning where it is not."""
+"""Returns what was seen where all is well, and raises CheckFailure or CheckWarning where it is not."""
 
 PACKAGE = Path(__file__).parents[2]
 PLUGIN_FOLDERS = (PACKAGE / "measures", PACKAGE / "searches")
@@ -28,7 +28,7 @@ PYTHON = Path(traceback.__file__).parent
 
 @dataclass(frozen=True)
 class CheckLimits:
-    """Where a part that does not end is stopped: scores asked of one view, seconds of one check.
+    """When a plug-in that does not end is stopped: the scores of one view, and the seconds of one check.
 
     The clock stops Python code of the main thread, where the system has interval timers.
     """
@@ -36,67 +36,69 @@ class CheckLimits:
     scores: int = 1_000_000
     seconds: float = 30.0
 
+    def check_scores(self, scores: int) -> None:
+        """Raise LimitExceededError for more scores than allowed."""
+        if scores > self.scores:
+            raise LimitExceededError(f"did not end within {self.scores:,} scores")
+
 
 class LimitExceededError(BaseException):
-    """A part went over its limits. No Exception, so that no ``except Exception`` of the part keeps it."""
+    """A plug-in exceeded its limits. A BaseException, so that none of its ``except Exception`` catches it."""
 
 
-def run_checks(part: str, checks: Mapping[str, Check], limits: CheckLimits) -> Iterator[CheckResult]:
-    """The findings of these checks, one after the other; none after a part that had to be stopped."""
+def run_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
+    """Run checks one after the other and yield their results; end after one that had to be stopped."""
     for name, check in checks.items():
-        stopped = False
         try:
-            finding = CheckResult(part, name, "pass", _within(check, limits))
+            yield CheckResult(part, name, "pass", _run_within(check, limits))
         except CheckFailure as fault:
-            finding = CheckResult(part, name, fault.level, fault.seen, fault.to_do)
+            yield CheckResult(part, name, fault.level, fault.seen, fault.to_do)
         except LimitExceededError as late:
-            stopped, seen = True, f"{late}; the rest of the checks was left out"
-            finding = CheckResult(part, name, "fail", seen, "let its loops end whatever the scores are")
-        except (Exception, SystemExit) as error:  # noqa: BLE001 anybody's part may raise anything: it is told
-            finding = CheckResult(
-                part, name, "fail", describe_crash(error), "no input of a contest may raise this: catch it"
-            )
-        yield finding
-        if stopped:
+            seen = f"{late}; the rest of the checks was left out"
+            yield CheckResult(part, name, "fail", seen, "let its loops end whatever the scores are")
             return
+        except (Exception, SystemExit) as error:  # noqa: BLE001 anybody's plug-in may raise anything
+            seen = describe_crash(error)
+            yield CheckResult(part, name, "fail", seen, "no input of the benchmark may raise this: catch it")
 
 
 def describe_crash(error: BaseException) -> str:
-    """An exception in one line, with the place in the part's own file."""
+    """Return an exception as one line, with the file and line of the plug-in that raised it."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if _of_a_part(Path(frame.filename))]
-    place = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
-    return " ".join(f"{type(error).__name__}: {error}{place}".split())
+    own = [frame for frame in frames if _is_plugin_code(Path(frame.filename))]
+    origin = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
+    return " ".join(f"{type(error).__name__}: {error}{origin}".split())
 
 
-def _of_a_part(file: Path) -> bool:
-    ours = PACKAGE in file.parents and not any(room in file.parents for room in PLUGIN_FOLDERS)
+def _is_plugin_code(file: Path) -> bool:
+    ours = PACKAGE in file.parents and not any(folder in file.parents for folder in PLUGIN_FOLDERS)
     python = PYTHON in file.parents and "site-packages" not in file.parts
     return not (ours or python or NUMPY in file.parents)
 
 
-def _within(check: Check, limits: CheckLimits) -> str:
-    """What the check has seen. Python's warnings in it are a doubt: they would fill a contest's screen."""
-    with warnings.catch_warnings(record=True) as told, _clock(limits.seconds):
+def _run_within(check: Check, limits: CheckLimits) -> str:
+    """Return what the check saw. Raise CheckWarning for Python's warnings, which would fill the screen."""
+    with warnings.catch_warnings(record=True) as caught, _time_limit(limits.seconds):
         warnings.simplefilter("always")
         seen = check()
-    if told:
-        words = f"{told[0].category.__name__}: {told[0].message}"
-        raise CheckWarning(words, "treat the case that it warns of by itself")
+    if caught:
+        raise CheckWarning(
+            f"{caught[0].category.__name__}: {caught[0].message}", "handle the case that it warns of"
+        )
     return seen
 
 
 @contextmanager
-def _clock(seconds: float) -> Iterator[None]:
-    """Raises LimitExceededError in what runs here after so many seconds."""
+def _time_limit(seconds: float) -> Iterator[None]:
+    """Raise LimitExceededError in the code of the block after so many seconds."""
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
 
-    def ring(number: int, frame: FrameType | None) -> Any:
+    def interrupt(number: int, frame: FrameType | None) -> Any:
         raise LimitExceededError(f"did not end within {seconds:g} s")
 
-    before = signal.signal(signal.SIGALRM, ring)
+    before = signal.signal(signal.SIGALRM, interrupt)
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield

@@ -1,20 +1,21 @@
-"""Methods on a running camera before the small scene. Imports what reads focal stacks: import it late."""
+"""Methods on a running camera before the test scene. It reads OpenEXR files: import it late."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import check_answer
+from saf_gen.benchmark.conformance._answer_checks import STATE_HINT, check_answer
 from saf_gen.benchmark.conformance._check_result import CheckFailure
-from saf_gen.benchmark.conformance._check_runner import CheckLimits, LimitExceededError, describe_crash
-from saf_gen.benchmark.conformance._test_scene import OVEREXPOSURE, make_test_scene
+from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_crash
+from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, OVEREXPOSURE, make_test_scene
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.running_camera import BudgetSpentError
-from saf_gen.optics.actuators import Actuator, get_actuator
+from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Search, View, commands
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
@@ -22,26 +23,29 @@ from saf_gen.stack.focal_stack import FocalStack, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.stream_file import Truth
 
-__all__ = ["BUDGET_FRAMES", "LIGHT_FACTORS", "describe_run", "run_on_test_scene"]
+__all__ = ["BUDGET_FRAMES", "LIGHT_FACTORS", "Runner", "describe_run", "run_on_test_scene", "run_twice"]
 
 BUDGET_FRAMES = 40_000  # two seconds
 LIGHT_FACTORS = {"a usual light": 1.0, "no light": 0.0, "50 times too much": OVEREXPOSURE}
 """Factors on the light that the exposure is made for."""
 
 
+Runner = Callable[..., ClosedLoopRun]
+"""run_on_test_scene of one method, called with an actuator's name and the conditions."""
+
+
 @dataclass(frozen=True)
 class LimitedMeasure:
-    """A measure in a unit of its own, asked no more than a number of times; like it in all else."""
+    """A measure in a unit of its own with a limit on its calls; otherwise like the measure within."""
 
     measure: Any
     unit: float
     limits: CheckLimits
-    asked: list[int]
+    calls: list[int] = field(default_factory=lambda: [0])
 
     def __call__(self, counts: np.ndarray, **more: int) -> float:
-        self.asked[0] += 1
-        if self.asked[0] > self.limits.scores:
-            raise LimitExceededError(f"did not end within {self.limits.scores:,} scores")
+        self.calls[0] += 1
+        self.limits.check_scores(self.calls[0])
         return self.unit * self.measure(counts, **more)
 
     def __getattr__(self, name: str) -> Any:
@@ -50,7 +54,7 @@ class LimitedMeasure:
 
 @dataclass(frozen=True)
 class CheckedSearch:
-    """A search that says where it failed: the contest keeps only why."""
+    """A search that says where it failed, of which the benchmark keeps only the reason."""
 
     search: Search
     camera: str
@@ -63,10 +67,10 @@ class CheckedSearch:
                 f"it runs over the budget, with {self.camera}",
                 "compare view.now with view.frames before each wait and score; answer with the best so far",
             ) from error
-        except Exception as error:
+        except Exception as error:  # anybody's search may raise anything
             raise CheckFailure(
                 f"{describe_crash(error)}, with {self.camera}",
-                "no camera may make it raise: move to 0 ... 1 alone, abstain where there is nothing to see",
+                "no camera may make it raise: move only to 0 ... 1, abstain where there is nothing to see",
             ) from error
         return check_answer(answer, commanding=commands(self.search))
 
@@ -76,60 +80,69 @@ class CheckedSearch:
 
 def run_on_test_scene(
     method: Method,
-    actuator: Actuator | str,
-    limits: CheckLimits,
+    actuator: str,
     *,
-    best: float,
+    limits: CheckLimits,
+    best: float = BEST_FOCUS,
     light: float = 1.0,
     frames: int = BUDGET_FRAMES,
     unit: float = 1.0,
     seed: int = 1,
 ) -> ClosedLoopRun:
-    """The method on a running camera whose best focus is at ``best``, judged for what any answer must keep.
+    """Run a method on a camera whose best focus is at ``best``, and check what any answer must satisfy.
 
     ``light`` multiplies the light, ``unit`` the scores; ``frames`` is the budget, and ``seed`` names the
-    noise and where the lens stands at first. Raises CheckFailure where the contest would count the run as
+    noise and the initial position of the lens. Raises CheckFailure where the benchmark would count the run as
     failed.
     """
-    take, exposed = _take(best, light, seed)
-    moved = get_actuator(actuator) if isinstance(actuator, str) else actuator
-    camera = f"{moved.name} and {frames:,} frames"
-    watched = replace(
+    capture, charge_source = _make_capture(best, light, seed)
+    camera = f"{actuator} and {frames:,} frames"
+    checked = replace(
         method,
-        measure=LimitedMeasure(method.measure, unit, limits, [0]),
+        measure=LimitedMeasure(method.measure, unit, limits),
         search=CheckedSearch(method.search, camera),
     )
-    protocol = ClosedLoopProtocol(moved, budget_s=frames / take.sensor.readout_hz)
-    region = slice(0, take.sensor.rows), slice(0, take.sensor.columns)
+    protocol = ClosedLoopProtocol(get_actuator(actuator), budget_s=frames / capture.sensor.readout_hz)
+    region = slice(0, capture.sensor.rows), slice(0, capture.sensor.columns)
     run = run_closed_loop_method(
-        take, watched, protocol=protocol, charge_source=exposed, region=region, threads=1
+        capture, checked, protocol=protocol, charge_source=charge_source, region=region, threads=1
     )
     if run.problem:
         raise CheckFailure(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or none")
     if commands(method.search):
-        _check_place(run)
+        _check_position(run)
     return run
 
 
+def run_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> ClosedLoopRun:
+    """Return a run, after a second one that must be equal. Raise CheckFailure where it is not."""
+    first, again = (run(actuator, light=light) for _ in range(2))
+    if first.answer != again.answer or not np.array_equal(first.path, again.path):
+        raise CheckFailure(
+            f"{condition}the same camera gets another answer: {again.answer}, not {first.answer}", STATE_HINT
+        )
+    return first
+
+
 def describe_run(run: ClosedLoopRun) -> str:
-    """Where the lens was at the end, and when the method had its answer."""
+    """Return where the lens was at the end, and when the method had its answer."""
     return f"{run.path[-1]:.3f} after {run.answer_frame:,} of {run.budget:,} frames"
 
 
-def _check_place(run: ClosedLoopRun) -> None:
-    place = run.answer.position
-    if place is None:
+def _check_position(run: ClosedLoopRun) -> None:
+    position = run.answer.position
+    if position is None:
         return
-    if not 0 <= place <= 1:
+    if not 0 <= position <= 1:
         raise CheckFailure(
-            f"it answers place {place:g}", "the travel is 0 to 1: cut what a noisy sensor reads"
+            f"it answers position {position:g}", "the travel is 0 to 1: cut what a noisy sensor reads"
         )
     if not run.windows:
-        raise CheckFailure("it answers without a look", 'abstain without one: Answer(note="no time to look")')
+        raise CheckFailure("it answers without a score", 'abstain without one: Answer(note="no time")')
 
 
 @lru_cache(maxsize=8)
-def _take(best: float, light: float, seed: int) -> tuple[Capture, ChargeSource]:
+def _make_capture(best: float, light: float, seed: int) -> tuple[Capture, ChargeSource]:
     scene = make_test_scene(best)
     _, positions, rows, columns = scene.radiance.shape
     spec = StackSpec(
@@ -149,7 +162,7 @@ def _take(best: float, light: float, seed: int) -> tuple[Capture, ChargeSource]:
         spec, scene.radiance, np.broadcast_to(depth, (rows, columns)), np.ones((rows, columns), bool), "none"
     )
     gain = np.full((BUDGET_FRAMES, 1), light, np.float32)
-    take = Capture(
+    capture = Capture(
         PlaneSource.from_stack(stack),
         scene.sensor,
         gain,
@@ -159,4 +172,4 @@ def _take(best: float, light: float, seed: int) -> tuple[Capture, ChargeSource]:
         Truth(position=best),
         len(gain),
     )
-    return take, take.open_charge_source()
+    return capture, capture.open_charge_source()

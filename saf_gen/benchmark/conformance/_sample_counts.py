@@ -1,4 +1,4 @@
-"""Pictures for checks: counts of all kinds, and a texture as natural scenes have it. All are seeded."""
+"""Seeded images for checks: counts of all kinds, and a texture with the spectrum of natural scenes."""
 
 from functools import lru_cache
 
@@ -10,26 +10,27 @@ __all__ = ["EDGE_CASE_COUNTS", "natural_texture", "random_counts"]
 
 
 def random_counts(*shape: int, highest: int = 50) -> np.ndarray:
-    """Counts drawn evenly from 0 to below ``highest``: uint32, read-only."""
+    """Return counts drawn evenly from 0 to below ``highest``, uint32 and read-only."""
     counts = make_generator("conformance", *shape).integers(0, highest, shape, dtype=np.uint32)
     counts.flags.writeable = False
     return counts
 
 
 @lru_cache
-def natural_texture(rows: int, columns: int, contrast: float = 0.4) -> np.ndarray:
-    """A picture whose amplitudes fall as 1/frequency: float64, read-only, mean about 1, never below 0.05.
+def natural_texture(rows: int, columns: int) -> np.ndarray:
+    """Return an image whose amplitudes fall as 1/frequency: float64, read-only, mean about 1, at least 0.05.
 
-    Such is the mean over natural scenes: D. J. Field, Relations between the statistics of natural images and
-    the response properties of cortical cells, JOSA A 4(12), 1987, doi:10.1364/JOSAA.4.002379.
+    That is the average over natural scenes: D. J. Field, "Relations between the statistics of natural images
+    and the response properties of cortical cells", JOSA A 4(12), 1987, doi:10.1364/JOSAA.4.002379. Its
+    contrast is 0.4 rms.
     """
     frequency = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
     frequency[0, 0] = 1.0
     white = np.fft.fft2(make_generator("conformance", "texture", rows, columns).normal(size=(rows, columns)))
-    picture = np.fft.ifft2(white / frequency).real
-    picture = np.maximum(1 + contrast * (picture - picture.mean()) / picture.std(), 0.05)
-    picture.flags.writeable = False
-    return picture
+    image = np.fft.ifft2(white / frequency).real
+    image = np.maximum(1 + 0.4 * (image - image.mean()) / image.std(), 0.05)
+    image.flags.writeable = False
+    return image
 
 
 EDGE_CASE_COUNTS: dict[str, np.ndarray] = {

@@ -1,32 +1,33 @@
-"""A recording whose focus curve is drawn: every score is known, and none takes time."""
+"""A recording with a given focus curve: every score is known, and none takes time."""
 
 from functools import cache
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._check_runner import CheckLimits, LimitExceededError
+from saf_gen.benchmark.conformance._check_runner import CheckLimits
 from saf_gen.benchmark.conformance._sample_counts import natural_texture
 from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 from saf_gen.parts import wants_frames, wants_halves
 
-__all__ = ["SyntheticRecording", "gaussian_curve"]
+__all__ = ["MEAN_RATE", "SyntheticRecording", "gaussian_curve"]
 
-MEAN_RATE = 0.2  # spikes a pixel and readout
+MEAN_RATE = 0.2  # spikes per pixel and readout
 SIZE = 16, 24
 
 
-def gaussian_curve(frames: int, at: float, width: float = 0.1) -> np.ndarray:
-    """A bell with its top, 1, at this share of the recording; ``width`` of it, to 1/e."""
-    return np.exp(-(((np.arange(frames) / frames - at) / width) ** 2))
+def gaussian_curve(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
+    """Return a Gaussian of height 1 at the fraction ``peak`` of a recording; it falls to 1/e in ``width``."""
+    return np.exp(-(((np.arange(frames) / frames - peak) / width) ** 2))
 
 
 class SyntheticRecording:
-    """What saf_gen.parts.View promises of a recording: a score is the mean of ``curve`` over the window.
+    """The members of saf_gen.parts.View for a recording: a score is the mean of ``curve`` over the window.
 
-    A measure asked for by name scores a picture of that many frames, whose contrast follows the curve.
-    ``unit`` multiplies the scores of the method's own measure. ``seen`` is the end of what was asked for.
+    A measure that is asked for by name scores a texture of the window's length whose contrast follows the
+    curve. ``unit`` multiplies the scores of the method's own measure, ``light`` is the mean rate, and
+    ``seen`` is the end of the latest window or position that was looked at.
     """
 
     readout_hz = 20_000.0
@@ -53,15 +54,14 @@ class SyntheticRecording:
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
         window = validate_window(first, stop, total=self.frames)
         self.scores += 1
-        if self.scores > self._limits.scores:
-            raise LimitExceededError(f"did not end within {self._limits.scores:,} scores")
+        self._limits.check_scores(self.scores)
         self.seen = max(self.seen, window.stop)
         mean = float(self._sums[window.stop] - self._sums[window.start]) / len(window)
-        return self._unit * mean if measure is None else self._named(measure, mean, len(window))
+        return self._unit * mean if measure is None else self._score_texture(measure, mean, len(window))
 
     def position(self, frame: int) -> float:
         validate_window(frame, frame + 1, total=self.frames)
-        self.seen = max(self.seen, frame + 1)  # who asks where the lens will be looks ahead
+        self.seen = max(self.seen, frame + 1)  # reading a later position looks ahead
         return frame / max(self.frames - 1, 1)
 
     def move(self, to: float) -> None:
@@ -70,12 +70,14 @@ class SyntheticRecording:
     def wait(self, frames: int) -> None:
         raise BadInput(f"the lens of a recording cannot go on for {frames} frames")
 
-    def _named(self, name: str, mean: float, frames: int) -> float:
-        part = _measure(name)
+    def _score_texture(self, name: str, mean: float, frames: int) -> float:
+        measure = _measure(name)
         contrast = (mean - self._lowest) / self._range if self._range else 0.0
         counts = self._light * frames * (1 + contrast * (natural_texture(*SIZE) - 1))
-        given = np.stack([counts, counts]) / 2 if wants_halves(part) else counts
-        return float(part(given, frames=frames) if wants_frames(part) else part(given))  # type: ignore[call-arg]
+        given = np.stack([counts, counts]) / 2 if wants_halves(measure) else counts
+        if wants_frames(measure):
+            return measure(given, frames=frames)  # type: ignore[call-arg]
+        return measure(given)
 
 
 _measure = cache(get_measure)

@@ -1,7 +1,7 @@
-"""A small scene to try methods on, and recordings of it: no renderer, no dataset.
+"""A small scene to try methods on, and recordings of it, without a renderer or a dataset.
 
-A flat texture as natural scenes have it, out of focus by a Gaussian whose sigma grows with the distance of
-the lens from its best place, before a sensor of real noise.
+A flat texture with the spectrum of natural scenes, blurred by a Gaussian whose sigma grows with the distance
+of the lens from the best focus, before a sensor with real noise.
 """
 
 from dataclasses import dataclass
@@ -19,18 +19,19 @@ from saf_gen.stream.stream_file import Metadata, StreamWriter, Truth
 __all__ = ["BEST_FOCUS", "TARGET_RATE", "TestScene", "make_test_scene", "write_recordings"]
 
 ROWS, COLUMNS, POSITIONS = 32, 48, 33
-BLUR = 8.0  # pixels, sigma, a whole travel from the best place
+BLUR = 8.0  # sigma in pixels, a whole travel from the best focus
 BEST_FOCUS = 0.4
-TARGET_RATE = 0.2  # spikes a pixel and readout
+TARGET_RATE = 0.2  # spikes per pixel and readout
 OVEREXPOSURE = 50.0  # times that light: every pixel fires at nearly every readout
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 
 
 @dataclass(frozen=True, eq=False)
 class TestScene:
-    """Radiance float32 (light, focus, row, col) with its best focus at ``best``, the drive, the sensor.
+    """A focal stack with its best focus at the position ``best``, the lens drive and the sensor.
 
-    ``exposure`` makes the sensor fire TARGET_RATE spikes a readout at best focus.
+    ``radiance`` is float32 (light, focus, row, col). At the best focus, ``exposure`` makes the sensor fire
+    TARGET_RATE spikes per pixel and readout.
     """
 
     best: float
@@ -40,37 +41,36 @@ class TestScene:
     exposure: float
 
     def charge(self) -> np.ndarray:
-        """Electrons a readout at that exposure, float32 (focus, row, col)."""
+        """Return the electrons per readout at that exposure, float32 (focus, row, col)."""
         return _charge(self.radiance, self.sensor)[0] * np.float32(self.exposure)
 
 
 @lru_cache
 def make_test_scene(best: float) -> TestScene:
-    """The scene with its best focus at this share of the travel."""
+    """Return the scene with its best focus at this fraction of the travel."""
     sensor = get_sensor("vidar_400x250", rows=ROWS, columns=COLUMNS)
     sharp = natural_texture(ROWS, COLUMNS)
-    away = np.abs(np.linspace(0, 1, POSITIONS) - best)
-    radiance = np.stack([gaussian_filter(sharp, BLUR * a, mode="wrap") for a in away])[None].astype(
-        np.float32
-    )
-    at_best = _charge(radiance, sensor)[0, int(away.argmin())]
+    distance = np.abs(np.linspace(0, 1, POSITIONS) - best)
+    blurred = [gaussian_filter(sharp, BLUR * d, mode="wrap") for d in distance]
+    radiance = np.stack(blurred)[None].astype(np.float32)
+    at_best = _charge(radiance, sensor)[0, int(distance.argmin())]
     exposure = exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor=sensor, mean_rate=TARGET_RATE)
     return TestScene(best, radiance, DRIVE, sensor, exposure)
 
 
 def write_recordings(folder: Path, frames: int) -> dict[str, Path]:
-    """Recordings of this length, by what they show; the first two do not say where the lens was."""
+    """Write recordings of this length and return their paths by name; two do not say where the lens was."""
     scene = make_test_scene(BEST_FOCUS)
     empty = np.zeros((ROWS, COLUMNS, -(-frames // 8)), np.uint8)
     full = np.broadcast_to(np.packbits(np.arange(frames) >= 0, bitorder="little"), empty.shape)
-    swept, flooded = (
+    swept, saturated = (
         encode(scene.charge() * np.float32(gain), scene.sensor, frames=frames, seed=1)
         for gain in (1, OVEREXPOSURE)
     )
     lens = ((np.arange(frames) + 0.5) / frames).astype(np.float32)
     known = Metadata(focus_position=lens, truth=Truth(position=BEST_FOCUS, frame=BEST_FOCUS * frames - 0.5))
     paths = {}
-    for name, spikes in {"empty": empty, "full": full, "saturated": flooded, "swept": swept}.items():
+    for name, spikes in {"empty": empty, "full": full, "saturated": saturated, "swept": swept}.items():
         metadata = Metadata() if name in ("empty", "full") else known
         paths[name] = folder / f"{name}.h5"
         with StreamWriter(paths[name], shape=(frames, ROWS, COLUMNS), metadata=metadata) as writer:

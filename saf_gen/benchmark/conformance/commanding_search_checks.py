@@ -1,120 +1,112 @@
 """Checks of a search that commands the lens: it ends within travel and budget, whatever moves the lens.
 
-The measure is ``sd`` unless the search comes with one of its own.
+The measure is ``sd`` unless the search brings one of its own.
 """
 
 from functools import partial
 
 import numpy as np
 
+from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_same
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
 from saf_gen.benchmark.conformance._closed_loop_trial import (
     BUDGET_FRAMES,
     LIGHT_FACTORS,
+    Runner,
     describe_run,
     run_on_test_scene,
+    run_twice,
 )
-from saf_gen.benchmark.conformance._declaration_checks import described
+from saf_gen.benchmark.conformance._declaration_checks import check_description
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording
-from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, stated
+from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_statements
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
-from saf_gen.optics.actuators import actuator_names, get_actuator
+from saf_gen.optics.actuators import actuator_names
 from saf_gen.parts import Search
 
 __all__ = ["commanding_checks"]
 
-STEADY = "voice_coil_hall"  # its sensor sees the lens, it rings little
-SCARCE = 32, 64, 160, 1000, 3000
-PLACES = 0.0, 0.4, 1.0
-TOLERANCE = 0.1  # of the travel
+STEADY = "voice_coil_hall"  # its sensor sees the lens, and it rings little
+SMALL_BUDGETS = 32, 64, 160, 1000, 3000
+BEST_POSITIONS = 0.0, 0.4, 1.0
+TOLERANCE = 0.1  # fraction of the travel
 
 
 def commanding_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
-    """The checks of one search, by name."""
-    method = Method("sd+search", get_measure("sd"), search, code="")
-    checks = (stays_in_travel_and_budget, little_time, lights, repeatable, any_unit, finds_the_focus)
+    """Return the checks of one search by name."""
+    run = partial(run_on_test_scene, Method("sd+search", get_measure("sd"), search, code=""), limits=limits)
     return {
-        "described": partial(described, search),
-        "stated": partial(stated, search),
-        "not on a recording": partial(not_on_a_recording, search, limits),
-        **{check.__name__.replace("_", " "): partial(check, method, limits) for check in checks},
+        "described": partial(check_description, search),
+        "stated": partial(check_statements, search),
+        "not on a recording": partial(check_refuses_recording, search, limits),
+        "stays in travel and budget": partial(check_actuators, run),
+        "little time": partial(check_small_budgets, run),
+        "lights": partial(check_lights, run),
+        "repeatable": partial(check_repeatable, run),
+        "any unit": partial(check_any_unit, run),
+        "finds the focus": partial(check_finds_focus, run),
     }
 
 
-def not_on_a_recording(search: Search, limits: CheckLimits) -> str:
-    """It hands on that the lens of a recording cannot be moved."""
+def check_refuses_recording(search: Search, limits: CheckLimits) -> str:
+    """It passes on the error that the lens of a recording cannot be moved."""
     try:
         answer = search(SyntheticRecording(np.ones(2000), limits=limits))
     except BadInput as refusal:
         return f"refused: {refusal.problem}"
     raise CheckFailure(
         f"on a recording, whose lens cannot be moved, it answers {answer}",
-        "move the lens before the first look, and let the BadInput of view.move pass",
+        "move the lens before the first score, and let the BadInput of view.move pass",
     )
 
 
-def stays_in_travel_and_budget(method: Method, limits: CheckLimits) -> str:
-    """With every actuator that comes with saf_gen it ends in time, and answers with a place of the travel."""
-    runs = [(name, run_on_test_scene(method, name, limits, best=0.4)) for name in actuator_names()]
-    return "; ".join(f"{name}: {describe_run(run)}" for name, run in runs)
+def check_actuators(run: Runner) -> str:
+    """It ends in time with every actuator of saf_gen, and answers with a position of the travel."""
+    return "; ".join(f"{name}: {describe_run(run(name))}" for name in actuator_names())
 
 
-def little_time(method: Method, limits: CheckLimits) -> str:
+def check_small_budgets(run: Runner) -> str:
     """It ends within a budget that is too small."""
-    said = []
-    for frames in SCARCE:
-        place = run_on_test_scene(method, STEADY, limits, best=0.4, frames=frames).answer.position
-        said.append(f"{frames:,} frames: {'none' if place is None else f'{place:.3f}'}")
-    return "; ".join(said)
+    answers = []
+    for frames in SMALL_BUDGETS:
+        position = run(STEADY, frames=frames).answer.position
+        answers.append(f"{frames:,} frames: {'none' if position is None else f'{position:.3f}'}")
+    return "; ".join(answers)
 
 
-def lights(method: Method, limits: CheckLimits) -> str:
+def check_lights(run: Runner) -> str:
     """It ends without a spike, and with one at every readout."""
-    said = []
-    for name, light in LIGHT_FACTORS.items():
-        said.append(
-            f"{name}: {describe_run(run_on_test_scene(method, STEADY, limits, best=0.4, light=light))}"
-        )
-    return "; ".join(said)
+    return "; ".join(
+        f"{name}: {describe_run(run(STEADY, light=light))}" for name, light in LIGHT_FACTORS.items()
+    )
 
 
-def repeatable(method: Method, limits: CheckLimits) -> str:
-    """The same way of the lens before the same camera."""
-    first, again = (run_on_test_scene(method, STEADY, limits, best=0.4) for _ in range(2))
-    if first.answer != again.answer or not np.array_equal(first.path, again.path):
-        raise CheckFailure(
-            f"the same camera gets another answer: {again.answer}, not {first.answer}",
-            "draw nothing by chance, and keep nothing between calls",
-        )
-    return "the same answer, by the same way of the lens"
+def check_repeatable(run: Runner) -> str:
+    """It moves the lens along the same path before the same camera."""
+    run_twice(run, STEADY)
+    return "the same answer, by the same path of the lens"
 
 
-def any_unit(method: Method, limits: CheckLimits) -> str:
-    """The same answer for scores in another unit: each measure has its own."""
+def check_any_unit(run: Runner) -> str:
+    """It gives the same answer for scores in another unit: each measure has its own."""
     for best in (0.0, 0.7):
-        plain, scaled = (
-            run_on_test_scene(method, STEADY, limits, best=best, unit=unit) for unit in (1.0, UNIT)
-        )
-        if plain.answer != scaled.answer:
-            raise CheckFailure(
-                f"scores times {UNIT:g} change the answer: {scaled.answer}, not {plain.answer}",
-                "the unit of the scores must not matter: compare them with each other, never with a number",
-            )
+        plain, scaled = (run(STEADY, best=best, unit=unit).answer for unit in (1.0, UNIT))
+        check_same(plain, scaled, cause=f"scores times {UNIT:g} change the answer", hint=UNIT_HINT)
     return f"scores times {UNIT:g} give the same answer"
 
 
-def finds_the_focus(method: Method, limits: CheckLimits) -> str:
-    """It finds the focus of a natural texture, wherever it is and wherever the lens stood."""
+def check_finds_focus(run: Runner) -> str:
+    """It finds the focus of a natural texture, wherever it is and wherever the lens began."""
     found = []
-    for seed, best in enumerate(PLACES):
-        run = run_on_test_scene(method, get_actuator(STEADY), limits, best=best, seed=seed)
-        found.append((best, run.answer.position, float(run.path[-1])))
+    for seed, best in enumerate(BEST_POSITIONS):
+        end = run(STEADY, best=best, seed=seed)
+        found.append((best, end.answer.position, float(end.path[-1])))
     words = ", ".join(f"{best:g} as {'nothing' if at is None else f'{end:.3f}'}" for best, at, end in found)
-    seen = f"the focus, shares of the travel: {words}"
+    seen = f"the focus, fractions of the travel: {words}"
     if any(at is None or abs(end - best) > TOLERANCE for best, at, end in found):
         expected = f"within {TOLERANCE:g} is what one expects in {BUDGET_FRAMES / 20_000:g} s with {STEADY}"
-        raise CheckWarning(seen, f"{expected}; wait until the lens rests, and look longer where it is noisy")
+        raise CheckWarning(seen, f"{expected}; wait until the lens rests, and score longer where it is noisy")
     return seen

@@ -1,45 +1,54 @@
-"""Checks of a search that estimates on a recording: it ends, in the recording, the same for any unit."""
+"""Checks of a search that estimates on a recording: it ends, and answers in it, alike for any unit."""
 
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import check_frame
+from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_frame, check_same
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._declaration_checks import described
+from saf_gen.benchmark.conformance._declaration_checks import check_description
 from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, gaussian_curve
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
-from saf_gen.parts import Answer, Search, wants_measures
+from saf_gen.parts import Search, wants_measures
 
-__all__ = ["estimating_checks", "find_accepted_length", "stated"]
+__all__ = ["UNIT", "check_statements", "estimating_checks", "find_accepted_length"]
 
 LENGTHS = 2000, 5000, 20_000, 100_000
-"""Frames of the recordings: the first that is not refused as too short."""
-SHORT = 1, 2, 5, 20, 100
+"""Frames of the recordings; the first that is not refused as too short is used."""
+SHORT_LENGTHS = 1, 2, 5, 20, 100
 PEAK_FRACTIONS = 0.3, 0.5, 0.7
-TOLERANCE = 0.05  # of the recording
+TOLERANCE = 0.05  # fraction of the recording
 UNIT = 1024.0  # a power of two, so that scaled scores are the same to the last bit
 
 ViewFactory = Callable[..., SyntheticRecording]
 
 
 def estimating_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
-    """The checks of one search, by name."""
-    look = partial(SyntheticRecording, limits=limits)
-    checks = (ends, answers, flat, repeatable, any_unit, finds_a_bell, stops_early, short)
+    """Return the checks of one search by name."""
+    checks: dict[str, Callable[[Search, ViewFactory], str]] = {
+        "ends": check_ends,
+        "answers": check_answers,
+        "flat": check_flat,
+        "repeatable": check_repeatable,
+        "any unit": check_any_unit,
+        "finds a bell": check_finds_peak,
+        "stops early": check_stops_early,
+        "short": check_short,
+    }
+    record = partial(SyntheticRecording, limits=limits)
     return {
-        "described": partial(described, search),
-        "stated": partial(stated, search),
-        **{check.__name__.replace("_", " "): partial(check, search, look) for check in checks},
+        "described": partial(check_description, search),
+        "stated": partial(check_statements, search),
+        **{name: partial(check, search, record) for name, check in checks.items()},
     }
 
 
-def stated(search: Search) -> str:
-    """Whether it is causal; and measures that there are, if it looks through others."""
+def check_statements(search: Search) -> str:
+    """It states whether it is causal, and other measures, if it uses any, that exist."""
     causal = getattr(search, "causal", None)
     if not isinstance(causal, bool):
         raise CheckFailure(
@@ -50,20 +59,16 @@ def stated(search: Search) -> str:
         try:
             get_measure(name)
         except BadInput as problem:
-            raise CheckFailure(
-                f"it looks through {name!r}: {problem}", "name measures that there are"
-            ) from problem
+            raise CheckFailure(f"it uses {name!r}: {problem}", "name measures that exist") from problem
     others = ", ".join(wants_measures(search))
-    return f"causal: {causal}{f'; looks through {others}, too' if others else ''}".replace(
-        "True", "yes"
-    ).replace("False", "no")
+    return f"causal: {'yes' if causal else 'no'}{f'; also uses {others}' if others else ''}"
 
 
-def find_accepted_length(search: Search, look: ViewFactory = SyntheticRecording) -> int:
-    """Frames of the shortest of our recordings that the search does not refuse."""
+def find_accepted_length(search: Search, record: ViewFactory = SyntheticRecording) -> int:
+    """Return the length in frames of the shortest recording that the search does not refuse."""
     for frames in LENGTHS:
         try:
-            search(look(gaussian_curve(frames, 0.5)))
+            search(record(gaussian_curve(frames, 0.5)))
         except BadInput as problem:
             refusal = problem
         else:
@@ -74,125 +79,112 @@ def find_accepted_length(search: Search, look: ViewFactory = SyntheticRecording)
     )
 
 
-def ends(search: Search, look: ViewFactory) -> str:
+def check_ends(search: Search, record: ViewFactory) -> str:
     """It ends, within a number of scores and of seconds."""
-    told = []
-    for frames in (find_accepted_length(search, look), LENGTHS[-1]):
-        view = look(gaussian_curve(frames, 0.5))
+    costs = []
+    for frames in (find_accepted_length(search, record), LENGTHS[-1]):
+        view = record(gaussian_curve(frames, 0.5))
         search(view)
-        told.append(f"{view.scores:,} scores of {frames:,} frames")
-    return "; ".join(told)
+        costs.append(f"{view.scores:,} scores of {frames:,} frames")
+    return "; ".join(costs)
 
 
-def answers(search: Search, look: ViewFactory) -> str:
-    """An Answer, with a frame of the recording or none, whatever the curve."""
-    curves = _curves(find_accepted_length(search, look))
+def check_answers(search: Search, record: ViewFactory) -> str:
+    """It returns an Answer, with a frame of the recording or none, whatever the curve."""
+    curves = _curves(find_accepted_length(search, record))
     for name, curve in curves.items():
-        check_frame(search(look(curve)), len(curve), name)
+        check_frame(search(record(curve)), len(curve), recording=name)
     return f"an answer in the recording, on {len(curves)} curves: peaks, noise, scores below 0"
 
 
-def flat(search: Search, look: ViewFactory) -> str:
-    """No crash without a spike, with one score throughout, and where the top of the curve is cut off."""
-    frames = find_accepted_length(search, look)
-    said = []
+def check_flat(search: Search, record: ViewFactory) -> str:
+    """It does not crash without a spike, with equal scores, or where the top of the curve is cut off."""
+    frames = find_accepted_length(search, record)
+    answers = []
     for name, (curve, light) in {
         "an empty recording": (np.zeros(frames), 0.0),
         "a constant one": (np.ones(frames), MEAN_RATE),
         "a saturated one": (np.minimum(gaussian_curve(frames, 0.5), 0.5), 1.0),
     }.items():
-        answer = check_frame(search(look(curve, light=light)), frames, name)
-        said.append(f"{name}: {_words(answer)}")
-    return "; ".join(said)
+        answer = check_frame(search(record(curve, light=light)), frames, recording=name)
+        answers.append(f"{name}: {'none' if answer.frame is None else f'frame {answer.frame:g}'}")
+    return "; ".join(answers)
 
 
-def repeatable(search: Search, look: ViewFactory) -> str:
-    """The same answer for the same recording."""
-    for name, curve in _curves(find_accepted_length(search, look)).items():
-        first, again = search(look(curve)), search(look(curve))
-        if first != again:
-            raise CheckFailure(
-                f"the same recording gets another answer: {again}, not {first}, on {name}",
-                "draw nothing by chance, and keep nothing between calls",
-            )
+def check_repeatable(search: Search, record: ViewFactory) -> str:
+    """It gives the same answer for the same recording."""
+    for name, curve in _curves(find_accepted_length(search, record)).items():
+        first, again = search(record(curve)), search(record(curve))
+        check_same(first, again, cause=f"the same recording gets another answer, on {name}")
     return "the same recording gets the same answer"
 
 
-def any_unit(search: Search, look: ViewFactory) -> str:
-    """The same answer for scores in another unit: each measure has its own."""
-    for name, curve in _curves(find_accepted_length(search, look)).items():
-        plain, scaled = search(look(curve)), search(look(curve, unit=UNIT))
-        if plain != scaled:
-            raise CheckFailure(
-                f"scores times {UNIT:g} change the answer: {scaled}, not {plain}, on {name}",
-                "the unit of the scores must not matter: compare them with each other, never with a number",
-            )
+def check_any_unit(search: Search, record: ViewFactory) -> str:
+    """It gives the same answer for scores in another unit: each measure has its own."""
+    for name, curve in _curves(find_accepted_length(search, record)).items():
+        plain, scaled = search(record(curve)), search(record(curve, unit=UNIT))
+        check_same(plain, scaled, cause=f"scores times {UNIT:g} change the answer, on {name}", hint=UNIT_HINT)
     return f"scores times {UNIT:g} give the same answer"
 
 
-def finds_a_bell(search: Search, look: ViewFactory) -> str:
-    """A smooth peak without noise is found."""
-    frames = find_accepted_length(search, look)
-    found = [(top, search(look(gaussian_curve(frames, top))).frame) for top in PEAK_FRACTIONS]
-    words = ", ".join(f"{top} as {'nothing' if at is None else f'{at / frames:.3f}'}" for top, at in found)
-    if any(at is None or abs(at / frames - top) > TOLERANCE for top, at in found):
-        raise CheckWarning(
-            f"peaks of the curve, shares of the recording: {words}",
-            f"within {TOLERANCE:g} is what one expects of a smooth peak without noise",
-        )
-    return f"peaks of the curve, shares of the recording: {words}"
+def check_finds_peak(search: Search, record: ViewFactory) -> str:
+    """It finds a smooth peak without noise."""
+    frames = find_accepted_length(search, record)
+    found = [(peak, search(record(gaussian_curve(frames, peak))).frame) for peak in PEAK_FRACTIONS]
+    words = ", ".join(f"{peak} as {'nothing' if at is None else f'{at / frames:.3f}'}" for peak, at in found)
+    seen = f"peaks of the curve, fractions of the recording: {words}"
+    if any(at is None or abs(at / frames - peak) > TOLERANCE for peak, at in found):
+        raise CheckWarning(seen, f"within {TOLERANCE:g} is what one expects of a smooth peak without noise")
+    return seen
 
 
-def stops_early(search: Search, look: ViewFactory) -> str:
-    """One that says it is causal has not asked for the end when the peak was early.
+def check_stops_early(search: Search, record: ViewFactory) -> str:
+    """If it states that it is causal, it does not ask for the end of a sweep with an early peak.
 
-    Live the lens goes on to the end of the last window asked for: what was seen until then is all that a
-    causal search may need, so its answer lies in it.
+    In the closed loop the lens moves on until the end of the last window asked for. What was recorded until
+    then is all that a causal search may need, so its answer lies in it.
     """
     frames = LENGTHS[-1] // 2
-    view = look(gaussian_curve(frames, PEAK_FRACTIONS[0]))
+    view = record(gaussian_curve(frames, PEAK_FRACTIONS[0]))
     answer = search(view)
     seen = f"on a peak at {PEAK_FRACTIONS[0]} of the sweep it asked for frames up to {view.seen / frames:.3f}"
     if getattr(search, "causal", False) and view.seen >= frames:
         raise CheckFailure(
-            f"it says it is causal, and {seen}",
+            f"it states that it is causal, and {seen}",
             "ask for windows in their order and return at the peak, or state causal = False",
         )
     if answer.frame is not None and answer.frame > view.seen - 0.5:
         raise CheckWarning(
             f"{seen}, and answers a later one, {answer.frame / frames:.3f}",
-            "live, the lens has not been there yet: the answer is cut to what has passed",
+            "in the closed loop the lens has not been there yet: the answer is cut to the frames so far",
         )
     return seen
 
 
-def short(search: Search, look: ViewFactory) -> str:
-    """A recording that is too short is refused in one line, or answered."""
+def check_short(search: Search, record: ViewFactory) -> str:
+    """It refuses a recording that is too short in one line, or answers."""
     refused = []
-    for frames in SHORT:
+    for frames in SHORT_LENGTHS:
         try:
-            check_frame(search(look(np.ones(frames))), frames, f"a recording of {frames} frames")
+            answer = search(record(np.ones(frames)))
+            check_frame(answer, frames, recording=f"a recording of {frames} frames")
         except BadInput:
             refused.append(f"{frames}")
     return f"recordings of {', '.join(refused) or 'no'} frames are refused in one line"
 
 
 def _curves(frames: int) -> dict[str, np.ndarray]:
-    """Curves of two lengths, the second odd."""
+    """Return focus curves of two lengths, the second odd, by name."""
     odd = frames * 5 // 2 - 1
-    tops = {
+    peaks = {
         f"a peak at {at:g} of {n:,} frames": gaussian_curve(n, at)
         for n in (frames, odd)
         for at in (0, 0.3, 0.9, 1)
     }
     noise = make_generator("conformance", "noise").normal(size=frames)
     return {
-        **tops,
+        **peaks,
         "noise": noise,
         "scores below 0": -1 - gaussian_curve(frames, 0.4),
         "ones": np.ones(frames),
     }
-
-
-def _words(answer: Answer) -> str:
-    return "none" if answer.frame is None else f"frame {answer.frame:g}"

@@ -9,64 +9,70 @@ from time import perf_counter
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from saf_gen.benchmark.conformance._answer_checks import STATE_HINT
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, describe_crash
-from saf_gen.benchmark.conformance._declaration_checks import described
+from saf_gen.benchmark.conformance._declaration_checks import check_description
 from saf_gen.benchmark.conformance._sample_counts import EDGE_CASE_COUNTS, natural_texture, random_counts
 from saf_gen.parts import Measure, wants_frames, wants_halves
 
 __all__ = ["measure_checks"]
 
 TYPES = (np.uint8, np.uint16, np.int16, np.int64, np.float32, np.float64)
-PICTURE = 250, 400  # 100,000 pixels
-BLUR = 3.0  # pixels, sigma
-Whole = Callable[[np.ndarray], float]
+IMAGE = 250, 400  # 100,000 pixels
+BLUR = 3.0  # sigma in pixels
+Scorer = Callable[[np.ndarray], float]
 
 
 def measure_checks(measure: Measure) -> dict[str, Check]:
-    """The checks of one measure, by name."""
-    checks = (
-        described,
-        stated,
-        finite,
-        zero_when_empty,
-        number_types,
-        memory_layout,
-        leaves_input,
-        repeatable,
-        degree,
-        sharp_over_blurred,
-        speed,
-    )
-    return {check.__name__.replace("_", " "): partial(check, measure) for check in checks}
+    """Return the checks of one measure by name."""
+    checks: dict[str, Callable[[Measure], str]] = {
+        "described": check_description,
+        "stated": check_statements,
+        "finite": check_finite,
+        "zero when empty": check_zero_when_empty,
+        "number types": check_number_types,
+        "memory layout": check_memory_layout,
+        "leaves input": check_leaves_input,
+        "repeatable": check_repeatable,
+        "degree": check_degree,
+        "sharp over blurred": check_sharp_over_blurred,
+        "speed": measure_speed,
+    }
+    return {name: partial(check, measure) for name, check in checks.items()}
 
 
-def stated(measure: Measure) -> str:
-    """Its degree, a whole number from 0; its range; and its cost, where it states one."""
-    stated = getattr(measure, "degree", None)
-    if type(stated) is not int:
+def check_statements(measure: Measure) -> str:
+    """It states its degree, a whole number from 0, its range, and no cost that makes no sense."""
+    degree = getattr(measure, "degree", None)
+    if type(degree) is not int:
         raise CheckFailure(
-            f"its degree is {stated!r}", "add degree: ClassVar[int], the power of brightness in the score"
+            f"its degree is {degree!r}", "add degree: ClassVar[int], the power of brightness in the score"
         )
-    if stated < 0:
-        raise CheckFailure(f"its degree is {stated}, below 0", "turn the score over: larger is sharper")
+    if degree < 0:
+        raise CheckFailure(f"its degree is {degree}, below 0", "change the score so that larger is sharper")
     score_range = str(getattr(measure, "score_range", "")).strip()
     if not score_range:
         raise CheckFailure("it states no range", 'add score_range: ClassVar[str], such as "from 0"')
     cost = getattr(measure, "cost", None)
     if cost is None:
-        return f"degree {stated}, range {score_range}"
+        return f"degree {degree}, range {score_range}"
     if isinstance(cost, bool) or not isinstance(cost, int | float) or not 0 < cost < math.inf:
         raise CheckFailure(
-            f"its cost is {cost!r}", "state additions and multiplications a pixel, a number above 0, or none"
+            f"its cost is {cost!r}", "state operations per pixel, a number above 0, or leave it out"
         )
-    return f"degree {stated}, range {score_range}, cost {cost:.3g}"
+    return f"degree {degree}, range {score_range}, cost {cost:.3g}"
 
 
-def finite(measure: Measure) -> str:
-    """A finite float for counts of any kind, told the length of the window or not."""
+def check_finite(measure: Measure) -> str:
+    """It returns a finite float for counts of any kind, with the length of the window and without."""
     for name, counts in EDGE_CASE_COUNTS.items():
-        score = _score(measure, name, counts)
+        try:
+            score = _window_scorer(measure)(counts)
+        except Exception as error:  # anybody's measure may raise anything
+            raise CheckFailure(
+                f"{describe_crash(error)}, for {name} counts {counts.shape}", "score counts of any size"
+            ) from error
         if not isinstance(score, float):
             raise CheckFailure(
                 f"the score of {name} counts is no float: {type(score).__name__} {score!r}",
@@ -79,49 +85,49 @@ def finite(measure: Measure) -> str:
     return f"a finite float for counts that are {', '.join(EDGE_CASE_COUNTS)}"
 
 
-def zero_when_empty(measure: Measure) -> str:
-    """0.0 without a spike, where the score does not grow with brightness: an empty window wins nowhere."""
-    score = _whole(measure)(EDGE_CASE_COUNTS["empty"])
+def check_zero_when_empty(measure: Measure) -> str:
+    """It returns 0.0 without a spike if its degree is 0, so that an empty window is never the best."""
+    score = _window_scorer(measure)(EDGE_CASE_COUNTS["empty"])
     if measure.degree == 0 and score != 0.0:
         raise CheckFailure(f"empty counts score {score}", "return 0.0 where no pixel counted a spike")
     return f"empty counts score {score:g}"
 
 
-def number_types(measure: Measure) -> str:
-    """The same score for counts of every number type."""
-    whole, counts = _whole(measure), random_counts(37, 52)
-    score = whole(counts)
-    for other in TYPES:
-        found = whole(counts.astype(other))
-        if not math.isclose(found, score, rel_tol=1e-6, abs_tol=1e-12):
+def check_number_types(measure: Measure) -> str:
+    """It returns the same score for counts of every number type."""
+    scorer, counts = _window_scorer(measure), random_counts(37, 52)
+    score = scorer(counts)
+    for number_type in TYPES:
+        other = scorer(counts.astype(number_type))
+        if not math.isclose(other, score, rel_tol=1e-6, abs_tol=1e-12):
             raise CheckFailure(
-                f"{other.__name__} changes the score, from {score:g} to {found:g}",
-                "begin with counts.astype(np.float64): small integers wrap round",
+                f"{number_type.__name__} changes the score, from {score:g} to {other:g}",
+                "begin with counts.astype(np.float64): small integers wrap around",
             )
     return f"the same score for uint32, {', '.join(t.__name__ for t in TYPES)}"
 
 
-def memory_layout(measure: Measure) -> str:
-    """The same score however the counts lie in memory."""
-    whole, counts = _whole(measure), random_counts(37, 52)
-    score = whole(counts)
-    for name, other in {
+def check_memory_layout(measure: Measure) -> str:
+    """It returns the same score however the counts lie in memory."""
+    scorer, counts = _window_scorer(measure), random_counts(37, 52)
+    score = scorer(counts)
+    for layout, other in {
         "with gaps": np.repeat(counts, 2, axis=1)[:, ::2],
         "by columns": np.asfortranarray(counts),
     }.items():
-        if whole(other) != score:
+        if scorer(other) != score:
             raise CheckFailure(
-                f"memory order changes the score: {whole(other)!r} for counts {name}, not {score!r}",
+                f"memory order changes the score: {scorer(other)!r} for counts {layout}, not {score!r}",
                 "address pixels by row and column; np.ascontiguousarray copies where it must",
             )
     return "the same score for counts by rows, by columns and with gaps"
 
 
-def leaves_input(measure: Measure) -> str:
-    """It does not write into the counts: other methods are given the same array."""
+def check_leaves_input(measure: Measure) -> str:
+    """It does not write into the counts, since other methods get the same array."""
     before = random_counts(37, 52)
     writeable = before.copy()
-    _whole(measure)(writeable)
+    _window_scorer(measure)(writeable)
     if not np.array_equal(writeable, before):
         raise CheckFailure(
             "it changes the counts it is given", "work on a copy: counts.astype(np.float64) is one"
@@ -129,58 +135,56 @@ def leaves_input(measure: Measure) -> str:
     return "the counts are as they were"
 
 
-def repeatable(measure: Measure) -> str:
-    """The same score for the same counts: again, after other counts, and by a fresh copy."""
-    whole, counts = _whole(measure), random_counts(37, 52)
-    score = whole(counts)
-    whole(EDGE_CASE_COUNTS["one-spike"])
+def check_repeatable(measure: Measure) -> str:
+    """It returns the same score for the same counts: again, after other counts, and by a fresh copy."""
+    scorer, counts = _window_scorer(measure), random_counts(37, 52)
+    score = scorer(counts)
+    scorer(EDGE_CASE_COUNTS["one-spike"])
     for when, again in {
-        "after others": whole(counts),
-        "once more": whole(counts),
-        "by a fresh copy": _whole(replace(measure))(counts),  # type: ignore[type-var]
+        "after others": scorer(counts),
+        "once more": scorer(counts),
+        "by a fresh copy": _window_scorer(replace(measure))(counts),  # type: ignore[type-var]
     }.items():
         if again != score:
             raise CheckFailure(
-                f"the same counts get another score {when}: {again!r}, not {score!r}",
-                "draw nothing by chance, and keep nothing between calls",
+                f"the same counts get another score {when}: {again!r}, not {score!r}", STATE_HINT
             )
     return "the same score again, after other counts, and by a fresh copy"
 
 
-def degree(measure: Measure) -> str:
+def check_degree(measure: Measure) -> str:
     """Counts times 3 give the score times 3 to the stated degree."""
-    # What a measure of halves adds for counting in whole spikes does not scale: there it takes many.
+    # What a measure of halves adds for counting in whole spikes does not scale: many counts make it small.
     counts = random_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
-    whole = _whole(measure)
-    one, three = whole(counts), whole(counts * np.uint32(3))
+    scorer = _window_scorer(measure)
+    one, three = scorer(counts), scorer(counts * np.uint32(3))
     if not math.isclose(three, one * 3.0**measure.degree, rel_tol=1e-9, abs_tol=1e-12):
         measured = f"degree {math.log(three / one, 3):.4g}" if one * three > 0 else "no power of brightness"
         raise CheckFailure(
-            f"counts times 3 give {three:g} in place of {one:g}: {measured}, and it states {measure.degree}",
-            "state the degree that it has; a score with none is no power: divide by mean count first",
+            f"counts times 3 give {three:g} instead of {one:g}: {measured}, and it states {measure.degree}",
+            "state the degree that it has; a score without one is no power: divide by mean count first",
         )
     return f"counts times 3 give the score times {3**measure.degree}"
 
 
-def sharp_over_blurred(measure: Measure) -> str:
-    """A natural texture is not scored below the same picture blurred."""
+def check_sharp_over_blurred(measure: Measure) -> str:
+    """It does not score a natural texture below the same texture blurred."""
     sharp = 50 * natural_texture(96, 96)
-    blurred = gaussian_filter(sharp, BLUR, mode="wrap")
-    whole = _whole(measure)
-    high, low = whole(sharp), whole(blurred)
+    scorer = _window_scorer(measure)
+    high, low = scorer(sharp), scorer(gaussian_filter(sharp, BLUR, mode="wrap"))
     if not low <= high * (1 + 1e-9):
         raise CheckWarning(
             f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, above the sharp one's {high:.4g}",
-            "larger must mean sharper: turn its sign, or say in its docstring where it fails",
+            "larger must mean sharper: change its sign, or say in its docstring where it fails",
         )
     return f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, the sharp one {high:.4g}"
 
 
-def speed(measure: Measure) -> str:
-    """How long 100,000 pixels take; nobody fails by it."""
+def measure_speed(measure: Measure) -> str:
+    """How long 100,000 pixels take; no measure fails for it."""
     halves = (2,) if wants_halves(measure) else ()
-    counts = random_counts(*halves, *PICTURE)
-    measure(random_counts(*halves, 37, 52))  # what is compiled on first use is compiled now
+    counts = random_counts(*halves, *IMAGE)
+    measure(random_counts(*halves, 37, 52))  # compiles what is compiled on first use
     times: list[float] = []
     while len(times) < 3 and sum(times) < 0.05:
         begin = perf_counter()
@@ -189,30 +193,16 @@ def speed(measure: Measure) -> str:
     return f"{1e3 * min(times):.3g} ms for 100,000 pixels"
 
 
-def _score(measure: Measure, name: str, counts: np.ndarray) -> float:
-    """The score, or a fault that names the counts."""
-    try:
-        return _whole(measure)(counts)
-    except CheckFailure:
-        raise
-    except Exception as error:
-        raise CheckFailure(
-            f"{describe_crash(error)}, for {name} counts {counts.shape}", "score counts of any size"
-        ) from error
-
-
-def _whole(measure: Measure) -> Whole:
-    """``measure`` as one of whole windows: one of halves gets the same counts twice, a timed one a length."""
+def _window_scorer(measure: Measure) -> Scorer:
+    """Return a scorer of whole windows: a measure of halves gets the counts twice, a timed one a length."""
 
     def score(counts: np.ndarray) -> float:
         given = np.stack([counts, counts]) if wants_halves(measure) else counts
         plain = measure(given)
         if wants_frames(measure):
-            told = measure(given, frames=400)  # type: ignore[call-arg]
-            if not (isinstance(told, float) and math.isfinite(told)):
-                raise CheckFailure(
-                    f"told that there were 400 frames, it scores {told!r}", "return a finite float"
-                )
+            timed = measure(given, frames=400)  # type: ignore[call-arg]
+            if not (isinstance(timed, float) and math.isfinite(timed)):
+                raise CheckFailure(f"with frames=400 it scores {timed!r}", "return a finite float")
         return plain
 
     return score

@@ -4,10 +4,8 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from saf_gen.benchmark.conformance._answer_checks import check_frame
-from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
+from saf_gen.benchmark.conformance._answer_checks import check_frame, check_same
+from saf_gen.benchmark.conformance._check_result import CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
 from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, write_recordings
 from saf_gen.benchmark.conformance.estimating_search_checks import find_accepted_length
@@ -18,65 +16,50 @@ from saf_gen.stream.stream_file import open_stream
 
 __all__ = ["method_checks"]
 
-LEAST = 4000  # frames: windows are long enough for a spike or two
-NEAR = 0.1  # of the travel
+MIN_FRAMES = 4000  # windows are then long enough for a spike or two
+TOLERANCE = 0.1  # fraction of the travel
 ACTUATOR = "voice_coil_hall"
 
 
 def method_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
-    """The checks of one method, by name."""
-    live = partial(running_camera, method, limits)
+    """Return the checks of one method by name."""
+    closed_loop: dict[str, Check] = {"running camera": partial(check_running_camera, method, limits)}
     if commands(method.search):
-        return {"running camera": live}
-    return {"recordings": partial(recordings, method), "running camera": live}
+        return closed_loop
+    return {"recordings": partial(check_recordings, method), **closed_loop}
 
 
-def recordings(method: Method) -> str:
-    """On streams without a spike, with every spike, of too much light, and on a sweep: the same twice."""
-    frames = max(find_accepted_length(method.search), LEAST)
+def check_recordings(method: Method) -> str:
+    """It gives the same twice on streams without a spike, with every spike, saturated, and of a sweep."""
+    frames = max(find_accepted_length(method.search), MIN_FRAMES)
     answers: dict[str, Answer] = {}
     with tempfile.TemporaryDirectory(prefix="saf-gen-") as folder:
         for name, path in write_recordings(Path(folder), frames).items():
             with open_stream(path) as stream:
                 counts = WindowCounts(stream)
-                answers[name] = check_frame(
-                    method.search(RecordingView(counts, method.measure)), frames, name
-                )
-                if method.search(RecordingView(counts, method.measure)) != answers[name]:
-                    raise CheckFailure(
-                        f"the {name} stream gets another answer the second time",
-                        "draw nothing by chance, and keep nothing between calls",
-                    )
-    said = {n: "none" if a.frame is None else f"{a.frame / frames:.3f}" for n, a in answers.items()}
-    listed = ", ".join(f"{name} {at}" for name, at in said.items())
+                first, again = (method.search(RecordingView(counts, method.measure)) for _ in range(2))
+                answers[name] = check_frame(first, frames, recording=name)
+                check_same(first, again, cause=f"the {name} stream gets another answer the second time")
+    found = {name: None if a.frame is None else a.frame / frames for name, a in answers.items()}
+    listed = ", ".join(f"{name} {'none' if at is None else f'{at:.3f}'}" for name, at in found.items())
     seen = f"fractions of {frames:,} frames: {listed}; focus at {BEST_FOCUS}"
-    swept = answers["swept"].frame
-    if swept is None or abs(swept / frames - BEST_FOCUS) > NEAR:
-        raise CheckWarning(seen, f"within {NEAR:g} is what one expects of a sweep in constant light")
+    if found["swept"] is None or abs(found["swept"] - BEST_FOCUS) > TOLERANCE:
+        raise CheckWarning(seen, f"within {TOLERANCE:g} is what one expects of a sweep in constant light")
     return seen
 
 
-def running_camera(method: Method, limits: CheckLimits) -> str:
-    """Before a camera in usual light, none, and too much: within travel and budget, the same twice."""
-    from saf_gen.benchmark.conformance._closed_loop_trial import (  # reads OpenEXR files
-        LIGHT_FACTORS,
-        describe_run,
-        run_on_test_scene,
-    )
+def check_running_camera(method: Method, limits: CheckLimits) -> str:
+    """It keeps to travel and budget, the same twice, in usual light, none, and too much."""
+    # Imported here because it reads OpenEXR files.
+    from saf_gen.benchmark.conformance import _closed_loop_trial as trial
 
-    said, missed = [], False
-    for name, light in LIGHT_FACTORS.items():
-        first, again = (
-            run_on_test_scene(method, ACTUATOR, limits, best=BEST_FOCUS, light=light) for _ in range(2)
-        )
-        if first.answer != again.answer or not np.array_equal(first.path, again.path):
-            raise CheckFailure(
-                f"with {name} the same camera gets another answer: {again.answer}, not {first.answer}",
-                "draw nothing by chance, and keep nothing between calls",
-            )
-        said.append(f"{name}: {describe_run(first)}")
-        missed |= light == 1 and abs(float(first.path[-1]) - BEST_FOCUS) > NEAR
-    seen = f"the lens ends at {'; '.join(said)}; focus at {BEST_FOCUS}"
-    if missed:
-        raise CheckWarning(seen, f"within {NEAR:g} is what one expects in a usual light")
+    run = partial(trial.run_on_test_scene, method, limits=limits)
+    runs = {
+        name: trial.run_twice(run, ACTUATOR, light=light, condition=f"with {name} ")
+        for name, light in trial.LIGHT_FACTORS.items()
+    }
+    ends = "; ".join(f"{name}: {trial.describe_run(end)}" for name, end in runs.items())
+    seen = f"the lens ends at {ends}; focus at {BEST_FOCUS}"
+    if abs(float(runs["a usual light"].path[-1]) - BEST_FOCUS) > TOLERANCE:
+        raise CheckWarning(seen, f"within {TOLERANCE:g} is what one expects in a usual light")
     return seen

@@ -1,4 +1,4 @@
-"""What a name of `saf-gen methods check` means: a whole method, or a half of one."""
+"""What a name of `saf-gen methods check` means: a whole method, a measure or a search."""
 
 from typing import Any
 
@@ -10,36 +10,36 @@ from saf_gen.searches import get_search, search_names
 
 __all__ = ["resolve_name"]
 
-PART_LOADERS = {"measures": get_measure, "searches": get_search}
 FORM_SUFFIXES = ("_n", "_tfi")
 
 
 def resolve_name(spec: str) -> Method | tuple[str, Any]:
-    """The method of a spec, or the room and the part of a half: a measure or a search with its options.
+    """Return the method of a spec, or the kind (``measures``, ``searches``) and the plug-in of a half of one.
 
-    Raises BadInput for a name that is neither, and for what the part refuses.
+    Raises BadInput for a name that is neither, and for what the plug-in refuses.
     """
     if spec.startswith("@") or "+" in spec:
         return parse_method(spec)
     name, options = parse_plugin_options("".join(spec.split()), spec)
-    room = _room(name)
-    return room, PART_LOADERS[room](name, **options)
+    if _find_kind(name) == "searches":
+        return "searches", get_search(name, **options)
+    return "measures", get_measure(name, **options)
 
 
-def _room(name: str) -> str:
+def _find_kind(name: str) -> str:
     if name in names("searches"):
         return "searches"
     bare = name
     while bare.endswith(FORM_SUFFIXES) and bare not in names("measures"):
-        bare = next(bare.removesuffix(twin) for twin in FORM_SUFFIXES if bare.endswith(twin))
-    if bare in names("measures") or ":" not in name:
-        if bare not in names("measures"):
-            raise unknown("measure or search", name, allowed=[*measure_names(), *search_names()])
+        bare = next(bare.removesuffix(suffix) for suffix in FORM_SUFFIXES if bare.endswith(suffix))
+    if bare in names("measures"):
         return "measures"
-    cls = _class(name, bare)
-    if bare != name or any(hasattr(cls, says) for says in ("degree", "score_range", "halves")):
+    if ":" not in name:
+        raise unknown("measure or search", name, allowed=[*measure_names(), *search_names()])
+    cls = _load_class(name, bare)
+    if bare != name or any(hasattr(cls, member) for member in ("degree", "score_range", "halves")):
         return "measures"
-    if any(hasattr(cls, says) for says in ("causal", "commands")):
+    if any(hasattr(cls, member) for member in ("causal", "commands")):
         return "searches"
     raise BadInput(
         f"{name!r} is neither a measure nor a search",
@@ -48,8 +48,8 @@ def _room(name: str) -> str:
     )
 
 
-def _class(name: str, bare: str) -> type:
-    """The class of ``file.py:Class``; one whose own name ends like a twin's is found first."""
+def _load_class(name: str, bare: str) -> type:
+    """Return the class of ``file.py:Class``, first one whose own name ends with a suffix."""
     try:
         return plugin_class("measures", name)
     except BadInput:
