@@ -11,11 +11,11 @@ import numpy as np
 from saf_gen.authoring.preview import encode_gamma, render_small_pictures, save_image_grid, white_level
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import extreme_values, is_range
+from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene, SceneCard
-from saf_gen.stream.manifest import write_text_atomically
 
 __all__ = ["write_gallery"]
 

@@ -127,7 +127,7 @@ def score(
 ) -> None:
     """Score consecutive blocks of a stream: columns `frame` (first of the block, from 0) and `score`."""
     from saf_gen.benchmark.evaluate import score_blocks
-    from saf_gen.stream.manifest import write_text_atomically
+    from saf_gen.core.files import write_text_atomically
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:

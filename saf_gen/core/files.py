@@ -11,7 +11,13 @@ from pathlib import Path
 
 from saf_gen.errors import BadInput
 
-__all__ = ["check_writable", "remove_stale_temporaries", "unwritable_error", "write_atomically"]
+__all__ = [
+    "check_writable",
+    "remove_stale_temporaries",
+    "unwritable_error",
+    "write_atomically",
+    "write_text_atomically",
+]
 
 
 @contextmanager
@@ -37,6 +43,12 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # removed already, or its folder is not a folder
             part.unlink(missing_ok=True)
+
+
+def write_text_atomically(path: str | os.PathLike[str], text: str) -> None:
+    """Write a UTF-8 text file that is there whole or not at all; raises as :func:`write_atomically` does."""
+    with write_atomically(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def check_writable(folder: Path) -> None:

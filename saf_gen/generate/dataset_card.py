@@ -7,9 +7,10 @@ from string import Template
 from typing import Any
 
 from saf_gen.core.config.ranges import extreme_values, is_range
+from saf_gen.core.files import write_text_atomically
 from saf_gen.generate.recipe import Recipe
 from saf_gen.scene.scene_folder import SceneCard
-from saf_gen.stream.manifest import Manifest, write_text_atomically
+from saf_gen.stream.manifest import Manifest
 
 __all__ = ["write_dataset_card"]
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from saf_gen.benchmark.judgement import depth_of_focus, interpolate_position
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
+from saf_gen.core.files import write_text_atomically
 from saf_gen.leaderboard.averages import median_magnitude
 from saf_gen.leaderboard.csv_output import format_csv
 from saf_gen.leaderboard.curve_quality import CurveQuality, assess_focus_curve
-from saf_gen.stream.manifest import write_text_atomically
 
 __all__ = [
     "QUALITY_MEANINGS",

@@ -9,6 +9,7 @@ from typing import Any
 from saf_gen import __version__
 from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
 from saf_gen.benchmark.results import SequenceFailure
+from saf_gen.core.files import write_text_atomically
 from saf_gen.leaderboard.axes import AxisTable, BinSummary, tabulate_by_axis
 from saf_gen.leaderboard.columns import list_all_columns, list_shown_columns
 from saf_gen.leaderboard.csv_output import format_csv
@@ -21,7 +22,6 @@ from saf_gen.leaderboard.table_formats import (
     format_latex,
     format_markdown,
 )
-from saf_gen.stream.manifest import write_text_atomically
 
 __all__ = ["write_leaderboard"]
 

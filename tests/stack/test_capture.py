@@ -137,12 +137,12 @@ def test_slices_of_its_own_are_captured_from_the_beginning(tmp_path, monkeypatch
         error = refusal(too_long.count_frames, capture)
         assert "30 ms" in error.problem
         assert error.allowed.startswith("0.8 to 20 ms")
-        (job,) = list_sequence_tasks(folder, None, None)
-        setting = ClosedLoopSequence.from_stream(job, stream, "target")
+        (job,) = list_sequence_tasks(folder)
+        setting = ClosedLoopSequence.from_stream(job, stream, region="target")
         assert setting.data != stream.content_sha256
         note = next((folder / "stacks" / capture.plane_source.time_stack.specs[0].key).glob("lamp.json"))
         note.write_text(note.read_text().replace('"sha256": "', '"sha256": "0'))
-        assert ClosedLoopSequence.from_stream(job, stream, "target").data != setting.data
+        assert ClosedLoopSequence.from_stream(job, stream, region="target").data != setting.data
         shutil.rmtree(folder / "stacks" / capture.plane_source.time_stack.specs[3].key)
         assert Capture.from_stream(stream, folder / "stacks").frames == 160
 

@@ -19,8 +19,8 @@ from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.search_run import describe_exception
 from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, measure_mean_rate
 from saf_gen.benchmark.view import WindowCounts
+from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput
-from saf_gen.stream.manifest import write_text_atomically
 from saf_gen.stream.stream_file import open_stream
 
 __all__ = ["Policy", "evaluate_policy"]

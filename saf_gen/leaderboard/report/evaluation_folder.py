@@ -16,12 +16,11 @@ from pathlib import Path
 
 from saf_gen.benchmark.records import RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.core.files import unwritable_error
+from saf_gen.core.files import unwritable_error, write_text_atomically
 from saf_gen.leaderboard import LeaderboardRow, write_curve_tables, write_leaderboard
 from saf_gen.leaderboard.figures import add_paper_background
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
 from saf_gen.leaderboard.report.page import build_page
-from saf_gen.stream.manifest import write_text_atomically
 
 __all__ = ["WrittenEvaluation", "write_evaluation", "write_report"]
 
