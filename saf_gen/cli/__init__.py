@@ -1,6 +1,7 @@
-"""The command line: parses, calls, prints. The one room that prints, and the one door to typer.
+"""The command line: it parses arguments, calls the package and prints what it returns.
 
-One file a group of commands; a command is a plain function, and this page says what it is called.
+Each group of commands has a file of its own. A command is a plain function; this module gives it its name.
+Only this folder imports typer, and only this folder prints.
 """
 
 import os
@@ -44,7 +45,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 }
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "scenes": (
-        "Scenes that recipes can name.",
+        "List, create, check and draw scenes.",
         {
             "list": scene_commands.list_,
             "new": scene_commands.new,
@@ -53,20 +54,20 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "gallery": scene_commands.gallery,
         },
     ),
-    "recipes": ("Recipes of datasets.", {"check": recipe_commands.check}),
+    "recipes": ("Check recipes.", {"check": recipe_commands.check}),
     "methods": (
-        "Focus measures and searches: list them, show one in full, or check a method.",
+        "List focus measures and searches, show one in full, or check a method.",
         {"show": method_commands.show, "check": method_commands.check},
     ),
 }
 GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.list_}
-"""What a group does without a command; the others show their help."""
+"""The function of a group that is named without a command; other groups show their help."""
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     "generate": "what was done is kept: run the same command again to go on",
     **dict.fromkeys(("evaluate", "leaderboard", "tune", "score", "import", "export"), NOTHING_WRITTEN),
 }
-"""What is left of a command that was stopped, where it writes at all."""
+"""What a stopped command leaves behind, for the commands that write files."""
 
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
@@ -90,23 +91,34 @@ for group, (words, commands) in GROUPS.items():
 
 
 def main(argv: list[str] | None = None) -> NoReturn:
-    """Run a command; every error a user can cause ends in one line and exit code 2."""
+    """Run one command and exit; an error that a user can mend is one line on stderr and exit code 2.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        The words after ``saf-gen``; those of this process by default.
+
+    Raises
+    ------
+    SystemExit
+        Always: 0 success, 1 some sequences failed, 2 wrong input, 130 stopped by Ctrl-C.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without θ or ┃ gets a question mark
+            stream.reconfigure(errors="replace")  # a terminal without θ or ┃ shows a question mark
     try:
         code = app(args=argv, standalone_mode=False)
-        if code == STOPPED_EXIT_CODE:  # what typer makes of Ctrl-C
+        if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
             command = next(iter(sys.argv[1:] if argv is None else argv), "")
             print_error("; ".join(filter(None, ("stopped", STOP_MESSAGES.get(command)))), STOPPED_EXIT_CODE)
     except SafGenError as error:
         code = print_error(str(error), error.exit_code)
     except typer.TyperException as error:
-        message = error.format_message()  # empty where the help was shown in its place
+        message = error.format_message()  # empty if typer showed the help instead
         code = print_error(f"{message}; see: saf-gen --help", 2) if message else 2
-    except (SystemExit, BrokenPipeError):  # so typer leaves when a pipe closes: `| head` has its lines
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # python flushes while it exits
+    except (SystemExit, BrokenPipeError):  # typer exits so when a pipe closes early, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes on exit
         code = 0
-    except OSError as error:  # a disk or a terminal that went away
+    except OSError as error:  # a full disk, or a terminal that was closed
         code = print_error(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
     sys.exit(code or 0)

@@ -1,4 +1,4 @@
-"""A leaderboard in the terminal."""
+"""Print a leaderboard in the terminal."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ __all__ = ["print_leaderboard", "print_written_paths"]
 def print_leaderboard(
     rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()
 ) -> None:
-    """Print the columns that there is room for; of ``records``, what must be known to read them."""
+    """Print the columns that fit the terminal, and the notes that ``records`` call for."""
     from saf_gen.leaderboard import compose_notes, list_shown_columns
 
     shown = [c for c in list_shown_columns(rows) if out.width >= c.min_terminal_width]
@@ -35,7 +35,7 @@ def print_leaderboard(
 
 
 def print_written_paths(written: "WrittenEvaluation") -> None:
-    """Print the paths of an evaluation, and what they replaced."""
+    """Print the paths of an evaluation's files, and which evaluation they replaced."""
     for path in written.paths:
         out.print(str(path), soft_wrap=True)
     if written.replaced:

@@ -1,4 +1,4 @@
-"""What all commands share: the two consoles, the line of an error, bars and lines of progress."""
+"""The two consoles, the line of an error, and progress as bars or as lines of a log."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from rich.text import Text
 
 __all__ = ["OutFolder", "err", "make_step_reporter", "out", "print_error", "progress_bars"]
 
-# Names are printed as they are: brackets in a path are no markup.
+# Names are printed verbatim: brackets in a path are not markup.
 out = Console(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
 err = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
@@ -23,14 +23,14 @@ OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write t
 
 
 def print_error(line: str, code: int) -> int:
-    """Say what went wrong, in one line on stderr; gives ``code`` back."""
+    """Print an error as one line on stderr, and return ``code``."""
     err.print(Text.assemble(("saf-gen:", "bold red"), " ", " ".join(line.split())))
     return code
 
 
 @contextmanager
 def progress_bars() -> Iterator[Progress]:
-    """Progress bars with the time left, on stderr so that stdout stays clean for pipes."""
+    """Yield progress bars with the time left, on stderr so that stdout stays clean for pipes."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -42,14 +42,17 @@ def progress_bars() -> Iterator[Progress]:
 
 
 def make_step_reporter(verb: str, bars: Progress) -> Callable[[int, int, str], None]:
-    """Tells (steps done, steps in all, what was done) on a bar; in a log file, which has none, by lines."""
-    task, told = bars.add_task(verb, total=1), monotonic()
+    """Return a function that reports (steps done, total steps, current step).
 
-    def step(done: int, total: int, what: str) -> None:
-        nonlocal told
+    It moves a bar on a terminal, and prints a line every half minute where stderr is a file.
+    """
+    task, printed = bars.add_task(verb, total=1), monotonic()
+
+    def report(done: int, total: int, what: str) -> None:
+        nonlocal printed
         bars.update(task, completed=done, total=total, description=f"{verb} {what}")
-        if not err.is_terminal and monotonic() - told >= LOG_EVERY_S:
-            told = monotonic()
+        if not err.is_terminal and monotonic() - printed >= LOG_EVERY_S:
+            printed = monotonic()
             err.print(f"{verb} {done / total:.0%}: {what}")
 
-    return step
+    return report

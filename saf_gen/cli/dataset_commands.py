@@ -1,4 +1,4 @@
-"""Commands that make and check datasets: ``generate``, ``verify``."""
+"""The commands ``generate`` and ``verify``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,16 +18,25 @@ __all__ = ["generate", "verify"]
 
 
 def generate(
-    recipe: Annotated[Path, typer.Argument(help="A recipe, such as recipes/quickstart.yaml.")],
+    recipe: Annotated[Path, typer.Argument(help="Recipe file, such as recipes/quickstart.yaml.")],
+    *,
     folder: OutFolder = None,
-    workers: Annotated[int, typer.Option(min=1, max=256, help="Sequences recorded at a time.")] = 1,
-    cluster: Annotated[str | None, typer.Option(help="Address of a Dask scheduler to run on.")] = None,
-    split: Annotated[str | None, typer.Option(help="Only this split.")] = None,
-    shard: Annotated[str, typer.Option(help="I/N: make every N-th sequence from the I-th on.")] = "1/1",
-    variant: Annotated[str, typer.Option(help="auto, llvm, cuda or scalar.")] = "auto",
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.")] = False,
+    workers: Annotated[
+        int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")
+    ] = 1,
+    cluster: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")
+    ] = None,
+    split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
+    shard: Annotated[
+        str, typer.Option(help="I/N: generate every N-th sequence, starting with the I-th.")
+    ] = "1/1",
+    variant: Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")] = "auto",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print what would be made, and make nothing.")
+    ] = False,
 ) -> None:
-    """Make a dataset from a recipe, or go on with one that was stopped."""
+    """Generate a dataset from a recipe, or resume one that was stopped."""
     with defer_interrupts():
         from saf_gen.generate.resolve import resolve_recipe
         from saf_gen.generate.run import generate as make
@@ -39,26 +48,26 @@ def generate(
         return
     with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
-        told: set[str] = set()
+        logged: set[str] = set()
 
         def report(name: str, done: float) -> None:
             if name not in tasks:
                 tasks[name] = bars.add_task(name, total=1.0)
             bars.update(tasks[name], completed=done)
-            if done >= 1 and not err.is_terminal and name not in told:
-                told.add(name)  # a log file has no bars: a line for each piece that is done
+            if done >= 1 and not err.is_terminal and name not in logged:
+                logged.add(name)  # a log file has no bars, but one line per finished piece
                 err.print(f"done: {name}")
 
-        outcome = make(work, target, workers=workers, variant=variant, cluster=cluster, report=report)
+        result = make(work, target, workers=workers, variant=variant, cluster=cluster, report=report)
     out.print(
-        f"{len(outcome.recorded)} sequences recorded, {len(outcome.kept)} kept from before, "
-        f"{len(outcome.rendered)} pieces of focal stacks rendered"
+        f"{len(result.recorded)} sequences recorded, {len(result.kept)} kept from before, "
+        f"{len(result.rendered)} pieces of focal stacks rendered"
     )
     out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
-    for name, problem in outcome.failed.items():
-        print_error(f"{name} failed: {problem}", outcome.exit_code)
-    if outcome.failed:
-        raise typer.Exit(outcome.exit_code)
+    for name, problem in result.failed.items():
+        print_error(f"{name} failed: {problem}", result.exit_code)
+    if result.failed:
+        raise typer.Exit(result.exit_code)
 
 
 def _shard(text: str) -> tuple[int, int]:
@@ -85,8 +94,8 @@ def _print_plan(work: "ResolvedRecipe", target: Path) -> None:
     )
 
 
-def verify(dataset: Annotated[Path, typer.Argument(help="A dataset folder.")]) -> None:
-    """Check every sequence of a dataset against its manifest, bit by bit."""
+def verify(dataset: Annotated[Path, typer.Argument(help="Dataset folder.")]) -> None:
+    """Check every file of a dataset against the digest in its manifest."""
     from saf_gen.stream.inspection import verify_dataset
 
     count, problems = verify_dataset(dataset)

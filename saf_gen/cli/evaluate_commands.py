@@ -1,4 +1,4 @@
-"""Commands that judge focus methods: ``evaluate``, ``score``."""
+"""The commands ``evaluate`` and ``score``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,40 +18,44 @@ TRACKS = ("recorded", "closed_loop")
 
 
 def evaluate(
-    source: Annotated[Path, typer.Argument(help="A dataset folder or a stream file.")],
-    split: Annotated[str | None, typer.Option(help="Only this split.")] = None,
+    source: Annotated[Path, typer.Argument(help="Dataset folder or stream file.")],
+    *,
+    split: Annotated[str | None, typer.Option(help="Evaluate only this split.")] = None,
     scene_motion: Annotated[
-        str | None, typer.Option(help="Only static, or only dynamic, sequences of a dataset.")
+        str | None, typer.Option(help="Evaluate only static, or only dynamic, sequences.")
     ] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option(help="MEASURE+SEARCH, options after a colon, @frame at the end; may be given again."),
+        typer.Option(help="MEASURE+SEARCH with options after a colon, @FILE of a tuned method; repeatable."),
     ] = None,
     methods: Annotated[
-        Path | None, typer.Option(help="A file that names methods, one a line; beside those of --method.")
+        Path | None, typer.Option(help="File with one method per line, in addition to --method.")
     ] = None,
     predictions: Annotated[
-        Path | None, typer.Option(help="Answers made elsewhere, a line of JSON each, judged beside.")
+        Path | None, typer.Option(help="File of answers computed elsewhere, one line of JSON each.")
     ] = None,
     folder: OutFolder = None,
     track: Annotated[
         str,
-        typer.Option(help="recorded: all methods see the same sweep; closed_loop: each moves the lens."),
+        typer.Option(
+            help="recorded: all see the same recording; closed_loop: each commands the lens."
+        ),
     ] = "recorded",
     actuator: Annotated[
-        str | None, typer.Option(help="Of the closed loop: a preset or a .yaml file (voice_coil).")
+        str | None, typer.Option(help="Closed loop: actuator preset or .yaml file (default: voice_coil).")
     ] = None,
     budget: Annotated[
-        float | None, typer.Option(help="Of the closed loop: milliseconds (the recording's length).")
+        float | None,
+        typer.Option(help="Closed loop: milliseconds until judged (default: the recording)."),
     ] = None,
     sweep: Annotated[
-        float | None, typer.Option(help="Of the closed loop: milliseconds from end to end (half the budget).")
+        float | None, typer.Option(help="Closed loop: milliseconds per sweep (default: half the budget).")
     ] = None,
     region: Annotated[
-        str, typer.Option(help="target (box round the target), frame, or both: each method twice.")
+        str, typer.Option(help="Where methods look: target (its bounding box), frame, or both.")
     ] = "target",
 ) -> None:
-    """Run focus methods over recordings, rank them, draw their curves."""
+    """Run focus methods over recordings, rank them, and write tables, figures and a page."""
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.method_spec import read_method_list
     from saf_gen.core.files import check_writable
@@ -59,8 +63,8 @@ def evaluate(
     from saf_gen.leaderboard.report import write_evaluation
 
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
-    protocol = build_protocol(track, actuator, budget, sweep)
-    target = folder or _beside(source, track)
+    protocol = build_protocol(track, actuator=actuator, budget=budget, sweep=sweep)
+    target = folder or _default_folder(source, track)
     check_writable(target)
     with progress_bars() as bars:
         result = run(
@@ -75,11 +79,11 @@ def evaluate(
         )
     rows = rank_methods(result.records)
     sequences = len({record.sequence for record in result.records})
-    looked = " and ".join(sorted({record.region for record in result.records}, reverse=True))
+    regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
     print_leaderboard(
         rows,
         records=result.records,
-        title=f"{source}: {sequences} sequences, region {looked}{', closed loop' if protocol else ''}",
+        title=f"{source}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
     )
     written = write_evaluation(target, rows=rows, evaluation=result, title=source.resolve().name)
     print_written_paths(written)
@@ -90,9 +94,9 @@ def evaluate(
 
 
 def build_protocol(
-    track: str, actuator: str | None, budget: float | None, sweep: float | None
+    track: str, *, actuator: str | None, budget: float | None, sweep: float | None
 ) -> "ClosedLoopProtocol | None":
-    """The protocol of the closed loop; None for the recorded track, which has none."""
+    """Return the closed-loop protocol, times given in milliseconds; None for the recorded track."""
     if track not in TRACKS:
         raise unknown("track", track, allowed=TRACKS)
     if track == "recorded":
@@ -112,20 +116,25 @@ def build_protocol(
     )
 
 
-def _beside(source: Path, track: str) -> Path:
-    """Where results go unless told: in the dataset's folder, or beside a stream; each track has its own."""
+def _default_folder(source: Path, track: str) -> Path:
+    """Return the default output folder: inside a dataset or beside a stream, one per track."""
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
     return source / name if source.is_dir() else source.with_name(f"{source.stem}-{name}")
 
 
 def score(
-    stream: Annotated[Path, typer.Argument(help="A stream file.")],
-    measure: Annotated[str, typer.Option(help="A focus measure; see: saf-gen methods.")],
-    window: Annotated[int, typer.Option(min=1, help="Frames a block.")],
-    csv: Annotated[Path | None, typer.Option("--out", help="Write here rather than to the terminal.")] = None,
-    region: Annotated[str, typer.Option(help="frame, or target (box round the target).")] = "frame",
+    stream: Annotated[Path, typer.Argument(help="Stream file.")],
+    measure: Annotated[str, typer.Option(help="Focus measure; saf-gen methods lists them.")],
+    *,
+    window: Annotated[int, typer.Option(min=1, help="Frames per block.")],
+    csv: Annotated[
+        Path | None, typer.Option("--out", help="CSV file to write (default: the terminal).")
+    ] = None,
+    region: Annotated[
+        str, typer.Option(help="Where to look: frame, or target (its bounding box).")
+    ] = "frame",
 ) -> None:
-    """Score consecutive blocks of a stream: columns `frame` (first of the block, from 0) and `score`."""
+    """Score consecutive blocks of a stream, as CSV with the first frame of each block and its score."""
     from saf_gen.benchmark.evaluate import score_blocks
     from saf_gen.core.files import write_text_atomically
     from saf_gen.stream.stream_file import open_stream

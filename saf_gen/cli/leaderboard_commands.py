@@ -1,4 +1,4 @@
-"""The command ``leaderboard``: evaluations of different days in one table."""
+"""The command ``leaderboard``, which merges evaluations into one table."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,10 +13,10 @@ __all__ = ["leaderboard"]
 
 
 def leaderboard(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of saf-gen evaluate, or their records.jsonl.")],
+    runs: Annotated[list[Path], typer.Argument(help="Evaluation folders, or their records.jsonl.")],
     folder: OutFolder = None,
 ) -> None:
-    """Rank the methods of several evaluations together: the same data, the same code, or one line why not."""
+    """Rank the methods of several evaluations in one table, if their data and code agree."""
     from saf_gen.benchmark.records import read_records
     from saf_gen.benchmark.results import Evaluation
     from saf_gen.core.files import check_writable

@@ -1,4 +1,4 @@
-"""Commands on this machine: ``bench``, ``doctor``."""
+"""The commands ``bench`` and ``doctor``."""
 
 import json
 from dataclasses import asdict
@@ -16,11 +16,11 @@ __all__ = ["bench", "doctor"]
 
 def bench(
     names: Annotated[
-        list[str] | None, typer.Argument(help="stack, encode, stream, score, job; all where none is named.")
+        list[str] | None, typer.Argument(help="stack, encode, stream, score or job (default: all).")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Figures as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Measure speed, size and memory at full size, each figure with its target (all: about eight minutes)."""
+    """Measure speed, file size and memory at full size, each beside its target (about eight minutes)."""
     from saf_gen.speed import BenchSize, run_benches
 
     with progress_bars() as bars:
@@ -54,7 +54,7 @@ def bench(
 
 
 def doctor() -> None:
-    """Say what this machine can do, and what would make it faster."""
+    """Show what this machine renders with, and what would make it faster."""
     from saf_gen.speed.machine_check import describe_installation
 
     described, advice = describe_installation()

@@ -1,4 +1,4 @@
-"""Commands on methods: ``methods`` lists what there is, ``show`` tells one in full, ``check`` tries it."""
+"""The commands ``methods``, ``methods show`` and ``methods check``."""
 
 import json
 import sys
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["check", "list_", "show"]
 
-COST = "additions, multiplications and roots a pixel, for 400 x 250 pixels where it grows with them"
+COST = "additions, multiplications and roots per pixel, of 400 x 250 pixels where it depends on their number"
 STYLES = {"pass": "green", "warn": "yellow", "fail": "bold red"}
 
 
@@ -36,24 +36,24 @@ def list_(context: typer.Context) -> None:
     )
     from saf_gen.core.config import registry
 
-    for plugin_kind, columns in (("measures", ("degree", "cost", "twins")), ("searches", ("kind",))):
+    for plugin_kind, columns in (("measures", ("degree", "cost", "forms")), ("searches", ("kind",))):
         table = Table(title=plugin_kind)
         for column in ("name", *columns):
             table.add_column(column, no_wrap=True)
         table.add_column("what it is")
         for name in registry.names(plugin_kind):
             try:
-                part = build_or_class(plugin_kind, name)
-            except BadInput as problem:  # one that cannot be loaded hides no other
+                plug_in = build_or_class(plugin_kind, name)
+            except BadInput as problem:  # a plug-in that cannot be loaded does not hide the others
                 unknown = [""] * (len(columns) - 1)
                 table.add_row(Text(name), "?", *unknown, Text(str(problem), "bold red"))
                 continue
             if plugin_kind == "measures":
-                twins = " ".join(twin for twin in measure_suffixes(part) if twin != "_n_tfi")
-                said = [format_attribute(part, "degree"), format_attribute(part, "cost"), twins]
+                forms = " ".join(form for form in measure_suffixes(plug_in) if form != "_n_tfi")
+                cells = [format_attribute(plug_in, "degree"), format_attribute(plug_in, "cost"), forms]
             else:
-                said = [search_kind(part)]
-            table.add_row(Text(name), *map(Text, said), Text(first_paragraph(part)))
+                cells = [search_kind(plug_in)]
+            table.add_row(Text(name), *map(Text, cells), Text(first_paragraph(plug_in)))
         out.print(table)
     out.print(f"Cost: {COST}. Show one in full: saf-gen methods show NAME.")
     out.print(
@@ -61,59 +61,59 @@ def list_(context: typer.Context) -> None:
     )
     out.print(
         "NAME_n divides a measure by brightness. "
-        "NAME_tfi looks at intervals between spikes in place of counts."
+        "NAME_tfi scores the intervals between spikes instead of counts."
     )
 
 
 def show(
     name: Annotated[
-        str, typer.Argument(help="A measure or a search, twins and options too, or MEASURE+SEARCH.")
+        str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")
     ],
 ) -> None:
-    """Show a measure or a search in full: formula, options, range, degree, cost, source."""
+    """Show a measure or a search in full: formula, options, range, degree, cost and source."""
     from saf_gen.benchmark.conformance.name_resolution import resolve_name
     from saf_gen.benchmark.method_spec import Method, split_region
     from saf_gen.cli._plugin_page import build_plugin_page
 
     found = resolve_name(name)
     if isinstance(found, Method):
-        names, parts = split_region(found.name)[0].split("+"), (found.measure, found.search)
-        halves = list(zip(names, ("measures", "searches"), parts, strict=True))
+        names, plug_ins = split_region(found.name)[0].split("+"), (found.measure, found.search)
+        pages = list(zip(names, ("measures", "searches"), plug_ins, strict=True))
     else:
-        halves = [("".join(name.split()), *found)]
-    for half in halves:
-        out.print(build_plugin_page(*half))
+        pages = [("".join(name.split()), *found)]
+    for title, kind, plug_in in pages:
+        out.print(build_plugin_page(title, kind, plug_in=plug_in))
 
 
 def check(
     name: Annotated[
-        str, typer.Argument(help="MEASURE+SEARCH, or one of the two alone; @FILE of tuned constants.")
+        str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, or @FILE of a tuned method.")
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Findings as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check a method: it ends, keeps to travel and budget, gives the same again, and crashes on nothing."""
+    """Check that a method ends, keeps to travel and budget, repeats its answers, and never crashes."""
     from saf_gen.benchmark.conformance import check_named as run
 
-    found = []
-    findings = run(name)
-    with err.status(Text(f"check {name}")) as status, redirect_stdout(sys.stderr):  # a part may print
-        for finding in findings:
-            found.append(finding)
-            status.update(Text(f"check {name}: {finding.part}, {finding.check}"))
+    results = []
+    checks = run(name)
+    with err.status(Text(f"check {name}")) as status, redirect_stdout(sys.stderr):  # a plug-in may print
+        for result in checks:
+            results.append(result)
+            status.update(Text(f"check {name}: {result.part}, {result.check}"))
     if as_json:
-        lines = [{"name": name, **asdict(finding)} for finding in found]
+        lines = [{"name": name, **asdict(result)} for result in results]
         out.file.write(json.dumps(lines, indent=1, ensure_ascii=False) + "\n")
     else:
-        _show(name, found)
-    if any(finding.level == "fail" for finding in found):
+        _print_results(name, results)
+    if any(result.level == "fail" for result in results):
         raise typer.Exit(1)
 
 
-def _show(name: str, found: "list[CheckResult]") -> None:
+def _print_results(name: str, results: "list[CheckResult]") -> None:
     table = Table("part", "check", "", "what was seen", "what to do", title=Text(name))
-    for finding in found:
-        level = Text(finding.level, STYLES[finding.level])
-        table.add_row(finding.part, finding.check, level, Text(finding.seen), Text(finding.to_do))
+    for result in results:
+        level = Text(result.level, STYLES[result.level])
+        table.add_row(result.part, result.check, level, Text(result.seen), Text(result.to_do))
     out.print(table)
-    levels: Counter[str] = Counter(finding.level for finding in found)
-    out.print(f"{len(found)} checks: " + ", ".join(f"{levels[level]} {level}" for level in STYLES))
+    levels: Counter[str] = Counter(result.level for result in results)
+    out.print(f"{len(results)} checks: " + ", ".join(f"{levels[level]} {level}" for level in STYLES))

@@ -1,4 +1,4 @@
-"""Commands on recipes: ``recipes check``."""
+"""The command ``recipes check``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,8 +10,8 @@ from saf_gen.cli._terminal import out
 __all__ = ["check"]
 
 
-def check(recipe: Annotated[Path, typer.Argument(help="A recipe.")]) -> None:
-    """Check a recipe and all that it names, without making anything."""
+def check(recipe: Annotated[Path, typer.Argument(help="Recipe file.")]) -> None:
+    """Check a recipe and the scenes, sensor and files that it names; nothing is generated."""
     from saf_gen.generate.resolve import resolve_recipe
 
     work = resolve_recipe(recipe)

@@ -1,4 +1,4 @@
-"""Commands on scenes: ``scenes list``, ``new``, ``check``, ``preview``, ``gallery``."""
+"""The commands ``scenes list``, ``new``, ``check``, ``preview`` and ``gallery``."""
 
 import json
 from dataclasses import asdict
@@ -22,8 +22,8 @@ __all__ = ["check", "gallery", "list_", "new", "preview"]
 
 STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
 SENSOR = "vidar_400x250"
-SensorName = Annotated[str, typer.Option("--sensor", help="A sensor by name, or its YAML file.")]
-Variant = Annotated[str, typer.Option(help="auto, llvm, cuda or scalar.")]
+SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or its YAML file.")]
+Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
 
 def list_() -> None:
@@ -38,13 +38,16 @@ def list_() -> None:
 
 
 def new(
-    name: Annotated[str, typer.Argument(help="What the scene is called: lower-case letters, digits, _.")],
-    xml: Annotated[bool, typer.Option("--xml", help="Geometry as XML, in place of a Python script.")] = False,
+    name: Annotated[str, typer.Argument(help="Name of the scene: lower-case letters, digits and _.")],
+    *,
+    xml: Annotated[
+        bool, typer.Option("--xml", help="Write the geometry as XML instead of a Python script.")
+    ] = False,
     exported: Annotated[
-        Path | None, typer.Option("--from", help="An exported scene.xml: copy it, and write its card.")
+        Path | None, typer.Option("--from", help="Exported scene.xml to copy; its scene card is written.")
     ] = None,
 ) -> None:
-    """Begin a scene of your own in ./scenes: a commented skeleton that renders at once."""
+    """Create a scene in ./scenes from a commented template that renders as it is."""
     from saf_gen.authoring.template import create_scene, import_exported_scene
 
     root = Path("scenes")
@@ -61,13 +64,14 @@ def new(
 
 def check(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Names or folders; all where none is given.")
+        list[str] | None, typer.Argument(help="Names or folders of scenes (default: all).")
     ] = None,
+    *,
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",
-    as_json: Annotated[bool, typer.Option("--json", help="Findings as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check scenes: geometry, units, reach, exposure, detail, focus curve, motion, time slices, licence."""
+    """Check scenes: geometry, units, focus range, light, detail, focus curve, motion, licence."""
     with defer_interrupts():
         from saf_gen.authoring.checks import check_scene
         from saf_gen.camera import get_sensor
@@ -83,25 +87,26 @@ def check(
                 raise
             found.append({"scene": name, "check": "card", "level": "error", "text": str(problem)})
             errors += 1
-            _tell(found[-1], as_json)
+            _print_finding(found[-1], as_json)
             continue
         with progress_bars() as bars:
-            step = partial(_step, bars, bars.add_task(f"check {name}", total=1.0))
-            for finding in check_scene(scene, camera, variant=variant, progress=step):
+            task = bars.add_task(f"check {name}", total=1.0)
+            advance = partial(_advance, bars, task)
+            for finding in check_scene(scene, camera, variant=variant, progress=advance):
                 found.append({"scene": scene.id, **asdict(finding)})
                 errors += finding.level == "error"
-                _tell(found[-1], as_json)
+                _print_finding(found[-1], as_json)
     if as_json:
         out.file.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     if errors:
         raise typer.Exit(1)
 
 
-def _step(bars: Progress, task: TaskID, done: float) -> None:
+def _advance(bars: Progress, task: TaskID, *, done: float) -> None:
     bars.update(task, completed=done)
 
 
-def _tell(finding: dict[str, str], as_json: bool) -> None:
+def _print_finding(finding: dict[str, str], as_json: bool) -> None:
     if not as_json:
         level = finding["level"]
         parts = (finding["scene"], " ", (level, STYLES[level]), f" {finding['check']}: {finding['text']}")
@@ -109,14 +114,15 @@ def _tell(finding: dict[str, str], as_json: bool) -> None:
 
 
 def preview(
-    name: Annotated[str, typer.Argument(help="The name of a scene, or its folder.")],
+    name: Annotated[str, typer.Argument(help="Name of a scene, or its folder.")],
+    *,
     target: Annotated[
         Path | None, typer.Option("--out", help="PNG to write (default: preview.png in the scene's folder).")
     ] = None,
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",
 ) -> None:
-    """Draw a contact sheet of a scene: what the lens sees, depth, lights, histogram, curves, variants."""
+    """Draw a contact sheet of a scene: images, depth, light groups, histogram, focus curves, family."""
     with defer_interrupts():
         from saf_gen.authoring.preview import preview_scene
         from saf_gen.camera import get_sensor
@@ -128,12 +134,15 @@ def preview(
 
 
 def gallery(
-    names: Annotated[list[str] | None, typer.Argument(help="Names; all scenes where none is given.")] = None,
-    folder: Annotated[Path, typer.Option("--out", help="Folder to write scenes.md to.")] = Path("docs"),
+    names: Annotated[list[str] | None, typer.Argument(help="Names of scenes (default: all).")] = None,
+    *,
+    folder: Annotated[Path, typer.Option("--out", help="Folder for scenes.md and its pictures.")] = Path(
+        "docs"
+    ),
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",
 ) -> None:
-    """Write scenes.md, a page with a picture and the numbers of every scene."""
+    """Write scenes.md, a page with a picture and the numbers of each scene."""
     with defer_interrupts():
         from saf_gen.authoring.gallery import write_gallery
         from saf_gen.camera import get_sensor
@@ -157,7 +166,7 @@ def gallery(
 
 
 def _scene(name: str) -> "Scene":
-    """A scene by its name, or by its folder where the word has a path in it."""
+    """Return a scene by its name, or by its folder where ``name`` contains a path."""
     from saf_gen.scene.scene_folder import find_scene, load_scene_folder
 
     folder = Path(name)

@@ -1,4 +1,4 @@
-"""Commands on one stream: ``import``, ``export``, ``inspect``."""
+"""The commands ``import``, ``export`` and ``inspect``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,14 +12,19 @@ __all__ = ["export", "import_", "inspect"]
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="A file of another camera or project.")],
-    target: Annotated[Path, typer.Option("--out", help="The stream to write.")],
-    layout: Annotated[str, typer.Option(help="416, dense or sps1000.")] = "416",
-    frames: Annotated[int | None, typer.Option(min=1, help="Only so many frames.")] = None,
-    rate: Annotated[float, typer.Option(help="Readouts a second; no such file records it.")] = 20_000.0,
-    flip: Annotated[bool | None, typer.Option(help="Bottom row first (default: as the layout is).")] = None,
+    file: Annotated[Path, typer.Argument(help="File of raw frames from another camera or project.")],
+    target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
+    *,
+    layout: Annotated[str, typer.Option(help="Layout of the file: 416, dense or sps1000.")] = "416",
+    frames: Annotated[
+        int | None, typer.Option(min=1, help="Number of frames to import (default: all).")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Readouts per second; raw files do not record it.")] = 20_000.0,
+    flip: Annotated[
+        bool | None, typer.Option(help="Rows are stored bottom first (default: as in the layout).")
+    ] = None,
 ) -> None:
-    """Turn somebody else's spike file into a stream."""
+    """Convert a raw spike file to a stream."""
     from saf_gen.stream.interop import import_raw_frames
     from saf_gen.stream.stream_file import open_stream
 
@@ -30,18 +35,19 @@ def import_(
 
 
 def export(
-    stream: Annotated[Path, typer.Argument(help="A stream file.")],
-    target: Annotated[Path, typer.Option("--out", help="The file to write.")],
-    layout: Annotated[str, typer.Option(help="416, dense or sps1000.")] = "416",
+    stream: Annotated[Path, typer.Argument(help="Stream file.")],
+    target: Annotated[Path, typer.Option("--out", help="Raw file to write.")],
+    *,
+    layout: Annotated[str, typer.Option(help="Layout of the file: 416, dense or sps1000.")] = "416",
 ) -> None:
-    """Write a stream in somebody else's layout."""
+    """Convert a stream to a raw spike file."""
     from saf_gen.stream.interop import export_raw_frames
 
     out.print(f"{export_raw_frames(stream, target, layout=layout)} bytes in {target}")
 
 
-def inspect(stream: Annotated[Path, typer.Argument(help="A stream file.")]) -> None:
-    """Say what is in a stream: size, light, truth, how it was made."""
+def inspect(stream: Annotated[Path, typer.Argument(help="Stream file.")]) -> None:
+    """Describe a stream: size, light, true focus, and how it was made."""
     from saf_gen.stream.inspection import describe_stream
     from saf_gen.stream.stream_file import open_stream
 

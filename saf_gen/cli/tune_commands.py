@@ -1,4 +1,4 @@
-"""The command ``tune``: constants of a method, found on train and kept in a file that records cite."""
+"""The command ``tune``, which finds a method's constants and writes a file that records cite."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,20 +14,23 @@ __all__ = ["tune"]
 
 
 def tune(
-    dataset: Annotated[Path, typer.Argument(help="A dataset folder.")],
-    method: Annotated[str, typer.Option(help="MEASURE+SEARCH; options after a colon stay as they are.")],
+    dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
+    method: Annotated[str, typer.Option(help="MEASURE+SEARCH; options given after a colon are kept.")],
+    *,
     try_: Annotated[
-        list[str], typer.Option("--try", help="measure.KEY=VALUE,... or search.KEY=VALUE,...; more of them.")
+        list[str], typer.Option("--try", help="measure.KEY=VALUE,... or search.KEY=VALUE,...; repeatable.")
     ],
-    file: Annotated[Path, typer.Option("--out", help="The file of what is found (.json).")],
-    split: Annotated[str, typer.Option(help="The split to tune on; not test.")] = "train",
+    file: Annotated[Path, typer.Option("--out", help="JSON file to write.")],
+    split: Annotated[str, typer.Option(help="Split to tune on; not test.")] = "train",
     track: Annotated[str, typer.Option(help="recorded or closed_loop.")] = "recorded",
-    actuator: Annotated[str | None, typer.Option(help="As of evaluate.")] = None,
-    budget: Annotated[float | None, typer.Option(help="As of evaluate.")] = None,
-    sweep: Annotated[float | None, typer.Option(help="As of evaluate.")] = None,
-    region: Annotated[str, typer.Option(help="target (box round the target) or frame.")] = "target",
+    actuator: Annotated[str | None, typer.Option(help="As in evaluate.")] = None,
+    budget: Annotated[float | None, typer.Option(help="As in evaluate.")] = None,
+    sweep: Annotated[float | None, typer.Option(help="As in evaluate.")] = None,
+    region: Annotated[
+        str, typer.Option(help="Where methods look: target (its bounding box) or frame.")
+    ] = "target",
 ) -> None:
-    """Try every combination of values on a split, and keep the best: `@FILE` is then a method's name."""
+    """Try every combination of values on a split, and write the best; `@FILE` then names the method."""
     from saf_gen.benchmark.tuned_method import format_tuned_method
     from saf_gen.core.files import check_writable, write_atomically
     from saf_gen.leaderboard.tuning import tune as run
@@ -46,7 +49,7 @@ def tune(
             values=values,
             split=split,
             region=region,
-            protocol=build_protocol(track, actuator, budget, sweep),
+            protocol=build_protocol(track, actuator=actuator, budget=budget, sweep=sweep),
             progress=make_step_reporter("tune", bars),
         )
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
