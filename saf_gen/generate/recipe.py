@@ -1,7 +1,6 @@
-"""A recipe: what to make, as one frozen value read from a YAML file.
+"""A recipe: what a dataset is made of, as one frozen value read from a YAML file.
 
-Nothing here renders, opens a scene or draws a number; :mod:`saf_gen.generate.plan` turns a recipe into
-sequences.
+No number is drawn and no scene opened here: :mod:`saf_gen.generate.plan` turns a recipe into sequences.
 """
 
 import math
@@ -11,7 +10,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from saf_gen.core.config import components
-from saf_gen.core.config.document import Document, FrozenModel, validate
+from saf_gen.core.config.document import FrozenModel, validate
 from saf_gen.core.config.ranges import check_parameter, extreme_values
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
@@ -34,9 +33,8 @@ NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
 class ExposureSettings(FrozenModel):
     """How much light reaches the sensor.
 
-    Either ``mean_rate``: the scene is scaled so that the target fires this often (spikes a readout) at its
-    best focus and gain 1; or ``absolute``: the scene's own radiances through the lens, in electrons.
-    ``f_number`` replaces the lens's own.
+    With ``mean_rate`` the light is scaled so that the target fires this often, in spikes per readout, at best
+    focus and gain 1. With ``absolute`` the scene's own radiances are used. ``f_number`` replaces the lens's.
     """
 
     mean_rate: float | dict[str, Any] | None = None
@@ -49,12 +47,12 @@ class ExposureSettings(FrozenModel):
             raise ValueError("either mean_rate: a number above 0 and below 1, or absolute: true")
         for value in extreme_values(self.mean_rate) if self.mean_rate is not None else ():
             if not (isinstance(value, int | float) and 0 < value < 1):
-                raise ValueError("a mean_rate above 0 and below 1 spikes a readout")
+                raise ValueError("a mean_rate above 0 and below 1 spikes per readout")
         return self
 
 
 class NoiseSwitches(FrozenModel):
-    """Which of the sensor's imperfections act; what is not named stays as the sensor has it."""
+    """Which of the sensor's imperfections act; None leaves one as the sensor has it."""
 
     shot: bool | None = None
     dark: bool | None = None
@@ -64,7 +62,7 @@ class NoiseSwitches(FrozenModel):
 
 
 class CameraSettings(FrozenModel):
-    """The spike camera: which sensor, how long it records, how bright the scene is."""
+    """The spike camera: its sensor, how many readouts it records, and its exposure."""
 
     sensor: str
     frames: int = Field(ge=16, le=10_000_000)
@@ -75,9 +73,9 @@ class CameraSettings(FrozenModel):
 
 
 class FocusSettings(FrozenModel):
-    """How many focus positions to render, evenly over the lens's travel, and how the lens moves over it.
+    """The focus positions to render, evenly over the travel of the lens, and the motion of the lens.
 
-    ``drive``, where given, is what every scene must have; else each scene is filmed with its own.
+    ``drive``, where given, is the one that every scene must have; else each scene has its own.
     """
 
     drive: Literal["image_distance", "focal_length", "stage"] | None = None
@@ -93,12 +91,12 @@ class FocusSettings(FrozenModel):
 
 
 class RenderSettings(FrozenModel):
-    """Monte Carlo samples a pixel at each focus position, and the longest light path in segments.
+    """Monte Carlo samples per pixel and focus position, and the longest light path in segments.
 
-    A scene that moves is rendered in time slices: ``slice_samples`` a pixel each (a quarter of ``samples``
-    where not given) and ``slices_per_s`` in place of what the scene's card says. A slice holds the positions
-    that the recorded lens passes then. The closed-loop track needs all positions: ``whole_slices`` has them
-    for the whole recording (true), or beside the others for as many seconds from the beginning.
+    A moving scene is rendered in time slices, ``slices_per_s`` of them (by default as many as its card says),
+    with ``slice_samples`` per pixel (by default a quarter of ``samples``). A slice holds the positions that
+    the recorded lens passes at its time. The closed-loop track needs all positions: ``whole_slices`` renders
+    them for the whole recording (true), or in addition for so many seconds from the beginning (a number).
     """
 
     samples: int = Field(ge=1, le=65_536)
@@ -118,22 +116,22 @@ class RenderSettings(FrozenModel):
 
     @property
     def samples_per_slice(self) -> int:
-        """Samples a pixel of one time slice."""
+        """Samples per pixel of one time slice."""
         return self.slice_samples or max(1, self.samples // 4)
 
     @property
     def all_positions_s(self) -> float:
-        """For so long from the beginning time slices hold all positions, s."""
+        """Seconds from the beginning for which time slices hold all positions; inf for all of them."""
         if isinstance(self.whole_slices, bool):
             return math.inf if self.whole_slices else 0.0
         return self.whole_slices
 
 
 class SplitSettings(FrozenModel):
-    """Scenes × scene motion × lights × repeats; a split owns its scenes: no other split may use them.
+    """The sequences of a split: scenes × scene motion × lights × repeats. No two splits share a scene.
 
-    ``variants``: so many members of each scene's family, which repeats take in turn. ``scene_motion``:
-    ``static`` (everything stands still) or ``dynamic`` (what moves, moves; only scenes that move have it).
+    ``variants`` is the number of members of each scene's family, which the repeats use in turn. Under
+    ``scene_motion`` "static" everything stands still; "dynamic" is for scenes in which something moves.
     """
 
     scenes: tuple[str, ...] = Field(min_length=1)
@@ -146,7 +144,7 @@ class SplitSettings(FrozenModel):
     @classmethod
     def _each_once(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         if len(set(value)) != len(value):
-            raise ValueError("each of them once; repeats makes more sequences of each")
+            raise ValueError("each name once; repeats makes more sequences of each")
         return value
 
     @model_validator(mode="after")
@@ -157,10 +155,7 @@ class SplitSettings(FrozenModel):
 
 
 class Recipe(FrozenModel):
-    """A whole dataset, from lens to splits.
-
-    ``scene_params``: by scene, values or ranges of its parameters in place of those of its card.
-    """
+    """A whole dataset; ``scene_params`` replaces parameters, or their ranges, on the cards of scenes."""
 
     name: str = Field(pattern=NAME_PATTERN)
     seed: int = Field(ge=0, le=2**63 - 1)
@@ -173,7 +168,7 @@ class Recipe(FrozenModel):
 
 
 def read_recipe(path: str | Path) -> Recipe:
-    """Read and check a recipe, and the files that its lights and its lens motion name.
+    """Read and check a recipe and the files that its lights and its lens motion name.
 
     Raises BadInput with file and line where something does not fit.
     """
@@ -181,7 +176,7 @@ def read_recipe(path: str | Path) -> Recipe:
     recipe = validate(Recipe, document)
     lights = {}
     for name, schedule in recipe.lights.items():
-        _check_name("light", name, document, ("lights", name))
+        _check_name("light", name, where=document.locate("lights", name))
         lights[name] = read_schedule(schedule, document, keys=("lights", name))
     motion = components.read_component(
         "motions", recipe.focus.motion, document=document, keys=("focus", "motion")
@@ -190,7 +185,7 @@ def read_recipe(path: str | Path) -> Recipe:
     recipe = recipe.model_copy(update={"lights": lights, "focus": focus})
     owners: dict[str, str] = {}
     for split_name, split in recipe.splits.items():
-        _check_name("split", split_name, document, ("splits", split_name))
+        _check_name("split", split_name, where=document.locate("splits", split_name))
         for i, light in enumerate(split.lights):
             if light not in recipe.lights:
                 raise unknown(
@@ -219,10 +214,10 @@ def read_recipe(path: str | Path) -> Recipe:
     return recipe
 
 
-def _check_name(what: str, name: str, document: Document, keys: tuple[str, ...]) -> None:
+def _check_name(what: str, name: str, *, where: str) -> None:
     if not name.replace("_", "").replace("-", "").isalnum() or name != name.lower():
         raise BadInput(
             f"{what} {name!r} cannot be part of a file name",
-            where=document.locate(*keys),
+            where=where,
             allowed="lower-case letters, digits, - and _",
         )

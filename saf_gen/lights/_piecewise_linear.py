@@ -1,19 +1,22 @@
-"""What schedules of straight lines share: the exact integral of a line through points."""
+"""The exact integral of straight lines through points, for schedules that are made of them."""
 
 import numpy as np
 
 
-def integrate_piecewise_linear(seconds: np.ndarray, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """Integral from 0 to each time of the line through (``times``, ``gains``), level beyond both ends.
+def integrate_piecewise_linear(seconds: np.ndarray, *, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
+    """Return the integral from 0 to each time of the line through (``times``, ``gains``).
 
-    ``times`` (N,) rise, N at least 1. Exact: trapezia whole, the one begun as a parabola.
+    ``times`` (N,) rise, with N at least 1; beyond both ends the line is level. The result is exact.
     """
     seconds = np.asarray(seconds, dtype=np.float64)
-    return _primitive(seconds, times, gains) - _primitive(np.zeros(1), times, gains)[0]
+    return (
+        _antiderivative(seconds, times=times, gains=gains)
+        - _antiderivative(np.zeros(1), times=times, gains=gains)[0]
+    )
 
 
-def _primitive(seconds: np.ndarray, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
-    """An integral that is 0 at the first point."""
+def _antiderivative(seconds: np.ndarray, *, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
+    """Return the integral from the first point to each time."""
     first, last = times[0], times[-1]
     level = gains[0] * np.minimum(seconds - first, 0) + gains[-1] * np.maximum(seconds - last, 0)
     if len(times) == 1:

@@ -80,11 +80,11 @@ def read_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[s
     """
     by_group = split_by_group(schedule, where=document.locate(*keys))
     if "" in by_group:
-        return _read(schedule, document, keys)
-    return {group: _read(component, document, (*keys, group)) for group, component in by_group.items()}
+        return _read(schedule, document, keys=keys)
+    return {group: _read(component, document, keys=(*keys, group)) for group, component in by_group.items()}
 
 
-def _read(component: Component, document: Document, keys: tuple[str, ...]) -> Component:
+def _read(component: Component, document: Document, *, keys: tuple[str, ...]) -> Component:
     return components.read_component(
         "lights", component, document=document, keys=keys, common=COMMON_KEYS, build=_build_without_scene
     )

@@ -10,7 +10,7 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Constant:
-    """The same gain throughout: ``level`` (0 and more; 0 is a lamp that is off)."""
+    """The same gain throughout, ``level``, 0 or more; 0 is a lamp that is off."""
 
     level: float = 1.0
 
@@ -19,5 +19,5 @@ class Constant:
             raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         return self.level * np.asarray(seconds, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""A flash as of a xenon tube: up in a fraction of a millisecond, then dying away."""
+"""A flash of a xenon tube: it rises in a fraction of a millisecond and then decays."""
 
 from dataclasses import dataclass
 from math import exp, inf, log1p
@@ -10,11 +10,11 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Flash:
-    """Gain ``base``, and from ``at_s`` on a flash on top of it whose highest gain is ``peak``.
+    """The gain is ``base``, and from ``at_s`` on a flash is added, with ``peak`` as the highest gain.
 
-    With t from ``at_s`` its shape is (1 - exp(-t/``rise_s``)) · exp(-t/``decay_s``): the arc takes a
-    moment to strike, then the capacitor empties through the tube. With q = decay_s/rise_s it is highest at
-    rise_s·ln(1 + q), where it reaches q/(1 + q)^(1 + 1/q); ``peak`` is scaled to that.
+    With t from ``at_s`` the flash is (1 - exp(-t/``rise_s``)) · exp(-t/``decay_s``), scaled to the peak: the
+    arc strikes, and then the capacitor empties through the tube. With q = decay_s/rise_s it is highest at
+    rise_s·ln(1 + q), where the unscaled shape is q/(1 + q)^(1 + 1/q).
     """
 
     at_s: float
@@ -35,10 +35,10 @@ class Flash:
                 raise BadInput(f"{key} is {getattr(self, key)!r}", allowed="1e-7 to 10 seconds")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         seconds = np.asarray(seconds, dtype=np.float64)
         since = np.maximum(seconds - self.at_s, 0.0)
-        # The shape is the difference of two decays: decay_s alone, and both together.
+        # The shape is the difference of two decays: that of decay_s, and that of decay_s and rise_s together.
         both_s = self.rise_s * self.decay_s / (self.rise_s + self.decay_s)
         area = both_s * np.expm1(-since / both_s) - self.decay_s * np.expm1(-since / self.decay_s)
         q = self.decay_s / self.rise_s

@@ -1,4 +1,4 @@
-"""A lamp on the mains: it flickers at twice the mains frequency, with harmonics of its own."""
+"""A lamp on the mains, which flickers at twice the mains frequency and its harmonics."""
 
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -10,14 +10,14 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Flicker:
-    """Gain ``level`` · (1 + s · Σ ``harmonics``[n] · cos((n + 1)(2π · ``hz`` · t + ``phase``))).
+    """The gain is ``level`` · (1 + s · Σ ``harmonics``[n] · cos((n + 1)(2π · ``hz`` · t + ``phase``))).
 
     The scale s follows from ``depth``, the modulation depth (highest - lowest)/(highest + lowest) of IEEE
-    Std 1789-2015. The mean over whole periods is ``level``, exactly, whatever the depth and harmonics.
+    Std 1789-2015. The mean over whole periods is exactly ``level``.
 
-    ``hz`` is 100 where the mains have 50 Hz, 120 where they have 60. ``harmonics`` are relative amplitudes
-    of hz, 2·hz, 3·hz, ...; [1, -0.2, 0.0857] is the beginning of a rectified sine. ``phase`` in radians;
-    at 0 the recording begins at a crest of the fundamental.
+    ``hz`` is 100 for mains of 50 Hz and 120 for 60 Hz. ``harmonics`` are the relative amplitudes of hz, 2·hz,
+    3·hz, ...; [1, -0.2, 0.0857] begins a rectified sine. ``phase`` is in radians; at 0 the recording begins
+    at a crest of the fundamental.
     """
 
     depth: float
@@ -28,7 +28,7 @@ class Flicker:
 
     def __post_init__(self) -> None:
         if not 0 <= self.depth <= 1:
-            raise BadInput(f"depth is {self.depth!r}", allowed="0 to 1: there is no negative light")
+            raise BadInput(f"depth is {self.depth!r}", allowed="0 to 1: light is not negative")
         if not 0 < self.hz < inf:
             raise BadInput(f"hz is {self.hz!r}", allowed="a frequency above 0 in Hz")
         if not (any(self.harmonics) and all(isfinite(a) for a in self.harmonics)):
@@ -39,7 +39,7 @@ class Flicker:
             raise BadInput(f"phase is {self.phase!r}", allowed="radians")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         seconds = np.asarray(seconds, dtype=np.float64)
         omega = 2 * np.pi * self.hz
         wave = np.zeros_like(seconds)
@@ -49,15 +49,16 @@ class Flicker:
         return self.level * (seconds + self._scale() * wave)
 
     def _scale(self) -> float:
-        """The factor s: lowest and highest are 1 + s·low and 1 + s·high, their ratio gives the depth."""
+        """Return the factor s, for which 1 + s·low and 1 + s·high have the modulation depth."""
         low, high = _extremes(np.asarray(self.harmonics, dtype=np.float64))
         return 2 * self.depth / ((high - low) - self.depth * (high + low))
 
 
 def _extremes(amplitudes: np.ndarray) -> tuple[float, float]:
-    """Lowest and highest of Σ a_n cos(nθ): its derivative is a polynomial in exp(iθ), whose roots are all.
+    """Return the lowest and highest value of Σ a_n cos(nθ).
 
-    Roots off the unit circle give angles where nothing special happens: no harm.
+    The extremes are among the roots of its derivative, a polynomial in exp(iθ); a root off the unit circle
+    gives an ordinary angle, which does no harm.
     """
     orders = np.arange(1, len(amplitudes) + 1)
     slopes = orders * amplitudes

@@ -1,4 +1,4 @@
-"""Light as somebody measured or drew it: gains in a file."""
+"""Light that was measured or drawn: gains in a CSV file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,11 +12,11 @@ from saf_gen.lights._piecewise_linear import integrate_piecewise_linear
 
 @dataclass(frozen=True)
 class FromCsv:
-    """The gain runs in straight lines through the points of a table, and is level before and after it.
+    """The gain follows straight lines through the points of a table, and is level before and after it.
 
-    ``file``: in a recipe the path of a CSV file, in the recipe's folder or below it, with the columns
-    ``time_s`` (s from the beginning of the recording, rising) and ``gain`` (0 and more). The recipe reads
-    it: the part is given ``{"path": ..., "text": ...}``.
+    ``file`` is, in a recipe, the path of a CSV file in the recipe's folder or below it, with the columns
+    ``time_s`` (seconds from the beginning of the recording, rising) and ``gain`` (0 or more). The recipe
+    reads the file, so that this class gets ``{"path": ..., "text": ...}``.
     """
 
     file: Mapping[str, str] = field(repr=False)
@@ -33,12 +33,13 @@ class FromCsv:
             raise BadInput(
                 f"gain is {gains[worst]:g} at {times[worst]:g} s",
                 where=self.file["path"],
-                allowed="0 or more: there is no negative light",
+                allowed="0 or more: light is not negative",
             )
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
-        return integrate_piecewise_linear(seconds, *self._points())
+        """Return the integral of the gain from 0 to each time, in seconds."""
+        times, gains = self._points()
+        return integrate_piecewise_linear(seconds, times=times, gains=gains)
 
     def _points(self) -> tuple[np.ndarray, np.ndarray]:
         times, gains = parse_columns(self.file["text"], ("time_s", "gain"), name=self.file["path"])

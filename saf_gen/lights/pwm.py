@@ -1,4 +1,4 @@
-"""A light that is switched on and off fast, as dimmed LEDs are."""
+"""Pulse-width modulation: light that is switched on and off fast, as dimmed LEDs are."""
 
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -10,10 +10,10 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Pwm:
-    """Gain ``high`` for the first ``duty`` of each period of 1/``hz`` seconds, ``low`` for the rest.
+    """The gain is ``high`` for the first ``duty`` of each period of 1/``hz`` seconds, ``low`` for the rest.
 
-    The mean over whole periods is low + duty·(high - low). ``phase`` in radians shifts the pattern to the
-    left: at 0 the recording begins with the light just on.
+    The mean over whole periods is low + duty·(high - low). ``phase``, in radians, shifts the pattern to the
+    left: at 0 the recording begins as the light is switched on.
     """
 
     hz: float
@@ -33,13 +33,13 @@ class Pwm:
             raise BadInput(f"phase is {self.phase!r}", allowed="radians")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         seconds = np.asarray(seconds, dtype=np.float64)
         start = np.asarray(self.phase / (2 * np.pi))
         on = (self._periods_on(seconds * self.hz + start) - self._periods_on(start)) / self.hz
         return self.low * seconds + (self.high - self.low) * on
 
     def _periods_on(self, periods: np.ndarray) -> np.ndarray:
-        """For how many periods the light has been on after so many."""
+        """Return for how many periods the light has been on after so many periods."""
         whole = np.floor(periods)
         return whole * self.duty + np.minimum(periods - whole, self.duty)

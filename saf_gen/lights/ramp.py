@@ -1,4 +1,4 @@
-"""Light that rises or falls evenly, the paper's "continuous variation"."""
+"""Light that rises or falls evenly: the continuous variation of the spike autofocus paper."""
 
 from dataclasses import dataclass
 from math import inf
@@ -26,7 +26,7 @@ class Ramp:
             raise BadInput(f"over_s is {self.over_s!r}", allowed="seconds above 0")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         length = duration_s if self.over_s is None else self.over_s
         seconds = np.asarray(seconds, dtype=np.float64)
         moving = np.minimum(seconds, length)

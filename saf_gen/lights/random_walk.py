@@ -1,4 +1,4 @@
-"""Light that wanders: clouds before the sun, people who pass a lamp."""
+"""Light that varies at random, as clouds before the sun or people who pass a lamp make it."""
 
 from dataclasses import dataclass
 from math import inf
@@ -9,22 +9,24 @@ from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.lights._piecewise_linear import integrate_piecewise_linear
 
-STEP_S = 5e-4  # between two points of the walk; the gain is a straight line between them
+STEP_S = 5e-4  # seconds between two points of the walk, which straight lines connect
 
 
 @dataclass(frozen=True)
 class RandomWalk:
-    """Gain ``level`` · exp(y - var(y)/2), where y is a Gaussian walk; its expectation is ``level`` always.
+    """The gain is ``level`` · exp(y - var(y)/2), where y is a Gaussian random walk; its mean is ``level``.
 
-    With ``return_s`` the walk returns (Ornstein and Uhlenbeck): y is stationary, with standard deviation
-    ``sd`` and correlation exp(-lag/return_s). Without, it wanders off (Brownian motion): y begins at 0 and
-    has standard deviation sd·√t after t seconds.
+    With ``return_s`` y is an Ornstein-Uhlenbeck process, stationary with standard deviation ``sd`` and
+    correlation exp(-lag/return_s). Without it y is a Brownian motion, which begins at 0 and has the standard
+    deviation sd·√t after t seconds.
 
-    ``seed`` names the walk: the same seed walks the same way, whatever the length of the recording. Where a
-    recipe gives none, each sequence has its own.
+    ``seed`` names the walk, which does not depend on the length of the recording. Where a recipe gives none,
+    each sequence has its own.
 
-    Source: G. E. Uhlenbeck and L. S. Ornstein, On the theory of the Brownian motion, Physical Review 36,
-    1930, doi:10.1103/PhysRev.36.823.
+    References
+    ----------
+    G. E. Uhlenbeck and L. S. Ornstein, On the theory of the Brownian motion, Physical Review 36, 1930,
+    doi:10.1103/PhysRev.36.823.
     """
 
     sd: float
@@ -43,20 +45,22 @@ class RandomWalk:
             raise BadInput(f"seed is {self.seed!r}", allowed="a whole number, 0 or more")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         times = np.arange(int(np.ceil(duration_s / STEP_S)) + 2) * STEP_S
         draws = make_generator("random_walk", self.seed).standard_normal(len(times))
         if self.return_s is None:
             walk = self.sd * np.sqrt(STEP_S) * np.concatenate(([0.0], np.cumsum(draws[1:])))
             variance = self.sd**2 * times
         else:
-            walk = self.sd * _returning(draws, float(np.exp(-STEP_S / self.return_s)))
+            walk = self.sd * _stationary_walk(draws, float(np.exp(-STEP_S / self.return_s)))
             variance = np.full_like(times, self.sd**2)
-        return integrate_piecewise_linear(seconds, times, self.level * np.exp(walk - variance / 2))
+        return integrate_piecewise_linear(
+            seconds, times=times, gains=self.level * np.exp(walk - variance / 2)
+        )
 
 
-def _returning(draws: np.ndarray, kept: float) -> np.ndarray:
-    """A stationary walk of variance 1 that keeps this share of its value from one point to the next."""
+def _stationary_walk(draws: np.ndarray, kept: float) -> np.ndarray:
+    """Return a stationary walk of variance 1 that keeps this fraction of its value from point to point."""
     fresh = (1 - kept * kept) ** 0.5
     walk = draws.tolist()
     for i in range(1, len(walk)):

@@ -1,4 +1,4 @@
-"""Light that swings: a dimmer moved by hand."""
+"""Light that swings slowly, as a dimmer moved by hand makes it."""
 
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -10,7 +10,7 @@ from saf_gen.errors import BadInput
 
 @dataclass(frozen=True)
 class Sine:
-    """Gain ``level`` · (1 + ``swing`` · sin(2π · ``hz`` · t + ``phase``)), phase in radians."""
+    """The gain is ``level`` · (1 + ``swing`` · sin(2π · ``hz`` · t + ``phase``)), phase in radians."""
 
     hz: float
     swing: float = 0.5
@@ -21,14 +21,14 @@ class Sine:
         if not 0 < self.hz < inf:
             raise BadInput(f"hz is {self.hz!r}", allowed="a frequency above 0 in Hz")
         if not 0 <= self.swing <= 1:
-            raise BadInput(f"swing is {self.swing!r}", allowed="0 to 1: there is no negative light")
+            raise BadInput(f"swing is {self.swing!r}", allowed="0 to 1: light is not negative")
         if not 0 <= self.level < inf:
             raise BadInput(f"level is {self.level!r}", allowed="a gain of 0 or more")
         if not (isinstance(self.phase, int | float) and isfinite(self.phase)):
             raise BadInput(f"phase is {self.phase!r}", allowed="a number of radians, as 1.57 or 1.0e-3")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         seconds = np.asarray(seconds, dtype=np.float64)
         omega = 2 * np.pi * self.hz
         swung = (np.cos(self.phase) - np.cos(omega * seconds + self.phase)) / omega

@@ -1,4 +1,4 @@
-"""Light that jumps between levels, the paper's "sudden change"."""
+"""Light that jumps between levels: the sudden change of the spike autofocus paper."""
 
 from dataclasses import dataclass
 from math import inf
@@ -7,14 +7,14 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-SHORTEST_S = 1e-6  # a readout at 1 MHz: of shorter steps every camera sees the mean alone
+SHORTEST_S = 1e-6  # a readout at 1 MHz: no camera sees more than the mean of shorter steps
 
 
 @dataclass(frozen=True)
 class Steps:
-    """A new gain every ``every_s`` seconds: the ``levels`` in turn, round and round.
+    """A new gain every ``every_s`` seconds: the ``levels`` in turn, again and again.
 
-    ``every_s`` is 1 µs at least, so that the levels of a recording can be counted and held.
+    ``every_s`` is at least 1 µs, so that all steps of a recording fit into memory.
     """
 
     every_s: float
@@ -22,12 +22,12 @@ class Steps:
 
     def __post_init__(self) -> None:
         if not SHORTEST_S <= self.every_s < inf:
-            raise BadInput(f"every_s is {self.every_s!r}", allowed=f"{SHORTEST_S:g} s and more")
+            raise BadInput(f"every_s is {self.every_s!r}", allowed=f"{SHORTEST_S:g} s or more")
         if len(self.levels) < 1 or not all(0 <= level < inf for level in self.levels):
             raise BadInput(f"levels are {self.levels!r}", allowed="a list of gains of 0 or more")
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Gain seconds from 0 to each time: whole steps summed, plus the part of the step begun."""
+        """Return the integral of the gain from 0 to each time, in seconds."""
         seconds = np.asarray(seconds, dtype=np.float64)
         count = int(np.ceil(duration_s / self.every_s)) + 1
         levels = np.resize(np.asarray(self.levels, dtype=np.float64), count)

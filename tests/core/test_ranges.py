@@ -4,11 +4,11 @@ import datetime
 
 import numpy as np
 import pytest
+from refusals import assert_says, refusal
 from scipy.stats import kstest
 
 from saf_gen.core.config.ranges import check_parameter, draw_value, extreme_values, is_range
 from saf_gen.core.seeds import make_generator
-from saf_gen.errors import BadInput
 
 
 def test_a_fixed_value_is_drawn_as_itself():
@@ -39,39 +39,36 @@ def test_a_choice_draws_every_value():
 @pytest.mark.parametrize(
     ("value", "told"),
     [
-        ({"uniform": [2, 1]}, r"uniform is \[2, 1\]; allowed: \[low, high\] with low < high"),
-        ({"uniform": 3}, r"uniform is 3"),
-        ({"log_uniform": [0, 1]}, r"with low < high, both above 0"),
-        ({"choice": []}, r"choice is \[\]; allowed: a list of at least one value"),
+        ({"uniform": [2, 1]}, "uniform is [2, 1] | [low, high] with low < high"),
+        ({"uniform": 3}, "uniform is 3"),
+        ({"log_uniform": [0, 1]}, "with low < high, both above 0"),
+        ({"choice": []}, "choice is [] | a list of at least one value"),
     ],
 )
 def test_a_degenerate_range_is_refused(value, told):
-    with pytest.raises(BadInput, match=told):
-        extreme_values(value)
+    assert_says(refusal(extreme_values, value), told)
 
 
 @pytest.mark.parametrize(
     ("value", "told"),
     [
-        ({"uniform": [0, float("inf")]}, r"uniform is \[0, inf\]; allowed: .*finite numbers"),
-        ({"uniform": [0, float("nan")]}, r"uniform is \[0, nan\]"),
-        ({"uniform": [-1.7e308, 1.7e308]}, r"uniform is .*finite numbers"),
-        ({"uniform": [0, 10**400]}, r"uniform is \[0, 10000"),
-        ({"uniform": [False, True]}, r"uniform is \[False, True\]"),
-        ({"uniform": [0, "1e-3"]}, r"uniform is \[0, '1e-3'\]"),
-        ({"log_uniform": [1e-300, 1e300]}, r"log_uniform is \[1e-300, 1e\+300\]"),
+        ({"uniform": [0, float("inf")]}, "uniform is [0, inf] | finite numbers"),
+        ({"uniform": [0, float("nan")]}, "uniform is [0, nan]"),
+        ({"uniform": [-1.7e308, 1.7e308]}, "uniform is | finite numbers"),
+        ({"uniform": [0, 10**400]}, "uniform is [0, 10000"),
+        ({"uniform": [False, True]}, "uniform is [False, True]"),
+        ({"uniform": [0, "1e-3"]}, "uniform is [0, '1e-3']"),
+        ({"log_uniform": [1e-300, 1e300]}, "log_uniform is [1e-300, 1e+300]"),
         (
             {"choice": [1, {"uniform": [0, 1]}]},
-            r"a choice holds the range \{'uniform': \[0, 1\]\}; allowed: ",
+            "a choice holds the range {'uniform': [0, 1]}",
         ),
-        ({"choice": [{"choice": [1, 2]}]}, r"a choice holds the range"),
+        ({"choice": [{"choice": [1, 2]}]}, "a choice holds the range"),
     ],
 )
 def test_what_would_draw_no_finite_number_or_a_range_is_refused(value, told):
-    with pytest.raises(BadInput, match=told):
-        extreme_values(value)
-    with pytest.raises(BadInput, match=told):
-        draw_value(value, make_generator(0))
+    assert_says(refusal(extreme_values, value), told)
+    assert_says(refusal(draw_value, value, make_generator(0)), told)
 
 
 @pytest.mark.parametrize(
@@ -91,22 +88,20 @@ DATE = datetime.date(2024, 5, 1)
     [
         (
             DATE,
-            r"r.yaml:3: params.made is the date 2024-05-01; allowed: a finite number, text, true or false",
+            "r.yaml:3 | params.made is the date 2024-05-01 | text, true or false",
         ),
-        ({"choice": [DATE, "no date"]}, r"params.made is the date 2024-05-01"),
-        (float("nan"), r"params.made is nan; allowed"),
-        pytest.param(10**400, r"params.made is 1000", id="huge"),
-        ([1, float("inf")], r"params.made is inf"),
-        ([[1, 2]], r"params.made is \[1, 2\]"),
-        (None, r"params.made is empty"),
+        ({"choice": [DATE, "no date"]}, "params.made is the date 2024-05-01"),
+        (float("nan"), "params.made is nan"),
+        pytest.param(10**400, "params.made is 1000", id="huge"),
+        ([1, float("inf")], "params.made is inf"),
+        ([[1, 2]], "params.made is [1, 2]"),
+        (None, "params.made is empty"),
         (
             {"unifrm": [0, 1]},
-            r"params.made is \{'unifrm': \[0, 1\]\}; .*\{uniform: \[...\]\}.*did you mean 'uniform'\?",
+            "params.made is {'unifrm': [0, 1]} | {uniform: [...]} | mean 'uniform",
         ),
-        ({}, r"params.made is \{\}"),
+        ({}, "params.made is {}"),
     ],
 )
 def test_a_parameter_that_no_file_could_record_is_told(value, told):
-    with pytest.raises(BadInput, match=told) as caught:
-        check_parameter(value, what="params.made", where="r.yaml:3")
-    assert "\n" not in str(caught.value)
+    assert_says(refusal(check_parameter, value, what="params.made", where="r.yaml:3"), told)

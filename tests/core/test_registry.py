@@ -61,7 +61,7 @@ class Fussy:
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"count": 2}, r"with count=2: ValueError: two is too many; give values that it takes, or mend it"),
+        ({"count": 2}, r"with count=2: ValueError: two is too many; give values that it takes, or repair it"),
         ({"count": 3}, r"with count=3: RuntimeError: three; give values"),
     ],
 )

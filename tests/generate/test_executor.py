@@ -348,7 +348,7 @@ def test_a_cluster_without_dask_is_one_line_with_what_to_install(monkeypatch):
 
 
 def test_the_command_line_tells_a_missing_dask_in_one_line(
-    monkeypatch, capsys, small_recipe, test_scenes, tmp_path
+    monkeypatch, capsys, small_recipe, test_scenes, tmp_path, worker_processes
 ):
     from saf_gen.cli import main
 

@@ -2,6 +2,7 @@
 
 import pytest
 import yaml
+from refusals import assert_says, refusal
 
 from saf_gen.errors import BadInput
 from saf_gen.generate.plan import SceneFamily, make_plan, recipe_fingerprint
@@ -177,27 +178,24 @@ def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_it
     [
         (
             {"cup": "lfet"},
-            r"scene_params.camel.cup is 'lfet'; allowed: \"left\", \"right\", as on the scene's card, or a "
-            r"choice among them; did you mean 'left'\?",
+            'scene_params.camel.cup is \'lfet\' | "left", "right" | mean \'left',
         ),
-        ({"cup": {"choice": ["left", "rihgt"]}}, r"'rihgt'.*; allowed: .*did you mean 'right'\?"),
-        ({"cup": 1}, r"cup is 1; allowed: \"left\", \"right\""),
-        ({"blades": 6}, r"blades is 6; allowed: 3, 4, 5, as on the scene's card"),
-        ({"blades": True}, r"blades is True; allowed: 3, 4, 5"),
-        ({"blades": 3.0}, r"blades is 3.0; allowed: 3, 4, 5.*did you mean '3'\?"),
-        ({"blades": {"uniform": [3, 5]}}, r"blades is \{'uniform': \[3, 5\]\}; allowed: 3, 4, 5"),
-        ({"shape": [1, 4]}, r"shape is \[1, 4\]; allowed: \[1, 2\], \[3, 4\]"),
+        ({"cup": {"choice": ["left", "rihgt"]}}, "'rihgt' | mean 'right"),
+        ({"cup": 1}, 'cup is 1 | "left", "right"'),
+        ({"blades": 6}, "blades is 6 | 3, 4, 5"),
+        ({"blades": True}, "blades is True | 3, 4, 5"),
+        ({"blades": 3.0}, "blades is 3.0 | 3, 4, 5 | mean '3"),
+        ({"blades": {"uniform": [3, 5]}}, "blades is {'uniform': [3, 5]} | 3, 4, 5"),
+        ({"shape": [1, 4]}, "shape is [1, 4] | [1, 2], [3, 4]"),
         (
             {"distance_m": "4e-1"},
-            r"distance_m is '4e-1'; allowed: a number, as on the scene's card, or a range",
+            "distance_m is '4e-1' | a number",
         ),
-        ({"distance_m": {"choice": [0.4, "far"]}}, r"distance_m is 'far'; allowed: a number"),
-        ({"distance_m": True}, r"distance_m is True; allowed: a number"),
-        ({"texels": [64, 64]}, r"texels is \[64, 64\]; allowed: a number"),
+        ({"distance_m": {"choice": [0.4, "far"]}}, "distance_m is 'far' | a number"),
+        ({"distance_m": True}, "distance_m is True | a number"),
+        ({"texels": [64, 64]}, "texels is [64, 64] | a number"),
     ],
     ids=str,
 )
 def test_a_parameter_that_the_card_could_not_have_is_told(chosen, told):
-    with pytest.raises(BadInput, match=told) as caught:
-        member(**chosen)
-    assert "\n" not in str(caught.value)
+    assert_says(refusal(member, **chosen), told)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from refusals import assert_says, refusal
 
 from saf_gen.errors import BadInput
 from saf_gen.generate.recipe import FocusSettings, read_recipe
@@ -52,110 +53,110 @@ def test_every_recipe_of_the_project_is_right(path):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("frames: 100", "frmes: 100", r"r.yaml:3: unknown key 'frmes' in camera; .*did you mean 'frames'\?"),
-        ("seed: 1", "seed: -1", r"r.yaml:2: seed is -1; allowed: greater than or equal to 0"),
-        ("frames: 100", "frames: 3", r"r.yaml:3: camera.frames is 3; allowed: greater than or equal to 16"),
-        ("{mean_rate: 0.2}", "{mean_rate: 1.2}", r"r.yaml:3: camera.exposure is .*above 0 and below 1"),
-        ("{mean_rate: 0.2}", "{}", r"either mean_rate: .* or absolute: true"),
-        ("drive: image_distance", "drive: imagedistance", r"r.yaml:4: focus.drive is 'imagedistance'"),
+        ("frames: 100", "frmes: 100", "r.yaml:3 | 'frmes' | mean 'frames"),
+        ("seed: 1", "seed: -1", "r.yaml:2 | seed is -1 | greater than or equal to 0"),
+        ("frames: 100", "frames: 3", "r.yaml:3 | camera.frames is 3 | greater than or equal to 16"),
+        ("{mean_rate: 0.2}", "{mean_rate: 1.2}", "r.yaml:3 | camera.exposure is | above 0 and below 1"),
+        ("{mean_rate: 0.2}", "{}", "either mean_rate | or absolute: true"),
+        ("drive: image_distance", "drive: imagedistance", "r.yaml:4 | focus.drive is 'imagedistance'"),
         (
             "kind: constant",
             "kind: constnt",
-            r"r.yaml:7: unknown light schedule 'constnt'; .*mean 'constant'\?",
+            "r.yaml:7 | 'constnt' | mean 'constant",
         ),
         (
             "from: 0.5",
             "form: 0.5",
-            r"r.yaml:8: unknown key of light schedule 'ramp': 'form'; .*mean 'from'\?",
+            "r.yaml:8 | 'ramp' | 'form' | mean 'from",
         ),
-        ("from: 0.5", "from: -0.5", r"r.yaml:8: from -0.5 to 1; allowed: gains of 0 or more"),
-        ("[1, 2]", "[2, 1]", r"r.yaml:8: uniform is \[2, 1\]; allowed: \[low, high\] with low < high"),
-        ("[constant, mixed]", "[constant, mixd]", r"r.yaml:10: unknown light 'mixd'; .*mean 'mixed'\?"),
-        ("{lamp: {kind", "{lamp: {kin", r"r.yaml:8: light group 'lamp' has no kind"),
+        ("from: 0.5", "from: -0.5", "r.yaml:8 | from -0.5 to 1 | 0 or more"),
+        ("[1, 2]", "[2, 1]", "r.yaml:8 | uniform is [2, 1] | [low, high] with low < high"),
+        ("[constant, mixed]", "[constant, mixd]", "r.yaml:10 | 'mixd' | mean 'mixed"),
+        ("{lamp: {kind", "{lamp: {kin", "r.yaml:8 | light group 'lamp' has no kind"),
         (
             "[constant, mixed]",
             "[constant, constant]",
-            r"r.yaml:10: splits.test.lights is \['constant', 'constant'\]; allowed: each of them once;",
+            "r.yaml:10 | splits.test.lights is ['constant', 'constant'] | each name once",
         ),
-        ("[usaf_target]", "[camel, camel]", r"r.yaml:10: splits.test.scenes is .*each of them once"),
+        ("[usaf_target]", "[camel, camel]", "r.yaml:10 | splits.test.scenes is | each name once"),
         (
             "lights: [constant, mixed]",
             "lights: [constant], scene_motion: [static, static]",
-            r"r.yaml:10: splits.test.scene_motion is .*each of them once",
+            "r.yaml:10 | splits.test.scene_motion is | each name once",
         ),
-        ("[1, 2]}", "[1, .inf]}", r"r.yaml:8: uniform is \[1, inf\]; allowed: .*finite numbers"),
+        ("[1, 2]}", "[1, .inf]}", "r.yaml:8 | uniform is [1, inf] | finite numbers"),
         (
             "{kind: constant}",
             "{choice: [{kind: constant}, {choice: [{kind: constant}]}]}",
-            r"r.yaml:7: a choice holds the range .*; allowed: values to choose among",
+            "r.yaml:7 | a choice holds the range",
         ),
-        ("name: tiny", "name: Tiny set", r"r.yaml:1: name is 'Tiny set'"),
-        ("  mixed:", "  Mixed/up:", r"light 'Mixed/up' cannot be part of a file name"),
+        ("name: tiny", "name: Tiny set", "r.yaml:1 | name is 'Tiny set'"),
+        ("  mixed:", "  Mixed/up:", "'Mixed/up'"),
     ],
 )
 def test_a_wrong_recipe_is_told_in_one_line(tmp_path, old, new, told):
     assert old in GOOD
-    with pytest.raises(BadInput, match=told) as caught:
-        read(tmp_path, GOOD.replace(old, new))
-    assert "\n" not in str(caught.value)
+    assert_says(refusal(read, tmp_path, GOOD.replace(old, new)), told)
 
 
 @pytest.mark.parametrize(
     ("motion", "told"),
     [
-        ("sweep", r"r.yaml:4: focus.motion is 'sweep'; allowed: a lens motion .*such as {kind: sweep}"),
+        ("sweep", "r.yaml:4 | focus.motion is 'sweep' | a lens motion | such as {kind: sweep}"),
         (
             "{from: 0.1}",
-            r"r.yaml:4: motion has no kind; allowed: .*from_csv, hand, hold, steps, sweep, sweep_",
+            "r.yaml:4 | motion has no kind | from_csv, hand, hold, steps, sweep, sweep_",
         ),
-        ("{kind: swep}", r"r.yaml:4: unknown lens motion 'swep'; .*mean 'sweep'\?"),
+        ("{kind: swep}", "r.yaml:4 | 'swep' | mean 'sweep"),
         (
             "{kind: sweep, form: 0.1}",
-            r"r.yaml:4: unknown key of lens motion 'sweep': 'form'; .*mean 'from'\?",
+            "r.yaml:4 | 'sweep' | 'form' | mean 'from",
         ),
-        ("{kind: sweep, to: 1.5}", r"r.yaml:4: to is 1.5; allowed: 0 to 1, a fraction of the travel"),
-        ("{kind: sweep, to: {uniform: [0.5, 1.5]}}", r"r.yaml:4: to is 1.5; allowed: 0 to 1"),
+        ("{kind: sweep, to: 1.5}", "r.yaml:4 | to is 1.5 | 0 to 1"),
+        ("{kind: sweep, to: {uniform: [0.5, 1.5]}}", "r.yaml:4 | to is 1.5 | 0 to 1"),
         (
             "{kind: sweep, to: {uniform: [0.5, 0.5]}}",
-            r"r.yaml:4: uniform is \[0.5, 0.5\]; allowed: .*low < high",
+            "r.yaml:4 | uniform is [0.5, 0.5] | low < high",
         ),
-        ("{choice: [{kind: sweep}, {kind: hold}]}", r"r.yaml:4: lens motion 'hold': .*missing"),
-        ("{choice: [sweep]}", r"r.yaml:4: motion is 'sweep'; allowed: {kind: ...,"),
+        ("{choice: [{kind: sweep}, {kind: hold}]}", "r.yaml:4 | lens motion 'hold' | missing"),
+        ("{choice: [sweep]}", "r.yaml:4 | motion is 'sweep' | {kind: ...,"),
         (
             "{kind: from_csv, file: lns.csv}",
-            r"r.yaml:4: 'lns.csv' does not exist; .*did you mean 'lens.csv'\?",
+            "r.yaml:4 | 'lns.csv' | mean 'lens.csv",
         ),
-        ("{kind: from_csv, file: ../lens.csv}", r"r.yaml:4: '../lens.csv' lies outside the folder"),
+        ("{kind: from_csv, file: ../lens.csv}", "r.yaml:4 | '../lens.csv' | outside"),
         (
             "{kind: from_csv, file: lens.csv}",
-            r"lens.csv:3: time_s goes from 0 to 0; allowed: a rising column",
+            "lens.csv:3 | time_s goes from 0 to 0 | a rising column",
         ),
     ],
 )
 def test_a_wrong_lens_motion_is_told_in_one_line(tmp_path, motion, told):
     (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0,1\n")
-    with pytest.raises(BadInput, match=told) as caught:
-        read(tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}"))
-    assert "\n" not in str(caught.value)
+    assert_says(
+        refusal(read, tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}")), told
+    )
 
 
 @pytest.mark.parametrize(
     ("motion", "told"),
     [
-        ("{kind: steps, count: {uniform: [2, 9]}, natural_hz: 900, damping: 1}", "count is .*a whole number"),
-        ("{kind: sweep_and_return, dwell_s: 1}", r"dwell_s is 1 in a recording of 0.005 s"),
-        ("{kind: hand}", r"bandwidth_hz is 5 in a recording of 0.005 s; allowed: at least 400"),
-        ("{kind: from_csv, file: lens.csv}", "lens.csv: time_s goes from 0 to 0.001, the recording"),
+        ("{kind: steps, count: {uniform: [2, 9]}, natural_hz: 900, damping: 1}", "count is | a whole number"),
+        ("{kind: sweep_and_return, dwell_s: 1}", "dwell_s is 1 in a recording of 0.005 s"),
+        ("{kind: hand}", "bandwidth_hz is 5 in a recording of 0.005 s | at least 400"),
+        ("{kind: from_csv, file: lens.csv}", "lens.csv | time_s goes from 0 to 0.001, the recording"),
     ],
 )
 def test_a_motion_that_does_not_fit_the_recording_is_told_before_anything_is_made(tmp_path, motion, told):
     (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0.001,1\n")
     path = tmp_path / "r.yaml"
     path.write_text(GOOD.replace("positions: 5", f"positions: 5, motion: {motion}"))
-    with pytest.raises(BadInput, match=told) as caught:
-        resolve_recipe(path)
-    assert str(caught.value).startswith(f"{path}: the lens motion of usaf_target-constant-00: ")
-    assert "\n" not in str(caught.value)
+    error = refusal(resolve_recipe, path)
+    assert_says(error, told)
+    assert (error.where, error.problem.split(": ")[0]) == (
+        str(path),
+        "the lens motion of usaf_target-constant-00",
+    )
 
 
 def test_a_scene_in_two_splits_is_refused(tmp_path):
@@ -167,17 +168,15 @@ def test_a_scene_in_two_splits_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("params", "told"),
     [
-        ("{made: 2024-05-01}", r"r.yaml:11: scene_params.usaf_target.made is the date 2024-05-01; allowed"),
-        ("{ink: .nan}", r"r.yaml:11: scene_params.usaf_target.ink is nan; allowed: a finite number"),
-        ("{ink: {uniform: [0, .inf]}}", r"r.yaml:11: uniform is \[0, inf\]; allowed"),
-        ("{ink: {choice: [{uniform: [0, 1]}, 1]}}", r"r.yaml:11: a choice holds the range"),
-        ("{ink: {unifrm: [0, 1]}}", r"r.yaml:11: .*did you mean 'uniform'\?"),
+        ("{made: 2024-05-01}", "r.yaml:11 | scene_params.usaf_target.made is the date 2024-05-01"),
+        ("{ink: .nan}", "r.yaml:11 | scene_params.usaf_target.ink is nan | a finite number"),
+        ("{ink: {uniform: [0, .inf]}}", "r.yaml:11 | uniform is [0, inf]"),
+        ("{ink: {choice: [{uniform: [0, 1]}, 1]}}", "r.yaml:11 | a choice holds the range"),
+        ("{ink: {unifrm: [0, 1]}}", "r.yaml:11 | mean 'uniform"),
     ],
 )
 def test_a_parameter_that_no_file_could_record_is_told_with_its_line(tmp_path, params, told):
-    with pytest.raises(BadInput, match=told) as caught:
-        read(tmp_path, GOOD + f"scene_params: {{usaf_target: {params}}}\n")
-    assert "\n" not in str(caught.value)
+    assert_says(refusal(read, tmp_path, GOOD + f"scene_params: {{usaf_target: {params}}}\n"), told)
 
 
 @pytest.mark.parametrize(
@@ -185,18 +184,16 @@ def test_a_parameter_that_no_file_could_record_is_told_with_its_line(tmp_path, p
     [
         (
             "lfet",
-            r"r.yaml: scene_params.two_planes.near_side is 'lfet'; allowed: \"left\", \"right\", as on "
-            r"the scene's card, or a choice among them; did you mean 'left'\?",
+            'r.yaml | scene_params.two_planes.near_side is \'lfet\' | "left", "right" | mean \'left',
         ),
-        ("{choice: [left, rihgt]}", r"near_side is \{'choice': .*did you mean 'right'\?"),
+        ("{choice: [left, rihgt]}", "near_side is {'choice' | mean 'right"),
     ],
 )
 def test_a_value_that_the_card_s_choice_does_not_have_is_told_before_anything_is_made(tmp_path, value, told):
     path = tmp_path / "r.yaml"
     text = GOOD.replace("[usaf_target]", "[two_planes]")
     path.write_text(f"{text}scene_params: {{two_planes: {{near_side: {value}}}}}\n")
-    with pytest.raises(BadInput, match=told):
-        resolve_recipe(path)
+    assert_says(refusal(resolve_recipe, path), told)
 
 
 @pytest.mark.parametrize("light", ["{kind: constant, level: 1.0e+39}", "{kind: constant, offset: 1.0e+300}"])

@@ -14,3 +14,9 @@ def refusal(call: Callable[..., Any], *args: Any, **options: Any) -> BadInput:
         call(*args, **options)
     assert "\n" not in str(caught.value)
     return caught.value
+
+
+def assert_says(error: BadInput, fragments: str) -> None:
+    """Assert that an error holds each of these fragments, which are separated by " | ", in any order."""
+    missing = [fragment for fragment in fragments.split(" | ") if fragment not in str(error)]
+    assert not missing, f"{missing} not in {error}"

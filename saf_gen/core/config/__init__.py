@@ -1,1 +1,1 @@
-"""Reading what users write: strict YAML, open numbers, and plug-ins by name."""
+"""Reads what users write: strict YAML and JSON, ranges of numbers, plug-ins by name."""

@@ -80,7 +80,7 @@ def validate(model: type[Model], document: Document, *, hint: str = "") -> Model
     Raises BadInput for the first thing that does not fit, with file, line, value, and what is allowed.
     ``hint`` is the next step where the file itself cannot be edited (a file that a program wrote).
     """
-    checked: Any = model  # mypy takes no type[Model] for hashable
+    checked: Any = model  # to mypy a type[Model] is not hashable
     if not isinstance(document.data, dict):
         allowed = ", ".join(_fields(model))
         raise BadInput("the file holds no keys", where=document.locate(), allowed=allowed, hint=hint)
@@ -88,10 +88,10 @@ def validate(model: type[Model], document: Document, *, hint: str = "") -> Model
         found: Model = _adapter(checked).validate_python(document.data)
         return found
     except ValidationError as error:
-        raise _first_complaint(error, model, document, hint=hint) from error
+        raise _first_complaint(error, model, document=document, hint=hint) from error
 
 
-def _first_complaint(error: ValidationError, model: Any, document: Document, *, hint: str) -> BadInput:
+def _first_complaint(error: ValidationError, model: Any, *, document: Document, hint: str) -> BadInput:
     """Return the first of pydantic's complaints as one line of ours."""
     # A misspelt key comes before the key that it leaves missing: it is what the user can see in the file.
     complaints = sorted(error.errors(), key=lambda one: one["type"] not in UNKNOWN_KEY)

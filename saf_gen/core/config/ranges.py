@@ -1,6 +1,6 @@
 """Numbers left open in a recipe: ``{uniform: [a, b]}``, ``{log_uniform: [a, b]}``, ``{choice: [...]}``.
 
-A draw takes a generator named by sequence and key, so one drawn value never moves another.
+Each value is drawn from a generator of its own, named by sequence and key, so no draw changes another.
 """
 
 import sys
@@ -19,16 +19,17 @@ PLAIN = "a finite number, text, true or false, or a list of them"
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite number; true and false are none, nor is a whole number beyond float64."""
+    """Return whether a value is a number that float64 holds; true and false are not numbers."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def is_range(value: Any) -> bool:
-    """Whether a value is one of the three forms."""
+    """Return whether a value is one of the three forms."""
     return isinstance(value, dict) and len(value) == 1 and next(iter(value)) in RANGE_FORMS
 
 
-def _parts(value: dict[str, Any], where: str) -> tuple[str, list[Any]]:
+def _form_and_values(value: dict[str, Any], where: str) -> tuple[str, list[Any]]:
+    """Return the form of a range and its list, checked."""
     kind, among = next(iter(value.items()))
     if kind == "choice":
         if not isinstance(among, list) or not among:
@@ -38,7 +39,7 @@ def _parts(value: dict[str, Any], where: str) -> tuple[str, list[Any]]:
                 raise BadInput(
                     f"a choice holds the range {value!r}",
                     where=where,
-                    allowed="values to choose among: nothing in them is drawn again",
+                    allowed="plain values",
                 )
         return kind, among
     log = kind == "log_uniform"
@@ -51,10 +52,10 @@ def _parts(value: dict[str, Any], where: str) -> tuple[str, list[Any]]:
 
 
 def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> None:
-    """Raise BadInput for a parameter that is neither plain nor a range of what is plain.
+    """Raise BadInput for a parameter that is neither plain nor a range of plain values.
 
-    Plain are finite numbers, text, true and false, and lists of them: what a file records must be what was
-    built, and a YAML date or ``.nan`` would fail only when it is stored.
+    Finite numbers, text, true and false, and lists of them are plain. A YAML date or ``.nan`` is not: it
+    could not be stored with the recording that is made with it.
     """
     for end in extreme_values(value, where=where):
         for one in end if isinstance(end, list) else [end]:
@@ -62,30 +63,32 @@ def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> 
                 forms = ", ".join(f"{{{kind}: [...]}}" for kind in RANGE_FORMS)
                 near = closest(next(iter(one)), RANGE_FORMS) if isinstance(one, dict) and one else ""
                 raise BadInput(
-                    f"{what} is {_in_words(one)}", where=where, allowed=f"{PLAIN}; or {forms}", nearest=near
+                    f"{what} is {_describe(one)}", where=where, allowed=f"{PLAIN}; or {forms}", nearest=near
                 )
 
 
 def extreme_values(value: Any, *, where: str = "") -> list[Any]:
-    """The extreme values of a range (all of a choice), to check before anything is drawn.
+    """Return the extreme values of a range, all of a choice, to check them before anything is drawn.
 
     Raises BadInput for a range that cannot be drawn from.
     """
-    return _parts(value, where)[1] if is_range(value) else [value]
+    return _form_and_values(value, where)[1] if is_range(value) else [value]
 
 
 def draw_value(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
-    """One value of a range; a fixed value is returned as it is."""
+    """Return one value of a range; a fixed value is returned as it is."""
     if not is_range(value):
         return value
-    kind, among = _parts(value, where)
+    kind, among = _form_and_values(value, where)
     if kind == "choice":
         return among[int(random.integers(len(among)))]
     low, high = among
     fraction = random.random()
     drawn = low + (high - low) * fraction if kind == "uniform" else low * (high / low) ** fraction
-    return float(f"{drawn:.12g}")  # a power's last digits differ between machines, and digests would see it
+    return float(
+        f"{drawn:.12g}"
+    )  # the last digits of a power differ between machines, and would move digests
 
 
-def _in_words(value: Any) -> str:
+def _describe(value: Any) -> str:
     return "empty" if value is None else f"the date {value}" if isinstance(value, date) else repr(value)

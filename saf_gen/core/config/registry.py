@@ -1,14 +1,16 @@
-"""Finds parts by name: light schedules, lens motions, focus measures, searches.
+"""Finds plug-ins by name: light schedules, lens motions, focus measures, searches.
 
-A part is a frozen dataclass in a file of its own, ``saf_gen/<room>/<name>.py``, or anybody's: offered
-under the entry point ``saf_gen.<room>``, or named as ``package.module:Class`` or ``file.py:Class``. Its
-fields are the keys that a recipe or a method may set (a trailing underscore is dropped: ``from_`` is
-the key ``from``). Listing imports nothing, so a part with a missing dependency cannot break the others.
+A plug-in is a frozen dataclass: one in a file of its own, ``saf_gen/<plug-in kind>/<name>.py``, one that a
+package offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:Class`` or
+``file.py:Class``. Its fields are the keys that a recipe or a method may set, without a trailing underscore:
+``from_`` is the key ``from``. Listing names imports nothing, so a plug-in that cannot be imported does not
+break the others.
 """
 
 import hashlib
 import pkgutil
 import sys
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
@@ -42,71 +44,64 @@ def _offered(plugin_kind: str) -> dict[str, EntryPoint]:
 
 
 def names(plugin_kind: str) -> list[str]:
-    """Every registered name of a room, sorted; nothing is imported."""
+    """Return every registered name of a kind, sorted; nothing is imported."""
     return sorted(_own(plugin_kind) | set(_offered(plugin_kind)))
 
 
 @cache
 def plugin_class(plugin_kind: str, name: str) -> type:
-    """The dataclass behind a name.
+    """Return the dataclass behind a name.
 
     Raises BadInput for an unknown name, and for a file or entry point that does not hold one dataclass.
     """
     if name in _own(plugin_kind):
         module = import_module(f"saf_gen.{plugin_kind}.{name}")
-        found = [v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__]
-        parts = [c for c in found if is_dataclass(c)]
-        if len(parts) != 1:
+        classes = [
+            v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__
+        ]
+        plugins = [cls for cls in classes if is_dataclass(cls)]
+        if len(plugins) != 1:
             raise BadInput(
-                f"{module.__name__} holds {len(parts)} dataclasses",
-                allowed="one part a file, a frozen dataclass",
+                f"{module.__name__} holds {len(plugins)} dataclasses",
+                allowed="one plug-in per file, a frozen dataclass",
             )
-        return parts[0]
+        return plugins[0]
     if name in _offered(plugin_kind):
-        offered = _offered(plugin_kind)[name]
-        try:
-            part = offered.load()
-        except Exception as error:  # anybody's package may raise anything as it is imported
-            raise BadInput(
-                f"{PLUGIN_KINDS[plugin_kind]} {name!r} of the entry point {offered.value!r} "
-                f"cannot be loaded: {type(error).__name__}: {error}",
-                hint="mend or remove the package that offers it",
-            ) from error
-        if not (isinstance(part, type) and is_dataclass(part)):
-            raise BadInput(f"the entry point {offered.value!r} is no part", allowed="a frozen dataclass")
-        return part
+        source = _offered(plugin_kind)[name]
+        what = f"{PLUGIN_KINDS[plugin_kind]} {name!r} of the entry point {source.value!r}"
+        return _load_dataclass(source.load, what, hint="repair or remove the package that offers it")
     if ":" in name:
-        return _named(plugin_kind, name)
+        path, _, cls = name.rpartition(":")
+
+        def load() -> Any:
+            module = _import_file(Path(path)) if path.endswith(".py") else import_module(path)
+            return getattr(module, cls)
+
+        what = f"{PLUGIN_KINDS[plugin_kind]} {name!r}"
+        return _load_dataclass(load, what, allowed="package.module:Class that Python finds, or file.py:Class")
     raise unknown(PLUGIN_KINDS[plugin_kind], name, allowed=names(plugin_kind))
 
 
-def _named(plugin_kind: str, name: str) -> type:
-    """The class that ``package.module:Class`` or ``file.py:Class`` names; its module is run."""
-    place, _, cls = name.rpartition(":")
-    where = f"{PLUGIN_KINDS[plugin_kind]} {name!r}"
+def _load_dataclass(load: Callable[[], Any], what: str, **advice: str) -> type:
     try:
-        module = _from_file(Path(place)) if place.endswith(".py") else import_module(place)
-        part = getattr(module, cls)
-    except Exception as error:  # anybody's module may raise anything, and it is told in one line
-        raise BadInput(
-            f"{where} cannot be loaded: {type(error).__name__}: {error}",
-            allowed="package.module:Class that Python finds, or file.py:Class",
-        ) from error
-    if not (isinstance(part, type) and is_dataclass(part)):
-        raise BadInput(f"{where} is no part", allowed="a frozen dataclass; see docs/add-a-method.md")
-    return part
+        plugin = load()
+    except Exception as error:  # the module is anybody's code, and may raise anything
+        raise BadInput(f"{what} cannot be loaded: {type(error).__name__}: {error}", **advice) from error
+    if not (isinstance(plugin, type) and is_dataclass(plugin)):
+        raise BadInput(f"{what} is not a plug-in", allowed="a frozen dataclass; see docs/add-a-method.md")
+    return plugin
 
 
-def _from_file(path: Path) -> ModuleType:
-    """The module of a file, by a name that no installed module has. Raises what the file raises."""
+def _import_file(path: Path) -> ModuleType:
+    """Return the module of a file, under a name that no installed module has; raises what the file raises."""
     name = f"saf_gen_of_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise ImportError(f"{path} is no Python file")
+        raise ImportError(f"{path} is not a Python file")
     module = module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up while it is run
+    sys.modules[name] = module  # dataclasses look up their module while it runs
     try:
         spec.loader.exec_module(module)
     except BaseException:
@@ -116,14 +111,14 @@ def _from_file(path: Path) -> ModuleType:
 
 
 def option_fields(plugin_kind: str, name: str) -> dict[str, str]:
-    """The keys that a part takes, each with the dataclass field that holds it."""
+    """Return the keys that a plug-in takes, each with the dataclass field that holds it."""
     return {f.name.rstrip("_"): f.name for f in fields(plugin_class(plugin_kind, name)) if f.init}
 
 
 def build(plugin_kind: str, name: str, /, **options: Any) -> Any:
-    """The part ``name`` with these options.
+    """Return the plug-in ``name`` with these options.
 
-    Raises BadInput for an unknown name or key, a missing key, or a value the part itself refuses.
+    Raises BadInput for an unknown name or key, a missing key, or a value that the plug-in refuses.
     """
     cls, known = plugin_class(plugin_kind, name), option_fields(plugin_kind, name)
     for key in options:
@@ -137,9 +132,9 @@ def build(plugin_kind: str, name: str, /, **options: Any) -> Any:
         raise BadInput(
             f"{PLUGIN_KINDS[plugin_kind]} {name!r}: {error}", allowed=", ".join(known) or "no keys"
         ) from error
-    except Exception as error:  # anybody's part may refuse a value as it likes
-        given = ", ".join(f"{key}={value!r}" for key, value in options.items()) or "no options"
+    except Exception as error:  # the plug-in is anybody's code, and may refuse a value by any exception
+        written = ", ".join(f"{key}={value!r}" for key, value in options.items()) or "no options"
         raise BadInput(
-            f"{PLUGIN_KINDS[plugin_kind]} {name!r} with {given}: {type(error).__name__}: {error}",
-            hint="give values that it takes, or mend it",
+            f"{PLUGIN_KINDS[plugin_kind]} {name!r} with {written}: {type(error).__name__}: {error}",
+            hint="give values that it takes, or repair it",
         ) from error

@@ -12,7 +12,7 @@ __all__ = ["parse_yaml", "read_yaml"]
 
 TOO_DEEP = "this is nested too deep, or in a circle"
 _YAML_SLIPS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
-"""What PyYAML lets through from Python where a value, a directive or an escape has the form but no sense."""
+"""What Python raises through PyYAML for values and escapes of the right form that have no meaning."""
 
 
 def read_yaml(path: str | Path) -> Document:
@@ -30,7 +30,7 @@ def parse_yaml(text: str, path: str | Path) -> Document:
     lines: dict[tuple[Key, ...], int] = {}
     try:
         node = _compose(text, path)
-        data = None if node is None else _plain(node, (), lines, path)
+        data = None if node is None else _to_plain(node, (), lines=lines, path=path)
     except RecursionError:
         deepest = lines[max(lines, key=len)]
         raise BadInput(TOO_DEEP, where=f"{path}:{deepest}") from None
@@ -55,8 +55,8 @@ def _compose(text: str, path: Path) -> yaml.Node | None:
         loader.dispose()
 
 
-def _plain(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], int], path: Path) -> Any:
-    """Return the plain data of a node, and note lines; YAML itself would let a second key silently win."""
+def _to_plain(node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ...], int], path: Path) -> Any:
+    """Return the plain data of a node and add its lines; YAML itself would let a second key silently win."""
     lines[at] = node.start_mark.line + 1
     if isinstance(node, yaml.MappingNode):
         out: dict[str, Any] = {}
@@ -67,19 +67,19 @@ def _plain(node: yaml.Node, at: tuple[Key, ...], lines: dict[tuple[Key, ...], in
                 raise BadInput("a key must be a name", where=here)
             if key in out:
                 raise BadInput(f"the key {key!r} stands twice", where=here, hint="keep one of the two")
-            out[key] = _plain(value_node, (*at, key), lines, path)
+            out[key] = _to_plain(value_node, (*at, key), lines=lines, path=path)
             lines[(*at, key)] = key_node.start_mark.line + 1
         return out
     if isinstance(node, yaml.SequenceNode):
-        return [_plain(item, (*at, i), lines, path) for i, item in enumerate(node.value)]
+        return [_to_plain(item, (*at, i), lines=lines, path=path) for i, item in enumerate(node.value)]
     try:
         return yaml.SafeLoader("").construct_object(node)
     except _YAML_SLIPS as error:
         kind = node.tag.removeprefix("tag:yaml.org,2002:")
-        # The others speak of PyYAML's inside, not of the value.
+        # Other exceptions describe PyYAML's inside and not the value.
         why = f": {error}" if isinstance(error, ValueError | OverflowError) else ""
         raise BadInput(
-            f"{node.value!r:.60} is no {kind}{why}",
+            f"{node.value!r:.60} is not a valid {kind}{why}",
             where=f"{path}:{lines[at]}",
             hint="put it in quotes if it is text",
         ) from error
