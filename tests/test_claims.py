@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planted_sweeps import list_streams
 from scipy.special import j1
 
 from saf_gen import encode, get_measure, get_search, get_sensor
@@ -20,7 +21,6 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource
-from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.stream_file import Truth, write_stream
 
 SHAPE = (160, 200)
@@ -109,14 +109,14 @@ def time_to_focus(take, search, sweep):
     exposed = take.open_charge_source()
     whole = (slice(0, take.sensor.rows), slice(0, take.sensor.columns))
     drive = get_actuator("ideal", speed=take.sensor.readout_hz / sweep)
-    live = RunningCamera(
-        CapturedFrames(take, exposed, whole), get_measure("sd"), drive,
+    camera = RunningCamera(
+        CapturedFrames(take, exposed, region=whole), get_measure("sd"), actuator=drive,
         start=0.0, seed=1, budget=take.frames, readout_hz=take.sensor.readout_hz,
     )  # fmt: skip
-    view = SweepView(live, 0.0, 1.0, frames=sweep)
+    view = SweepView(camera, begin=0.0, end=1.0, frames=sweep)
     answer = search(view)
-    live.commanded_trajectory = None
-    run = finish_run(live, answer, view.position_at(answer.frame), budget=take.frames)
+    camera.commanded_trajectory = None
+    run = finish_run(camera, answer, to=view.position_at(answer.frame), budget=take.frames)
     assert run.path[-1] == pytest.approx(0.5, abs=0.02)
     return int(np.flatnonzero(np.abs(run.path - run.path[-1]) > 1e-3)[-1]) + 1, answer
 
@@ -150,23 +150,15 @@ int main(int argc, char **argv) {
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 def test_predictions_of_a_program_in_c_go_through(tmp_path):
-    entries = []
     (tmp_path / "d" / "test").mkdir(parents=True)
     for name in ("one", "two"):
-        digest = write_stream(
+        write_stream(
             tmp_path / "d" / "test" / f"{name}.h5",
             np.zeros((200, 8, 8), np.uint8),
             focus_position=np.linspace(0, 1, 200, dtype=np.float32),
             truth=Truth(position=0.5, depth_of_focus=(0.45, 0.55), frame=99.5),
         )
-        entries.append(
-            SequenceEntry(
-                id=name, split="test", scene=name, variant=0, scene_motion="static", lens_motion="sweep",
-                light="constant", repeat=0, seed=1, file=f"test/{name}.h5", frames=200, fingerprint="f",
-                content_sha256=digest,
-            )
-        )  # fmt: skip
-    write_manifest(tmp_path / "d", Manifest("small", "r", "scalar_rgb", tuple(entries)))
+    list_streams(tmp_path / "d", *({"id": name, "scene": name} for name in ("one", "two")))
     (tmp_path / "middle.c").write_text(PROGRAM)
     subprocess.run(["cc", "-o", tmp_path / "middle", tmp_path / "middle.c"], check=True)
     said = subprocess.run([tmp_path / "middle", "one", "two"], check=True, capture_output=True).stdout

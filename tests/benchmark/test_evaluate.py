@@ -5,7 +5,7 @@ from fractions import Fraction
 import h5py
 import numpy as np
 import pytest
-from planted_sweeps import SHAPE, make_spikes, make_truth, write_sweep
+from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_sweep
 
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
@@ -18,7 +18,6 @@ from saf_gen.leaderboard import rank_methods
 from saf_gen.measures import get_measure
 from saf_gen.motions import readout_positions
 from saf_gen.parts import Answer, View
-from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.stream_file import open_stream, write_stream
 
 PEAK = 300.0
@@ -34,37 +33,16 @@ def stream_file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("data")
-    entries = []
+    folder, sequences = tmp_path_factory.mktemp("data"), []
     for split, scene, light, gain in [
         ("train", "board", "constant", 1.0),
         ("test", "board2", "constant", 1.0),
         ("test", "board2", "ramp", BRIGHTENING),
     ]:
         name = f"{scene}-{light}-0"
-        (folder / split).mkdir(exist_ok=True)
-        digest = write_sweep(folder / split / f"{name}.h5", PEAK, gain=gain)
-        entries.append(
-            SequenceEntry(
-                id=name,
-                split=split,
-                scene=scene,
-                variant=0,
-                scene_motion="static",
-                lens_motion="sweep",
-                light=light,
-                repeat=0,
-                seed=1,
-                file=f"{split}/{name}.h5",
-                frames=SHAPE[0],
-                fingerprint="f",
-                content_sha256=digest,
-            )
-        )
-    write_manifest(
-        folder, Manifest(name="small", recipe_fingerprint="r", variant="scalar_rgb", sequences=tuple(entries))
-    )
-    return folder
+        write_sweep(folder / split / f"{name}.h5", PEAK, gain=gain)
+        sequences.append({"id": name, "split": split, "scene": scene, "light": light})
+    return list_streams(folder, *sequences)
 
 
 def one(path, method, **options):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_sweeps import write_sweep
+from planted_sweeps import list_streams, write_sweep
 from refusals import refusal
 
 from saf_gen.benchmark import evaluate as evaluate_module
@@ -14,30 +14,14 @@ from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.benchmark.tracks.predictions import read_predictions
 from saf_gen.benchmark.tracks.sequence_tasks import list_sequence_tasks
 from saf_gen.cli import main
-from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
-    (folder / "test").mkdir()
-    usual = {
-        "split": "test",
-        "scene": "board",
-        "variant": 0,
-        "scene_motion": "static",
-        "lens_motion": "sweep",
-    }
-    usual |= {"repeat": 0, "seed": 1, "frames": 800, "fingerprint": "f"}
-    entries = tuple(
-        SequenceEntry(
-            id=name, light=name, file=f"test/{name}.h5",
-            content_sha256=write_sweep(folder / "test" / f"{name}.h5", peak), **usual,
-        )
-        for name, peak in (("one", 300.0), ("two", 500.0))
-    )  # fmt: skip
-    write_manifest(folder, Manifest("small", "r", "scalar_rgb", entries))
-    return folder
+    for name, peak in (("one", 300.0), ("two", 500.0)):
+        write_sweep(folder / "test" / f"{name}.h5", peak)
+    return list_streams(folder, *({"id": name, "light": name} for name in ("one", "two")))
 
 
 def written(path, *lines):

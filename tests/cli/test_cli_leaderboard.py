@@ -6,11 +6,10 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from planted_sweeps import SHAPE, make_spikes, make_truth, write_sweep
+from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_sweep
 
 from saf_gen.benchmark.records import read_records
 from saf_gen.cli import main
-from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.stream_file import write_stream
 
 pytestmark = pytest.mark.slow
@@ -43,10 +42,10 @@ def dataset(tmp_path_factory):
     (folder / "test").mkdir()
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
     gain = np.linspace(0.5, 2.0, SHAPE[0])
-    entries = []
+    sequences = []
     for scene, light, peak in (("board", "constant", 300.0), ("leaf", "ramp", 40.0)):
         name, brightness = f"{scene}-{light}-00", gain if light == "ramp" else np.ones(SHAPE[0])
-        digest = write_stream(
+        write_stream(
             folder / f"test/{name}.h5",
             make_spikes(peak, gain=brightness),
             focus_position=lens,
@@ -54,26 +53,8 @@ def dataset(tmp_path_factory):
             gain=brightness[:, None].astype(np.float32),
             light_names=("all",),
         )
-        entries.append(
-            SequenceEntry(
-                id=name,
-                split="test",
-                scene=scene,
-                variant=1,
-                scene_motion="static",
-                lens_motion="sweep",
-                light=light,
-                repeat=0,
-                seed=1,
-                file=f"test/{name}.h5",
-                frames=SHAPE[0],
-                fingerprint="f",
-                content_sha256=digest,
-            )
-        )
-    manifest = Manifest("small", recipe_fingerprint="r", variant="none", sequences=tuple(entries))
-    write_manifest(folder, manifest)
-    return folder
+        sequences.append({"id": name, "scene": scene, "variant": 1, "light": light})
+    return list_streams(folder, *sequences)
 
 
 @pytest.fixture(scope="module")

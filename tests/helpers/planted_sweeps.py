@@ -1,10 +1,12 @@
-"""Small focus sweeps with a planted focus, for the tests of the contest's referee."""
+"""Small focus sweeps with a planted focus, and datasets of them, for tests of the evaluator."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from saf_gen.stream.stream_file import Truth, write_stream
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.stream_file import Truth, open_stream, write_stream
 
 SHAPE = (800, 48, 64)
 
@@ -38,4 +40,25 @@ def write_sweep(path: Path, peak: float, *, known: bool = True, gain: np.ndarray
     """A stream file of such a sweep; returns its content_sha256."""
     optional = {"truth": make_truth(peak)} if known else {}
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    path.parent.mkdir(parents=True, exist_ok=True)
     return write_stream(path, make_spikes(peak, gain=gain), focus_position=lens, **optional)
+
+
+def list_streams(folder: Path, *sequences: dict[str, Any]) -> Path:
+    """Write the manifest of streams in ``folder/SPLIT/ID.h5``, with these fields and otherwise usual ones."""
+    entries = []
+    for fields in sequences:
+        usual = {
+            "split": "test",
+            "scene": "board",
+            "variant": 0,
+            "scene_motion": "static",
+            "lens_motion": "sweep",
+        }
+        usual |= {"light": "constant", "repeat": 0, "seed": 1, "fingerprint": "f"} | fields
+        file = f"{usual['split']}/{usual['id']}.h5"
+        with open_stream(folder / file) as stream:
+            found = {"frames": stream.shape[0], "content_sha256": stream.content_sha256}
+        entries.append(SequenceEntry(file=file, **usual, **found))
+    write_manifest(folder, Manifest("small", "r", "scalar_rgb", tuple(entries)))
+    return folder

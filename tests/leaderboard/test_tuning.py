@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from own_plugins import PARTS
-from planted_sweeps import write_sweep
+from planted_sweeps import list_streams, write_sweep
 from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
@@ -15,24 +15,14 @@ from saf_gen.cli import main
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation
 from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_parameter_grid, tune
-from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("data")
-    entries = []
-    for split, peak in (("train", 300.0), ("test", 500.0)):
-        (folder / split).mkdir()
-        entries.append(
-            SequenceEntry(
-                id=f"{split}-one", split=split, scene=split, variant=0, scene_motion="static",
-                lens_motion="sweep", light="constant", repeat=0, seed=1, file=f"{split}/one.h5", frames=800,
-                fingerprint="f", content_sha256=write_sweep(folder / split / "one.h5", peak),
-            )
-        )  # fmt: skip
-    write_manifest(folder, Manifest("small", "r", "scalar_rgb", tuple(entries)))
-    return folder
+    folder, splits = tmp_path_factory.mktemp("data"), {"train": 300.0, "test": 500.0}
+    for split, peak in splits.items():
+        write_sweep(folder / split / f"{split}-one.h5", peak)
+    return list_streams(folder, *({"id": f"{split}-one", "split": split, "scene": split} for split in splits))
 
 
 def test_variants_are_every_combination_beside_the_options_that_stay():

@@ -10,6 +10,7 @@ from refusals import refusal
 from saf_gen import encode, get_measure, get_sensor, open_stream, write_stream
 from saf_gen.benchmark.evaluate import score_blocks
 from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.benchmark.view.window_counts import measure_input
 from saf_gen.core.seeds import make_generator
 from saf_gen.measures import BrightnessNormalised
 
@@ -112,13 +113,13 @@ def test_at_three_counts_a_window_it_is_unbiased_where_raw_dispersion_is_not(rec
     assert odd_even < -1000 * error  # they are no halves
 
 
-def test_the_rig_counts_both_halves_of_any_window(tmp_path):
+def test_a_view_counts_both_halves_of_any_window(tmp_path):
     frames = make_generator("test_halves", "frames").integers(0, 2, (60, 6, 8)).astype(np.uint8)
     write_stream(tmp_path / "s.h5", frames)
     with open_stream(tmp_path / "s.h5") as stream:
         counts = WindowCounts(stream, (slice(1, 5), slice(2, 8)))
         for first, stop, middle in [(0, 60, 30), (3, 17, 10), (3, 18, 10), (58, 60, 59)]:
-            found = counts.halves(first, stop)
+            found = measure_input(counts, DEBIASED, first=first, stop=stop)
             assert found.dtype == np.uint32
             for half, (a, b) in zip(found, [(first, middle), (middle, stop)], strict=True):
                 np.testing.assert_array_equal(half, frames[a:b, 1:5, 2:8].sum(axis=0))
@@ -128,9 +129,9 @@ def test_the_rig_counts_both_halves_of_any_window(tmp_path):
         first, scores = score_blocks(stream, "sd_debiased", window=20)
         pairs = frames.reshape(3, 2, 10, 6, 8).sum(axis=2)
         assert scores.tolist() == [DEBIASED(pair) for pair in pairs]
-        assert "frame 7" in refusal(counts.halves, 7, 8).problem
-        assert "2 frames" in refusal(counts.halves, 7, 8).allowed
-        assert "7 to 61" in refusal(counts.halves, 7, 61).problem
+        assert "frame 7" in refusal(view.score, 7, 8).problem
+        assert "2 frames" in refusal(view.score, 7, 8).allowed
+        assert "7 to 61" in refusal(view.score, 7, 61).problem
         assert "has no halves" in refusal(score_blocks, stream, "sd_debiased", window=1).problem
 
 

@@ -137,12 +137,12 @@ def test_slices_of_its_own_are_captured_from_the_beginning(tmp_path, monkeypatch
         error = refusal(too_long.count_frames, capture)
         assert "30 ms" in error.problem
         assert error.allowed.startswith("0.8 to 20 ms")
-        (job,) = list_sequence_tasks(folder)
-        setting = ClosedLoopSequence.from_stream(job, stream, region="target")
+        (task,) = list_sequence_tasks(folder)
+        setting = ClosedLoopSequence.from_stream(task, stream, region="target")
         assert setting.data != stream.content_sha256
         note = next((folder / "stacks" / capture.plane_source.time_stack.specs[0].key).glob("lamp.json"))
         note.write_text(note.read_text().replace('"sha256": "', '"sha256": "0'))
-        assert ClosedLoopSequence.from_stream(job, stream, region="target").data != setting.data
+        assert ClosedLoopSequence.from_stream(task, stream, region="target").data != setting.data
         shutil.rmtree(folder / "stacks" / capture.plane_source.time_stack.specs[3].key)
         assert Capture.from_stream(stream, folder / "stacks").frames == 160
 
@@ -161,7 +161,7 @@ def test_no_more_is_captured_than_was_recorded(tmp_path, monkeypatch, whole_s, f
         assert Capture.from_stream(stream, folder / "stacks").frames == frames
 
 
-def test_halves_and_intervals_are_those_of_a_recording(dataset):
+def test_windows_and_intervals_are_those_of_a_recording(dataset):
     with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
         capture = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
@@ -169,6 +169,5 @@ def test_halves_and_intervals_are_those_of_a_recording(dataset):
         frames.encode_until(800, readout_positions(motion, capture.frames, readout_hz=stream.readout_hz))
         counts = WindowCounts(stream)
         for first, last in ((0, 800), (3, 61)):
-            assert np.array_equal(frames.halves(first, last), counts.halves(first, last))
+            assert np.array_equal(frames.window(first, last), counts.window(first, last))
             assert np.array_equal(frames.intervals(first, last), counts.intervals(first, last))
-        assert "2 frames" in refusal(frames.halves, 5, 6).allowed

@@ -8,7 +8,6 @@ import numpy as np
 from saf_gen.benchmark.view.interval_texture import time_texture_from_intervals
 from saf_gen.core import bits
 from saf_gen.core.region import Region
-from saf_gen.errors import BadInput
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 
@@ -54,16 +53,6 @@ class CapturedFrames:
         counts = np.zeros(self.shape, np.uint32)
         bits.add_counts(self._planes, counts, first=first, stop=stop)
         return counts
-
-    def halves(self, first: int, stop: int) -> np.ndarray:
-        """Return the counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
-
-        Raises BadInput for a single frame.
-        """
-        if stop - first < 2:
-            raise BadInput(f"the window of frame {first} alone has no halves", allowed="2 frames or more")
-        middle = first + (stop - first) // 2
-        return np.stack([self.window(first, middle), self.window(middle, stop)])
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
         """Return the texture from intervals of a window, float64 (h, w); see texture_from_intervals."""

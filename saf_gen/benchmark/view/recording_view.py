@@ -47,8 +47,10 @@ class RecordingView:
         Raises BadInput for a window that is empty or outside the recording, for a score that is not a finite
         number, and for an unknown measure.
         """
+        window = validate_window(first, stop, total=self.frames)
+        first, stop = window.start, window.stop
         score = self.scorer.score(self._counts, first=first, stop=stop, measure=measure)
-        self.now = max(self.now, int(stop))
+        self.now = max(self.now, stop)
         if measure is None:
             self.scores[first, stop] = score
         return score

@@ -91,7 +91,7 @@ class RunningCamera:
         if self._captured.frames < window.stop:
             try:
                 self._captured.encode_until(self.now, self.path)
-            except Exception as error:  # kept, because a method may swallow what is not its fault
+            except Exception as error:  # kept, because anybody's search may swallow it
                 self.stack_error = error
                 raise
         return self._captured

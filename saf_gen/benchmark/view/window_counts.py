@@ -36,16 +36,24 @@ class WindowSource(Protocol):
 
     def window(self, first: int, stop: int) -> np.ndarray: ...
 
-    def halves(self, first: int, stop: int) -> np.ndarray: ...
-
     def intervals(self, first: int, stop: int) -> np.ndarray: ...
 
 
 def measure_input(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
-    """Return what a measure is given of a window: counts, the counts of both halves, or interval texture."""
-    if wants_halves(measure):
-        return source.halves(first, stop)
-    return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)
+    """Return what a measure is given of a window of n frames.
+
+    That is counts (h, w), the counts of both halves, n // 2 frames and the rest, (2, h, w), or interval
+    texture (h, w). Raises BadInput for a single frame that has no halves.
+    """
+    if not wants_halves(measure):
+        return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)
+    if stop - first < 2:
+        raise BadInput(
+            f"the window of frame {first} alone has no halves",
+            allowed="windows of 2 frames or more for a measure that compares halves",
+        )
+    middle = first + (stop - first) // 2
+    return np.stack([source.window(first, middle), source.window(middle, stop)])
 
 
 class WindowCounts:
@@ -95,20 +103,6 @@ class WindowCounts:
         image = self._compute_once("intervals", self._compute_texture, window=window)
         self.textures_s += self._texture_seconds[window.start, window.stop]
         return image
-
-    def halves(self, first: int, stop: int) -> np.ndarray:
-        """Return the counts in both halves of a window of n frames, n // 2 and the rest: uint32 (2, h, w).
-
-        Raises BadInput as ``window`` does, and for a single frame.
-        """
-        window = validate_window(first, stop, total=self.frames)
-        if len(window) < 2:
-            raise BadInput(
-                f"the window of frame {window.start} alone has no halves",
-                allowed="windows of 2 frames or more for a measure that compares halves",
-            )
-        middle = window.start + len(window) // 2
-        return np.stack([self.window(window.start, middle), self.window(middle, window.stop)])
 
     def _compute_once(
         self, kind: str, compute: Callable[[int, int], np.ndarray], *, window: range
