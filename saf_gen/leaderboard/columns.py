@@ -33,7 +33,7 @@ class Column:
     format_value: Callable[[LeaderboardRow], str]
     justify: Literal["left", "right"] = "right"
     group: str = ""
-    """Heading that neighbouring columns share, for a table with room for a second line of headings."""
+    """Common heading of neighbouring columns, for a table with room for a second line of headings."""
     min_terminal_width: int = 0
     """Narrowest terminal that shows the column; files always have it."""
     is_fraction: bool = False

@@ -19,7 +19,7 @@ class LeaderboardRow:
 
     rank: int | None
     tied: tuple[str, ...]
-    """The other methods that share the rank."""
+    """The other methods with the same rank."""
     method: str
     success_half_dof: float | None
     success_1dof: float | None

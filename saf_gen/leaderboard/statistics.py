@@ -1,8 +1,8 @@
 """Confidence intervals of a ranking, from a paired bootstrap over scenes.
 
-The scene is the unit, because sequences of one scene share its content. Each resample draws as many scenes
-as there are, with replacement, and every method is judged on the same draw, so that what is hard for all
-cancels in a difference. Intervals are percentile intervals (Efron and Tibshirani, An Introduction to the
+The scene is the unit, because all sequences of a scene show the same content. Each resample draws as many
+scenes as there are, with replacement, and every method is judged on the same draw, so that what is hard for
+all cancels in a difference. Intervals are percentile intervals (Efron and Tibshirani, An Introduction to the
 Bootstrap, 1993, doi:10.1201/9780429246593, chapter 13). With few scenes they are too narrow, and where all
 scenes agree they have no width: a bootstrap cannot show what no scene has shown.
 """

@@ -101,7 +101,7 @@ def test_a_folder_half_replaced_is_no_evaluation_and_the_next_one_clears_it(tmp_
     replace, left = Path.replace, [moved]
 
     def until_killed(self, target):
-        if evaluation_folder.ASIDE in str(self) and evaluation_folder.ASIDE not in str(target):
+        if evaluation_folder.STAGING in str(self) and evaluation_folder.STAGING not in str(target):
             if not left[0]:
                 raise KeyboardInterrupt
             left[0] -= 1
@@ -143,7 +143,7 @@ def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluatio
 
 
 def test_what_a_killed_run_wrote_aside_goes_after_a_day_and_a_neighbour_s_stays(tmp_path):
-    old, new = tmp_path / f"{evaluation_folder.ASIDE}old", tmp_path / f"{evaluation_folder.ASIDE}new"
+    old, new = tmp_path / f"{evaluation_folder.STAGING}old", tmp_path / f"{evaluation_folder.STAGING}new"
     for left in (old, new):
         left.mkdir()
         (left / "index.html").write_text("half")

@@ -39,7 +39,7 @@ RATIO, BUDGET = CONDITIONS
 
 
 def curves(one, records=(), styles=LOOKS):
-    return plot_focus_curves(one, records, styles, title="camel")
+    return plot_focus_curves(one, records, styles=styles, title="camel")
 
 
 def main(figure):
@@ -170,7 +170,7 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
     assert [t.get_text() for t in strip.get_yticklabels()] == ["egs_code", "predictions"]
     assert legend(figure) == ["sd", "my_net", "light (mean counts)", "true focus, its depth of focus"]
     assert 0.375 in [line.get_xdata()[0] for line in axes.get_lines()]
-    assert light.get_ylabel() == "spikes a pixel, readout"
+    assert light.get_ylabel() == "spikes per pixel and readout"
     assert light.collections
     assert (axes.get_ylabel(), list(axes.get_yticks())) == ("", [])
     across = locate_cursor(figure, bare, np.array([0.0, 799.0])).across
@@ -206,18 +206,18 @@ def test_what_a_figure_leaves_out_it_says():
     ]
     both = "Drawn: the first {} of 11 searches, the first 8 of 11 measures"
     assert note(curves(make_sweep(measures=()), answered, styles)) == both.format(6)
-    assert note(plot_search_steps(make_sweep(), answered, styles, title="t")) == both.format(9)
+    assert note(plot_search_steps(make_sweep(), answered, styles=styles, title="t")) == both.format(9)
     ways = [make_lens_path(r.method) for r in answered]
-    assert note(plot_lens_paths(ways, styles, title="t")) == both.format(9)
+    assert note(plot_lens_paths(ways, styles=styles, title="t")) == both.format(9)
     against = [
         record(f"{m}+s", f"{ratio}", 0.1, light_ratio=float(ratio)) for m in names for ratio in (1, 2, 4)
     ]
-    said = note(plot_condition(against, RATIO, styles, title="t"))
+    said = note(plot_condition(against, RATIO, styles=styles, title="t"))
     assert said == "Drawn: the first 8 of 11 measures"
     few = [r for r in answered if r.method in ("m0+s0", "m1+s0")]
     for figure in (
         curves(make_sweep(measures=()), few, styles),
-        plot_search_steps(make_sweep(), few, styles, title="t"),
+        plot_search_steps(make_sweep(), few, styles=styles, title="t"),
         plot_errors(few, title="t"),
     ):
         assert note(figure) == ""
@@ -229,7 +229,7 @@ def test_many_methods_stand_closer_and_very_many_are_cut_and_said():
 
     high = {count: of(count).get_size_inches()[1] for count in (30, 60, 90)}
     assert high[60] < 1.5 * high[30]
-    most = error_figure.MOST_ROWS
+    most = error_figure.MAX_ROWS
     assert len(of(most + 10).axes[0].get_yticklabels()) == most
     assert note(of(most + 10)) == f"Drawn: the first {most} of {most + 10} methods"
 
@@ -303,7 +303,7 @@ def test_a_truth_outside_the_travel_does_not_stretch_the_axis():
 def test_the_cursor_of_a_frame_is_where_the_picture_has_it():
     one = make_sweep()
     figure = curves(one)
-    found = locate_cursor(figure, one, np.array([0.0, 399.5, 799.0]))
+    found = locate_cursor(figure, one, frames=np.array([0.0, 399.5, 799.0]))
     left, right = main(figure).get_position().x0, main(figure).get_position().x1
     assert found.across == pytest.approx([left, (left + right) / 2, right], abs=1e-3)
     assert 0 < found.top < found.bottom == pytest.approx(1 - main(figure).get_position().y0)
@@ -336,7 +336,7 @@ def test_a_condition_that_hardly_differs_has_no_figure():
     same = [record("sd+argmax", f"s{i}", 0.1, light_ratio=1 + 0.01 * i, mean_rate=0.2) for i in range(9)]
     two = [record("sd+argmax", f"s{i}", 0.1, light_ratio=1.0 + i % 2) for i in range(9)]
     for records, condition in ((same, RATIO), (same, BUDGET), (two, RATIO), ([BLIND], RATIO), ([], RATIO)):
-        assert plot_condition(records, condition, LOOKS, title="t") is None
+        assert plot_condition(records, condition, styles=LOOKS, title="t") is None
 
 
 BLIND = record("sd+argmax", "x", None)
@@ -350,7 +350,7 @@ def test_success_and_error_against_a_condition_follow_the_leaderboards_rule():
         record("sd+argmax", "d", 0.1, scene="b", light_ratio=2.0),
         record("sd+argmax", "e", 9.0, scene="b", light_ratio=8.0),
     ]
-    above, below = plot_condition(records, RATIO, LOOKS, title="t").axes
+    above, below = plot_condition(records, RATIO, styles=LOOKS, title="t").axes
     assert above.get_lines()[0].get_ydata().tolist() == [1, 0.5, 0]
     assert below.get_lines()[0].get_ydata().tolist() == [0.5, 0.5, 9]
     assert above.get_lines()[0].get_xdata() == pytest.approx([1, 2, 8])
@@ -360,18 +360,18 @@ def test_steps_of_a_search_are_drawn_where_the_lens_was_in_frames_from_0():
     coded = record("sd+egs_code", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 300.0))
     ours = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
     alone = record("sd+argmax", "x", 0.0, frame=299.0, trace=(299.0,))
-    figure = plot_search_steps(make_sweep(), [coded, ours, alone], LOOKS, title="t")
+    figure = plot_search_steps(make_sweep(), [coded, ours, alone], styles=LOOKS, title="t")
     assert [a.get_title(loc="left") for a in figure.axes] == ["egs_code", "egs"]
     ends = [next(line for line in a.get_lines() if len(line.get_xdata()) == 3) for a in figure.axes]
     assert [float(line.get_ydata()[-1]) * 799 for line in ends] == pytest.approx([299, 299], abs=0.01)
     assert 0.375 in [line.get_ydata()[0] for line in figure.axes[0].get_lines()]
-    assert plot_search_steps(make_sweep(), [alone], LOOKS, title="t") is None
+    assert plot_search_steps(make_sweep(), [alone], styles=LOOKS, title="t") is None
 
 
 def test_steps_over_frames_have_every_pass_of_the_truth():
     there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
     one = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
-    (axes,) = plot_search_steps(make_sweep(lens=there_and_back), [one], LOOKS, title="t").axes
+    (axes,) = plot_search_steps(make_sweep(lens=there_and_back), [one], styles=LOOKS, title="t").axes
     flat = sorted(line.get_ydata()[0] for line in axes.get_lines() if line.get_xdata()[0] == 0)
     assert pytest.approx(flat, abs=1) == [150, 400, 649]
     assert axes.get_ylabel() == "frame"
@@ -382,11 +382,11 @@ def test_the_way_of_the_lens_ends_with_a_mark_or_a_cross():
         make_lens_path("sd+hill_climb"),
         make_lens_path("er_count+hill_climb", problem="the budget was spent"),
     ]
-    (axes,) = plot_lens_paths(paths, LOOKS, title="t").axes
+    (axes,) = plot_lens_paths(paths, styles=LOOKS, title="t").axes
     ends = {line.get_marker() for line in axes.get_lines() if len(line.get_xdata()) == 1}
     assert ends == {"o", "x"}
     assert axes.get_title(loc="left") == "hill_climb"
-    assert plot_lens_paths([], LOOKS, title="t") is None
+    assert plot_lens_paths([], styles=LOOKS, title="t") is None
 
 
 def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():

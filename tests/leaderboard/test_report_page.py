@@ -183,7 +183,7 @@ def test_every_condition_that_differs_has_a_table(whole):
     text = whole[2].split('id="conditions"')[1].split('id="measures"')[0]
     titles = re.findall("<h3>(.*?)</h3>", text)
     assert titles[:4] == ["Light schedule", "Light ratio", "Scene motion", "Photon budget"]
-    assert {"Scene", "Against the light&#39;s ratio", "Against the photon budget"} <= set(titles)
+    assert {"Scene", "Against the light ratio", "Against the photon budget"} <= set(titles)
     assert "Lens motion" not in titles  # the same for all, so it tells nothing
 
 
@@ -224,7 +224,7 @@ def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
     reader = read(text)
     assert viewer_data(reader)["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF")
     assert "<h3>Sweeps</h3>" in text
-    assert "No method looked at a whole curve of these" in text
+    assert "No method computed a whole curve of these" in text
     assert "Focus curves</h3>" not in text
     labels = [attrs["aria-label"] for attrs in reader.of("svg")]
     assert "Light and answers on camel-ramp, true focus at 0.375 of the travel" in labels
@@ -369,7 +369,7 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
     write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="loop")
     assert (tmp_path / "figures/lens-camel-constant.svg").is_file()
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert "Way of the lens" in text
+    assert "Path of the lens" in text
     assert "closed loop (voice_coil, 200 ms)" in text
     assert "Focus curves</h3>" not in text
 

@@ -1,4 +1,4 @@
-"""Figures of an evaluation, each one drawing of one thing: curves, errors, conditions, ways of searches."""
+"""Figures of an evaluation: focus curves, errors, success by condition, paths of searches and lens."""
 
 from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""The rows over the curves: a search each, with a mark where each measure led it."""
+"""The rows above the curves: one per search, with a mark at the answer of each measure."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,19 +21,19 @@ from saf_gen.leaderboard.figures._sweep_axis import frames_to_axis
 __all__ = ["AnswersBySearch", "draw_answer_rows", "group_answers"]
 
 LETTERS = 18
-"""Of the name of a row."""
+"""Longest name of a row."""
 AnswersBySearch = Mapping[str, Mapping[str, float]]
-"""By search, then by measure: the frame that was answered."""
+"""The frame of each answer, by search, then by measure."""
 
 
 def group_answers(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> dict[str, dict[str, float]]:
-    """The answers of the measures that have styles, in the order of ``records``."""
-    found: dict[str, dict[str, float]] = {}
+    """Return the answers of the measures that have styles, in the order of ``records``."""
+    answers: dict[str, dict[str, float]] = {}
     for record in records:
         measure, search = split_method(record.method)
         if measure in styles and record.frame is not None:
-            found.setdefault(search, {})[measure] = record.frame
-    return found
+            answers.setdefault(search, {})[measure] = record.frame
+    return answers
 
 
 def draw_answer_rows(
@@ -43,16 +43,16 @@ def draw_answer_rows(
     styles: Mapping[str, PlotStyle],
     sweep: SweepSummary,
 ) -> None:
-    """A row for each search; the measures of ``shown`` first, in their order."""
-    place = frames_to_axis(sweep)
+    """Draw a row per search; the measures of ``shown`` come first, in their order."""
+    to_axis = frames_to_axis(sweep)
     for row, by_measure in enumerate(answers.values()):
         axes.axhline(row + 0.5, color=GREY, lw=0.6, zorder=0.1)
         ordered = [m for m in shown if m in by_measure] + [m for m in by_measure if m not in shown]
         for number, measure in enumerate(ordered):
             height = row + ((number + 0.5) / len(ordered) - 0.5) * 0.7
             style = styles[measure]
-            at = place(np.array([by_measure[measure]]))
-            axes.plot(at, height, style.marker, c=style.colour, ms=4.5, mec=PAPER, mew=0.5, clip_on=False)
+            x = to_axis(np.array([by_measure[measure]]))
+            axes.plot(x, height, style.marker, c=style.colour, ms=4.5, mec=PAPER, mew=0.5, clip_on=False)
     axes.set_yticks(range(len(answers)), [shorten_middle(s or PREDICTIONS_LABEL, LETTERS) for s in answers])
     axes.set_ylim(max(len(answers), 1) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0, labelsize=7.5)

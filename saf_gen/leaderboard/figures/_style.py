@@ -1,13 +1,13 @@
-"""How figures look: colours, dashes, markers, type; and a figure as SVG, for a file or within a page.
+"""The style of figures (colours, dashes, markers, fonts), and their output as SVG for a file or a page.
 
-Figures are drawn on the canvas of their own Figure, so nothing depends on a screen or on pyplot's state. Text
-stays text. Within a page every colour is a variable of the page, so that one drawing serves light and dark.
+Every figure has a canvas of its own, so nothing depends on a screen or on the state of pyplot. Text stays
+text. Within a page every colour is a CSS variable, so that one drawing serves light and dark schemes.
 """
 
 import io
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -35,12 +35,12 @@ __all__ = [
 
 WIDTH = 4.4  # inches: a figure is readable on a phone, and two or three stand side by side on a desk
 MAX_MEASURES = 8
-"""Measures in one figure: more cannot be told apart."""
+"""Most measures in one figure; more could not be distinguished."""
 PREDICTIONS_LABEL = "predictions"
-"""Stands for the search of a method that has none."""
-TITLE, TITLE_LINE = 52, 0.16  # letters of a line of the title, inches of a further one
+"""Label in place of the search, for a method that has none."""
+TITLE, TITLE_LINE = 52, 0.16  # characters in a line of the title; height of each further line, inches
 INK, SOFT, BAND, GREY, PAPER = "#1f2328", "#6b7280", "#e8c547", "#d5d8dc", "#ffffff"
-# Okabe and Ito's colours can be told apart with any colour vision; dashes and markers say the same again.
+# Okabe and Ito's colours differ for every kind of colour vision; dashes and markers repeat the distinction.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#111111", "#e69f00", "#8c6d31")
 DASHES: tuple[Any, ...] = (
     "-",
@@ -88,95 +88,91 @@ _DIGITS = re.compile(r"(?<![\w#.])-?\d+\.\d{3,}(?![\w.])")
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """How one measure is drawn, in every figure of a page."""
+    """The style of one measure or light, in every figure of a page."""
 
     colour: str
     dashes: Any
     marker: str
 
-    def legend_handle(self, **more: Any) -> Line2D:
-        """A sample for a legend."""
-        options = {"color": self.colour, "ls": self.dashes, "lw": 1.4, "marker": self.marker}
-        return Line2D([], [], **{**options, "ms": 5, "mec": PAPER, "mew": 0.5, **more})
+    def legend_handle(self, **options: Any) -> Line2D:
+        """Return a sample for a legend."""
+        line = {"color": self.colour, "ls": self.dashes, "lw": 1.4, "marker": self.marker}
+        return Line2D([], [], **{**line, "ms": 5, "mec": PAPER, "mew": 0.5, **options})
 
 
 def assign_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
-    """A look for each name, by its place: MAX_MEASURES colours; with dashes and marks MAX_MEASURES ×
-    MAX_MEASURES that differ."""
-    found = {}
+    """Return a style for each name, by its rank: MAX_MEASURES colours, and MAX_MEASURES² styles in all."""
+    styles = {}
     for i, name in enumerate(dict.fromkeys(names)):
-        other = (
-            i + i // MAX_MEASURES
-        ) % MAX_MEASURES  # a colour that comes again has other dashes and another mark
-        found[name] = PlotStyle(COLOURS[i % MAX_MEASURES], DASHES[other], MARKERS[other])
-    return found
+        j = (i + i // MAX_MEASURES) % MAX_MEASURES  # a repeated colour has other dashes and another marker
+        styles[name] = PlotStyle(COLOURS[i % MAX_MEASURES], DASHES[j], MARKERS[j])
+    return styles
 
 
-def describe_omissions(*held: tuple[int, int, str]) -> str:
-    """What a figure leaves out, in words, from (drawn, held, of what); '' where it has everything."""
-    said = [f"{drawn} of {all_} {what}" for drawn, all_, what in held if drawn < all_]
-    return f"Drawn: the first {', the first '.join(said)}" if said else ""
+def describe_omissions(*counts: tuple[int, int, str]) -> str:
+    """Return what a figure leaves out, from (drawn, all, noun); '' where it shows everything."""
+    parts = [f"{drawn} of {total} {noun}" for drawn, total, noun in counts if drawn < total]
+    return f"Drawn: the first {', the first '.join(parts)}" if parts else ""
 
 
-def shorten_middle(name: str, most: int) -> str:
-    """The name; of one that is longer than ``most`` letters both ends, for options differ at the end."""
-    if len(name) <= most:
+def shorten_middle(name: str, limit: int) -> str:
+    """Return the name, or both ends of one longer than ``limit`` characters: options differ at the end."""
+    if len(name) <= limit:
         return name
-    end = (most - 1) // 2
-    return f"{name[: most - 1 - end]}…{name[len(name) - end :]}"
+    end = (limit - 1) // 2
+    return f"{name[: limit - 1 - end]}…{name[len(name) - end :]}"
 
 
 def split_method(method: str) -> tuple[str, str]:
-    """Measure and search of a method's name, with their options; the name itself where it has no plus."""
+    """Return the measure and the search of a method, with their options; the name and '' for predictions."""
     measure, _, search = method.partition("+")
     return measure, search
 
 
 def use_figure_style() -> Any:
-    """Matplotlib's settings while a figure is drawn; what was set before comes back."""
+    """Return a context with matplotlib's settings for our figures; the settings before it come back."""
     return matplotlib.rc_context(STYLE)
 
 
 def create_figure(inches: float, *, title: str) -> Figure:
-    """An empty figure, WIDTH wide and so high, with its title on the left."""
+    """Return an empty figure of this height and WIDTH, with its title on the left."""
     lines = textwrap.wrap(title, TITLE) or [""]
-    high = inches + TITLE_LINE * (len(lines) - 1)
-    figure = Figure(figsize=(WIDTH, high), dpi=72, layout="constrained")
+    height = inches + TITLE_LINE * (len(lines) - 1)
+    figure = Figure(figsize=(WIDTH, height), dpi=72, layout="constrained")
     FigureCanvasSVG(figure)
     figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=9.5, fontweight="bold")
     return figure
 
 
 def hide_spines(axes: Axes, *sides: str) -> None:
-    """Hide these sides of the frame."""
+    """Hide these sides of the frame of the axes."""
     for side in sides:
         axes.spines[side].set_visible(False)
 
 
 def to_svg(figure: Figure, *, name: str) -> str:
-    """The figure as the text of an SVG file; the same figure and name give the same text."""
+    """Return the text of an SVG file; the same figure and name give the same text."""
     buffer = io.StringIO()
-    nothing: Mapping[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
-        figure.savefig(buffer, format="svg", metadata=dict(nothing))
+        figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return _DIGITS.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), buffer.getvalue())
 
 
 def add_paper_background(svg: str) -> str:
-    """The SVG of a file: with paper under it, for viewers that have a dark one."""
+    """Return the SVG on a white background, for viewers with a dark one."""
     end = svg.index(">", svg.index("<svg")) + 1
     return f'{svg[:end]}\n <rect width="100%" height="100%" fill="{PAPER}"/>{svg[end:]}'
 
 
 def inline_svg(svg: str, *, label: str) -> str:
-    """The SVG as an element of a page: the page's colours and type, no name that another figure has.
+    """Return the SVG as an element of a page, with the page's colours and font and no id of another figure.
 
     ``label`` describes it to readers who do not see it.
     """
     text = svg[svg.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", "", text, flags=re.DOTALL)
-    named = set(re.findall(r'(?:url\(#|xlink:href="#)([^)"]+)', text))
-    text = re.sub(r' id="([^"]+)"', lambda m: m[0] if m[1] in named else "", text)
+    used = set(re.findall(r'(?:url\(#|xlink:href="#)([^)"]+)', text))
+    text = re.sub(r' id="([^"]+)"', lambda m: m[0] if m[1] in used else "", text)
     text = re.sub(r"#[0-9a-f]{6}\b", lambda m: f"var({VARIABLES[m[0]]})" if m[0] in VARIABLES else m[0], text)
     text = re.sub(r"'DejaVu Sans'(, sans-serif)?", "inherit", text)
     text = text.replace("xlink:href=", "href=")

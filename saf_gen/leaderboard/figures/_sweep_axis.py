@@ -1,4 +1,4 @@
-"""What figures over a sweep share: the horizontal axis, the truth on it, the light under it."""
+"""Common parts of figures over a sweep: the horizontal axis, and the truth on it."""
 
 import math
 from collections.abc import Callable
@@ -28,18 +28,18 @@ LENS_LINE: dict[str, Any] = {"color": SOFT, "lw": 0.9, "ls": (0, (7, 2))}
 
 
 def find_position_axis(sweep: SweepSummary) -> np.ndarray | None:
-    """The focus position (T,) where it can be an axis: the lens never comes back and never rests."""
+    """Return the focus position (T,) if it can be an axis, as the lens never comes back and never rests."""
     lens = sweep.focus_position
     if lens is None or len(lens) < 2:
         return None
-    way = np.sign(float(lens[-1]) - float(lens[0])) * np.diff(lens)
+    moves = np.sign(float(lens[-1]) - float(lens[0])) * np.diff(lens)
     centres = np.interp(sweep.frames, np.arange(len(lens)), lens)
-    steps = np.abs(np.diff(centres)) if centres.size > 1 else np.abs(way)
-    return lens if way.min() >= 0 and way.any() and steps.min() > 0.02 * steps.mean() else None
+    steps = np.abs(np.diff(centres)) if centres.size > 1 else np.abs(moves)
+    return lens if moves.min() >= 0 and moves.any() and steps.min() > 0.02 * steps.mean() else None
 
 
 def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
-    """Frames to the horizontal axis: the focus position where it can be one, else the frame."""
+    """Return the map from frames to the axis: to the focus position if it can be one, else to the frame."""
     lens = find_position_axis(sweep)
     if lens is None:
         return lambda frames: frames
@@ -47,10 +47,10 @@ def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def draw_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
-    """A line at the truth in a band, its depth of focus; every pass of it where the axis is the frame."""
+    """Draw the truth as a line in a band, its depth of focus; over frames every crossing has one."""
     over_frames = find_position_axis(sweep) is None
     if over_frames and sweep.focus_position is not None:
-        _over_frames(axes, sweep, sweep.focus_position, lens_too=note)
+        _draw_truth_over_frames(axes, sweep, lens=sweep.focus_position, draw_lens=note)
         return
     truth = sweep.truth_frame if over_frames else sweep.truth
     if not math.isfinite(truth):
@@ -61,46 +61,44 @@ def draw_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
     axes.axvline(truth, color=INK, lw=1.1, zorder=0.6)
     axes.set_xlim(limits)
     if note and not min(limits) <= truth <= max(limits):
-        right = (truth > max(limits)) == (limits[0] < limits[1])
-        words = f"focus at {truth:.2f} →" if right else f"← focus at {truth:.2f}"
-        across = axes.get_yaxis_transform()
-        axes.text(0.99 if right else 0.01, 0.9, words, transform=across, ha="right" if right else "left")
+        is_right = (truth > max(limits)) == (limits[0] < limits[1])
+        text = f"focus at {truth:.2f} →" if is_right else f"← focus at {truth:.2f}"
+        x, side = (0.99, "right") if is_right else (0.01, "left")
+        axes.text(x, 0.9, text, transform=axes.get_yaxis_transform(), ha=side)
 
 
 def is_within_depth(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
-    """Where the lens is within the depth of focus, bool (T,); nowhere, where that is unknown."""
-    away = _away(sweep, lens)
+    """Return where the lens is within the depth of focus, bool (T,); False where that is unknown."""
+    offset = _focus_offset(sweep, lens)
     near, far = sorted(sweep.depth_of_focus)
-    found: np.ndarray = (away >= near - sweep.truth) & (away <= far - sweep.truth)
-    return found
+    return np.asarray((offset >= near - sweep.truth) & (offset <= far - sweep.truth))
 
 
 def find_runs(where: np.ndarray) -> list[tuple[int, int]]:
-    """First and one past the last place of each run of True in ``where``, bool (T,)."""
+    """Return the first index and the stop index of each run of True in ``where``, bool (T,)."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], where.astype(int), [0]))))
     return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
 
 
 def find_truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
-    """Frames at which the lens passes the truth."""
-    return find_crossings(_away(sweep, lens), 0.0)
+    """Return the frames at which the lens crosses the truth."""
+    return find_crossings(_focus_offset(sweep, lens), 0.0)
 
 
-def _away(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
-    away: np.ndarray = np.asarray(lens, dtype=np.float64) - (
-        sweep.truth if sweep.track is None else sweep.track
-    )
-    return away
+def _focus_offset(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
+    """Return lens minus truth over time, float64 (T,)."""
+    truth = sweep.truth if sweep.track is None else sweep.track
+    return np.asarray(np.asarray(lens, dtype=np.float64) - truth)
 
 
-def _over_frames(axes: Axes, sweep: SweepSummary, lens: np.ndarray, *, lens_too: bool) -> None:
-    """The lens, the truth where it moves, each pass of it, and when the lens is within the depth of focus."""
-    everywhere, height = np.arange(len(lens)), axes.get_xaxis_transform()
+def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray, draw_lens: bool) -> None:
+    """Draw the crossings of the truth, when the lens is in focus, and the lens itself with a moving truth."""
+    all_frames, height = np.arange(len(lens)), axes.get_xaxis_transform()
     frames = np.linspace(0, len(lens) - 1, min(len(lens), 400))
-    if lens_too:
-        axes.plot(frames, np.interp(frames, everywhere, lens), **LENS_LINE, zorder=0.7)
+    if draw_lens:
+        axes.plot(frames, np.interp(frames, all_frames, lens), **LENS_LINE, zorder=0.7)
         if sweep.track is not None:
-            moving = np.interp(frames, everywhere, sweep.track)
+            moving = np.interp(frames, all_frames, sweep.track)
             axes.plot(frames, moving, color=INK, lw=0.9, ls=":", zorder=0.7)
     for first, stop in find_runs(is_within_depth(sweep, lens)):
         axes.axvspan(first, stop, color=BAND, alpha=0.45, lw=0, zorder=0.5)
@@ -108,7 +106,7 @@ def _over_frames(axes: Axes, sweep: SweepSummary, lens: np.ndarray, *, lens_too:
 
 
 def add_frame_axis(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:
-    """Limits and names of the horizontal axis; frames along the top of ``axes`` where it is the position."""
+    """Set the limits and label of the horizontal axis; of a position axis, frames stand along the top."""
     lens = find_position_axis(sweep)
     if lens is None:
         label.set_xlim(0, sweep.frames[-1] + sweep.frames[0])
@@ -116,8 +114,8 @@ def add_frame_axis(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:
         return
     label.set_xlim(float(lens.min()), float(lens.max()))
     label.set_xlabel("focus position, fraction of travel")
-    nice = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(0, len(lens) - 1)
-    ticks = [t for t in nice if 0 <= t <= len(lens)]
+    candidates = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(0, len(lens) - 1)
+    ticks = [t for t in candidates if 0 <= t <= len(lens)]
     upper = axes.secondary_xaxis("top")
     upper.set_xticks([interpolate_position(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
     upper.tick_params(colors=SOFT, labelcolor=SOFT, labelsize=7.5, pad=1, length=2.5)

@@ -1,4 +1,4 @@
-"""Success and error against a condition of the recordings: the light's ratio, the photons of a block."""
+"""Success and error against a condition of the recordings: the light ratio or the photon budget."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -30,19 +30,19 @@ __all__ = ["CONDITIONS", "Condition", "bin_sequences", "plot_condition"]
 
 BINS = 6
 POINTS = 240
-"""Single errors in a figure; with more only their medians are drawn."""
+"""Most single errors in a figure; with more only their medians are drawn."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """What recordings differ by, as a number above 0; None where it is unknown."""
+    """A property of recordings as a number above 0; None where it is unknown."""
 
     name: str
     title: str
     axis_label: str
     value: Callable[[Record], float | None]
     min_ratio: float
-    """Largest over smallest value below which nothing can be seen."""
+    """Smallest ratio of largest to smallest value for a figure."""
 
 
 CONDITIONS = (
@@ -56,7 +56,7 @@ CONDITIONS = (
     Condition(
         "photon-budget",
         "Error against photon budget",
-        f"mean counts a pixel in a block of {BLOCK_READOUTS} readouts",
+        f"mean counts per pixel in a block of {BLOCK_READOUTS} readouts",
         lambda r: None if r.mean_rate is None or r.mean_rate <= 0 else BLOCK_READOUTS * r.mean_rate,
         2.0,
     ),
@@ -64,39 +64,40 @@ CONDITIONS = (
 
 
 def bin_sequences(records: Sequence[Record], condition: Condition) -> list[tuple[float, frozenset[str]]]:
-    """Sequences that go together, by their condition: (its geometric mean, their names), rising.
+    """Return groups of sequences with similar condition, in rising order: (geometric mean, their names).
 
-    Each value alone where they are few, else BINS of about as many sequences each. Empty where there is too
-    little to see: fewer than three values, or all of about the same size.
+    Few values are a group each, many are BINS groups of about as many sequences. There is no group for fewer
+    than three values, or for values that differ by less than ``condition.min_ratio``.
     """
     values = {r.sequence: value for r in records if (value := condition.value(r)) is not None}
-    different = sorted(set(values.values()))
-    if len(different) < 3 or different[-1] < condition.min_ratio * different[0]:
+    distinct = sorted(set(values.values()))
+    if len(distinct) < 3 or distinct[-1] < condition.min_ratio * distinct[0]:
         return []
-    if len(different) > BINS:
+    if len(distinct) > BINS:
         edges = np.quantile(list(values.values()), np.linspace(0, 1, BINS + 1)[1:-1])
-        number = {name: int(np.searchsorted(edges, value)) for name, value in values.items()}
+        bin_of = {name: int(np.searchsorted(edges, value)) for name, value in values.items()}
     else:
-        number = {name: different.index(value) for name, value in values.items()}
-    found = []
-    for one in sorted(set(number.values())):
-        names = frozenset(name for name, its in number.items() if its == one)
-        found.append((math.exp(np.mean([math.log(values[name]) for name in names])), names))
-    return found
+        bin_of = {name: distinct.index(value) for name, value in values.items()}
+    groups = []
+    for number in sorted(set(bin_of.values())):
+        names = frozenset(name for name, own in bin_of.items() if own == number)
+        groups.append((math.exp(np.mean([math.log(values[name]) for name in names])), names))
+    return groups
 
 
 def plot_condition(
-    records: Sequence[Record], condition: Condition, styles: Mapping[str, PlotStyle], *, title: str
+    records: Sequence[Record], condition: Condition, *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
-    """Of one search: share within 1 DoF above, median error below, a line for each measure.
+    """Return the figure of one search: success within 1 DoF above, median error below, a line per measure.
 
     ``styles`` gives the measures in their order; the first MAX_MEASURES are drawn, and the figure says so.
-    None where there is too little.
+    None where bin_sequences has no group or no error is known.
     """
     groups = bin_sequences(records, condition)
-    held = {split_method(r.method)[0] for r in records}
-    measures = [m for m in styles if m in held][:MAX_MEASURES]
-    note = describe_omissions((len(measures), sum(m in held for m in styles), "measures"))
+    present = {split_method(r.method)[0] for r in records}
+    known = [m for m in styles if m in present]
+    measures = known[:MAX_MEASURES]
+    note = describe_omissions((len(measures), len(known), "measures"))
     if not groups or all(r.error_dof is None for r in records):
         return None
     with use_figure_style():
@@ -104,14 +105,14 @@ def plot_condition(
         above, below = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [1, 1.3]})
         below.axhspan(0, 1, color=BAND, alpha=0.3, lw=0)
         for measure in measures:
-            mine = [r for r in records if split_method(r.method)[0] == measure]
-            _draw(above, below, mine, groups, styles[measure])
-            if len(measures) * len(mine) <= POINTS:
-                _scatter(below, mine, condition, styles[measure])
+            own = [r for r in records if split_method(r.method)[0] == measure]
+            _draw(above, below, records=own, groups=groups, style=styles[measure])
+            if len(measures) * len(own) <= POINTS:
+                _scatter(below, own, condition=condition, style=styles[measure])
         above.set_ylim(-0.06, 1.06)
         above.set_yticks([0, 0.5, 1], ["0 %", "50 %", "100 %"])
         above.set_ylabel("within 1 DoF")
-        _error_axis(below, [abs(r.error_dof) for r in records if r.error_dof is not None])
+        _set_error_axis(below, [abs(r.error_dof) for r in records if r.error_dof is not None])
         below.set_xscale("log")
         low, high = groups[0][0], groups[-1][0]
         below.set_xticks([g[0] for g in _spread(groups)], [_short(g[0]) for g in _spread(groups)])
@@ -130,13 +131,15 @@ def plot_condition(
 def _draw(
     above: Axes,
     below: Axes,
+    *,
     records: Sequence[Record],
     groups: Sequence[tuple[float, frozenset[str]]],
     style: PlotStyle,
 ) -> None:
-    held = [(x, [r for r in records if r.sequence in names]) for x, names in groups]
-    success = [(x, mean_over_scenes(some, lambda r: r.success_1dof)) for x, some in held]
-    error = [(x, median_magnitude(r.error_dof for r in some)) for x, some in held]
+    """Draw the success and the median error of each group as a line."""
+    members = [(x, [r for r in records if r.sequence in names]) for x, names in groups]
+    success = [(x, mean_over_scenes(group, lambda r: r.success_1dof)) for x, group in members]
+    error = [(x, median_magnitude(r.error_dof for r in group)) for x, group in members]
     for axes, points in ((above, success), (below, error)):
         known = np.array([(x, y) for x, y in points if y is not None])
         if known.size:
@@ -153,7 +156,7 @@ def _draw(
             )
 
 
-def _scatter(axes: Axes, records: Sequence[Record], condition: Condition, style: PlotStyle) -> None:
+def _scatter(axes: Axes, records: Sequence[Record], *, condition: Condition, style: PlotStyle) -> None:
     points = [
         (condition.value(r), abs(r.error_dof))
         for r in records
@@ -163,12 +166,12 @@ def _scatter(axes: Axes, records: Sequence[Record], condition: Condition, style:
         axes.plot(*np.array(points).T, ".", color=style.colour, ms=4, alpha=0.5, mew=0, zorder=1)
 
 
-def _error_axis(axes: Axes, errors: Sequence[float]) -> None:
-    """From 0, linear up to one depth of focus and logarithmic beyond."""
+def _set_error_axis(axes: Axes, errors: Sequence[float]) -> None:
+    """Make the error axis linear up to one depth of focus and logarithmic beyond."""
     reach = max([3.0, *errors]) * 1.2
     axes.set_yscale("symlog", linthresh=1, linscale=0.6)
     axes.set_ylim(0, reach)
-    powers = [10.0**n for n in range(math.floor(math.log10(reach)) + 1)]
+    powers = [10.0**n for n in range(int(math.log10(reach)) + 1)]
     axes.set_yticks([0, *powers])
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
@@ -176,7 +179,7 @@ def _error_axis(axes: Axes, errors: Sequence[float]) -> None:
 
 
 def _spread(groups: Sequence[tuple[float, frozenset[str]]]) -> list[tuple[float, frozenset[str]]]:
-    """Those groups whose values can stand beside each other as text."""
+    """Return groups whose values, as text, do not overlap."""
     total = math.log(groups[-1][0] / groups[0][0])
     kept = [groups[0]]
     for group in groups[1:]:

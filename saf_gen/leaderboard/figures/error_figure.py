@@ -1,4 +1,4 @@
-"""How far each method's answers lie from the truth, in one scene."""
+"""Errors of each method's answers in one scene."""
 
 import math
 from collections.abc import Sequence
@@ -30,27 +30,27 @@ from saf_gen.leaderboard.figures._style import (
 __all__ = ["plot_errors"]
 
 NO_LIGHT = "recording"
-MANY, MOST_ROWS = 30, 80
-"""Methods from which rows lie closer, and beyond which they are left out."""
+MANY_ROWS, MAX_ROWS = 30, 80
+"""Numbers of methods above which rows are closer, and above which the rest is left out."""
 ROW, CLOSE_ROW = 0.2, 0.14  # inches
 LETTERS = 34
-"""Of a method's name."""
+"""Longest name of a method."""
 
 
 def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
-    """Errors of one scene: a row for each method in the order given, a mark for each light schedule.
+    """Return the errors of one scene: a row per method in the order given, a mark per light schedule.
 
-    Of very many methods the first MOST_ROWS, and the figure says so.
+    At most MAX_ROWS methods are drawn, the first ones, and the figure says so.
     """
-    every = list(dict.fromkeys(r.method for r in records))
-    methods = every[:MOST_ROWS]
+    all_methods = list(dict.fromkeys(r.method for r in records))
+    methods = all_methods[:MAX_ROWS]
     records = [r for r in records if r.method in methods]
-    note = describe_omissions((len(methods), len(every), "methods"))
-    row_inches = ROW if len(methods) <= MANY else CLOSE_ROW
+    note = describe_omissions((len(methods), len(all_methods), "methods"))
+    row_inches = ROW if len(methods) <= MANY_ROWS else CLOSE_ROW
     lights = assign_styles([r.light or NO_LIGHT for r in records])
     known = [abs(r.error_dof) for r in records if r.error_dof is not None]
     reach = max([3.0, *known]) * 1.3
-    size = 4.5 if len(methods) <= MANY else 3.6
+    size = 4.5 if len(methods) <= MANY_ROWS else 3.6
     marks: list[Any] = [style.legend_handle(ls="") for style in lights.values()]
     marks += [Patch(color=BAND, alpha=0.3), Line2D([], [], ls="", marker="x", color=SOFT, mew=1.3)]
     names = [*lights, "success: within 1", "no answer"]
@@ -63,21 +63,21 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
         for row in range(len(methods)):
             axes.axhline(row, color=GREY, lw=0.6, zorder=0)
         for number, (light, style) in enumerate(lights.items()):
-            mine = [r for r in records if (r.light or NO_LIGHT) == light]
+            own = [r for r in records if (r.light or NO_LIGHT) == light]
             offset = (number - (len(lights) - 1) / 2) * 0.66 / max(len(lights), 3)
             answered = [
-                (r.error_dof, methods.index(r.method) + offset) for r in mine if r.error_dof is not None
+                (r.error_dof, methods.index(r.method) + offset) for r in own if r.error_dof is not None
             ]
-            silent = [(reach, methods.index(r.method) + offset) for r in mine if r.status != "answered"]
+            silent = [(reach, methods.index(r.method) + offset) for r in own if r.status != "answered"]
             for points, marker, more in (
                 (answered, style.marker, {"mec": PAPER}),
                 (silent, "x", {"mew": 1.3}),
             ):
                 if points:
-                    at = np.array(points, dtype=np.float64).T
+                    xy = np.array(points, dtype=np.float64).T
                     options: dict[str, Any] = {"ms": size, "mew": 0.5, "ls": "", "clip_on": False, **more}
-                    axes.plot(*at, marker=marker, color=style.colour, **options)
-        _signed_dof(axes, reach)
+                    axes.plot(*xy, marker=marker, color=style.colour, **options)
+        _set_error_axis(axes, reach)
         axes.set_yticks(range(len(methods)), [shorten_middle(m, LETTERS) for m in methods])
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0, labelsize=7.5)
@@ -86,10 +86,10 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
     return figure
 
 
-def _signed_dof(axes: Axes, reach: float) -> None:
+def _set_error_axis(axes: Axes, reach: float) -> None:
     axes.set_xscale("symlog", linthresh=1, linscale=0.8)
     axes.set_xlim(-reach, reach)
-    powers = 10.0 ** np.arange(0, math.floor(math.log10(reach)) + 1)
+    powers = 10.0 ** np.arange(0, int(math.log10(reach)) + 1)
     axes.xaxis.set_major_locator(FixedLocator([*-powers[::-1], 0, *powers]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:+g}".replace("-", "−") if x else "0"))
     axes.set_xlabel("answer − truth, depths of focus")

@@ -1,4 +1,4 @@
-"""The pictures of a sweep as one image, row by row: what a page can show one at a time."""
+"""The pictures of a sweep as one image, row by row, of which a page can show one at a time."""
 
 import io
 import math
@@ -13,8 +13,8 @@ __all__ = ["ImageStrip", "build_image_strip"]
 
 ACROSS = 8
 WIDTH = 280
-"""Pixels of one picture; a smaller sensor keeps its own."""
-WHITE_SHARE = 0.998  # of the pixels lie below white
+"""Largest width of one picture, pixels."""
+WHITE_QUANTILE = 0.998  # the brightest pixels, glints, are cut off
 GAMMA = 2.2
 QUALITIES = (60, 50, 40, 30, 22, 15, 10)
 
@@ -31,18 +31,18 @@ class ImageStrip:
 
 
 def build_image_strip(pictures: Thumbnails, *, max_bytes: int) -> ImageStrip:
-    """The pictures side by side, below ``max_bytes`` where the lowest quality still allows it.
+    """Return the pictures side by side, in at most ``max_bytes`` if the lowest quality allows it.
 
-    All have the same white: where the light is less they are darker. A few glints are cut off.
+    All pictures have the same white, so that less light is darker.
     """
     count, rows, columns = pictures.images.shape
     width = min(columns, WIDTH)
     height = max(round(rows * width / columns), 1)
-    white = float(np.quantile(pictures.images, WHITE_SHARE)) or 1.0
+    white = float(np.quantile(pictures.images, WHITE_QUANTILE)) or 1.0
     across = min(ACROSS, count)
     sheet = Image.new("L", (across * width, math.ceil(count / across) * height))
     for number, counts in enumerate(pictures.images):
-        # Averaging is of light, so it comes before the encoding for the eye.
+        # Light is averaged before gamma encoding.
         linear = Image.fromarray(counts.astype(np.float32) / white)
         small = np.asarray(linear.resize((width, height), Image.Resampling.BOX))
         grey = (255 * np.clip(small, 0, 1) ** (1 / GAMMA)).round().astype(np.uint8)

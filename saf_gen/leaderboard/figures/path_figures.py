@@ -1,4 +1,4 @@
-"""Where searches went: their steps on a recording, and the way of the lens in the closed loop."""
+"""Paths of searches: their steps on a recording, and the path of the lens in the closed loop."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -40,65 +40,65 @@ from saf_gen.leaderboard.figures._sweep_axis import (
 __all__ = ["plot_lens_paths", "plot_search_steps"]
 
 T = TypeVar("T")
-ACROSS, MAX_SEARCHES = 3, 9
+MAX_COLUMNS, MAX_SEARCHES = 3, 9
 LETTERS = 19
-"""Of the name of a panel."""
+"""Longest name of a panel."""
 MIN_STEPS = 3
-"""Fewest places of a trace: with fewer nothing was narrowed down."""
+"""Fewest steps of a trace: with fewer nothing was narrowed down."""
 
 
 def plot_search_steps(
-    sweep: SweepSummary, records: Sequence[Record], styles: Mapping[str, PlotStyle], *, title: str
+    sweep: SweepSummary, records: Sequence[Record], *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
-    """The steps of every search on the recording ``sweep``: the place it looked round, step by step.
+    """Return the steps of every search on the recording ``sweep``: the position it examined, step by step.
 
-    A panel for each search, a line for each measure, the truth across them; what is left out is said. None
-    where no search has steps.
+    There is a panel per search and a line per measure, with the truth across them. None where no search has
+    steps.
     """
     found, note = _by_search([(r.method, r) for r in records if len(r.trace) >= MIN_STEPS], styles)
     if not found:
         return None
-    place = frames_to_axis(sweep)
+    to_axis = frames_to_axis(sweep)
     over_frames = find_position_axis(sweep) is None
-    measures = list(dict.fromkeys(m for mine in found.values() for m in mine))
+    measures = list(dict.fromkeys(m for own in found.values() for m in own))
     with use_figure_style():
         figure, panels = _panels(list(found), measures, styles, title=title, note=note)
-        for axes, mine in zip(panels, found.values(), strict=False):
-            _truth_across(axes, sweep)
-            for measure, record in mine.items():
+        for axes, own in zip(panels, found.values(), strict=False):
+            _draw_truth_across(axes, sweep)
+            for measure, record in own.items():
                 style = styles[measure]
-                line = place(_frames(record))
+                line = to_axis(_zero_based_trace(record))
                 steps = np.arange(len(line))
                 axes.plot(steps, line, color=style.colour, ls=style.dashes, lw=1.1)
                 axes.plot(steps[-1], line[-1], style.marker, c=style.colour, ms=4.5, mec=PAPER, mew=0.5)
         frames = len(sweep.focus_position) if sweep.focus_position is not None else sweep.frames[-1]
         for axes in panels:
             axes.set_ylim(*((0, frames) if over_frames else (0, 1)))
-        _label(panels, "step", "frame" if over_frames else "focus position")
+        _label_axes(panels, x="step", y="frame" if over_frames else "focus position")
     return figure
 
 
 def plot_lens_paths(
-    paths: Sequence[LensPath], styles: Mapping[str, PlotStyle], *, title: str
+    paths: Sequence[LensPath], *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
-    """Where methods took the lens in one sequence: a panel for each search, a line for each measure.
+    """Return where methods moved the lens in one sequence: a panel per search, a line per measure.
 
-    The end of a line is where the lens was judged. None where there is no path.
+    A line ends where the lens was judged. None where there is no path.
     """
     found, note = _by_search([(p.method, p) for p in paths if len(p.seconds)], styles)
     if not found:
         return None
-    measures = list(dict.fromkeys(m for mine in found.values() for m in mine))
+    measures = list(dict.fromkeys(m for own in found.values() for m in own))
     with use_figure_style():
         figure, panels = _panels(list(found), measures, styles, title=title, note=note)
-        for axes, mine in zip(panels, found.values(), strict=False):
-            longest = max(mine.values(), key=lambda p: p.seconds[-1])
+        for axes, own in zip(panels, found.values(), strict=False):
+            longest = max(own.values(), key=lambda p: p.seconds[-1])
             if longest.depth_of_focus is not None:
                 half = longest.depth_of_focus / 2
                 near, far = longest.truth - half, longest.truth + half
                 axes.fill_between(longest.seconds, near, far, color=BAND, alpha=0.45, lw=0)
             axes.plot(longest.seconds, longest.truth, color=INK, lw=1.0)
-            for measure, path in mine.items():
+            for measure, path in own.items():
                 style = styles[measure]
                 axes.plot(path.seconds, path.position, color=style.colour, ls=style.dashes, lw=1.1)
                 mark = "x" if path.problem else style.marker
@@ -107,27 +107,27 @@ def plot_lens_paths(
                     path.seconds[-1], path.position[-1], mark, c=style.colour, ms=4.5, mec=edge, clip_on=False
                 )
             axes.set_ylim(0, 1)
-        _label(panels, "seconds", "focus position")
+        _label_axes(panels, x="seconds", y="focus position")
     return figure
 
 
 def _by_search(
     items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]
 ) -> tuple[dict[str, dict[str, T]], str]:
-    """By search, then by measure; and what is left out, in words.
+    """Return the items by search, then by measure; and what is left out, in words.
 
-    At most MAX_SEARCHES, in the order given, and MAX_MEASURES measures in the order of their styles.
+    At most MAX_SEARCHES searches, in the order given, and MAX_MEASURES measures, in the order of their
+    styles.
     """
     present = {split_method(method)[0] for method, _ in items}
-    held = [m for m in styles if m in present]
-    shown = held[:MAX_MEASURES]
+    shown = [m for m in styles if m in present][:MAX_MEASURES]
     found: dict[str, dict[str, T]] = {}
     for method, item in items:
         measure, search = split_method(method)
         if measure in shown and (search in found or len(found) < MAX_SEARCHES):
             found.setdefault(search, {})[measure] = item
     searches = {split_method(method)[1] for method, _ in items}
-    drawn = {measure for mine in found.values() for measure in mine}
+    drawn = {measure for own in found.values() for measure in own}
     return found, describe_omissions(
         (len(found), len(searches), "searches"), (len(drawn), len(present), "measures")
     )
@@ -141,11 +141,11 @@ def _panels(
     title: str,
     note: str,
 ) -> tuple[Figure, list[Axes]]:
-    across = min(len(searches), ACROSS)
-    down = math.ceil(len(searches) / across)
+    columns = min(len(searches), MAX_COLUMNS)
+    rows = math.ceil(len(searches) / columns)
     names = [*measures, "true focus"]
-    figure = create_figure(0.95 + 1.35 * down + legend_height(names, note=note), title=title)
-    grid = figure.subplots(down, across, squeeze=False, sharex=down > 1, sharey=True)
+    figure = create_figure(0.95 + 1.35 * rows + legend_height(names, note=note), title=title)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=True)
     panels = list(grid.flat)
     for axes, search in zip(panels, searches, strict=False):
         axes.set_title(shorten_middle(search or PREDICTIONS_LABEL, LETTERS), fontsize=8, loc="left")
@@ -160,27 +160,27 @@ def _panels(
     return figure, panels[: len(searches)]
 
 
-def _label(panels: Sequence[Axes], across: str, up: str) -> None:
-    """Names of the axes: below every panel that has none under it, beside the first of a row."""
+def _label_axes(panels: Sequence[Axes], *, x: str, y: str) -> None:
+    """Label the axes: x below the lowest panel of each column, y beside the first of each row."""
     for number, axes in enumerate(panels):
-        if number + ACROSS >= len(panels):
-            axes.set_xlabel(across)
-            if across == "step":
+        if number + MAX_COLUMNS >= len(panels):
+            axes.set_xlabel(x)
+            if x == "step":
                 axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
             axes.tick_params(axis="x", labelbottom=True)
-        if number % ACROSS == 0:
-            axes.set_ylabel(up)
+        if number % MAX_COLUMNS == 0:
+            axes.set_ylabel(y)
 
 
-def _frames(record: Record) -> np.ndarray:
-    """The trace in frames from 0: traces of the released code count from 1, answers never do."""
+def _zero_based_trace(record: Record) -> np.ndarray:
+    """Return the trace in frames from 0; traces of the released code count from 1, answers never do."""
     trace = np.array(record.trace, dtype=np.float64)
-    one = record.frame is not None and abs(trace[-1] - record.frame - 1) < 1e-6
-    return trace - 1 if one else trace
+    is_one_based = record.frame is not None and abs(trace[-1] - record.frame - 1) < 1e-6
+    return trace - 1 if is_one_based else trace
 
 
-def _truth_across(axes: Axes, sweep: SweepSummary) -> None:
-    """The truth and its depth of focus, along the steps; over frames every pass of it."""
+def _draw_truth_across(axes: Axes, sweep: SweepSummary) -> None:
+    """Draw the truth and its depth of focus along the steps; over frames, every crossing of it."""
     lens = sweep.focus_position
     if find_position_axis(sweep) is not None:
         if all(map(math.isfinite, sweep.depth_of_focus)):

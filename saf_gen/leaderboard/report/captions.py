@@ -1,48 +1,48 @@
-"""What the page says over its figures and tables."""
+"""The captions of the page's figures and tables."""
 
 __all__ = ["FIGURE_CAPTIONS", "MEASURES_CAPTION"]
 
+_SWEEP = (
+    "Grey: the light, as mean counts. Yellow: the depth of focus round the true focus. On top: the "
+    "answers of each search with each measure. Where there are pictures, each shows the counts of a "
+    "part of the sweep; the frame in it is where measures look."
+)
 FIGURE_CAPTIONS = {
     "errors": (
         "Errors",
-        "Each method's answer against the truth, a mark for each sequence. The yellow band is success within "
-        "one depth of focus.",
+        "Answer minus truth of each method, a mark per sequence. The yellow band is success within one"
+        " depth of focus.",
     ),
     "curves": (
         "Focus curves",
-        "Every measure by its own minimum and maximum. Grey: the light, as mean counts. Yellow: the depth of "
-        "focus round the true focus. On top: what each search answered with each measure. A curve that "
-        "follows the grey area follows the light, not the focus. Where there are pictures, each shows the "
-        "counts of a piece of the sweep; the frame in it is where measures look.",
+        "Every measure by its own minimum and maximum. A curve that follows the grey area follows the "
+        f"light, not the focus. {_SWEEP}",
     ),
     "sweep": (
         "Sweeps",
-        "No method looked at a whole curve of these, as the search argmax does. Grey: the light, as mean "
-        "counts. Yellow: the depth of focus round the true focus. On top: what each search answered with "
-        "each measure. Where there are pictures, each shows the counts of a piece of the sweep; the frame "
-        "in it is where measures look.",
+        f"No method computed a whole curve of these, as the search argmax does. {_SWEEP}",
     ),
     "steps": (
         "Steps of the searches",
-        "The place that a search looked round, step by step, against the true focus.",
+        "The position that a search examined, step by step, against the true focus.",
     ),
     "lens": (
-        "Way of the lens",
-        "Where methods took the lens, against the true focus. A line ends where the lens was judged; a cross "
-        "marks a method that failed.",
+        "Path of the lens",
+        "Where methods moved the lens, against the true focus. A line ends where the lens was judged; "
+        "a cross marks a method that failed.",
     ),
     "light-ratio": (
-        "Against the light's ratio",
-        "Sequences in order of how much the light changed. Above, the share within one depth of focus; "
-        "below, the median error. Dots are single answers.",
+        "Against the light ratio",
+        "Sequences in order of how much the light changed: success within one depth of focus above, "
+        "median error below. Dots are single answers.",
     ),
     "photon-budget": (
         "Against the photon budget",
-        "Sequences in order of mean counts a pixel in a block of 100 readouts, drawn in the same way.",
+        "Sequences in order of mean counts per pixel in a block of 100 readouts, drawn in the same manner.",
     ),
 }
-"""By kind of figure: a heading and what it shows."""
+"""By kind of figure: a heading and what the figures show."""
 MEASURES_CAPTION = (
-    "How good the curve of each measure is, whatever searches it: medians over the sequences. The criteria "
-    "are those of microscopy; curves.csv has every sequence."
+    "Quality of the focus curve of each measure, whatever searches it: medians over the sequences. The"
+    " criteria are those of microscopy; curves.csv has every sequence."
 )

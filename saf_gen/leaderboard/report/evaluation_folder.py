@@ -1,7 +1,8 @@
-"""An evaluation's folder, replaced as a whole: what an earlier evaluation left goes, other files stay.
+"""Writes the folder of an evaluation: an earlier evaluation in it is replaced as a whole, other files stay.
 
-``records.jsonl`` is what makes a folder an evaluation. It goes first and comes last, so that a folder whose
-writer was killed in between is taken for none. The figures that an evaluation drew are those of its page.
+A folder with a ``records.jsonl`` is an evaluation. That file is removed first and written last, so that a
+folder whose writer was killed in between is not taken for one. The figures of an evaluation are those of its
+page.
 """
 
 import json
@@ -24,17 +25,18 @@ from saf_gen.leaderboard.report.page import build_page
 
 __all__ = ["WrittenEvaluation", "write_evaluation", "write_report"]
 
-ASIDE, ABANDONED_S = ".evaluation.", 86_400.0  # who writes may be on another machine: its age tells
+STAGING = ".evaluation."
+ABANDONED_S = 86_400.0  # the writer may be on another machine, so the age of its folder decides
 PAGE, FIGURES = "index.html", "figures"
 CURVES = ("curves.csv", "measures.csv")
-CURVES_BEGIN = "measure,"
-PAGE_SAYS = "data-of-records"
+CURVES_START = "measure,"
+PAGE_MARK = "data-of-records"
 _FIGURE = re.compile(r'<figure id="([\w.-]+)">')
 
 
 @dataclass(frozen=True)
 class WrittenEvaluation:
-    """The paths that were written, and a line on what they replaced, else ''."""
+    """The paths that were written, and a line about what they replaced, else ''."""
 
     paths: tuple[Path, ...]
     replaced: str
@@ -43,16 +45,16 @@ class WrittenEvaluation:
 def write_evaluation(
     folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str
 ) -> WrittenEvaluation:
-    """Write tables, curves, page and figures into ``folder``, in place of an earlier evaluation there.
+    """Write tables, curves, page and figures into ``folder``, in place of an earlier evaluation in it.
 
-    All is written aside first: where that fails, or is stopped, the earlier evaluation stays as it was. Files
-    that no evaluation wrote stay.
+    Everything is written to a staging folder first: if that fails or is stopped, the earlier evaluation
+    stays as it was. Files that no evaluation wrote stay.
 
-    Raises BadInput when the disk is full or the folder cannot be written.
+    Raises BadInput where the disk is full or the folder cannot be written.
     """
     final = Path(folder)
-    earlier = _earlier(final)
-    with _aside(final) as part:
+    earlier = _describe_earlier(final)
+    with _staging_folder(final) as part:
         staged = write_leaderboard(part, rows=rows, records=evaluation.records, failures=evaluation.failures)
         staged += write_curve_tables(part, evaluation.sweeps)
         staged += write_report(part, rows=rows, evaluation=evaluation, title=title)
@@ -64,15 +66,15 @@ def write_evaluation(
 def write_report(
     folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str
 ) -> list[Path]:
-    """Draw the figures and write index.html, and each figure as figures/NAME.svg, into ``folder``.
+    """Draw the figures, and write index.html and each figure as figures/NAME.svg into ``folder``.
 
-    Returns the page and the folder of the figures, where there are any. Each file is replaced at once;
-    BadInput where that fails.
+    Returns the path of the page, and of the folder of figures if there is one. Each file is replaced at once.
+    Raises BadInput where a file cannot be written.
     """
     out = Path(folder)
     report_figures = plot_report_figures(evaluation, rows)
-    for picture in report_figures:
-        write_text_atomically(out / FIGURES / f"{picture.name}.svg", add_paper_background(picture.svg))
+    for figure in report_figures:
+        write_text_atomically(out / FIGURES / f"{figure.name}.svg", add_paper_background(figure.svg))
     text = build_page(
         rows,
         title=title,
@@ -85,27 +87,27 @@ def write_report(
     return [out / PAGE, *([out / FIGURES] if report_figures else [])]
 
 
-def _earlier(folder: Path) -> str:
-    """What evaluation is there, in words; '' where there is none."""
+def _describe_earlier(folder: Path) -> str:
+    """Return a phrase about the evaluation in the folder; '' where there is none."""
     try:
         lines = (folder / RECORDS_FILE).read_bytes().split(b"\n")
         methods = {json.loads(line)["method"] for line in lines if line}
     except (FileNotFoundError, NotADirectoryError):
         return ""
-    except (OSError, ValueError, LookupError, TypeError):  # of another version, or damaged
+    except (OSError, ValueError, LookupError, TypeError):  # from another version, or damaged
         return "an earlier evaluation that cannot be read"
     return f"the earlier evaluation of {len(methods)} method{'' if len(methods) == 1 else 's'}"
 
 
 @contextmanager
-def _aside(folder: Path) -> Iterator[Path]:
-    """A folder inside ``folder`` to write to, gone at the end; what was killed a day ago goes too."""
+def _staging_folder(folder: Path) -> Iterator[Path]:
+    """Create a folder inside ``folder`` that is removed at the end, as are those abandoned a day ago."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for left in folder.glob(f"{ASIDE}*"):
+        for left in folder.glob(f"{STAGING}*"):
             if time.time() - left.stat().st_mtime > ABANDONED_S:
                 shutil.rmtree(left, ignore_errors=True)
-        part = Path(tempfile.mkdtemp(prefix=ASIDE, dir=folder))
+        part = Path(tempfile.mkdtemp(prefix=STAGING, dir=folder))
     except OSError as error:
         raise unwritable_error(folder, error) from error
     try:
@@ -115,13 +117,13 @@ def _aside(folder: Path) -> Iterator[Path]:
 
 
 def _publish(part: Path, final: Path) -> None:
-    """Move what lies in ``part`` to ``final``: the page first, for it lists the figures; the records last."""
+    """Move files from ``part`` to ``final``: first the page, which lists the figures; last the records."""
     names = [path.relative_to(part) for path in part.rglob("*") if path.is_file()]
     names.sort(key=lambda name: (name.name == RECORDS_FILE, name.name != PAGE, name))
     try:
         for folder in {name.parent for name in names}:
             (final / folder).mkdir(parents=True, exist_ok=True)
-        stale = [path for path in _ours(final) if path.relative_to(final) not in names]
+        stale = [path for path in _list_own_files(final) if path.relative_to(final) not in names]
         (final / RECORDS_FILE).unlink(missing_ok=True)
         for path in stale:
             path.unlink(missing_ok=True)
@@ -129,20 +131,20 @@ def _publish(part: Path, final: Path) -> None:
             (part / name).replace(final / name)
     except OSError as error:
         raise unwritable_error(Path(error.filename2 or error.filename or final), error) from error
-    with suppress(OSError):  # somebody else's figures are in it, or there is none
+    with suppress(OSError):  # foreign figures are in it, or there is none
         (final / FIGURES).rmdir()
 
 
-def _ours(folder: Path) -> list[Path]:
-    """What an evaluation wrote there and another may not write: curves, and the figures of its page."""
-    curves = [folder / name for name in CURVES if _text(folder / name).startswith(CURVES_BEGIN)]
-    text = _text(folder / PAGE)
-    figures = _FIGURE.findall(text) if PAGE_SAYS in text else []
+def _list_own_files(folder: Path) -> list[Path]:
+    """Return the files that not every evaluation writes: tables of curves, and the figures of the page."""
+    curves = [folder / name for name in CURVES if _read_text(folder / name).startswith(CURVES_START)]
+    text = _read_text(folder / PAGE)
+    figures = _FIGURE.findall(text) if PAGE_MARK in text else []
     return [*curves, *(folder / FIGURES / f"{name}.svg" for name in figures)]
 
 
-def _text(path: Path) -> str:
-    """What a file holds; '' where it is not there or is no text."""
+def _read_text(path: Path) -> str:
+    """Return the text of a file; '' where there is none or it is no text."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
