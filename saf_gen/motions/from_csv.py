@@ -1,4 +1,4 @@
-"""The lens as somebody measured or drew it: positions in a file."""
+"""A motion that was measured or drawn: lens positions in a CSV file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,17 +8,17 @@ import numpy as np
 from saf_gen.core.csv_table import parse_columns
 from saf_gen.errors import BadInput
 
-SLACK_S = 1e-9  # decimals in a file and quotients of readouts differ in their last digits
+SLACK_S = 1e-9  # decimals in a file and quotients of readouts may differ in their last digits
 
 
 @dataclass(frozen=True)
 class FromCsv:
     """The lens moves in straight lines through the points of a table.
 
-    ``file``: in a recipe the path of a CSV file, in the recipe's folder or below it, with the columns
-    ``time_s`` (s from the beginning of the recording, rising) and ``position`` (0...1 of the travel). It must
-    reach from the middle of the first readout to that of the last. The recipe reads it: the part is given
-    ``{"path": ..., "text": ...}``.
+    ``file`` is, in a recipe, the path of a CSV file in the recipe's folder or below it, with the columns
+    ``time_s`` (seconds from the beginning of the recording, rising) and ``position`` (0...1 of the travel).
+    It must reach from the middle of the first readout to the middle of the last. The recipe reads the file,
+    so that this class gets ``{"path": ..., "text": ...}``.
     """
 
     file: Mapping[str, str] = field(repr=False)
@@ -39,7 +39,7 @@ class FromCsv:
             )
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Fraction of the travel at each time. Raises BadInput for a time that the table does not reach."""
+        """Return the position at each time; raises BadInput for a time that the table does not reach."""
         times, positions = self._points()
         seconds = np.asarray(seconds, dtype=np.float64)
         outside = seconds[(seconds < times[0] - SLACK_S) | (seconds > times[-1] + SLACK_S)]

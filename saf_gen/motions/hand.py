@@ -1,4 +1,4 @@
-"""A focus ring turned by hand: the speed is never quite even."""
+"""A focus ring turned by hand, at an uneven speed."""
 
 from dataclasses import dataclass
 from math import floor, sqrt
@@ -10,25 +10,27 @@ from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.motions._option_checks import check_bounds, check_endpoints
 
-FINE = 32  # points of the speed in one period of its fastest wave; it is a straight line between them
+POINTS_PER_PERIOD = 32  # of the fastest wave; straight lines connect the points
 
 
 @dataclass(frozen=True)
 class Hand:
-    """From ``from`` to ``to`` in the whole recording, at a speed that varies by ``irregularity``.
+    """The lens moves from ``from`` to ``to`` in the recording, at a speed that varies by ``irregularity``.
 
-    The speed over its mean is a random sum of sines with whole periods in the recording, none of them above
-    ``bandwidth_hz``. With noise n of mean 0 and variance 1 and irregularity σ it is
+    The speed divided by its mean has the standard deviation σ = ``irregularity``. It is made of noise n of
+    mean 0 and variance 1, a random sum of sines with whole periods in the recording:
 
-    - 1 + σ·n where ``reversals`` is true: below 0, in about Φ(-1/σ) of the time, the lens goes back a little;
-    - (1 + s·m)² over its mean where it is false, m like n with half the bandwidth: the lens never goes back.
-      s² = √(2/(2 - σ²)) - 1 gives it the standard deviation σ, where m is Gaussian.
+    - 1 + σ·n where ``reversals`` is true, with frequencies up to ``bandwidth_hz``: the lens moves back a
+      little in about Φ(-1/σ) of the time, as far as the stops at the ends of the travel allow;
+    - (1 + s·n)² over its mean where ``reversals`` is false, with frequencies up to half of that: the lens
+      never moves back. The standard deviation is σ for Gaussian n with s² = √(2/(2 - σ²)) - 1.
 
-    A reversal at an end of the travel is cut off at its stop.
+    The default bandwidth is below that of physiological tremor, 6 to 12 Hz [1]_. ``seed`` names the noise;
+    where a recipe gives none, each sequence has its own.
 
-    The default bandwidth is below physiological tremor (6 to 12 Hz: Lakie et al., The Journal of Physiology
-    593, 2015, doi:10.1113/JP270464); ``seed`` names the noise, and each sequence has its own where a recipe
-    gives none.
+    References
+    ----------
+    .. [1] M. Lakie et al., The Journal of Physiology 593, 2015, doi:10.1113/JP270464.
     """
 
     from_: float = 0.0
@@ -40,32 +42,32 @@ class Hand:
 
     def __post_init__(self) -> None:
         check_endpoints(self.from_, self.to)
-        check_bounds("irregularity", self.irregularity, 0, 1, "of the mean speed")
-        check_bounds("bandwidth_hz", self.bandwidth_hz, 0, 1000, "Hz")
+        check_bounds("irregularity", self.irregularity, low=0, high=1, unit="of the mean speed")
+        check_bounds("bandwidth_hz", self.bandwidth_hz, low=0, high=1000, unit="Hz")
         if not isinstance(self.reversals, bool):
             raise BadInput(f"reversals is {self.reversals!r}", allowed="true, false")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise BadInput(f"seed is {self.seed!r}", allowed="a whole number, 0 or more")
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Fraction of the travel at each time. Raises BadInput where no wave fits into the recording."""
+        """Return the position at each time; raises BadInput where no wave fits into the recording."""
         times, speed = self._speed(duration_s)
         path = make_interp_spline(times, speed, k=1).antiderivative()
         fraction = path(np.asarray(seconds, dtype=np.float64)) / path(duration_s)
         return np.clip(self.from_ + (self.to - self.from_) * fraction, 0.0, 1.0)
 
     def _speed(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times (s) and speeds (of no unit) over the recording, float64 (n,) each."""
+        """Return times (s) and relative speeds over the recording, float64 (n,) each."""
         periods = self.bandwidth_hz * duration_s
         waves = floor(periods * (1 if self.reversals else 0.5) + 1e-9)
         if waves < 1:
             least = (1 if self.reversals else 2) / duration_s
             raise BadInput(
                 f"bandwidth_hz is {self.bandwidth_hz:g} in a recording of {duration_s:g} s",
-                allowed=f"at least {least:g}: a wave must fit into it",
+                allowed=f"at least {least:g}: one period must fit into it",
                 hint="raise it, or record more frames",
             )
-        points = FINE * max(floor(periods), 1)
+        points = POINTS_PER_PERIOD * max(floor(periods), 1)
         coefficients = make_generator("hand", self.seed).standard_normal((waves, 2))
         coefficients /= sqrt(np.square(coefficients).sum() / 2)  # variance 1 over the recording
         spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)

@@ -1,4 +1,4 @@
-"""A lens that stays where it is."""
+"""A lens at rest."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from saf_gen.motions._option_checks import check_position
 
 @dataclass(frozen=True)
 class Hold:
-    """The lens rests at ``position``, a fraction of the travel, throughout."""
+    """The lens rests at ``position``, a fraction of the travel."""
 
     position: float
 
@@ -17,5 +17,5 @@ class Hold:
         check_position("position", self.position)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Fraction of the travel at each time."""
+        """Return the position at each time, a fraction of the travel."""
         return np.full(np.shape(seconds), float(self.position))

@@ -1,4 +1,4 @@
-"""Stop and go: a drive that is sent from place to place, and rings before it rests."""
+"""Steps: a drive that is sent from position to position, and rings before it rests."""
 
 from dataclasses import dataclass
 from math import pi, sqrt
@@ -8,24 +8,26 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.motions._option_checks import check_bounds, check_endpoints
 
-MOST = 100_000
+MOST_STEPS = 100_000
 
 
 @dataclass(frozen=True)
 class Steps:
-    """``count`` equal steps from ``from`` to ``to``, a new one after each ``dwell_s`` seconds.
+    """The lens moves from ``from`` to ``to`` in ``count`` equal steps, ``dwell_s`` seconds apart.
 
-    The first place is held for ``dwell_s`` too. Without ``dwell_s`` all places share the recording evenly;
-    with it the lens rests at ``to`` after the last step.
+    The first step comes after ``dwell_s`` seconds, and after the last one the lens rests at ``to``. Without
+    ``dwell_s`` all positions have equal parts of the recording.
 
-    The drive is a mass on a spring, as a voice coil is: it follows its command c by
-    x″ + 2ζω·x′ + ω²·x = ω²·c, with ω = 2π·``natural_hz`` and ζ = ``damping``. Below ζ = 1 it overshoots a
-    step by exp(-πζ/√(1 - ζ²)) of its height and rings at natural_hz·√(1 - ζ²); it has settled to 2 % after
-    about 4/(ζω) seconds. What still rings when the next step comes rings on. The solution is exact.
+    The drive is a mass on a spring, such as a voice coil: it follows its command c by
+    x″ + 2ζω·x′ + ω²·x = ω²·c, with ω = 2π·``natural_hz`` and ζ = ``damping`` [1]_. Below ζ = 1 it overshoots
+    a step by exp(-πζ/√(1 - ζ²)) of its height and rings at natural_hz·√(1 - ζ²); it has settled to 2 % after
+    about 4/(ζω) seconds. Ringing continues through the next step. The solution is exact.
 
     The travel ends at mechanical stops: an overshoot beyond 0 or 1 is cut off there, without a rebound.
 
-    Source: K. Ogata, Modern Control Engineering, 5th edition, 2010, section 5-3.
+    References
+    ----------
+    .. [1] K. Ogata, Modern Control Engineering, 5th edition, 2010, section 5-3.
     """
 
     count: int
@@ -37,24 +39,26 @@ class Steps:
 
     def __post_init__(self) -> None:
         check_endpoints(self.from_, self.to)
-        if isinstance(self.count, bool) or not (isinstance(self.count, int) and 1 <= self.count <= MOST):
+        if isinstance(self.count, bool) or not (
+            isinstance(self.count, int) and 1 <= self.count <= MOST_STEPS
+        ):
             raise BadInput(
                 f"count is {self.count!r}",
-                allowed=f"a whole number of steps, 1 to {MOST}; to draw one, {{choice: [4, 8]}}",
+                allowed=f"a whole number of steps, 1 to {MOST_STEPS}; to draw one, {{choice: [4, 8]}}",
             )
-        check_bounds("natural_hz", self.natural_hz, 0, 1e5, "Hz")
-        check_bounds("damping", self.damping, 0, 10, "of the critical damping")
+        check_bounds("natural_hz", self.natural_hz, low=0, high=1e5, unit="Hz")
+        check_bounds("damping", self.damping, low=0, high=10, unit="of the critical damping")
         if self.dwell_s is not None:
-            check_bounds("dwell_s", self.dwell_s, 0, 3600, "s")
+            check_bounds("dwell_s", self.dwell_s, low=0, high=3600, unit="s")
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Fraction of the travel at each time. Raises BadInput where the recording ends before a step."""
+        """Return the position at each time; raises BadInput where the recording ends before a step."""
         dwell = duration_s / (self.count + 1) if self.dwell_s is None else self.dwell_s
         if not 0 < self.count * dwell < duration_s:
             raise BadInput(
-                f"{self.count} steps, one each {dwell:g} s, in a recording of {duration_s:g} s",
+                f"{self.count} steps, one per {dwell:g} s, in a recording of {duration_s:g} s",
                 allowed=f"dwell_s above 0 and below {duration_s / self.count:g}",
-                hint="without dwell_s they share it evenly",
+                hint="without dwell_s they divide the recording evenly",
             )
         seconds = np.asarray(seconds, dtype=np.float64)
         begins = np.arange(self.count + 1) * dwell
@@ -65,7 +69,7 @@ class Steps:
         return np.clip(command + off[step] * of_off + speed[step] * of_speed, 0.0, 1.0)
 
     def _states(self, dwell: float) -> tuple[np.ndarray, np.ndarray]:
-        """How far the lens is off its new place, and its speed, when it is sent there: (count + 1,) each."""
+        """Return offset from the new position and speed at the beginning of each step, (count + 1,) each."""
         height = (self.to - self.from_) / self.count
         omega = 2 * pi * self.natural_hz
         a, b = (float(x) for x in self._ringing(np.asarray(dwell)))
@@ -78,7 +82,7 @@ class Steps:
         return off_all, speed_all
 
     def _ringing(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The free oscillator after so many seconds: from x = 1 at rest, and from x = 0 at speed 1."""
+        """Return x of the free oscillator after ``seconds``, from x = 1 at rest and x = 0 at speed 1."""
         omega, damping = 2 * pi * self.natural_hz, self.damping
         if damping <= 1:
             turn = omega * sqrt(1 - damping**2)

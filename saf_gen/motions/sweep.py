@@ -1,4 +1,4 @@
-"""One way through the travel, the paper's motion."""
+"""One pass through the travel, the motion of the spike autofocus paper."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,9 @@ from saf_gen.motions._option_checks import check_endpoints
 
 @dataclass(frozen=True)
 class Sweep:
-    """From ``from`` to ``to`` at constant speed, in the whole recording.
+    """The lens moves from ``from`` to ``to``, fractions of the travel, at constant speed.
 
-    Either direction, and part of the travel: both are fractions of it. The recording begins and ends while
-    the lens is moving.
+    The sweep fills the recording, which begins and ends while the lens moves.
     """
 
     from_: float = 0.0
@@ -22,5 +21,5 @@ class Sweep:
         check_endpoints(self.from_, self.to)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Fraction of the travel at each time."""
+        """Return the position at each time, a fraction of the travel."""
         return self.from_ + (self.to - self.from_) * (np.asarray(seconds, dtype=np.float64) / duration_s)

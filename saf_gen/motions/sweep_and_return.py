@@ -1,4 +1,4 @@
-"""There and back: every place is passed twice, in both directions."""
+"""A sweep and its return: every position is passed twice, in both directions."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ from saf_gen.motions._option_checks import check_duration, check_endpoints
 
 @dataclass(frozen=True)
 class SweepAndReturn:
-    """From ``from`` to ``to``, ``dwell_s`` seconds of rest there, and back, in the whole recording.
+    """The lens moves from ``from`` to ``to``, rests there for ``dwell_s`` seconds, and moves back.
 
-    Both ways at the same constant speed; the lens turns at once.
+    Both directions have the same constant speed and together fill the recording; the lens turns at once.
     """
 
     from_: float = 0.0
@@ -24,11 +24,11 @@ class SweepAndReturn:
         check_duration("dwell_s", self.dwell_s)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
-        """Fraction of the travel at each time. Raises BadInput where the rest leaves no time to move."""
+        """Return the position at each time; raises BadInput where the rest leaves no time to move."""
         if not self.dwell_s < duration_s:
             raise BadInput(
                 f"dwell_s is {self.dwell_s:g} in a recording of {duration_s:g} s",
-                allowed=f"0 up to but not {duration_s:g}",
+                allowed=f"0 or more, below {duration_s:g}",
                 hint="shorten it, or record more frames",
             )
         there = (duration_s - self.dwell_s) / 2
