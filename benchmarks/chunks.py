@@ -1,11 +1,11 @@
-"""Which chunk shape a stream should have: size on disk, writing, and three ways of reading, for each.
+"""Which chunk shape a stream should have: size on disk, writing, and three patterns of reading, for each.
 
     python benchmarks/chunks.py [--out benchmarks/pictures] [--frames 20000]
 
 Packed spikes (row, col, bytes along time) of a sweep with all noise are stored in chunks of a shape by
 isa-l's deflate on threads, as streams are, and read back: counts of all windows of a sweep, one window of
-all pixels, and a region of 64×64 pixels over all time. Windows are of 104 frames, whole bytes, so that every
-shape counts alike. Median of three; the file is in the page cache. Writes chunks.json and prints a table.
+all pixels, and a region of 64×64 pixels over all time. Windows have 104 frames, whole bytes, so that every
+shape counts the same. Median of three; the file is in the page cache. Writes chunks.json and prints a table.
 """
 
 import argparse
@@ -44,13 +44,13 @@ SHAPES = (
 Box = tuple[slice, slice, slice]
 
 
-def store(path: Path, spikes: np.ndarray, chunk: tuple[int, int, int], pool: ThreadPoolExecutor) -> None:
-    """Write ``spikes`` uint8 (row, col, byte) in chunks of this shape, deflated on threads."""
+def store(path: Path, spikes: np.ndarray, *, chunk: tuple[int, int, int], pool: ThreadPoolExecutor) -> None:
+    """Write spikes, uint8 (row, col, byte), in chunks of a shape, deflated on threads."""
     with h5py.File(path, "w") as file:
         made = file.create_dataset("spikes", spikes.shape, np.uint8, chunks=chunk, compression=1)
         corners = list(product(*(range(0, n, c) for n, c in zip(spikes.shape, chunk, strict=True))))
 
-        def deflated(corner: tuple[int, ...]) -> bytes:
+        def deflate(corner: tuple[int, ...]) -> bytes:
             part = spikes[tuple(slice(a, a + c) for a, c in zip(corner, chunk, strict=True))]
             whole = part
             if part.shape != chunk:
@@ -58,31 +58,31 @@ def store(path: Path, spikes: np.ndarray, chunk: tuple[int, int, int], pool: Thr
                 whole[tuple(slice(0, n) for n in part.shape)] = part
             return isal_zlib.compress(np.ascontiguousarray(whole), 1, isal_zlib.MAX_WBITS)
 
-        for corner, data in zip(corners, pool.map(deflated, corners), strict=True):
+        for corner, data in zip(corners, pool.map(deflate, corners), strict=True):
             made.id.write_direct_chunk(corner, data)
 
 
-def chunks_of(
-    file: h5py.File, box: Box, pool: ThreadPoolExecutor
+def read_chunks(
+    file: h5py.File, box: Box, *, pool: ThreadPoolExecutor
 ) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
-    """Every chunk that a box meets, inflated on threads, with its corner."""
+    """Yield the corner and content of every chunk that overlaps a box, inflated on threads."""
     spikes = file["spikes"]
-    ways = (range(s.start // c * c, s.stop, c) for s, c in zip(box, spikes.chunks, strict=True))
-    corners = list(product(*ways))
+    starts = (range(s.start // c * c, s.stop, c) for s, c in zip(box, spikes.chunks, strict=True))
+    corners = list(product(*starts))
     raw = [spikes.id.read_direct_chunk(corner)[1] for corner in corners]
 
-    def inflated(data: bytes) -> np.ndarray:
+    def inflate(data: bytes) -> np.ndarray:
         return np.frombuffer(isal_zlib.decompress(data), np.uint8).reshape(spikes.chunks)
 
-    yield from zip(corners, pool.map(inflated, raw), strict=True)
+    yield from zip(corners, pool.map(inflate, raw), strict=True)
 
 
-def counts(path: Path, box: Box, pool: ThreadPoolExecutor) -> np.ndarray:
-    """Spikes of each pixel of a box in each window, uint16 (window, row, col)."""
+def counts(path: Path, box: Box, *, pool: ThreadPoolExecutor) -> np.ndarray:
+    """Return the spikes of each pixel of a box in each window, uint16 (window, row, col)."""
     lengths = [s.stop - s.start for s in box]
     ones = np.zeros(lengths, np.uint8)
     with h5py.File(path) as file:
-        for corner, chunk in chunks_of(file, box, pool):
+        for corner, chunk in read_chunks(file, box, pool=pool):
             here, there = [], []
             for start, c, s in zip(corner, chunk.shape, box, strict=True):
                 first, last = max(start, s.start), min(start + c, s.stop)
@@ -93,12 +93,12 @@ def counts(path: Path, box: Box, pool: ThreadPoolExecutor) -> np.ndarray:
     return np.add.reduceat(ones, edges, axis=2, dtype=np.uint16).transpose(2, 0, 1)
 
 
-def measured(spikes: np.ndarray, chunk: tuple[int, int, int], folder: Path) -> dict[str, float]:
-    """Bits a pixel and frame, and seconds: to write, and to read in the three ways."""
+def measure(spikes: np.ndarray, chunk: tuple[int, int, int], *, folder: Path) -> dict[str, float]:
+    """Return bits per pixel and frame, and the seconds of writing and of each pattern of reading."""
     path = folder / "trial.h5"
     rows, columns, length = spikes.shape
     whole, middle = slice(0, rows), length // 2
-    ways: dict[str, Box] = {
+    patterns: dict[str, Box] = {
         "all windows": (whole, slice(0, columns), slice(0, length)),
         "one window": (whole, slice(0, columns), slice(middle, middle + WINDOW)),
         "one region": (
@@ -108,9 +108,9 @@ def measured(spikes: np.ndarray, chunk: tuple[int, int, int], folder: Path) -> d
         ),
     }
     with ThreadPoolExecutor(usable_cores()) as pool:
-        out = {"write": _median(lambda: store(path, spikes, chunk, pool))}
-        for name, box in ways.items():
-            out[name] = _median(lambda box=box: counts(path, box, pool))  # type: ignore[misc]
+        out = {"write": _median(lambda: store(path, spikes, chunk=chunk, pool=pool))}
+        for name, box in patterns.items():
+            out[name] = _median(lambda box=box: counts(path, box, pool=pool))  # type: ignore[misc]
     out["bits"] = path.stat().st_size * 8 / (spikes.size * 8)
     return out
 
@@ -134,13 +134,15 @@ def main() -> None:
     options = parser.parse_args()
     sensor = get_sensor(options.sensor)
     charge = synthetic_recording.make_charge(sensor, 129)
-    spikes = np.concatenate(list(synthetic_recording.encode_blocks(sensor, charge, options.frames)), axis=2)
+    spikes = np.concatenate(
+        list(synthetic_recording.encode_blocks(sensor, charge, frames=options.frames)), axis=2
+    )
     found = {}
     print(f"{'rows, columns, bytes':24}{'bit':>7}{'write':>9}{'sweep':>9}{'window':>9}{'region':>9}  seconds")
     with TemporaryDirectory() as folder:
         for shape in SHAPES:
             chunk = tuple(min(c, n) for c, n in zip(shape, spikes.shape, strict=True))
-            one = measured(spikes, chunk, Path(folder))  # type: ignore[arg-type]
+            one = measure(spikes, chunk, folder=Path(folder))  # type: ignore[arg-type]
             found["x".join(map(str, chunk))] = one
             times = "".join(f"{one[k]:9.4f}" for k in ("write", "all windows", "one window", "one region"))
             print(f"{chunk!s:24}{one['bits']:7.3f}{times}")

@@ -1,4 +1,4 @@
-"""How the pictures of benchmarks/ look: Okabe and Ito's colours, thin axes, one grid."""
+"""Style and axes of the figures of benchmarks/, in the colours of Okabe and Ito."""
 
 import math
 from pathlib import Path
@@ -28,14 +28,14 @@ STYLE: dict[Any, Any] = {
 
 
 def panels(rows: int, columns: int, *, width: float, height: float) -> tuple[Figure, np.ndarray]:
-    """A figure, width and height in inches, and its panels (rows, columns)."""
+    """Return a figure of a size in inches, and its panels (rows, columns)."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def log_log(axes: Axes, x: list[float], y: list[float], colour: str, label: str = "") -> None:
-    """A line with its points over logarithmic axes, marked at decades, or at 1, 2 and 5 of them."""
+def log_log(axes: Axes, x: list[float], *, y: list[float], colour: str, label: str = "") -> None:
+    """Plot a line with its points on logarithmic axes, with ticks at decades, or at 1, 2 and 5 of each."""
     axes.loglog(x, y, "o-", color=colour, markersize=4, linewidth=1.5, label=label)
     for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
         marks = (1,) if max(values) > 50 * min(values) else (1, 2, 5)
@@ -54,18 +54,18 @@ def _short(value: float, _: object) -> str:
 
 
 def wide(axes: Axes, y: list[float]) -> None:
-    """Show at least a decade: what hardly grows is to look like it."""
+    """Show at least a decade, so that what hardly grows looks flat."""
     middle, half = math.sqrt(min(y) * max(y)), math.sqrt(max(10.0, 2 * max(y) / min(y)))
     axes.set_ylim(middle / half, middle * half)
 
 
 def slope(x: list[float], y: list[float]) -> float:
-    """The exponent n of y ~ x**n, by least squares over the last three points."""
+    """Return the exponent n of y ~ x**n, by least squares over the last three points."""
     return float(np.polyfit(np.log(x[-3:]), np.log(y[-3:]), 1)[0])
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG; its folder is made."""
+    """Write a PNG, and create its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
         FigureCanvasAgg(figure)

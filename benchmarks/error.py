@@ -3,8 +3,8 @@
     python benchmarks/error.py [--out benchmarks/pictures] [--scene usaf_target] [--small]
 
 The error is the root mean square over pixels against a thin-lens reference of 2,048 samples with other seeds,
-the reference's own noise taken off, as a share of the mean radiance; the mean of five positions. Time is that
-of the whole stack: the thin lens's is the mean of its renders at the five positions, times all positions.
+with the reference's own noise subtracted, as a fraction of the mean radiance, averaged over five positions.
+Time is that of the whole stack: for the thin lens the mean of its renders at the five positions, times all.
 Writes error.json and error.png. Full size takes about five minutes on two cores and needs LLVM.
 """
 
@@ -27,7 +27,7 @@ HERE = Path(__file__).resolve().parent
 
 @dataclass(frozen=True)
 class Plan:
-    """What is rendered: 129 positions, 4 ... 256 samples a pixel."""
+    """What is rendered: 129 positions, 4 to 256 samples per pixel."""
 
     sensor: str = "vidar_400x250"
     positions: int = 129
@@ -40,25 +40,25 @@ SMALL = Plan(positions=9, samples=(4, 8, 16), reference=64, batch=16)
 
 
 def measure(plan: Plan, scene: str) -> dict[str, Any]:
-    """Error and time of both ways at every number of samples, as they go into error.json."""
+    """Return error and time of both renderers at every number of samples, as written to error.json."""
     setup, variant = bench_stack.set_up_scene(plan.sensor, scene)
-    places = bench_stack.nearest_positions(plan.positions)
+    positions = bench_stack.nearest_positions(plan.positions)
     references = []
-    for place in places:
+    for position in positions:
         references.append(
-            bench_stack.render_reference(setup, place, samples=plan.reference, batch=plan.batch)[0]
+            bench_stack.render_reference(setup, position, samples=plan.reference, batch=plan.batch)[0]
         )
-        print(f"reference at {place:.2f}: noise {100 * _share(references[-1]):.3g} %", flush=True)
+        print(f"reference at {position:.2f}: noise {100 * _relative_noise(references[-1]):.3g} %", flush=True)
     found: dict[str, Any] = {
         "scene": scene,
         "variant": variant,
         "positions": plan.positions,
-        "places": places,
+        "places": positions,
     }
     found |= {"reference_samples": plan.reference, "samples": list(plan.samples)}
-    ways = {"one_pass": _one_pass, "thin_lens": _thin_lens}
-    for name, way in ways.items():
-        rows = [way(setup, plan, samples, places) for samples in plan.samples]
+    renderers = {"one_pass": _one_pass, "thin_lens": _thin_lens}
+    for name, render in renderers.items():
+        rows = [render(setup, plan, samples=samples, at=positions) for samples in plan.samples]
         errors = [
             [reference.relative_rms_error(image) for reference, image in zip(references, images, strict=True)]
             for images, _ in rows
@@ -74,32 +74,33 @@ def measure(plan: Plan, scene: str) -> dict[str, Any]:
             plan.samples, found[name]["seconds"], found[name]["error"], strict=True
         ):
             print(f"{name}, {samples} samples: {took:.3g} s, error {100 * error:.3g} %", flush=True)
-    found["slope_of_error"] = {name: slope(found["samples"], found[name]["error"]) for name in ways}
+    found["slope_of_error"] = {name: slope(found["samples"], found[name]["error"]) for name in renderers}
     found["less_error_at_equal_time_db"] = _at_equal_time(found["one_pass"], found["thin_lens"])
     return found
 
 
-def _share(reference: bench_stack.ReferenceRender) -> float:
+def _relative_noise(reference: bench_stack.ReferenceRender) -> float:
     return math.sqrt(reference.noise) / float(reference.radiance.mean())
 
 
-def _one_pass(setup: Any, plan: Plan, samples: int, places: list[float]) -> tuple[list[np.ndarray], float]:
-    """Pictures at the places, and the time of the stack, after one that compiles."""
-    bench_stack.render_one_pass(setup, plan.positions, samples)
-    whole, took = time_call(bench_stack.render_one_pass, setup, plan.positions, samples)
-    return [whole[round(place * (plan.positions - 1))] for place in places], took
+def _one_pass(setup: Any, plan: Plan, *, samples: int, at: list[float]) -> tuple[list[np.ndarray], float]:
+    """Return the images at these positions, and the time of the stack, after a first run that compiles."""
+    bench_stack.render_one_pass(setup, plan.positions, samples=samples)
+    whole, took = time_call(bench_stack.render_one_pass, setup, plan.positions, samples=samples)
+    return [whole[round(position * (plan.positions - 1))] for position in at], took
 
 
-def _thin_lens(setup: Any, plan: Plan, samples: int, places: list[float]) -> tuple[list[np.ndarray], float]:
-    bench_stack.render_thin_lens(setup, places[0], samples, 0)
-    done = [time_call(bench_stack.render_thin_lens, setup, place, samples, 0) for place in places]
-    return [image for image, _ in done], plan.positions * float(np.mean([took for _, took in done]))
+def _thin_lens(setup: Any, plan: Plan, *, samples: int, at: list[float]) -> tuple[list[np.ndarray], float]:
+    bench_stack.render_thin_lens(setup, at[0], samples=samples, seed=0)
+    render = bench_stack.render_thin_lens
+    timed = [time_call(render, setup, position, samples=samples, seed=0) for position in at]
+    return [image for image, _ in timed], plan.positions * float(np.mean([took for _, took in timed]))
 
 
 def _at_equal_time(ours: dict[str, Any], theirs: dict[str, Any]) -> dict[str, float]:
-    """How much less (dB) our error is than theirs at the same time, where both were measured.
+    """Return by how much (dB) our error is below theirs, by time in seconds, where both were measured.
 
-    Theirs is a line between its points, both axes logarithmic. By time, in seconds.
+    Theirs is interpolated between its points, on logarithmic axes.
     """
     times, errors = np.log(theirs["seconds"]), np.log(theirs["error"])
     order = np.argsort(times)
@@ -112,14 +113,14 @@ def _at_equal_time(ours: dict[str, Any], theirs: dict[str, Any]) -> dict[str, fl
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
-    """Error over samples, and over the time of the whole stack."""
+    """Draw error over samples, and over the time of the whole stack."""
     figure, grid = panels(1, 2, width=9, height=3.8)
     for name, label, colour in (("thin_lens", "thin lens", ORANGE), ("one_pass", "one pass", BLUE)):
         percent = [100 * e for e in found[name]["error"]]
         label = f"{label}, slope {found['slope_of_error'][name]:.2f}"
-        log_log(grid[0, 0], found["samples"], percent, colour, label)
-        log_log(grid[0, 1], found[name]["seconds"], percent, colour)
-    grid[0, 0].set(xlabel="samples a pixel", ylabel="error (% of mean radiance)", title="at equal samples")
+        log_log(grid[0, 0], found["samples"], y=percent, colour=colour, label=label)
+        log_log(grid[0, 1], found[name]["seconds"], y=percent, colour=colour)
+    grid[0, 0].set(xlabel="samples per pixel", ylabel="error (% of mean radiance)", title="at equal samples")
     grid[0, 0].legend(frameon=False)
     grid[0, 1].set(xlabel=f"time of {found['positions']} positions (s)", title="at equal time")
     for n, took, error in zip(
@@ -131,7 +132,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
 
 
 def main(argv: list[str] | None = None, *, plan: Plan | None = None) -> None:
-    """Measure and write; ``plan`` replaces what the command line says, for tests."""
+    """Measure and write; tests give another ``plan``."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
     parser.add_argument("--scene", default=bench_stack.SCENE)

@@ -36,7 +36,7 @@ Measured = tuple[float, float]
 
 @dataclass(frozen=True)
 class Plan:
-    """Sizes along each curve, and what stays the same meanwhile."""
+    """Sizes along each curve, and the sizes that stay fixed meanwhile."""
 
     sensor: str = "vidar_400x250"
     positions: tuple[int, ...] = (17, 33, 65, 129, 257, 513, 1025)
@@ -62,38 +62,38 @@ SMALL = Plan(
 )
 
 
-def render(sensor: str, positions: int, samples: int, report: ReportProgress) -> Measured:
-    """A focal stack in one pass, after one that compiles."""
+def render(sensor: str, positions: int, samples: int, *, report: ReportProgress) -> Measured:
+    """Render a focal stack in one pass, after a first one that compiles."""
     setup, _ = bench_stack.set_up_scene(sensor)
-    bench_stack.render_one_pass(setup, positions, samples)
-    _, took = time_call(bench_stack.render_one_pass, setup, positions, samples)
+    bench_stack.render_one_pass(setup, positions, samples=samples)
+    _, took = time_call(bench_stack.render_one_pass, setup, positions, samples=samples)
     return took, peak_memory_gib()
 
 
 def record(
-    sensor: str, shape: tuple[int, int], positions: int, frames: int, report: ReportProgress
+    sensor: str, shape: tuple[int, int], positions: int, frames: int, *, report: ReportProgress
 ) -> Measured:
-    """One sequence, encoded with all noise and stored; the charge of all positions is in memory."""
+    """Encode one sequence with all noise and store it; the charge of all positions is in memory."""
     camera = replace(get_sensor(sensor), rows=shape[0], columns=shape[1])
     charge = synthetic_recording.make_charge(camera, positions)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sequence.h5"
-        synthetic_recording.record_sweep(path, camera, charge, 16)  # compiles
-        _, took = time_call(synthetic_recording.record_sweep, path, camera, charge, frames)
+        synthetic_recording.record_sweep(path, camera, charge=charge, frames=16)  # compiles
+        _, took = time_call(synthetic_recording.record_sweep, path, camera, charge=charge, frames=frames)
     return took, peak_memory_gib()
 
 
-def dataset(recipe: str, stacks: str, sequences: int, report: ReportProgress) -> Measured:
-    """A dataset whose stacks are there, generated and evaluated; memory of the largest process."""
+def dataset(recipe: str, stacks: str, sequences: int, *, report: ReportProgress) -> Measured:
+    """Generate and evaluate a dataset whose stacks exist; the memory is that of the largest process."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "dataset"
         shutil.copytree(stacks, folder / "stacks")
-        _, took = time_call(_dataset, recipe, sequences, folder)
+        _, took = time_call(_make_dataset, recipe, sequences, folder=folder)
     return took, peak_memory_gib()
 
 
-def _dataset(recipe: str, sequences: int, folder: Path) -> None:
-    """The first scene of a recipe under its first light, so many times: JSON is YAML."""
+def _make_dataset(recipe: str, sequences: int, *, folder: Path) -> None:
+    """Generate and evaluate so many sequences of a recipe's first scene under its first light."""
     data = read_recipe(recipe).model_dump(mode="json")
     split = next(iter(data["splits"].values()))
     data["splits"] = {
@@ -101,19 +101,19 @@ def _dataset(recipe: str, sequences: int, folder: Path) -> None:
     }
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "recipe.yaml"
-    path.write_text(json.dumps(data))
-    outcome = generate(resolve_recipe(path), folder)
-    for error in outcome.failed.values():
+    path.write_text(json.dumps(data))  # JSON is YAML
+    result = generate(resolve_recipe(path), folder)
+    for error in result.failed.values():
         raise error
     evaluate(folder)
 
 
 Point = tuple[int, Callable[..., Measured], tuple[Any, ...]]
-"""Size along a curve, the function that measures it, and what it is given."""
+"""Size along a curve, the function that measures it, and its arguments."""
 
 
-def points(curve: str, plan: Plan, stacks: Path) -> list[Point]:
-    """Every point of a curve; ``stacks`` is where those of the datasets are rendered, once for all."""
+def points(curve: str, plan: Plan, *, stacks: Path) -> list[Point]:
+    """Return every point of a curve; the datasets' stacks are rendered once, into ``stacks``."""
     usual = plan.usual_positions
     if curve == "positions":
         return [(n, render, (plan.sensor, n, plan.usual_samples)) for n in plan.positions]
@@ -124,18 +124,18 @@ def points(curve: str, plan: Plan, stacks: Path) -> list[Point]:
         return [(n, record, (plan.sensor, (camera.rows, camera.columns), usual, n)) for n in plan.frames]
     if curve == "pixels":
         return [(h * w, record, (plan.sensor, (h, w), usual, plan.few_frames)) for h, w in plan.arrays]
-    _dataset(plan.recipe, 1, stacks.parent)
+    _make_dataset(plan.recipe, 1, folder=stacks.parent)
     return [(n, dataset, (plan.recipe, str(stacks), n)) for n in plan.sequences]
 
 
-def measure(plan: Plan, curves: list[str], one: Callable[..., Measured]) -> dict[str, Any]:
-    """The curves as they go into growth.json; ``one`` calls a function and gives what it gives."""
+def measure(plan: Plan, curves: list[str], *, call: Callable[..., Measured]) -> dict[str, Any]:
+    """Return the curves as written to growth.json; ``call`` runs a function and returns its result."""
     found: dict[str, Any] = {}
     with TemporaryDirectory() as temporary:
         for curve in curves:
             sizes, took, peaks = [], [], []
-            for size, function, given in points(curve, plan, Path(temporary) / "dataset" / "stacks"):
-                seconds, gib = one(function, *given)
+            for size, function, given in points(curve, plan, stacks=Path(temporary) / "dataset" / "stacks"):
+                seconds, gib = call(function, *given)
                 print(f"{curve} {size}: {seconds:.3g} s, {gib:.3g} GiB", flush=True)
                 sizes, took, peaks = [*sizes, size], [*took, seconds], [*peaks, gib]
             found[curve] = {"size": sizes, "seconds": took, "peak_gib": peaks}
@@ -144,14 +144,14 @@ def measure(plan: Plan, curves: list[str], one: Callable[..., Measured]) -> dict
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
-    """Time above, memory below, a column a curve."""
+    """Draw time above and memory below, one column per curve."""
     figure, grid = panels(2, len(found), width=2.7 * len(found), height=4.8)
     for column, (curve, data) in enumerate(found.items()):
         for row, (key, unit, colour) in enumerate(
             (("seconds", "time (s)", BLUE), ("peak_gib", "peak memory (GiB)", ORANGE))
         ):
             axes = grid[row, column]
-            log_log(axes, data["size"], data[key], colour)
+            log_log(axes, data["size"], y=data[key], colour=colour)
             axes.set_title(f"{curve}: slope {data[f'slope_{key}']:.2f}")
             wide(axes, data[key])
             if column == 0:
@@ -165,9 +165,9 @@ def main(
     argv: list[str] | None = None,
     *,
     plan: Plan | None = None,
-    one: Callable[..., Measured] = run_in_fresh_process,
+    call: Callable[..., Measured] = run_in_fresh_process,
 ) -> None:
-    """Measure and write; ``plan`` and ``one`` replace what the command line says, for tests."""
+    """Measure and write; tests give another ``plan``, and a ``call`` that stays in their process."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
     parser.add_argument("--only", action="append", choices=CURVES, help="this curve; may be given again")
@@ -175,7 +175,7 @@ def main(
     given = parser.parse_args(argv)
     chosen = plan or (SMALL if given.small else Plan())
     curves = given.only or list(CURVES)
-    found = measure(chosen, curves, one)
+    found = measure(chosen, curves, call=call)
     given.out.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"machine": describe_installation()[0], "curves": found}, indent=1, ensure_ascii=False)
     (given.out / "growth.json").write_text(text + "\n")

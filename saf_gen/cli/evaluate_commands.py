@@ -37,9 +37,7 @@ def evaluate(
     folder: OutFolder = None,
     track: Annotated[
         str,
-        typer.Option(
-            help="recorded: all see the same recording; closed_loop: each commands the lens."
-        ),
+        typer.Option(help="recorded: all see the same recording; closed_loop: each commands the lens."),
     ] = "recorded",
     actuator: Annotated[
         str | None, typer.Option(help="Closed loop: actuator preset or .yaml file (default: voice_coil).")

@@ -1,7 +1,7 @@
-"""How fast we are, measured where it counts: ratios in one run, or rates with their workload beside them.
+"""Measurements of speed, memory and file size: ratios within one run, or rates beside their workload.
 
-Each bench is one file of this folder; it gives figures with the target that the design sets. Nothing here is
-a test: a machine that is busy or old may miss a target without being wrong.
+Each bench has a module of its own in this folder and yields figures, most of them with a target. A bench is
+not a test: a busy or old machine may miss a target without anything being wrong.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,8 +17,8 @@ __all__ = ["BENCHES", "BenchFigure", "BenchResults", "BenchSize", "run_benches"]
 
 BENCHES = {
     "stack": "the focal stack against Mitsuba's thin lens: time, and error at equal samples",
-    "encode": "charge to spikes: rate, growth with the length, public encoders beside it",
-    "stream": "the file: write, size, read in three ways, file to scores",
+    "encode": "charge to spikes: rate, growth with the length, comparison with public encoders",
+    "stream": "the stream file: write, size, three read patterns, file to scores",
     "score": "ten methods on six sequences",
     "job": "the paper's synthetic set, recipe to leaderboard, and again under another light",
 }
@@ -27,7 +27,7 @@ MAX_MEMORY_GIB = 2.0
 
 @dataclass(frozen=True)
 class BenchResults:
-    """figures; remarks, on what was left out and why; failed benches, each with its error."""
+    """The figures, remarks on what was left out and why, and the failed benches, each with its error."""
 
     figures: tuple[BenchFigure, ...]
     remarks: tuple[str, ...]
@@ -37,12 +37,26 @@ class BenchResults:
 def run_benches(
     names: Sequence[str], size: BenchSize, *, report: ReportProgress = lambda stage, done: None
 ) -> BenchResults:
-    """Run these benches, or all where none is named, one after the other, each in a fresh process.
+    """Run benches one after the other, each in a fresh process.
 
-    ``report`` is told what is being measured and the share of it that is done. A bench that cannot run here
-    (no LLVM, no recipe) is among the failed; the others go on.
+    Parameters
+    ----------
+    names : sequence of str
+        Keys of BENCHES; all benches if empty.
+    size : BenchSize
+        The workload.
+    report : callable, optional
+        Called with what is being measured and the fraction of it that is done, 0 to 1.
 
-    Raises BadInput for an unknown name, before anything is measured.
+    Returns
+    -------
+    BenchResults
+        A bench that cannot run here (no LLVM, no recipe) is among the failed ones; the others continue.
+
+    Raises
+    ------
+    BadInput
+        For an unknown name, before anything is measured.
     """
     for name in names:
         if name not in BENCHES:
@@ -51,23 +65,22 @@ def run_benches(
     failed: dict[str, SafGenError] = {}
     for name in dict.fromkeys(names or BENCHES):
         try:
-            found += run_in_fresh_process(_measured, name, size, report=report)
+            found += run_in_fresh_process(_measure, name, size, report=report)
         except SafGenError as error:
             failed[name] = error
     figures = tuple(f for f in found if isinstance(f, BenchFigure))
     return BenchResults(figures, tuple(f for f in found if isinstance(f, str)), failed)
 
 
-def _measured(name: str, size: BenchSize, report: ReportProgress) -> list[BenchFigure | str]:
-    """All that a bench gives, and the peak memory of this process, which does nothing else."""
+def _measure(name: str, size: BenchSize, *, report: ReportProgress) -> list[BenchFigure | str]:
+    """Return what a bench yields, and the peak memory of this process, which runs nothing else."""
 
-    def told(stage: str, done: float) -> None:
+    def report_stage(stage: str, done: float) -> None:
         report(f"{name}: {stage}", done)
 
-    measure: Callable[[BenchSize, ReportProgress], Iterator[BenchFigure | str]]
-    measure = import_module(f"saf_gen.speed.bench_{name}").run_bench
-    found = list(measure(size, told))
+    run_bench: Callable[[BenchSize, ReportProgress], Iterator[BenchFigure | str]]
+    run_bench = import_module(f"saf_gen.speed.bench_{name}").run_bench
     return [
-        *found,
+        *run_bench(size, report_stage),
         BenchFigure(name, "peak memory of a process", peak_memory_gib(), "GiB", MAX_MEMORY_GIB, at_most=True),
     ]

@@ -1,4 +1,4 @@
-"""Charge to spikes: rate with all noise on, growth with the length, and public encoders in the same run."""
+"""The encoder: rate with all noise on, growth with the length, and public encoders in the same run."""
 
 import importlib.util
 from collections.abc import Iterator
@@ -20,18 +20,18 @@ __all__ = ["load_public_encoders", "run_bench"]
 RUNS = 3
 LONGER = 10
 FAST_CAMERA_HZ = 40_000
-MAX_GROWTH = 1.1  # of the time a frame: ours, after the design's 10 % for memory
+MAX_GROWTH = 1.1  # of the time per frame
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """The encoder alone, then against public ones, then its time and memory at ten times the length."""
+    """Yield the encoder's rate, that of public encoders, and its time and memory at ten times the length."""
     sensor = get_sensor(size.sensor)
     charge = synthetic_recording.make_charge(sensor, size.positions[0])
-    _encode(sensor, charge, 16)  # compiles
+    _encode(sensor, charge, frames=16)  # compiles
     times = []
     for done in range(RUNS):
         report("all noise on", done / RUNS)
-        times.append(time_call(_encode, sensor, charge, size.frames)[1])
+        times.append(time_call(_encode, sensor, charge, frames=size.frames)[1])
     report("all noise on", 1.0)
     usual = float(np.median(times))
     pixels = sensor.rows * sensor.columns
@@ -42,17 +42,17 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     yield BenchFigure(
         "encode", "times as fast as a camera of 40 kHz", rate / pixels / FAST_CAMERA_HZ, "×", 1.0
     )
-    yield from _public(size, sensor, rate, report)
+    yield from _bench_public(size, sensor, our_rate=rate, report=report)
     report(f"{LONGER} times the length", 0.0)
-    _, longer = time_call(_encode, sensor, charge, LONGER * size.frames)
+    _, longer = time_call(_encode, sensor, charge, frames=LONGER * size.frames)
     report(f"{LONGER} times the length", 1.0)
-    what = f"time a frame of {LONGER * size.frames:,} frames over that of {size.frames:,}"
+    what = f"time per frame of {LONGER * size.frames:,} frames over that of {size.frames:,}"
     yield BenchFigure("encode", what, longer / LONGER / usual, "×", MAX_GROWTH, at_most=True)
-    yield from _memory(size, report)
+    yield from _bench_memory(size, report)
 
 
 def load_public_encoders() -> ModuleType | None:
-    """``benchmarks/public_encoders.py`` of the checkout; None where the package was installed without it."""
+    """Import ``benchmarks/public_encoders.py`` of the checkout; None if there is no checkout."""
     path = Path(saf_gen.__file__).resolve().parent.parent / "benchmarks" / "public_encoders.py"
     spec = importlib.util.spec_from_file_location("saf_gen_public_encoders", path)
     if not path.is_file() or spec is None or spec.loader is None:
@@ -62,15 +62,15 @@ def load_public_encoders() -> ModuleType | None:
     return module
 
 
-def _encode(sensor: Sensor, charge: np.ndarray, frames: int) -> None:
-    for _ in synthetic_recording.encode_blocks(sensor, charge, frames):
-        pass  # a block is let go before the next is made, as in a recording
+def _encode(sensor: Sensor, charge: np.ndarray, *, frames: int) -> None:
+    for _ in synthetic_recording.encode_blocks(sensor, charge, frames=frames):
+        pass  # one block in memory at a time, as in a recording
 
 
-def _public(
-    size: BenchSize, sensor: Sensor, ours: float, report: ReportProgress
+def _bench_public(
+    size: BenchSize, sensor: Sensor, *, our_rate: float, report: ReportProgress
 ) -> Iterator[BenchFigure | str]:
-    """Their rates on a still picture of our mean rate, held in memory: no file is opened or decoded."""
+    """Yield the rates of public encoders on a still picture in memory, of the same mean rate as ours."""
     public = load_public_encoders()
     if public is None:
         yield "encode: the public encoders are left out: benchmarks/ is not beside the package"
@@ -84,24 +84,24 @@ def _public(
         report("public encoders", done / len(public.ENCODERS))
         frames = max(1, size.public_frames // encoder.slower)
         video = np.broadcast_to(grey, (frames, *shape))
-        _, took = time_call(encoder.run, video, random)
-        rate = frames / took
+        _, seconds = time_call(encoder.run, video, random)
+        rate = frames / seconds
         yield BenchFigure(
             "encode", f"{encoder.name}: {format_shape(shape)}, {frames} frames", rate, "frames/s"
         )
-        times_faster = ours / (rate * grey.size)
+        times_faster = our_rate / (rate * grey.size)
         yield BenchFigure("encode", f"times faster, all noise on, than {encoder.name}", times_faster, "×")
     report("public encoders", 1.0)
 
 
-def _memory(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
-    """Peak memory of one recording into a file, and of one ten times as long, each in a fresh process."""
+def _bench_memory(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
+    """Yield the peak memory of a recording and of one ten times as long, each in a fresh process."""
     short, long = (
         run_in_fresh_process(
             synthetic_recording.measure_recording_memory,
             size.sensor,
             size.positions[0],
-            frames,
+            frames=frames,
             report=report,
         )
         for frames in (size.frames, LONGER * size.frames)

@@ -1,4 +1,4 @@
-"""What a bench gives, and what it works on."""
+"""The figures that a bench yields, and the size of its workload."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ __all__ = ["BenchFigure", "BenchSize", "format_shape"]
 
 @dataclass(frozen=True)
 class BenchFigure:
-    """One measured number; ``target`` is what the design asks for, ``at_most`` which side of it is good."""
+    """One measured number; ``target`` is its upper limit if ``at_most``, else its lower limit."""
 
     bench: str
     what: str
@@ -18,7 +18,7 @@ class BenchFigure:
 
     @property
     def met(self) -> bool | None:
-        """Whether the target is reached; None where there is none."""
+        """Whether the target is met; None without a target."""
         if self.target is None:
             return None
         return self.value <= self.target if self.at_most else self.value >= self.target
@@ -26,15 +26,24 @@ class BenchFigure:
 
 @dataclass(frozen=True)
 class BenchSize:
-    """The workload of every bench; the defaults are the design's.
+    """The workload of the benches; the defaults are full size.
 
-    sensor : name or YAML file; its array is the size of all pictures.
-    frames : of a recording; its growth is measured from here to ten times as many.
-    positions : of the focal stack, the usual and the fine one.
-    samples, reference : a pixel, of the stack and of what its error is measured against.
-    public_frames : given to the public encoders; the slower ones get a tenth and a hundredth.
-    sequences : that ten methods are run on.
-    recipe : of the whole job; '' is the project's recipes/sad_core.yaml.
+    Attributes
+    ----------
+    sensor : str
+        Name or YAML file of the sensor; its pixels are those of all images.
+    frames : int
+        Frames of a recording; growth is measured from there to ten times as many.
+    positions : (int, int)
+        Positions of the usual and of the fine focal stack.
+    samples, reference : int
+        Samples per pixel of a focal stack, and of the reference that its error is measured against.
+    public_frames : int
+        Frames for the public encoders; the slower ones get a tenth or a hundredth.
+    sequences : int
+        Recordings that ten methods run on.
+    recipe : str
+        Recipe of the whole job; '' stands for the project's recipes/sad_core.yaml.
     """
 
     sensor: str = "vidar_400x250"
@@ -48,5 +57,5 @@ class BenchSize:
 
 
 def format_shape(shape: tuple[int, int]) -> str:
-    """An array's (rows, columns) as people write it: '400×250'."""
+    """Return (rows, columns) as width × height: '400×250'."""
     return f"{shape[1]}×{shape[0]}"

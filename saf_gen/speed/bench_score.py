@@ -1,4 +1,4 @@
-"""Ten methods on six recordings: the time from file to answer, and what it is above the measures' own."""
+"""Ten methods on six recordings: the time from file to answer, over that of the measures alone."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +27,7 @@ MAX_S = 30.0
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Record sequences under three lights in turn, then run every method on each, over the whole frame."""
+    """Yield the time of all methods on recordings under three lights, over the whole frame."""
     sensor = get_sensor(size.sensor)
     charge = synthetic_recording.make_charge(sensor, size.positions[0])
     with TemporaryDirectory() as folder:
@@ -35,24 +35,26 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
         for number, path in enumerate(paths):
             report("sequences to score", number / len(paths))
             light = synthetic_recording.LIGHT_KINDS[number % len(synthetic_recording.LIGHT_KINDS)]
-            synthetic_recording.record_sweep(path, sensor, charge, size.frames, light=light, number=number)
+            synthetic_recording.record_sweep(
+                path, sensor, charge=charge, frames=size.frames, light=light, number=number
+            )
         report("sequences to score", 1.0)
         evaluate(paths[0], methods=METHODS, region="frame")  # compiles
         records: list[Record] = []
-        took = 0.0
+        total = 0.0
         for number, path in enumerate(paths):
             report(f"{len(METHODS)} methods", number / len(paths))
-            found, this = time_call(evaluate, path, methods=METHODS, region="frame")
-            records += found.records
-            took += this
+            result, seconds = time_call(evaluate, path, methods=METHODS, region="frame")
+            records += result.records
+            total += seconds
         report(f"{len(METHODS)} methods", 1.0)
     for record in records:
         if record.status == "failed":
             raise SafGenError(f"{record.method} failed on {record.sequence}: {record.note}")
     shape = format_shape((sensor.rows, sensor.columns))
     what = f"{len(METHODS)} methods, {len(paths)} sequences of {size.frames:,} frames, {shape}"
-    yield BenchFigure("score", what, took, "s", MAX_S, at_most=True)
+    yield BenchFigure("score", what, total, "s", MAX_S, at_most=True)
     measures = sum(record.seconds for record in records)
     yield BenchFigure("score", "of which in the measures", measures, "s")
     what = "cost of a method over its measure's, reading and counting included"
-    yield BenchFigure("score", what, took / measures, "×")
+    yield BenchFigure("score", what, total / measures, "×")

@@ -1,8 +1,8 @@
-"""One pass for all focus positions against Mitsuba's thin lens, position after position.
+"""One pass over all focus positions, against Mitsuba's thin lens rendered at each position.
 
-Both see the same scene, film and samples; the thin lens has a box filter and its focus distance in a
-variable, so that nothing is compiled twice. The error of both is taken against one reference, the mean of
-many thin-lens renders with other seeds; the reference's own noise, known from their scatter, is taken off.
+Both use the same scene, sensor grid and number of samples. The thin lens has a box filter and its focus
+distance in a variable, so that it is compiled once. Both errors are taken against the mean of many thin-lens
+renders with other seeds; the noise of that reference, known from their scatter, is subtracted.
 """
 
 import math
@@ -32,37 +32,36 @@ __all__ = [
 ]
 
 POSITIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
-SCENE = "usaf_target"  # cheap to trace, so the hard case for the ratio
+SCENE = "usaf_target"  # cheap to trace, so the ratio is at its lowest
 TARGETS = (45.0, 150.0)
 MAX_ERROR_DB = 0.2
-MIN_ERROR = 1e-9  # of the mean radiance: an error that cannot be told from the reference's noise
+MIN_ERROR = 1e-9  # of the mean radiance: below it an error drowns in the reference's noise
 
 
 @dataclass(frozen=True)
 class ReferenceRender:
-    """radiance : mean of renders, float64 (row, col). noise : mean over pixels of that mean's variance."""
+    """The mean of renders, float64 (row, col), and the mean over pixels of the variance of that mean."""
 
     radiance: np.ndarray
     noise: float
 
     def relative_rms_error(self, image: np.ndarray) -> float:
-        """Root mean square error of an image as a share of the mean radiance; 0 where it is below noise."""
+        """Return the RMS error of an image as a fraction of the mean radiance; 0 if it is below the noise."""
         square = float(np.mean((image - self.radiance) ** 2)) - self.noise
         return math.sqrt(max(square, 0.0)) / float(self.radiance.mean())
 
 
 def set_up_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
-    """The scene before the lens with every lamp burning, and the variant in use: (RenderSetup, 'llvm' or
-    'cuda').
+    """Return the RenderSetup of a scene with all lamps on, and the active backend, 'llvm' or 'cuda'.
 
-    Raises BadInput where this machine has no JIT variant.
+    Raises BadInput if this machine has neither.
     """
     from saf_gen.render import backend, mitsuba_scene
     from saf_gen.render.render_setup import RenderSetup
 
     chosen = backend.choose_backend("auto")
     if chosen == "scalar":
-        raise BadInput("the focal stack in one pass needs a JIT variant", hint=backend.ADVICE)
+        raise BadInput("the focal stack in one pass needs the variant llvm or cuda", hint=backend.ADVICE)
     backend.activate_backend(chosen)
     found, camera = find_scene(scene), get_sensor(sensor)
     lamps = tuple(emitter for group in found.card.lights.values() for emitter in group)
@@ -73,80 +72,84 @@ def set_up_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
 
 
 def nearest_positions(positions: int) -> list[float]:
-    """The positions of a stack nearest to POSITIONS."""
+    """Return the positions of a stack that are nearest to POSITIONS."""
     return [round(position * (positions - 1)) / (positions - 1) for position in POSITIONS]
 
 
-def render_one_pass(setup: Any, positions: int, samples: int) -> np.ndarray:
-    """The focal stack, float32 (focus, row, col)."""
+def render_one_pass(setup: Any, positions: int, *, samples: int) -> np.ndarray:
+    """Render the focal stack in one pass, float32 (focus, row, col)."""
     from saf_gen.render import one_pass
 
     return one_pass.render_stack(setup, positions=positions, samples=samples, seed=1)[0]
 
 
-def render_thin_lens(setup: Any, position: float, samples: int, seed: int) -> np.ndarray:
-    """Mitsuba's own picture with the lens at ``position`` (0 ... 1 of the travel), float32 (row, col)."""
+def render_thin_lens(setup: Any, position: float, *, samples: int, seed: int) -> np.ndarray:
+    """Render one position (0 to 1) with Mitsuba's thin lens, float32 (row, col)."""
     from saf_gen.render import thin_lens
 
-    word = seeds.derive_seed("bench", "thin lens", seed)
-    return thin_lens.render_position(setup, position=position, samples=samples, seed=word)
+    derived = seeds.derive_seed("bench", "thin lens", seed)
+    return thin_lens.render_position(setup, position=position, samples=samples, seed=derived)
 
 
 def render_reference(
     setup: Any, position: float, *, samples: int, batch: int
 ) -> tuple[ReferenceRender, list[float]]:
-    """The mean of renders of ``batch`` samples, at least two, that hold ``samples`` together; and the time
-    (s) of each. One render of them all would need many times the memory."""
-    done = [
-        time_call(render_thin_lens, setup, position, batch, 1 + n) for n in range(max(2, samples // batch))
+    """Return a reference of ``samples`` samples per pixel, and the seconds of each of its renders.
+
+    It is the mean of at least two renders of ``batch`` samples, which need less memory than one of all.
+    """
+    timed = [
+        time_call(render_thin_lens, setup, position, samples=batch, seed=1 + n)
+        for n in range(max(2, samples // batch))
     ]
-    renders = np.stack([image for image, _ in done]).astype(np.float64)
+    renders = np.stack([image for image, _ in timed]).astype(np.float64)
     noise = float(renders.var(axis=0, ddof=1).mean()) / len(renders)
-    return ReferenceRender(renders.mean(axis=0), noise), [took for _, took in done]
+    return ReferenceRender(renders.mean(axis=0), noise), [seconds for _, seconds in timed]
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Time of one pass and of as many renders, and the error of both at equal samples."""
+    """Yield the time of one pass, of as many thin-lens renders, and the errors of both at equal samples."""
     setup, chosen = set_up_scene(size.sensor)
-    render_thin_lens(setup, 0.5, size.samples, 0)  # compiles
+    render_thin_lens(setup, 0.5, samples=size.samples, seed=0)  # compiles
     usual, _ = size.positions
-    apart: list[float] = []
+    render_seconds: list[float] = []
     references: list[ReferenceRender] = []
     for done, position in enumerate(nearest_positions(usual)):
         report(f"reference of {size.reference} samples", done / len(POSITIONS))
-        found, times = render_reference(setup, position, samples=size.reference, batch=size.samples)
+        found, seconds = render_reference(setup, position, samples=size.reference, batch=size.samples)
         references.append(found)
-        apart += times
+        render_seconds += seconds
     report(f"reference of {size.reference} samples", 1.0)
-    a_render = float(np.median(apart))
+    one_render = float(np.median(render_seconds))
     workload = (
-        f"{format_shape((setup.grid.rows, setup.grid.columns))}, {size.samples} samples a pixel, {chosen}"
+        f"{format_shape((setup.grid.rows, setup.grid.columns))}, {size.samples} samples per pixel, {chosen}"
     )
-    yield BenchFigure("stack", f"one thin-lens render, {workload}", a_render, "s")
+    yield BenchFigure("stack", f"one thin-lens render, {workload}", one_render, "s")
     for positions, target in zip(size.positions, TARGETS, strict=True):
         report(f"one pass, {positions} positions", 0.0)
-        render_one_pass(setup, positions, size.samples)  # compiles: both numbers are constants of its kernel
+        render_one_pass(setup, positions, samples=size.samples)  # compiles a kernel for these two numbers
         report(f"one pass, {positions} positions", 0.5)
-        stack, together = time_call(render_one_pass, setup, positions, size.samples)
+        stack, one_pass_seconds = time_call(render_one_pass, setup, positions, samples=size.samples)
         report(f"one pass, {positions} positions", 1.0)
-        yield BenchFigure("stack", f"one pass, {positions} positions, {workload}", together, "s")
-        times_faster = positions * a_render / together
+        yield BenchFigure("stack", f"one pass, {positions} positions, {workload}", one_pass_seconds, "s")
+        times_faster = positions * one_render / one_pass_seconds
         yield BenchFigure(
             "stack", f"times faster than {positions} thin-lens renders", times_faster, "×", target
         )
         if positions == usual:
-            rate = setup.grid.rows * setup.grid.columns * size.samples / together / 1e6
+            rate = setup.grid.rows * setup.grid.columns * size.samples / one_pass_seconds / 1e6
             yield BenchFigure("stack", f"light paths, each at {positions} positions", rate, "10⁶ samples/s")
-            yield from _errors(size, setup, references, stack)
+            yield from _compare_errors(size, setup, references=references, stack=stack)
 
 
-def _errors(
-    size: BenchSize, setup: Any, references: list[ReferenceRender], stack: np.ndarray
+def _compare_errors(
+    size: BenchSize, setup: Any, *, references: list[ReferenceRender], stack: np.ndarray
 ) -> Iterator[BenchFigure]:
     ours, theirs = [], []
     for position, found in zip(nearest_positions(len(stack)), references, strict=True):
         ours.append(found.relative_rms_error(stack[round(position * (len(stack) - 1))]))
-        theirs.append(found.relative_rms_error(render_thin_lens(setup, position, size.samples, 0)))
+        image = render_thin_lens(setup, position, samples=size.samples, seed=0)
+        theirs.append(found.relative_rms_error(image))
     at = f"at {size.samples} samples, {len(POSITIONS)} positions"
     yield BenchFigure("stack", f"error of one pass {at}", 100 * float(np.mean(ours)), "% of mean radiance")
     yield BenchFigure(

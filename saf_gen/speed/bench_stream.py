@@ -1,7 +1,7 @@
-"""The stream file: write, size, file to scores, and three ways to read it.
+"""The stream file: writing, size, file to scores, and three patterns of reading.
 
-Files lie in the page cache: what is measured is the work of reading, not the disk. How much of the file a
-way of reading touches is what the system says was handed over, the descriptions beside the spikes included.
+Files are in the page cache, so that the work of reading is measured and not the disk. How much of a file a
+pattern reads is the system's own count, metadata included.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,16 +20,16 @@ from saf_gen.stream.stream_file import SpikeStream, StreamWriter, open_stream
 __all__ = ["run_bench"]
 
 WINDOWS = 200
-BOX = 64  # pixels a side of the region, at most
+BOX = 64  # largest side of the region in pixels
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Write a recording, then read it window by window, once in time, and once in space."""
+    """Yield the speed of writing a recording, and of reading windows and a region of it."""
     sensor = get_sensor(size.sensor)
     shape = (sensor.rows, sensor.columns)
     report("spikes to write", 0.0)
     charge = synthetic_recording.make_charge(sensor, size.positions[0])
-    spikes = list(synthetic_recording.encode_blocks(sensor, charge, size.frames))
+    spikes = list(synthetic_recording.encode_blocks(sensor, charge, frames=size.frames))
     report("spikes to write", 1.0)
     work = size.frames * shape[0] * shape[1]
     with TemporaryDirectory() as folder:
@@ -40,63 +40,61 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
                 for block in spikes:
                     writer.write(block)
 
-        workload_is = (
-            f"{format_shape(shape)}, {size.frames:,} frames, mean rate {synthetic_recording.MEAN_RATE}"
-        )
+        workload = f"{format_shape(shape)}, {size.frames:,} frames, mean rate {synthetic_recording.MEAN_RATE}"
         rate = work / time_call(write)[1] / 1e9
-        yield BenchFigure("stream", f"write, verified: {workload_is}", rate, "10⁹ pixel·frames/s", 3.0)
+        yield BenchFigure("stream", f"write, verified: {workload}", rate, "10⁹ pixel·frames/s", 3.0)
         bits = path.stat().st_size * 8 / work
         yield BenchFigure(
-            "stream", f"size: {workload_is}, all noise", bits, "bit/pixel·frame", 0.32, at_most=True
+            "stream", f"size: {workload}, all noise", bits, "bit/pixel·frame", 0.32, at_most=True
         )
         spikes.clear()
         report("read", 0.0)
-        yield from _reads(path)
+        yield from _bench_reading(path)
         report("read", 1.0)
 
 
-def _reads(path: Path) -> Iterator[BenchFigure | str]:
+def _bench_reading(path: Path) -> Iterator[BenchFigure | str]:
     with open_stream(path) as stream:
         frames, rows, columns = stream.shape
     window = max(1, frames // WINDOWS)
-    middle = frames // 2 // window * window  # a block as searches cut them
+    middle = frames // 2 // window * window  # a block as searches use them
     box = _centred(rows), _centred(columns)
 
-    def scores(stream: SpikeStream) -> None:
+    def score_windows(stream: SpikeStream) -> None:
         view = RecordingView(WindowCounts(stream), get_measure("sd"))
         for first in range(0, frames - window + 1, window):
             view.score(first, first + window)
 
-    def sweep(stream: SpikeStream) -> None:
+    def count_windows(stream: SpikeStream) -> None:
         for first in range(0, frames - window + 1, window):
             stream.counts(first, first + window)
 
-    def one_window(stream: SpikeStream) -> None:
+    def count_one_window(stream: SpikeStream) -> None:
         stream.counts(middle, middle + window)
 
-    def one_region(stream: SpikeStream) -> None:
+    def count_one_region(stream: SpikeStream) -> None:
         stream.counts(0, frames, region=box)
 
-    _read(path, scores)  # compiles
-    took, _ = _read(path, scores)
+    _time_read(path, score_windows)  # compiles
+    seconds, _ = _time_read(path, score_windows)
     what = f"SD of {frames // window} windows of all pixels, file to scores"
-    yield BenchFigure("stream", what, took, "s", 0.5, at_most=True)
+    yield BenchFigure("stream", what, seconds, "s", 0.5, at_most=True)
     side = format_shape((box[0].stop - box[0].start, box[1].stop - box[1].start))
-    ways = (
-        (f"counts of {frames // window} windows, all pixels", sweep),
-        (f"counts of one window of {window} frames, all pixels", one_window),
-        (f"counts of a region of {side}, all time", one_region),
+    patterns = (
+        (f"counts of {frames // window} windows, all pixels", count_windows),
+        (f"counts of one window of {window} frames, all pixels", count_one_window),
+        (f"counts of a region of {side}, all time", count_one_region),
     )
-    for what, way in ways:
-        took, share = _read(path, way)
-        yield BenchFigure("stream", what, took, "s")
-        if way is sweep:
-            rate = frames * rows * columns / took / 1e9
+    for what, read in patterns:
+        seconds, fraction = _time_read(path, read)
+        yield BenchFigure("stream", what, seconds, "s")
+        if read is count_windows:
+            rate = frames * rows * columns / seconds / 1e9
             yield BenchFigure("stream", f"read: {what}", rate, "10⁹ pixel·frames/s")
-        if share is None:
+        if fraction is None:
             yield f"stream: how much of the file was read for {what} is left out: the system does not count"
         else:
-            yield BenchFigure("stream", f"of the file read for {what}", 100 * share, "%")
+            yield BenchFigure("stream", f"of the file read for {what}", 100 * fraction, "%")
 
 
 def _centred(length: int) -> slice:
@@ -104,15 +102,15 @@ def _centred(length: int) -> slice:
     return slice(begin, begin + min(length, BOX))
 
 
-def _read(path: Path, way: Callable[[SpikeStream], None]) -> tuple[float, float | None]:
-    """Time (s) from opening the file to the end of ``way``, and the share of the file that was read."""
+def _time_read(path: Path, read: Callable[[SpikeStream], None]) -> tuple[float, float | None]:
+    """Return the seconds from opening the file to the end of ``read``, and the fraction of the file read."""
     before = bytes_read()
 
     def work() -> None:
         with open_stream(path) as stream:
-            way(stream)
+            read(stream)
 
-    (_, took), after = time_call(work), bytes_read()
+    (_, seconds), after = time_call(work), bytes_read()
     if before is None or after is None:
-        return took, None
-    return took, (after - before) / path.stat().st_size
+        return seconds, None
+    return seconds, (after - before) / path.stat().st_size

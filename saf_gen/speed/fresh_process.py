@@ -1,4 +1,4 @@
-"""A fresh process for a measurement, and the memory that it took."""
+"""Measurements in a fresh process, and the time, memory and bytes read that they take."""
 
 import resource
 import sys
@@ -15,44 +15,48 @@ __all__ = ["bytes_read", "peak_memory_gib", "run_in_fresh_process", "time_call"]
 T = TypeVar("T")
 
 _STATUS, _IO = Path("/proc/self/status"), Path("/proc/self/io")
-_UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss, in bytes
+_UNIT = 1 if sys.platform == "darwin" else 1024  # bytes per unit of ru_maxrss
 
 
 @dataclass(frozen=True)
 class _Call:
-    """A function and what it is given, as a job."""
+    """A function and its arguments, as a job."""
 
     name: str
     function: Callable[..., Any]
-    given: tuple[Any, ...]
+    arguments: tuple[Any, ...]
+    options: dict[str, Any]
     takes_all_cores: bool = True
 
     def run(self, report: ReportProgress) -> Any:
-        return self.function(*self.given, report)
+        return self.function(*self.arguments, **self.options, report=report)
 
 
 def run_in_fresh_process(
-    function: Callable[..., T], *given: Any, report: ReportProgress = lambda stage, done: None
+    function: Callable[..., T],
+    *arguments: Any,
+    report: ReportProgress = lambda stage, done: None,
+    **options: Any,
 ) -> T:
-    """What ``function(*given, report)`` gives in a process of its own, spawned.
+    """Return ``function(*arguments, **options, report=report)``, called in a spawned process.
 
-    Raises SafGenError where it failed, and the function's own where that is one.
+    Raises SafGenError if the call fails; a SafGenError of the function is passed on.
     """
-    ((_, result, error),) = run_jobs([_Call(function.__name__, function, given)], workers=1, report=report)
+    call = _Call(function.__name__, function, arguments, options)
+    ((_, result, error),) = run_jobs([call], workers=1, report=report)
     if error is not None:
         raise error
     return result
 
 
 def peak_memory_gib() -> float:
-    """Most memory (GiB, resident) that this process held so far, or one of those that it waited for."""
+    """Return the peak resident memory (GiB) of this process or of a child that it waited for."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * _UNIT
     return max(_own_peak(), children) / 2**30
 
 
 def _own_peak() -> int:
-    # Linux hands ru_maxrss on to whatever a process starts: a small child of a large parent would look large.
-    # VmHWM begins anew.
+    # On Linux a child inherits ru_maxrss from its parent, but not VmHWM.
     line = _field(_STATUS, "VmHWM")
     if line is not None:
         return 1024 * line
@@ -60,12 +64,12 @@ def _own_peak() -> int:
 
 
 def bytes_read() -> int | None:
-    """Bytes that this process has read from files so far, from disk or cache; None where nobody counts."""
+    """Return the bytes that this process has read, from disk or cache; None if the system does not count."""
     return _field(_IO, "rchar")
 
 
 def _field(path: Path, name: str) -> int | None:
-    """The first number of a line ``name: number ...``; None without the file or the line."""
+    """Return the number in a line ``name: number ...``; None without the file or the line."""
     try:
         lines = path.read_text().splitlines()
     except OSError:
@@ -74,8 +78,8 @@ def _field(path: Path, name: str) -> int | None:
     return int(found[0]) if found else None
 
 
-def time_call(work: Callable[..., T], *given: Any, **named: Any) -> tuple[T, float]:
-    """What ``work`` gives, and the time that it takes (s)."""
+def time_call(work: Callable[..., T], *arguments: Any, **options: Any) -> tuple[T, float]:
+    """Return ``work(*arguments, **options)`` and the seconds that it took."""
     begin = perf_counter()
-    result = work(*given, **named)
+    result = work(*arguments, **options)
     return result, perf_counter() - begin

@@ -1,4 +1,4 @@
-"""What this machine can do: variant, LLVM, card, cores, memory, versions."""
+"""What this machine renders with: backend, LLVM, graphics card, cores, memory, versions."""
 
 import os
 import platform
@@ -12,28 +12,31 @@ PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "Open
 
 
 def describe_installation() -> tuple[dict[str, str], list[str]]:
-    """(facts by name, advice on what to install): nothing is rendered, and a missing renderer is a fact."""
-    described: dict[str, str] = {}
+    """Return facts by name, and advice on what to install; nothing is rendered.
+
+    A missing renderer is one of the facts.
+    """
+    facts: dict[str, str] = {}
     advice: list[str] = []
     try:
         from saf_gen.render import backend
     except ImportError as error:
-        described["variant"] = f"none: {error}; streams can still be evaluated"
+        facts["variant"] = f"none: {error}; streams can still be evaluated"
         advice.append("install the renderer: pip install saf-gen")
     else:
         found = backend.probe_backends()
-        described["variant"] = backend.choose_backend("auto", found)
-        described["LLVM"] = found.llvm_description
-        described["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
+        facts["variant"] = backend.choose_backend("auto", found)
+        facts["LLVM"] = found.llvm_description
+        facts["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
         if not found.llvm_usable and not found.cuda:
             advice.append(backend.ADVICE)
-    described["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
-    described["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
-    described["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
-    described["Python"] = platform.python_version()
+    facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
+    facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
+    facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
+    facts["Python"] = platform.python_version()
     for name in PACKAGES:
-        described[name] = _version(name)
-    return described, advice
+        facts[name] = _version(name)
+    return facts, advice
 
 
 def _version(name: str) -> str:

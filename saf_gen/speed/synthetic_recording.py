@@ -1,7 +1,7 @@
-"""What is encoded, stored and scored: a sweep over a texture that comes into focus and goes out again.
+"""A synthetic recording that needs no renderer: a sweep over a texture that comes into focus and leaves it.
 
-No renderer is needed: the texture's contrast follows a bell over the travel, about as a defocused target's.
-The rate is 0.2 spikes a readout on average, with all of the sensor's noise.
+The texture's contrast follows a bell curve over the travel, roughly like that of a defocused target. The mean
+rate is 0.2 spikes per readout, with all of the sensor's noise.
 """
 
 from collections.abc import Iterator
@@ -27,17 +27,17 @@ __all__ = [
 ]
 
 MEAN_RATE = 0.2
-BLOCK = 2000  # frames at a time, as a recording is made
+BLOCK = 2000  # frames at a time, as in the recorder
 LIGHT_KINDS = ("constant", "continuous", "sudden")
 
 
 def make_texture(shape: tuple[int, int]) -> np.ndarray:
-    """White texture of mean 1, uniform on 0.5 ... 1.5, float32 (row, col)."""
+    """Return a white texture, uniform between 0.5 and 1.5, float32 (row, col)."""
     return 0.5 + seeds.make_generator("bench", "texture").random(shape, dtype=np.float32)
 
 
 def make_charge(sensor: Sensor, positions: int) -> np.ndarray:
-    """Photo-electrons a readout at evenly spaced focus positions, float32 (1, focus, row, col)."""
+    """Return photo-electrons per readout at evenly spaced positions, float32 (1, focus, row, col)."""
     contrast = np.exp(-(np.linspace(-2, 2, positions, dtype=np.float32) ** 2))[:, None, None]
     stack = (make_texture((sensor.rows, sensor.columns)) - 1) * contrast
     stack += 1
@@ -46,50 +46,56 @@ def make_charge(sensor: Sensor, positions: int) -> np.ndarray:
 
 
 def encode_blocks(
-    sensor: Sensor, charge: np.ndarray, frames: int, *, light: str = "constant", number: int = 0
+    sensor: Sensor, charge: np.ndarray, *, frames: int, light: str = "constant", number: int = 0
 ) -> Iterator[np.ndarray]:
-    """Spikes of a sweep, block after block of time: uint8 (row, col, bytes).
+    """Yield the spikes of a sweep in consecutive blocks, uint8 (row, col, bytes).
 
-    ``number`` tells recordings apart: each has noise of its own.
+    Recordings of different ``number`` have independent noise.
     """
     index, fraction = knot_weights(_sweep(frames), charge.shape[1])
     gain = _gain(light, frames)
     encoder = Encoder(sensor, charge.shape[2:], seed=seeds.derive_seed("bench", "encoder", number))
     for begin in range(0, frames, BLOCK):
-        part = slice(begin, begin + BLOCK)
-        yield encoder.encode(charge, index=index[part], fraction=fraction[part], gain=gain[part])
+        block = slice(begin, begin + BLOCK)
+        yield encoder.encode(charge, index=index[block], fraction=fraction[block], gain=gain[block])
 
 
 def record_sweep(
-    path: Path, sensor: Sensor, charge: np.ndarray, frames: int, *, light: str = "constant", number: int = 0
+    path: Path,
+    sensor: Sensor,
+    *,
+    charge: np.ndarray,
+    frames: int,
+    light: str = "constant",
+    number: int = 0,
 ) -> None:
-    """Encode a sweep into a stream file, block after block, as a recording of ``saf-gen generate`` is."""
+    """Encode a sweep into a stream file block by block, as ``saf-gen generate`` does."""
     metadata = Metadata(
         focus_position=_sweep(frames).astype(np.float32), gain=_gain(light, frames), light_names=("lamp",)
     )
     shape = (frames, *charge.shape[2:])
     with StreamWriter(path, shape=shape, readout_hz=sensor.readout_hz, metadata=metadata) as writer:
-        for block in encode_blocks(sensor, charge, frames, light=light, number=number):
+        for block in encode_blocks(sensor, charge, frames=frames, light=light, number=number):
             writer.write(block)
 
 
-def measure_recording_memory(sensor: str, positions: int, frames: int, report: ReportProgress) -> float:
-    """Record a sequence into a file that is thrown away; gives this process's peak memory (GiB)."""
+def measure_recording_memory(sensor: str, positions: int, *, frames: int, report: ReportProgress) -> float:
+    """Record a sequence into a temporary file, and return this process's peak memory (GiB)."""
     camera, stage = get_sensor(sensor), f"memory of a recording of {frames:,} frames"
     report(stage, 0.0)
     with TemporaryDirectory() as folder:
-        record_sweep(Path(folder) / "bench.h5", camera, make_charge(camera, positions), frames)
+        record_sweep(Path(folder) / "bench.h5", camera, charge=make_charge(camera, positions), frames=frames)
     report(stage, 1.0)
     return peak_memory_gib()
 
 
 def _sweep(frames: int) -> np.ndarray:
-    """Position of the lens at the middle of each readout, 0 ... 1, float64 (frame,)."""
+    """Return the position of the lens at the middle of each readout, 0 to 1, float64 (frame,)."""
     return (np.arange(frames) + 0.5) / frames
 
 
 def _gain(light: str, frames: int) -> np.ndarray:
-    """The paper's three kinds of light: still, a fourfold ramp, ten steps; float32 (frame, 1)."""
+    """Return one of the paper's three lights: constant, a fourfold ramp, ten steps; float32 (frame, 1)."""
     if light == "continuous":
         gain = np.linspace(0.5, 2.0, frames)
     elif light == "sudden":

@@ -1,4 +1,4 @@
-"""The benches run and say what they measured; how fast is not for a test to say."""
+"""The benches run and yield every figure that was promised; how fast they are is not tested."""
 
 import importlib
 import json
@@ -41,7 +41,7 @@ SMALL = BenchSize(
     public_frames=4,
     sequences=2,
 )
-# Words in a figure's text, with its target: what DESIGN and issue 3 ask to see.
+# Part of a figure's text, with its target.
 PROMISED = {
     "stack": {
         "one pass, 5 positions, 64×40, 16 samples": None,
@@ -56,7 +56,7 @@ PROMISED = {
         "times faster, all noise on, than SpikeCV's image": None,
         "times faster, all noise on, than SpikeCV's video": None,
         "times faster, all noise on, than SCSim's simulator as published": None,
-        "time a frame of 4,000 frames over that of 400": 1.1,
+        "time per frame of 4,000 frames over that of 400": 1.1,
         "peak memory, 4,000 frames": 2.0,
         "difference of the two": 10.0,
     },
@@ -81,7 +81,7 @@ needs_llvm = pytest.mark.skipif(
 
 
 def measured(name, size=SMALL):
-    """All that a bench yields, in this process, and the stages it told."""
+    """Return what a bench yields, run in this process, and the stages that it reported."""
     stages = []
     found = list(
         importlib.import_module(f"saf_gen.speed.bench_{name}").run_bench(
@@ -141,7 +141,7 @@ def test_an_unknown_bench_is_told_with_the_nearest():
         run_benches(["encode", "steam"], SMALL)
 
 
-def test_every_bench_is_a_room_of_its_own():
+def test_every_bench_has_a_module_of_its_own():
     files = {p.stem for p in Path(speed.__file__).parent.glob("*.py")}
     assert set(BENCHES) == set(PROMISED)
     assert {f"bench_{name}" for name in BENCHES} <= files
@@ -156,21 +156,21 @@ def test_a_target_is_met_on_its_own_side():
 
 def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
     monkeypatch.setattr(bench_encode.saf_gen, "__file__", "/nowhere/saf_gen/__init__.py")
-    monkeypatch.setattr(bench_job, "PAPERS_SET", Path("/nowhere/recipes/sad_core.yaml"))
+    monkeypatch.setattr(bench_job, "PAPER_RECIPE", Path("/nowhere/recipes/sad_core.yaml"))
     monkeypatch.setattr(bench_stream, "bytes_read", lambda: None)
     assert bench_encode.load_public_encoders() is None
     remarks = [f for f in measured("stream")[0] if isinstance(f, str)]
     assert len(remarks) == 3
     assert all("the system does not count" in remark for remark in remarks)
     assert measured("job")[0] == ["job: left out: recipes/ is not beside the package"]
-    monkeypatch.setattr(bench_encode, "_memory", lambda size, report: iter(()))
+    monkeypatch.setattr(bench_encode, "_bench_memory", lambda size, report: iter(()))
     remarks = [f for f in measured("encode")[0] if isinstance(f, str)]
     assert remarks == ["encode: the public encoders are left out: benchmarks/ is not beside the package"]
 
 
 def test_without_llvm_the_stack_bench_says_what_to_install(monkeypatch):
     monkeypatch.setattr(backend, "probe_backends", lambda: backend.BackendProbe(None, False))
-    with pytest.raises(BadInput, match="needs a JIT variant; install LLVM"):
+    with pytest.raises(BadInput, match="install LLVM"):
         bench_stack.set_up_scene(SMALL.sensor)
 
 
@@ -295,8 +295,8 @@ def test_growth_is_drawn_and_written(script, tmp_path, test_scenes, small_recipe
     plan = growth.Plan(
         **{**vars(growth.SMALL), "sensor": SMALL.sensor, "recipe": str(small_recipe), "sequences": (1, 2)}
     )
-    told = lambda function, *given: function(*given, lambda stage, done: None)  # noqa: E731  (in this process)
-    growth.main(["--out", str(tmp_path)], plan=plan, one=told)
+    told = lambda function, *given: function(*given, report=lambda stage, done: None)  # noqa: E731  (in this process)
+    growth.main(["--out", str(tmp_path)], plan=plan, call=told)
     found = json.loads((tmp_path / "growth.json").read_text())["curves"]
     assert list(found) == list(growth.CURVES)
     for curve in found.values():
@@ -329,7 +329,7 @@ def test_every_chunk_shape_counts_the_same_spikes(script, tmp_path):
     chunks = script("chunks")
     camera = replace(get_sensor("vidar_400x250"), rows=90, columns=90)
     charge = synthetic_recording.make_charge(camera, 5)
-    spikes = np.concatenate(list(synthetic_recording.encode_blocks(camera, charge, 2_080)), axis=2)
+    spikes = np.concatenate(list(synthetic_recording.encode_blocks(camera, charge, frames=2_080)), axis=2)
     box = (slice(3, 67), slice(20, 84), slice(13, 156))
     ones = np.unpackbits(spikes[box], axis=2)
     expected = ones.reshape(64, 64, -1, 8 * chunks.WINDOW).sum(axis=3).transpose(2, 0, 1)
@@ -337,8 +337,8 @@ def test_every_chunk_shape_counts_the_same_spikes(script, tmp_path):
         for shape in ((10, 90, 250), (90, 90, 10), (1, 90, 260), (64, 64, 250), (16, 16, 33)):
             path = tmp_path / "trial.h5"
             chunk = tuple(min(c, n) for c, n in zip(shape, spikes.shape, strict=True))
-            chunks.store(path, spikes, chunk, pool)
-            assert np.array_equal(chunks.counts(path, box, pool), expected)
-    found = chunks.measured(spikes, (10, 90, 250), tmp_path)
+            chunks.store(path, spikes, chunk=chunk, pool=pool)
+            assert np.array_equal(chunks.counts(path, box, pool=pool), expected)
+    found = chunks.measure(spikes, (10, 90, 250), folder=tmp_path)
     assert 0.1 < found["bits"] < 0.6
     assert min(found.values()) > 0
