@@ -173,7 +173,7 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
     assert light.get_ylabel() == "spikes per pixel and readout"
     assert light.collections
     assert (axes.get_ylabel(), list(axes.get_yticks())) == ("", [])
-    across = locate_cursor(figure, bare, np.array([0.0, 799.0])).across
+    across = locate_cursor(figure, bare, frames=np.array([0.0, 799.0])).across
     assert 0 < across[0] < across[1] < 1
 
     resting = make_sweep(measures=(), lens=np.concatenate([LENS[::2], LENS[::-2]]))
