@@ -1,4 +1,4 @@
-"""What is in a stream or a dataset, and whether it is whole."""
+"""Descriptions of streams, and checks of whole datasets."""
 
 import json
 import math
@@ -15,17 +15,17 @@ __all__ = ["describe_stream", "verify_dataset"]
 
 
 def describe_stream(stream: SpikeStream) -> dict[str, str]:
-    """Facts about a stream in words, by name: size, light, lens, truth, how it was made."""
+    """Return facts about a stream as text, by name: size, light, lens, truth, and how it was made."""
     frames, rows, columns = stream.shape
     spikes = int(stream.counts(0, frames).sum(dtype=np.int64))
     readouts = frames * rows * columns
     facts = {
         "pixels": f"{columns}×{rows}",
         "frames": f"{frames} at {stream.readout_hz:g} Hz ({frames / stream.readout_hz:g} s)",
-        "mean rate": f"{spikes / readouts:.4f} spikes a pixel and readout",
-        "size": f"{Path(stream.path).stat().st_size * 8 / readouts:.3f} bit a pixel and frame",
-        "focus": _way(stream.focus_position, "of the travel"),
-        "object in focus": _way(stream.metadata.object_distance, "m"),
+        "mean rate": f"{spikes / readouts:.4f} spikes per pixel and readout",
+        "size": f"{Path(stream.path).stat().st_size * 8 / readouts:.3f} bit per pixel and frame",
+        "focus": _describe_range(stream.focus_position, "of the travel"),
+        "object in focus": _describe_range(stream.metadata.object_distance, "m"),
     }
     if stream.gain is not None:
         for name, gain in zip(stream.light_names, stream.gain.T, strict=True):
@@ -33,7 +33,7 @@ def describe_stream(stream: SpikeStream) -> dict[str, str]:
     truth = stream.truth
     if truth.known:
         near, far = truth.depth_of_focus
-        facts["true focus"] = f"{truth.position:.5f} of the travel, {_passed(stream)}"
+        facts["true focus"] = f"{truth.position:.5f} of the travel, {_describe_crossings(stream)}"
         facts["depth of focus"] = f"{near:.5f} to {far:.5f} of the travel"
     else:
         facts["true focus"] = "unknown"
@@ -46,8 +46,8 @@ def describe_stream(stream: SpikeStream) -> dict[str, str]:
     return facts
 
 
-def _way(values: np.ndarray | None, unit: str) -> str:
-    """From the first value to the last, and how far it went between where it came back."""
+def _describe_range(values: np.ndarray | None, unit: str) -> str:
+    """Return the first and last value as text, and the extremes if the values turned back in between."""
     if values is None:
         return "not recorded"
     low, high, ends = values.min(), values.max(), (values[0], values[-1])
@@ -55,11 +55,11 @@ def _way(values: np.ndarray | None, unit: str) -> str:
         return f"{low:.4g} {unit} throughout"
     steps = np.diff(values)
     once = (steps >= 0).all() or (steps <= 0).all()
-    way = f"{ends[0]:.4g} to {ends[1]:.4g} {unit}"
-    return way if once else f"{way} with turns, within {low:.4g} to {high:.4g}"
+    text = f"{ends[0]:.4g} to {ends[1]:.4g} {unit}"
+    return text if once else f"{text} with turns, within {low:.4g} to {high:.4g}"
 
 
-def _passed(stream: SpikeStream) -> str:
+def _describe_crossings(stream: SpikeStream) -> str:
     first, lens, track = stream.truth.frame, stream.focus_position, stream.truth.track
     if not math.isfinite(first):
         return "never passed"
@@ -71,7 +71,7 @@ def _passed(stream: SpikeStream) -> str:
 def verify_dataset(folder: str | Path) -> tuple[int, dict[str, str]]:
     """Read every sequence of a dataset and compare it with the manifest.
 
-    Returns (number of sequences, what is wrong by sequence). Raises BadInput where there is no manifest.
+    Returns the number of sequences, and the problem of each faulty one. Raises BadInput without a manifest.
     """
     manifest = read_manifest(folder)
     problems = {}

@@ -1,10 +1,11 @@
-"""What a stream file holds beside the spikes, and the digest over all of it.
+"""What a stream file holds beside the spikes, and the digest of its content.
 
-``content_sha256`` says what a file holds, however it is stored. It is the SHA-256 of a text: the lines
-``readout_hz`` and ``frames``, then one line a dataset, sorted by name, with name, dtype, shape and the
-SHA-256 of the values (little-endian, C order; text as UTF-8, each string ended by a zero byte). The values of
-``/spikes`` are hashed as consecutive time blocks of 250 bytes along time, each in C order, so that writer and
-verifier both stream. The group ``/provenance`` says how, not what, and is left out.
+``content_sha256`` identifies the content of a file, however it is stored. It is the SHA-256 of a text: the
+lines ``readout_hz`` and ``frames``, then one line per dataset, sorted by name, with name, dtype, shape and
+the SHA-256 of the values (little-endian, C order; text as UTF-8, each string followed by a zero byte). The
+values of ``/spikes`` are hashed as consecutive time blocks of 250 bytes along time, each in C order, so that
+both writing and verifying can stream. The group ``/provenance`` says how the content was made and is left
+out.
 """
 
 import hashlib
@@ -32,13 +33,18 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What is known of the true focus; NaN or None where the stream has none.
+    """What is known of the true focus; NaN or None for what is not known.
 
-    ``position``: optical best focus of the target, fraction of travel. ``depth_of_focus``: near and far
-    position at which the target's blur reaches one pixel. ``frame``: 0-based, fractional, when the lens
-    first passes ``position``. ``depth`` float32 (H, W) m; ``target`` bool (H, W); ``best_position`` float32
-    (H, W), fraction of travel; ``sharpness`` float64 (K,), noise-free SD at evenly spaced positions;
-    ``track`` float32 (T,), ``position`` over time where the scene moves (the rest is of the frame ``frame``).
+    Parameters
+    ----------
+    position : optical best focus of the target, fraction of the travel.
+    depth_of_focus : the two positions at which the blur of the target reaches one pixel.
+    frame : fractional frame, from 0, at which the lens first passes ``position``.
+    depth : float32 (H, W), m.
+    target : bool (H, W), the pixels that should be in focus.
+    best_position : float32 (H, W), position that focuses each pixel, fraction of the travel.
+    sharpness : float64 (K,), noise-free SD at evenly spaced positions.
+    track : float32 (T,), ``position`` over time in a moving scene; all else is then of the moment ``frame``.
     """
 
     position: float = math.nan
@@ -58,11 +64,16 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Metadata:
-    """Everything beside the spikes, all optional.
+    """What a stream file holds beside the spikes; every field is optional.
 
-    ``focus_position`` float32 (T,), fraction of travel at the middle of each readout; ``image_distance`` and
-    ``object_distance`` float32 (T,) m; ``gain`` float32 (T, G), 1; ``light_names`` G names; ``truth``;
-    ``provenance``: name to text.
+    Parameters
+    ----------
+    focus_position : float32 (T,), position of the lens in the middle of each readout, fraction of the travel.
+    image_distance, object_distance : float32 (T,), m.
+    gain : float32 (T, G), light of each readout and light group, 1 being nominal.
+    light_names : names of the G light groups.
+    truth : the true focus.
+    provenance : how the stream was made, text by name.
     """
 
     focus_position: np.ndarray | None = None
@@ -91,10 +102,10 @@ ARRAY_DATASETS = {
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
 _IN_EVERY_FRAME = ("focus_position", "track")
-"""Known in each readout or not given at all: an answer is judged by both, wherever it lies."""
+"""Given in every readout or not at all: answers are judged by both, wherever they lie."""
 
 
-def _shaped(name: str, value: Any, shape: tuple[int, int, int]) -> np.ndarray:
+def _shaped(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.ndarray:
     _, dtype, axes = ARRAY_DATASETS[name]
     given = np.asarray(value)
     if given.dtype.kind not in "buif":
@@ -120,16 +131,16 @@ def _check_finite(name: str, array: np.ndarray) -> None:
 def metadata_to_datasets(
     metadata: Metadata, shape: tuple[int, int, int]
 ) -> dict[str, np.ndarray | tuple[str, ...] | str]:
-    """Every dataset but /spikes, checked, by name.
+    """Return every dataset except /spikes, checked, by name.
 
-    Raises BadInput naming the field: one of another dtype or shape, a lens or a track that is not finite.
+    Raises BadInput, naming the field, for a wrong dtype or shape and for positions that are not finite.
     """
     truth = metadata.truth
     held = {f: getattr(truth if hasattr(truth, f) else metadata, f) for f in ARRAY_DATASETS}
     if all(np.isnan(np.asarray(held[f], float)).all() for f in _SCALARS):
         held |= dict.fromkeys(_SCALARS)
     out: dict[str, Any] = {
-        ARRAY_DATASETS[f][0]: _shaped(f, v, shape) for f, v in held.items() if v is not None
+        ARRAY_DATASETS[f][0]: _shaped(f, v, shape=shape) for f, v in held.items() if v is not None
     }
     for f in _IN_EVERY_FRAME:
         if ARRAY_DATASETS[f][0] in out:
@@ -140,7 +151,7 @@ def metadata_to_datasets(
     gain = out.get("/light/gain")
     if gain is not None and lights and gain.shape[1] != len(lights):
         raise BadInput(
-            f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="as many of both"
+            f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="the same number of both"
         )
     for name, text in metadata.provenance.items():
         if not name or "/" in name or name.startswith("."):
@@ -158,49 +169,51 @@ def _checked_text(name: str, text: object) -> str:
 
 
 def digest_line(name: str, value: Any) -> str:
-    """The digest's line of a small dataset."""
+    """Return the line of the digest for a small dataset."""
     array = np.asarray(value)
     if array.dtype.kind in "OSU":
         strings = [s if isinstance(s, bytes) else str(s).encode() for s in array.ravel()]
         dtype, data = "text", b"".join(s + b"\0" for s in strings)
     else:
         dtype, data = array.dtype.name, array.astype(array.dtype.newbyteorder("<"), order="C").tobytes()
-    return format_digest_line(name, dtype, array.shape, hashlib.sha256(data).hexdigest())
+    return format_digest_line(name, dtype, shape=array.shape, sha256=hashlib.sha256(data).hexdigest())
 
 
-def format_digest_line(name: str, dtype: str, shape: tuple[int, ...], sha256: str) -> str:
+def format_digest_line(name: str, dtype: str, *, shape: tuple[int, ...], sha256: str) -> str:
+    """Return a line of the digest from its parts."""
     return f"{name} {dtype} {'x'.join(map(str, shape)) or 'scalar'} {sha256}"
 
 
-def content_digest(readout_hz: float, frames: int, lines: list[str]) -> str:
+def content_digest(lines: list[str], *, readout_hz: float, frames: int) -> str:
+    """Return ``content_sha256`` from the lines of all datasets."""
     text = "\n".join([f"readout_hz {float(readout_hz)!r}", f"frames {frames}", *sorted(lines)])
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def metadata_from_options(options: Mapping[str, Any]) -> Metadata:
-    """Metadata from keyword arguments; ``truth`` may be a mapping. Raises BadInput for an unknown name."""
-    _known("optional field", options, Metadata)
+    """Return metadata from keyword arguments; ``truth`` may be a mapping. BadInput for an unknown name."""
+    _check_names("optional field", options, known=Metadata)
     truth = options.get("truth")
     if isinstance(truth, Mapping):
-        _known("field of truth", truth, Truth)
+        _check_names("field of truth", truth, known=Truth)
         options = {**options, "truth": Truth(**truth)}
     return Metadata(**{name: value for name, value in options.items() if value is not None})
 
 
-def _known(what: str, names: Iterable[str], cls: type) -> None:
-    allowed = [f.name for f in fields(cls)]
+def _check_names(what: str, names: Iterable[str], *, known: type) -> None:
+    allowed = [f.name for f in fields(known)]
     for name in names:
         if name not in allowed:
             raise unknown(what, name, allowed=allowed)
 
 
 def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
-    """Metadata from the small datasets of a file, by name: the inverse of :func:`metadata_to_datasets`.
+    """Return metadata from the small datasets of a file: the inverse of :func:`metadata_to_datasets`.
 
-    Raises BadInput naming the field whose shape does not fit (T, H, W).
+    Raises BadInput, naming the field, for a shape that does not fit (T, H, W).
     """
     stored = {f: values[name] for f, (name, _, _) in ARRAY_DATASETS.items() if name in values}
-    found: dict[str, Any] = {f: _shaped(f, value, shape) for f, value in stored.items()}
+    found: dict[str, Any] = {f: _shaped(f, value, shape=shape) for f, value in stored.items()}
     truth = {f: found.pop(f) for f in tuple(found) if f in Truth.__dataclass_fields__}
     for name in ("position", "frame"):
         if name in truth:
@@ -208,10 +221,12 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
     if "depth_of_focus" in truth:
         near, far = truth["depth_of_focus"]
         truth["depth_of_focus"] = (float(near), float(far))
-    how = {n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")}
+    provenance = {
+        n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")
+    }
     return Metadata(
         **found,
         light_names=tuple(str(name) for name in values.get("/light/names", ())),
         truth=Truth(**truth),
-        provenance=how,
+        provenance=provenance,
     )

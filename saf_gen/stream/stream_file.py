@@ -1,11 +1,11 @@
-"""The stream file, layout version 1: one HDF5 file a sequence, the one contract of both halves.
+"""The stream file, layout version 1: one HDF5 file per sequence, the contract of generating and benchmarking.
 
-Spikes are stored time-packed, uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of
-byte t div 8; unused bits of the last byte are 0. Chunks hold some rows, all columns and 250 bytes (2,000
-frames), so one window of all pixels and one band of rows over all time each leave the rest alone. Deflate
-runs in isa-l on threads, beside HDF5's lock; any HDF5 reads the result without a plug-in. Inflating and
-turning are in :mod:`saf_gen.stream.time_blocks`; what stands beside the spikes, and ``content_sha256`` (over
-names, dtypes, shapes and values, not over the file), in :mod:`saf_gen.stream.metadata`.
+Spikes are packed along time, uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of
+byte t div 8; unused bits of the last byte are 0. A chunk holds some rows, all columns and 250 bytes (2,000
+frames), so that neither a window of all pixels nor a band of rows over all time reads the rest. Chunks are
+deflated by isa-l on threads, outside HDF5's lock; every HDF5 library reads the result without a plug-in.
+:mod:`saf_gen.stream.time_blocks` inflates and transposes chunks; :mod:`saf_gen.stream.metadata` holds what
+lies beside the spikes, and ``content_sha256`` (over names, dtypes, shapes and values, not over the file).
 """
 
 import hashlib
@@ -54,7 +54,7 @@ LAYOUT = 1
 
 
 def _small(file: h5py.File) -> Iterator[tuple[str, Any]]:
-    """Name and value of every dataset but /spikes; text as str."""
+    """Yield name and value of every dataset except /spikes; text as str."""
     names: list[str] = []
     file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
     for name in names:
@@ -64,19 +64,27 @@ def _small(file: h5py.File) -> Iterator[tuple[str, Any]]:
 
 
 class _WriteAborted(Exception):
-    """Undoes a writer: what the caller raised may be an OSError, and not one of our file."""
+    """Undoes a writer without passing on the caller's exception, which may be an OSError of another file."""
 
 
 class StreamWriter:
-    """Writes a stream time block by time block; the final name appears only when the file is whole and read
-    back.
+    """A context manager that writes a stream file in pieces; memory does not grow with T.
 
-    ``shape`` is (T, H, W), ``readout_hz`` the readouts a second, ``threads`` how many deflate (None: one a
-    core, eight at most). Use it as a context manager: it writes to a temporary beside ``path``, and on a
-    clean exit closes it, opens it again, compares what the file holds with what was given (the small datasets
-    by value, each chunk of spikes by the CRC-32 of its deflated bytes), and renames it. After that
-    ``content_sha256`` is set. On an exception it removes the temporary. Memory does not grow with T. Raises
-    BadInput for wrong shapes and for a folder that cannot be written.
+    It writes to a temporary file beside ``path``. On a clean exit the file is closed, read back and compared
+    with what was written (the small datasets by value, each chunk of spikes by the CRC-32 of its deflated
+    bytes), and renamed; ``content_sha256`` is then set. On an exception the temporary file is removed.
+
+    Parameters
+    ----------
+    path : the file to write.
+    shape : (T, H, W), each at least 1.
+    readout_hz : readouts per second.
+    metadata : what the file holds beside the spikes.
+    threads : threads that deflate; one per core by default, eight at most.
+
+    Raises
+    ------
+    BadInput : wrong shapes, or a folder that cannot be written.
     """
 
     def __init__(
@@ -100,7 +108,7 @@ class StreamWriter:
         self._length = -(-frames // 8)
         self._chunk = time_blocks.chunk_shape((self._rows, self._columns, self._length))
         self._sha, self._crcs = hashlib.sha256(), dict[tuple[int, int], int]()
-        self._gathered = time_blocks.TimeBlockAssembler(self.shape, where=str(path))
+        self._assembler = time_blocks.TimeBlockAssembler(self.shape, where=str(path))
         self._done = 0  # bytes along time in the file
         self._file: h5py.File | None = None
 
@@ -126,26 +134,26 @@ class StreamWriter:
         return self
 
     def write(self, packed: np.ndarray) -> None:
-        """Append ``packed`` uint8 (H, W, bytes), the next bytes along time; any number of them."""
+        """Append ``packed`` uint8 (H, W, bytes), any number of bytes along time."""
         if self._file is None:
             raise BadInput("the writer is not open", where=str(self.path), hint="use it in a with statement")
-        for time_block in self._gathered.add(packed):
+        for time_block in self._assembler.add(packed):
             self._store(time_block)
 
     def _store(self, time_block: np.ndarray) -> None:
         height = self._chunk[0]
         starts = range(0, self._rows, height)
 
-        def stored(row: int) -> bytes:
+        def deflate(row: int) -> bytes:
             return time_blocks.deflate_chunk(time_block[row : row + height], self._chunk)
 
-        def hashed() -> None:
+        def hash_block() -> None:
             for row in starts:
                 self._sha.update(np.ascontiguousarray(time_block[row : row + height]).data)
 
-        hashing = self._pool.submit(hashed)
+        hashing = self._pool.submit(hash_block)
         try:
-            for row, data in zip(starts, self._pool.map(stored, starts), strict=True):
+            for row, data in zip(starts, self._pool.map(deflate, starts), strict=True):
                 self._crcs[row, self._done] = time_blocks.checksum(data)
                 self._spikes.id.write_direct_chunk((row, 0, self._done), data)
         except OSError as error:
@@ -160,16 +168,17 @@ class StreamWriter:
         with suppress(_WriteAborted), self._undo:
             if kind is not None:
                 raise _WriteAborted
-            sha256 = self._checked()
+            sha256 = self._verify_written()
         if kind is None:
             self.content_sha256 = sha256
 
-    def _checked(self) -> str:
-        """The file closed, read back and compared; its content_sha256."""
-        self._gathered.check_complete()
-        spikes = format_digest_line("/spikes", "uint8", self._spikes.shape, self._sha.hexdigest())
+    def _verify_written(self) -> str:
+        """Close the file, compare it with what was written, and return its content_sha256."""
+        self._assembler.check_complete()
+        shape, readout_hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
+        spikes = format_digest_line("/spikes", "uint8", shape=shape, sha256=self._sha.hexdigest())
         lines = [digest_line(n, v) for n, v in self._datasets.items() if not n.startswith("/provenance/")]
-        sha256 = content_digest(self.readout_hz, self.shape[0], [*lines, spikes])
+        sha256 = content_digest([*lines, spikes], readout_hz=readout_hz, frames=frames)
         if self._file is not None:
             self._file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=sha256)
             self._file.close()
@@ -180,14 +189,14 @@ class StreamWriter:
                 time_blocks.checksum(chunks.read_direct_chunk((row, 0, at))[1]) == crc
                 for (row, at), crc in self._crcs.items()
             )
-        if not same or content_digest(self.readout_hz, self.shape[0], [*stored, spikes]) != sha256:
+        if not same or content_digest([*stored, spikes], readout_hz=readout_hz, frames=frames) != sha256:
             raise BadInput(
                 "what was read back is not what was written", where=str(self.path), hint="check the disk"
             )
         return sha256
 
     def _close(self) -> None:
-        # A full disk cannot take what HDF5 still holds, nor always be told to forget it: the cause is known.
+        # On a full disk HDF5 can neither write nor drop what it still holds; the cause is raised already.
         with suppress(OSError, RuntimeError):
             if self._file is not None:
                 self._file.close()
@@ -197,12 +206,23 @@ class StreamWriter:
 def write_stream(
     path: str | os.PathLike[str], frames: Any, *, readout_hz: float = 20_000, **optional: Any
 ) -> str:
-    """Write anybody's frames as a stream file; returns its content_sha256.
+    """Write frames of any origin as a stream file.
 
-    ``frames`` (T, H, W) holds 0 and 1 (or bool) and may be anything that slices along time to arrays, such
-    as a memory map: it is read 2,000 frames at a time. ``readout_hz`` is in 1/s. ``optional`` are the fields
-    of :class:`Metadata`; ``truth`` may be a mapping of fields of :class:`Truth`. Raises BadInput naming the
-    field.
+    Parameters
+    ----------
+    path : the file to write; its folder is made if missing.
+    frames : (T, H, W) of 0 and 1, or bool. Anything that slices along time to arrays will do, such as a
+        memory map; it is read 2,000 frames at a time.
+    readout_hz : readouts per second.
+    **optional : fields of :class:`Metadata`; ``truth`` may be a mapping of fields of :class:`Truth`.
+
+    Returns
+    -------
+    The ``content_sha256`` of the file.
+
+    Raises
+    ------
+    BadInput : names the field whose shape, dtype or values are not allowed.
     """
     if not hasattr(frames, "shape"):
         frames = np.asarray(frames)
@@ -226,10 +246,20 @@ def write_stream(
 
 
 def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
-    """Open a stream file for reading; a context manager. ``threads``: as of :class:`StreamWriter`.
+    """Open a stream file for reading, best in a ``with`` statement.
 
-    Raises BadInput when there is no such file (naming the nearest), and when it is no HDF5 file, cut short or
-    damaged, HDF5 of another kind, or of a newer layout.
+    Parameters
+    ----------
+    path : a stream file (.h5).
+    threads : threads that inflate; one per core by default, eight at most.
+
+    Returns
+    -------
+    SpikeStream
+
+    Raises
+    ------
+    BadInput : a file that is missing, truncated or damaged, not HDF5, not a stream, or of a newer layout.
     """
     where = Path(path)
     if not where.is_file():
@@ -261,17 +291,24 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
 def _damaged(path: Path, error: Exception) -> BadInput:
     reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
     return BadInput(
-        f"is cut short, damaged or cannot be read: {reason}", where=str(path), hint="make it again"
+        f"is truncated, damaged or cannot be read: {reason}", where=str(path), hint="make it again"
     )
 
 
 class SpikeStream:
-    """An open stream file; make it with :func:`open_stream`. One thread at a time.
+    """An open stream file; :func:`open_stream` makes it. It must be used by one thread at a time.
 
-    ``path``; ``shape`` (T, H, W); ``readout_hz`` in 1/s; ``content_sha256`` as stored; ``metadata``, and from
-    it ``truth``, ``focus_position`` (None if absent), ``gain`` and ``light_names``. Frame t is the readout
-    [t, t+1)/readout_hz. A region is (slice of rows, slice of columns), of step 1, inside the frame.
-    Spikes read once stay in memory, up to 1 GiB.
+    Frame t is the readout [t, t+1)/readout_hz. A region is (slice of rows, slice of columns), of step 1,
+    inside the frame. Spikes that were read stay in memory, up to 1 GiB.
+
+    Attributes
+    ----------
+    path : the file.
+    shape : (T, H, W).
+    readout_hz : readouts per second.
+    content_sha256 : as stored; :meth:`verify` compares it with the content.
+    metadata : everything beside the spikes; ``truth``, ``focus_position``, ``gain`` and ``light_names`` are
+        its fields, None if absent.
     """
 
     def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
@@ -279,7 +316,7 @@ class SpikeStream:
         kind, layout = file.attrs.get("format"), file.attrs.get("layout")
         if kind != FORMAT:
             raise BadInput(
-                "is HDF5, but no saf-gen stream", where=str(path), allowed=f"attribute format = {FORMAT!r}"
+                "is HDF5, but not a saf-gen stream", where=str(path), allowed=f"attribute format = {FORMAT!r}"
             )
         if layout != LAYOUT:
             raise BadInput(
@@ -313,29 +350,35 @@ class SpikeStream:
         self.close()
 
     def close(self) -> None:
-        """Close the file and free what was read ahead."""
+        """Close the file and free the memory of what was read."""
         self._time_blocks.close()
         self._file.close()
 
-    def frames(self, a: int, b: int, *, region: Region | None = None) -> np.ndarray:
-        """Frames ``a <= t < b`` as uint8 (b-a, h, w), 0 or 1. Raises BadInput unless 0 <= a < b <= T."""
-        window, part = self._checked(a, b, region)
+    def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
+        """Return frames ``first <= t < stop``, uint8 (frames, h, w) of 0 and 1.
+
+        Raises BadInput unless 0 <= first < stop <= T and the region lies inside the frame.
+        """
+        window, part = self._validated(first, stop, region=region)
         out = np.empty((len(window), *region_shape(part)), np.uint8)
-        for start, first, stop in self._time_blocks.split_frames(window.start, window.stop):
-            begin = 8 * start + first - window.start
-            bits.unpack(self._planes(start, part), out[begin : begin + stop - first], first=first)
+        for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
+            begin = 8 * start + low - window.start
+            bits.unpack(self._planes(start, part), out[begin : begin + high - low], first=low)
         return out
 
-    def counts(self, a: int, b: int, *, region: Region | None = None) -> np.ndarray:
-        """Spikes in frames ``a <= t < b`` as uint32 (h, w). Raises BadInput unless 0 <= a < b <= T."""
-        window, part = self._checked(a, b, region)
+    def counts(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
+        """Return the spikes per pixel in frames ``first <= t < stop``, uint32 (h, w).
+
+        Raises BadInput as :meth:`frames` does.
+        """
+        window, part = self._validated(first, stop, region=region)
         out = np.zeros(region_shape(part), np.uint32)
-        for start, first, stop in self._time_blocks.split_frames(window.start, window.stop):
-            bits.add_counts(self._planes(start, part), out, first=first, stop=stop)
+        for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
+            bits.add_counts(self._planes(start, part), out, first=low, stop=high)
         return out
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
-        """Bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes). Raises BadInput outside."""
+        """Return bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes); BadInput outside."""
         total = self._spikes.shape[2]
         window = validate_window(first_byte, stop_byte, total=total, what="bytes", where=str(self.path))
         part = validate_region(region, self.shape[1:], where=str(self.path))
@@ -343,15 +386,15 @@ class SpikeStream:
             return self._time_blocks.packed(window.start, window.stop, region=part)
 
     def verify(self) -> None:
-        """Read everything and raise BadInput when it is not what ``content_sha256`` says."""
+        """Read everything; raise BadInput if it does not match ``content_sha256``."""
         sha = hashlib.sha256()
         for start in range(0, self._spikes.shape[2], TIME_BLOCK_BYTES):
             with self._report_damage():
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)
         lines = [digest_line(n, v) for n, v in _small(self._file) if not n.startswith("/provenance/")]
-        lines.append(format_digest_line("/spikes", "uint8", self._spikes.shape, sha.hexdigest()))
-        found = content_digest(self.readout_hz, self.shape[0], lines)
+        lines.append(format_digest_line("/spikes", "uint8", shape=self._spikes.shape, sha256=sha.hexdigest()))
+        found = content_digest(lines, readout_hz=self.readout_hz, frames=self.shape[0])
         if found != self.content_sha256:
             raise BadInput(
                 f"the content has SHA-256 {found[:12]}...",
@@ -360,9 +403,9 @@ class SpikeStream:
                 hint="the file was changed or damaged: make it again",
             )
 
-    def _checked(self, a: int, b: int, region: Region | None) -> tuple[range, Region]:
+    def _validated(self, first: int, stop: int, *, region: Region | None) -> tuple[range, Region]:
         where = str(self.path)
-        return validate_window(a, b, total=self.shape[0], where=where), validate_region(
+        return validate_window(first, stop, total=self.shape[0], where=where), validate_region(
             region, self.shape[1:], where=where
         )
 
@@ -378,7 +421,7 @@ class SpikeStream:
             raise _damaged(self.path, error) from error
 
     def _has_own_chunks(self) -> bool:
-        """Whether chunks can be read as they are stored: our shape, deflate alone, none left out."""
+        """Return whether chunks can be read as stored: our shape, only deflate, none missing."""
         chunk = time_blocks.chunk_shape(self._spikes.shape)
         grid = math.prod(-(-n // c) for n, c in zip(self._spikes.shape, chunk, strict=True))
         filters = self._spikes.id.get_create_plist()
@@ -391,7 +434,7 @@ class SpikeStream:
 
     def _read_own_chunk(self, top: int, start: int) -> bytes | np.ndarray:
         skipped, data = self._spikes.id.read_direct_chunk((top, 0, start))
-        # HDF5 itself leaves out the filter where deflate would make a chunk larger.
+        # HDF5 itself skips the filter if deflate would make a chunk larger.
         return np.frombuffer(data, np.uint8).reshape(self._spikes.chunks) if skipped else data
 
     def _read_any_chunk(self, top: int, start: int) -> np.ndarray:

@@ -1,11 +1,9 @@
-"""Between chunks on disk and windows in memory: gather, deflate, inflate, and the time blocks a reader keeps.
+"""Time blocks of packed spikes: assembled and deflated for the disk, inflated and transposed for reading.
 
-A chunk holds some rows, all columns and 250 bytes along time; the chunks of one stretch of time are a time
-block.
-In a chunk bytes stand pixel by pixel, as they deflate best; a kept time block is turned to planes (bytes, H,
-W),
-where a window of all pixels is one contiguous run. Work on chunks runs on threads: isa-l and numpy release
-Python's lock.
+A chunk holds some rows, all columns and 250 bytes along time; the chunks of the same bytes are a time block.
+In a chunk bytes are ordered pixel by pixel, as they deflate best. A block in memory is transposed to planes
+(bytes, H, W), in which a window of all pixels is contiguous. Chunks are processed on threads: isa-l and numpy
+release Python's lock.
 """
 
 from collections import OrderedDict
@@ -42,19 +40,19 @@ class DamagedChunk(ValueError):
 
 
 def make_thread_pool(name: str, count: int | None = None) -> ThreadPoolExecutor:
-    """A pool of ``count`` threads; where not given, one for each core this process may use, eight at most."""
+    """Return a pool of ``count`` threads; by default one per core this process may use, eight at most."""
     return ThreadPoolExecutor(count or min(8, usable_cores()), thread_name_prefix=name)
 
 
 def chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
-    """The chunk for packed spikes of ``shape`` (H, W, bytes): about one megabyte, all columns."""
+    """Return the chunk shape for packed spikes of ``shape`` (H, W, bytes): all columns, about 1 MB."""
     rows, columns, length = shape
     time_block = min(TIME_BLOCK_BYTES, length)
     return min(rows, max(1, _CHUNK_BYTES // (columns * time_block))), columns, time_block
 
 
 def deflate_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
-    """``block`` (rows, W, bytes) as one stored chunk; at the edges zeros fill it, as HDF5 wants."""
+    """Return ``block`` (rows, W, bytes) as a stored chunk, filled with zeros at the edges."""
     if block.shape != chunk:
         whole = np.zeros(chunk, np.uint8)
         whole[: block.shape[0], :, : block.shape[2]] = block
@@ -73,9 +71,9 @@ def _inflated(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarr
 
 
 class TimeBlockAssembler:
-    """Turns pieces of packed spikes, of any length, into the time blocks of a stream of ``shape`` (T, H, W).
+    """Joins pieces of packed spikes, of any length, to the time blocks of a stream of ``shape`` (T, H, W).
 
-    ``length`` is the bytes along time taken so far. A piece that is a whole time block already is not copied.
+    ``length`` counts the bytes along time so far. A piece that is a whole time block is not copied.
     """
 
     def __init__(self, shape: tuple[int, int, int], *, where: str) -> None:
@@ -85,7 +83,7 @@ class TimeBlockAssembler:
         self._held = np.empty((0, 0, 0), np.uint8)
 
     def check_complete(self) -> None:
-        """Raise BadInput unless all bytes have come."""
+        """Raise BadInput unless all bytes have been added."""
         if self.length != self._total:
             raise BadInput(
                 f"only {self.length} bytes along time were written",
@@ -115,7 +113,7 @@ class TimeBlockAssembler:
             )
 
     def add(self, piece: np.ndarray) -> Iterator[np.ndarray]:
-        """Every time block that ``piece`` uint8 (H, W, bytes) completes, the shorter last one included.
+        """Yield every time block that ``piece`` uint8 (H, W, bytes) completes; the last may be shorter.
 
         Raises BadInput for a wrong dtype or shape, too many bytes, and spikes after frame T.
         """
@@ -138,10 +136,10 @@ class TimeBlockAssembler:
 
 
 class TimeBlocks:
-    """Reads packed spikes of ``shape`` (H, W, bytes) and keeps the time blocks used last.
+    """Reads packed spikes of ``shape`` (H, W, bytes) and keeps the time blocks used most recently.
 
-    ``read(top, start)`` gives the chunk at that row and byte: deflated bytes, or an array already cut to the
-    edges. It is called from the caller's thread only. ``count``: see :func:`make_thread_pool`.
+    ``read(top, start)`` gives the chunk at that row and byte, as deflated bytes or as an array already cut to
+    the edges; it is called only from the caller's thread. ``count`` threads inflate.
     """
 
     def __init__(
@@ -157,19 +155,18 @@ class TimeBlocks:
         self._pool = make_thread_pool("inflate", count)
 
     def close(self) -> None:
-        """Free threads and memory."""
+        """Stop the threads and free the memory."""
         self._pool.shutdown(cancel_futures=True)
         self._kept.clear()
 
     def split_frames(self, a: int, b: int) -> Iterator[tuple[int, int, int]]:
-        """Frames ``a <= t < b`` time block by time block: the time block's first byte, and the first and
-        stop bit in it."""
+        """Yield, for frames ``a <= t < b``, each time block's first byte and the first and stop bit in it."""
         time_block = 8 * self.chunk[2]
         for start in range(a // time_block * time_block, b, time_block):
             yield start // 8, max(a - start, 0), min(b - start, time_block)
 
     def row_bands(self, start: int) -> Iterator[np.ndarray]:
-        """The time block at byte ``start`` in C order, as bands of rows (rows, W, bytes)."""
+        """Yield the time block at byte ``start`` in C order, as bands of rows (rows, W, bytes)."""
         length = min(self.chunk[2], self.shape[2] - start)
 
         def block(top: int, data: bytes | np.ndarray) -> np.ndarray:
@@ -183,21 +180,18 @@ class TimeBlocks:
             yield future.result()
 
     def planes(self, start: int, rows: slice) -> np.ndarray:
-        """The time block at byte ``start`` as uint8 (bytes, H, W); only ``rows`` of it are sure to be
-        filled."""
+        """Return the time block at byte ``start``, uint8 (bytes, H, W), of which ``rows`` are filled."""
         planes, filling = self._time_block(start, rows)
         after = start + self.chunk[2]
         if start - self._last == self.chunk[2] and after < self.shape[2]:
-            self._time_block(
-                after, rows
-            )  # a sweep: inflate the next time block while the caller works on this one
+            self._time_block(after, rows)  # reading in order: inflate the next block while this one is used
         self._last = start
         for top in self._tops(rows):
             filling[top].result()
         return planes
 
     def packed(self, a: int, b: int, *, region: Region) -> np.ndarray:
-        """Bytes ``a <= i < b`` along time of a region, uint8 (h, w, b-a)."""
+        """Return bytes ``a <= i < b`` along time of a region, uint8 (h, w, b-a)."""
         out = np.empty((*region_shape(region), b - a), np.uint8)
         for start, first, stop in self.split_frames(8 * a, 8 * b):
             part = slice(first // 8, stop // 8)
@@ -216,16 +210,16 @@ class TimeBlocks:
         elif len(self._kept) >= max(3, _CACHE_BYTES // (self.chunk[2] * self.shape[0] * self.shape[1])):
             planes, filling = self._kept.popitem(last=False)[1]
             wait(filling.values())
-            self._kept[start] = planes, {}  # memory is used again: fresh pages cost time
+            self._kept[start] = planes, {}  # memory is reused: fresh pages cost time
         else:
             self._kept[start] = np.empty((self.chunk[2], *self.shape[:2]), np.uint8), {}
         planes, filling = self._kept[start]
 
-        def turn(top: int, data: bytes | np.ndarray) -> None:
+        def transpose(top: int, data: bytes | np.ndarray) -> None:
             block = _inflated(data, self.chunk)[: self.shape[0] - top]
             planes[: block.shape[2], top : top + block.shape[0]] = block.transpose(2, 0, 1)
 
         for top in self._tops(rows):
             if top not in filling:
-                filling[top] = self._pool.submit(turn, top, self._read(top, start))
+                filling[top] = self._pool.submit(transpose, top, self._read(top, start))
         return planes, filling

@@ -427,7 +427,7 @@ def test_a_recording_that_is_damaged_where_only_a_method_looks_is_no_fault_of_th
     with_search(monkeypatch, lambda view: Answer(view.score(0, 1000)))
     assert one(path, "sd+mine").status == "answered"
     with_search(monkeypatch, lambda view: Answer(view.score(20_000, 20_050)))
-    with pytest.raises(BadInput, match=r"torn\.h5: is cut short, damaged or cannot be read"):
+    with pytest.raises(BadInput, match=r"torn\.h5: is truncated, damaged or cannot be read"):
         one(path, "sd+mine")
 
 

@@ -9,6 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from reference_encoder import encode_reference
+from refusals import refusal
 from scipy import stats
 
 from saf_gen.camera import Encoder, encode, get_sensor, knot_weights
@@ -281,8 +282,9 @@ def test_some_rows_fire_as_they_do_in_the_whole(rows):
 
 @pytest.mark.parametrize("rows", [slice(3, 9), slice(5, 5)])
 def test_rows_begin_where_a_block_of_noise_does(rows):
-    with pytest.raises(BadInput, match="a multiple of 4"):
-        Encoder(get_sensor("vidar_400x250"), (23, 48), seed=11, rows=rows)
+    assert "a multiple of 4" in str(
+        refusal(Encoder, get_sensor("vidar_400x250"), (23, 48), seed=11, rows=rows)
+    )
 
 
 DIGEST = "8a755ee72ea28a462ef0cffdc2717821a6eae923cb5fac8cd8e0745d97b4ab15"
@@ -393,10 +395,10 @@ def test_only_the_last_block_may_end_inside_a_byte():
     stack, index, fraction, gain = schedule()
     encoder = Encoder(get_sensor("ideal"), (5, 30), seed=1)
     encoder.encode(stack, index=index[:13], fraction=fraction[:13], gain=gain[:13])
-    with pytest.raises(BadInput, match="ended at readout 13; allowed: blocks of a multiple of 8"):
-        encoder.encode(stack, index=index, fraction=fraction, gain=gain)
+    message = str(refusal(encoder.encode, stack, index=index, fraction=fraction, gain=gain))
+    assert "ended at readout 13" in message
+    assert "blocks of a multiple of 8" in message
 
 
 def test_an_array_without_pixels_is_refused():
-    with pytest.raises(BadInput, match=r"shape is \(0, 4\)"):
-        Encoder(get_sensor("ideal"), (0, 4), seed=1)
+    assert "shape is (0, 4)" in str(refusal(Encoder, get_sensor("ideal"), (0, 4), seed=1))

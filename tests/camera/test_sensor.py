@@ -4,6 +4,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from refusals import refusal
 from small_dataset import SMALL_RECIPE
 
 from saf_gen.camera import electrons_per_irradiance, encode, get_sensor, sensor_names
@@ -114,8 +115,9 @@ def test_a_noise_term_is_switched_alone():
 
 
 def test_shot_noise_needs_electrons_enough_to_be_normal():
-    with pytest.raises(BadInput, match="threshold_e is 4 with shot noise on; allowed: at least 25"):
-        get_sensor("vidar_400x250", threshold_e=4)
+    message = str(refusal(get_sensor, "vidar_400x250", threshold_e=4))
+    assert "threshold_e is 4 with shot noise on" in message
+    assert "at least 25" in message
     assert get_sensor("vidar_400x250", threshold_e=4, noise={"shot": False}).threshold_e == 4
 
 

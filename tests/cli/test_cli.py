@@ -406,7 +406,7 @@ WRONG = {
     "recipe that is nowhere": (("generate", "NEAR"), ["smal.yaml does not exist", "small.yaml"]),
     "recipe that is a folder": (("generate", "FOLDER"), ["irectory"]),
     "stream that is nowhere": (("inspect", "FOLDER/a.h5"), ["a.h5", "no such file"]),
-    "stream in no folder": (("inspect", "FOLDER/b/a.h5"), ["not a folder"]),
+    "stream in no folder": (("inspect", "FOLDER/b/a.h5"), ["no folder"]),
     "stream that is a folder": (("inspect", "FOLDER"), ["is a folder", "stream file"]),
     "dataset that is a file": (("verify", "STREAM"), ["not a folder", "dataset folder"]),
     "dataset that is nowhere": (("evaluate", "FOLDER/ds"), ["ds", "dataset folder or a stream", "generate"]),

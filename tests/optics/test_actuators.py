@@ -7,12 +7,12 @@ from math import exp, log, pi, sqrt
 
 import numpy as np
 import pytest
+from refusals import refusal
 from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.stats import chi2
 from small_dataset import HERE
 
-from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator
 from saf_gen.optics.actuators.actuator import PRESETS
 from saf_gen.optics.actuators.oscillator import propagator
@@ -169,21 +169,26 @@ def test_another_drive_is_labelled_by_a_digest_of_its_numbers():
 
 @pytest.mark.parametrize("place", [-0.01, 1.01, float("nan"), True, "0.5", None])
 def test_a_place_outside_the_travel_is_refused(place):
-    with pytest.raises(BadInput, match=r"to is .*; allowed: 0 to 1, a fraction of the travel"):
-        lens().command(place)
-    with pytest.raises(BadInput, match=r"start is .*; allowed: 0 to 1, a fraction of the travel"):
-        lens(start=place)
+    message = str(refusal(lens().command, place))
+    assert "to is" in message
+    assert "0 to 1, a fraction of the travel" in message
+    message = str(refusal(lens, start=place))
+    assert "start is" in message
+    assert "0 to 1, a fraction of the travel" in message
 
 
 def test_times_that_make_no_sense_are_refused():
-    with pytest.raises(BadInput, match=r"readout_hz is 0; allowed: readouts a second, above 0"):
-        lens(hz=0)
-    with pytest.raises(BadInput, match=r"-1 frames were to be run; allowed: 0 or more"):
-        lens().run(-1)
+    message = str(refusal(lens, hz=0))
+    assert "readout_hz is 0" in message
+    assert "readouts a second, above 0" in message
+    message = str(refusal(lens().run, -1))
+    assert "-1 frames were to be run" in message
+    assert "0 or more" in message
     still = lens()
     still.run(10)
-    with pytest.raises(BadInput, match=r"frames 5 to 11 were asked for; allowed: .* <= 10"):
-        still.read_sensor(5, 11)
+    message = str(refusal(still.read_sensor, 5, 11))
+    assert "frames 5 to 11 were asked for" in message
+    assert "<= 10" in message
 
 
 # --- the oscillator ----------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
         facts = describe_stream(stream)
     assert facts["pixels"] == "6×4"
     assert facts["frames"] == "80 at 40000 Hz (0.002 s)"
-    assert facts["mean rate"] == "0.2500 spikes a pixel and readout"
+    assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
     assert facts["light lamp"] == "gain 0.5 to 2"
     assert facts["true focus"] == "0.25000 of the travel, at frame 19.5"
     assert facts["depth of focus"] == "0.20000 to 0.30000 of the travel"
@@ -34,7 +34,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("motion", "way", "passed"),
+    ("motion", "path", "passed"),
     [
         ({"kind": "sweep", "from": 0.8, "to": 0.0}, "0.795 to 0.005 of the travel", "at frame 54.5"),
         (
@@ -45,7 +45,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
         ({"kind": "hold", "position": 0.5}, "0.5 of the travel throughout", "never passed"),
     ],
 )
-def test_the_way_of_the_lens_is_told(tmp_path, motion, way, passed):
+def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
     lens = readout_positions(motion, 80, readout_hz=80.0)
     when = find_crossings(lens, 0.25)
     saf_gen.write_stream(
@@ -56,7 +56,7 @@ def test_the_way_of_the_lens_is_told(tmp_path, motion, way, passed):
     )
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
         facts = describe_stream(stream)
-    assert facts["focus"] == way
+    assert facts["focus"] == path
     assert facts["true focus"] == f"0.25000 of the travel, {passed}"
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from refusals import refusal
 
 from saf_gen.core.bits import pack
 from saf_gen.errors import BadInput
@@ -260,18 +261,18 @@ def test_a_chunk_that_hdf5_did_not_deflate_reads_the_same(tmp_path):
 
 @pytest.mark.parametrize("shape", [(3,), (2, 2), (0, 2, 2), (2, 0, 2), (1, 2, 3, 4)])
 def test_frames_must_have_three_axes_that_are_not_empty(tmp_path, shape):
-    with pytest.raises(
-        BadInput, match=re.escape(f"frames have shape {shape}; allowed: (T, H, W), T at least 1")
-    ):
-        write_stream(tmp_path / "a.h5", np.zeros(shape))
+    error = refusal(write_stream, tmp_path / "a.h5", np.zeros(shape))
+    assert str(shape) in error.problem
+    assert "(T, H, W)" in error.allowed
 
 
 @pytest.mark.parametrize("value", [2, 255, -1, 0.5, np.nan])
 def test_frames_must_hold_zero_and_one(tmp_path, value):
     frames = np.zeros((9, 2, 2))
     frames[8, 1, 1] = value
-    with pytest.raises(BadInput, match=rf"hold the value {float(value)!r}; allowed: 0 and 1, or bool"):
-        write_stream(tmp_path / "a.h5", frames)
+    error = refusal(write_stream, tmp_path / "a.h5", frames)
+    assert repr(float(value)) in error.problem
+    assert error.allowed == "0 and 1, or bool"
     assert not list(tmp_path.iterdir())
 
 
@@ -307,25 +308,26 @@ def test_a_wrong_field_is_named(tmp_path, field, value, message):
 def test_a_lens_and_a_track_are_known_in_every_frame_or_refused(tmp_path, field, optional, value):
     held = np.linspace(0, 1, 10)
     held[[4, 7, 8]] = value
-    told = (
+    assert str(refusal(write_stream, tmp_path / "a.h5", np.zeros((10, 2, 3)), **optional(held))) == (
         f"{field} is not finite in 3 of 10 frames, the first is frame 4; allowed: a finite position in every "
         "frame; fill the gaps, or leave the field out"
     )
-    with pytest.raises(BadInput) as caught:
-        write_stream(tmp_path / "a.h5", np.zeros((10, 2, 3)), **optional(held))
-    assert str(caught.value) == told
     assert not list(tmp_path.iterdir())
 
 
 def test_lights_and_names_must_agree(tmp_path):
-    with pytest.raises(BadInput, match="gain has 2 lights, light_names 1"):
-        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)), gain=np.zeros((3, 2)), light_names=("a",))
+    assert "gain has 2 lights, light_names 1" in str(
+        refusal(
+            write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), gain=np.zeros((3, 2)), light_names=("a",)
+        )
+    )
 
 
 @pytest.mark.parametrize("readout_hz", [0, -1, np.nan, np.inf])
 def test_the_rate_must_be_above_zero(tmp_path, readout_hz):
-    with pytest.raises(BadInput, match="readout_hz is"):
-        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)), readout_hz=readout_hz)
+    assert "readout_hz is" in str(
+        refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), readout_hz=readout_hz)
+    )
 
 
 def written(path, pieces, shape=(20, 2, 3)):
@@ -350,7 +352,7 @@ def written(path, pieces, shape=(20, 2, 3)):
         ),
     ],
 )
-def test_wrong_slabs_are_refused_and_leave_nothing(tmp_path, pieces, message):
+def test_wrong_pieces_are_refused_and_leave_nothing(tmp_path, pieces, message):
     with pytest.raises(BadInput, match=message):
         written(tmp_path / "a.h5", pieces)
     assert not list(tmp_path.iterdir())
@@ -409,8 +411,9 @@ def test_no_space_is_told(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "x")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(BadInput, match="cannot be written: No space left on device; free space"):
-        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
+    message = str(refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1))))
+    assert "No space left on device" in message
+    assert "free space" in message
     assert not list(tmp_path.iterdir())
 
 
@@ -435,23 +438,21 @@ def test_writer_and_reader_use_the_threads_they_are_given(tmp_path):
 
 
 def test_a_name_that_the_disk_refuses_is_told(tmp_path):
-    with pytest.raises(BadInput, match="cannot be written: File name too long"):
-        write_stream(tmp_path / ("a" * 300), np.zeros((3, 1, 1)))
+    assert "File name too long" in str(refusal(write_stream, tmp_path / ("a" * 300), np.zeros((3, 1, 1))))
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_may_not_be_written_is_told(tmp_path):
     tmp_path.chmod(0o500)
-    with pytest.raises(BadInput, match="cannot be written: Permission denied"):
-        write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
+    assert "Permission denied" in str(refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1))))
 
 
 def test_what_the_disk_changed_is_found_before_the_rename(tmp_path, monkeypatch):
     kept = time_blocks.deflate_chunk
     monkeypatch.setattr(time_blocks, "checksum", lambda data: len(data) + 1 if isinstance(data, bytes) else 0)
     monkeypatch.setattr(time_blocks, "deflate_chunk", lambda block, chunk: bytearray(kept(block, chunk)))
-    with pytest.raises(BadInput, match="what was read back is not what was written; check the disk"):
-        write_stream(tmp_path / "a.h5", np.ones((8, 1, 1)))
+    message = str(refusal(write_stream, tmp_path / "a.h5", np.ones((8, 1, 1))))
+    assert "check the disk" in message
     assert not list(tmp_path.iterdir())
 
 
@@ -477,8 +478,7 @@ def test_a_changed_byte_in_a_chunk_is_found(tmp_path):
     (tmp_path / "a.h5").write_bytes(raw)
     with open_stream(tmp_path / "a.h5") as stream:
         for read in (stream.verify, lambda: stream.counts(0, 9), lambda: stream.packed(0, 250)):
-            with pytest.raises(BadInput, match="is cut short, damaged or cannot be read"):
-                read()
+            assert "truncated, damaged" in str(refusal(read))
 
 
 @pytest.mark.parametrize("kept", [1, 8, 100, 2_000, 0.5, 0.99, -1])
@@ -486,50 +486,47 @@ def test_a_truncated_file_is_told(tmp_path, kept):
     write_stream(tmp_path / "a.h5", random_frames(2_000, 20, 20), **full_metadata(2_000, 20, 20))
     raw = (tmp_path / "a.h5").read_bytes()
     (tmp_path / "a.h5").write_bytes(raw[: int(kept * len(raw)) if 0 < kept < 1 else kept])
-    with pytest.raises(
-        BadInput, match=r"is cut short, damaged or cannot be read|is not an HDF5 file"
-    ) as caught:
-        open_stream(tmp_path / "a.h5")
-    assert "\n" not in str(caught.value)
+    problem = refusal(open_stream, tmp_path / "a.h5").problem
+    assert "truncated, damaged" in problem or "not an HDF5 file" in problem
 
 
 def test_a_missing_file_names_the_nearest(tmp_path):
     write_stream(tmp_path / "camel-constant-0.h5", np.zeros((3, 1, 1)))
-    with pytest.raises(BadInput, match=r"no such file; did you mean 'camel-constant-0\.h5'"):
-        open_stream(tmp_path / "camel-constant-1.h5")
-    with pytest.raises(BadInput, match="there is no folder"):
-        open_stream(tmp_path / "none" / "a.h5")
-    with pytest.raises(BadInput, match="this is a folder"):
-        open_stream(tmp_path)
+    message = str(refusal(open_stream, tmp_path / "camel-constant-1.h5"))
+    assert "no such file" in message
+    assert "'camel-constant-0.h5'" in message
+    assert "there is no folder" in str(refusal(open_stream, tmp_path / "none" / "a.h5"))
+    assert "this is a folder" in str(refusal(open_stream, tmp_path))
 
 
 def test_a_file_of_another_kind_is_told(tmp_path):
     path = tmp_path / "a.h5"
     path.touch()
-    with pytest.raises(BadInput, match="is empty"):
-        open_stream(path)
+    assert "is empty" in str(refusal(open_stream, path))
     path.write_text("hello, hello, hello")
-    with pytest.raises(BadInput, match="is not an HDF5 file"):
-        open_stream(path)
+    assert "is not an HDF5 file" in str(refusal(open_stream, path))
     with h5py.File(path, "w") as file:
         file["x"] = 1
-    with pytest.raises(BadInput, match="is HDF5, but no saf-gen stream; allowed: attribute format"):
-        open_stream(path)
+    message = str(refusal(open_stream, path))
+    assert "not a saf-gen stream" in message
+    assert "attribute format" in message
 
 
 def test_a_newer_layout_is_told(tmp_path):
     write_stream(tmp_path / "a.h5", np.zeros((3, 1, 1)))
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file.attrs["layout"] = 2
-    with pytest.raises(BadInput, match="has layout 2; allowed: layout 1; update saf_gen"):
-        open_stream(tmp_path / "a.h5")
+    message = str(refusal(open_stream, tmp_path / "a.h5"))
+    assert "has layout 2" in message
+    assert "layout 1" in message
+    assert "update saf_gen" in message
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.__delitem__("spikes"), "is cut short, damaged"),
-        (lambda f: f["spikes"].attrs.__delitem__("frames"), "is cut short, damaged"),
+        (lambda f: f.__delitem__("spikes"), "truncated, damaged"),
+        (lambda f: f["spikes"].attrs.__delitem__("frames"), "truncated, damaged"),
         (lambda f: f["spikes"].attrs.__setitem__("frames", 9), r"/spikes is uint8 \(1, 1, 1\) for 9 frames"),
         (lambda f: f.create_dataset("focus/position", data=[1.0]), r"focus_position has shape \(1,\)"),
     ],
@@ -546,17 +543,16 @@ def test_reads_outside_say_the_range(tmp_path):
     write_stream(tmp_path / "a.h5", np.zeros((20, 2, 3)))
     with open_stream(tmp_path / "a.h5") as stream:
         for a, b in ((-1, 3), (0, 21), (5, 4), (5, 5)):
-            with pytest.raises(BadInput, match=rf"frames {a} to {b} were asked for; allowed: .* <= 20"):
-                stream.frames(a, b)
-            with pytest.raises(BadInput, match=rf"frames {a} to {b} were asked for; allowed: .* <= 20"):
-                stream.counts(a, b)
-        with pytest.raises(BadInput, match=r"bytes 0 to 4 were asked for; allowed: .* <= 3"):
-            stream.packed(0, 4)
-        with pytest.raises(BadInput, match="whole numbers"):
-            stream.counts(0, 1.5)
+            for read in (stream.frames, stream.counts):
+                error = refusal(read, a, b)
+                assert f"frames {a} to {b}" in error.problem
+                assert "<= 20" in error.allowed
+        message = str(refusal(stream.packed, 0, 4))
+        assert "bytes 0 to 4" in message
+        assert "<= 3" in message
+        assert "whole numbers" in str(refusal(stream.counts, 0, 1.5))
         for region in ((slice(0, 3), slice(0, 3)), (slice(1, 1), slice(0, 3)), (slice(0, 2), slice(0, 3, 2))):
-            with pytest.raises(BadInput, match=r"the region's (rows|columns) are slice"):
-                stream.counts(0, 1, region=region)
+            assert "slice" in refusal(stream.counts, 0, 1, region=region).problem
 
 
 def test_anything_that_slices_along_time_can_be_written(tmp_path):
@@ -584,18 +580,18 @@ def test_the_example_in_the_docs_runs(tmp_path, monkeypatch):
 @pytest.mark.parametrize("what", ["write", "count", "verify"])
 def test_memory_does_not_grow_with_time(tmp_path, monkeypatch, what):
     monkeypatch.setattr(time_blocks, "_CACHE_BYTES", 0)
-    slab = pack(random_frames(2_000, 40, 40))
+    time_block = pack(random_frames(2_000, 40, 40))
     peaks = []
     for count in (10, 40):
         path = tmp_path / f"{count}.h5"
         tracemalloc.start()
         with StreamWriter(path, shape=(2_000 * count, 40, 40)) as writer:
             for _ in range(count):
-                writer.write(slab)
+                writer.write(time_block)
         if what != "write":
             tracemalloc.reset_peak()
             with open_stream(path) as stream:
                 stream.verify() if what == "verify" else stream.counts(0, 2_000 * count)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] < peaks[0] + slab.nbytes
+    assert peaks[1] < peaks[0] + time_block.nbytes

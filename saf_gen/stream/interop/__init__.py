@@ -1,4 +1,4 @@
-"""Foreign file layouts, one file a family: in and out of the stream file."""
+"""Import and export of file layouts of other software."""
 
 from saf_gen.stream.interop.raw_frames import RAW_LAYOUTS, export_raw_frames, import_raw_frames
 

@@ -1,9 +1,9 @@
-"""Foreign files of raw frames, one after another, without a header: `dense`, `416` and `sps1000`.
+"""Raw frames without a header, in the layouts `dense`, `416` and `sps1000` of other software.
 
 All three store a frame as bits, least significant first, and differ only in which bit of the frame belongs to
-which pixel; that map is all that a layout is here. ``dense`` (SpikeCV, Spike-Zoo): bits run across rows, the
-bottom row first as a rule. ``416`` (SAF's recordings, RSIR): rows of 50 bytes and 2 that are ignored.
-``sps1000`` (1000 x 1000 camera): rows of two halves, 500 pixels and 12 service bits each.
+which pixel. ``dense`` (SpikeCV, Spike-Zoo): bits run across rows, usually from the bottom row. ``416``
+(recordings of SAF, RSIR): each row has 50 bytes, and 2 that are ignored. ``sps1000`` (the 1000 x 1000
+camera): each row has two halves of 500 pixels and 12 service bits.
 """
 
 import operator
@@ -22,14 +22,14 @@ from saf_gen.stream.stream_file import Metadata, StreamWriter, open_stream
 
 __all__ = ["RAW_LAYOUTS", "RawLayout", "export_raw_frames", "import_raw_frames"]
 
-_FRAMES = 2_000  # frames turned at a time: 250 bytes along time
+_FRAMES = 2_000  # frames converted at a time: 250 bytes along time
 
 
 @dataclass(frozen=True)
 class RawLayout:
-    """A layout of raw frames: size of the image, bytes in a frame, whether rows come bottom first.
+    """A layout of raw frames; ``bit_index(y, x)`` is the bit of the frame that holds a pixel.
 
-    ``bit_index(y, x)`` gives the bit of the frame that holds the pixel.
+    ``flip`` tells that the bottom row comes first.
     """
 
     rows: int
@@ -39,7 +39,7 @@ class RawLayout:
     bit_index: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
     def bit_indices(self, flip: bool) -> np.ndarray:
-        """The bit of every pixel, int (H W,), with row 0 on top."""
+        """Return the bit of every pixel, int (H W,), with row 0 at the top."""
         y, x = np.divmod(np.arange(self.rows * self.columns), self.columns)
         return self.bit_index(self.rows - 1 - y if flip else y, x)
 
@@ -62,7 +62,7 @@ def _check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) ->
         raise BadInput("would be written over itself", where=str(source), hint="choose another name to write")
 
 
-def _frame_count(source: Path, layout: str, frames: int | None) -> int:
+def _frame_count(source: Path, layout: str, *, frames: int | None) -> int:
     try:
         size = source.stat().st_size
     except OSError as error:
@@ -79,17 +79,17 @@ def _frame_count(source: Path, layout: str, frames: int | None) -> int:
             if size % of.frame_bytes == 0
         ]
         raise BadInput(
-            f"{size} bytes are {size // each} frames of {each} bytes and {size % each} bytes more",
+            f"its {size} bytes are {size // each} frames of {each} bytes and {size % each} more bytes",
             where=str(source),
             allowed=f"a multiple of {each} bytes for layout {layout}",
             hint=f"layouts that fit: {', '.join(fitting)}"
             if fitting
-            else "no known layout fits: the file is cut short",
+            else "no known layout fits: the file is truncated",
         )
     if frames is None:
         return size // each
     if not 1 <= operator.index(frames) <= size // each:
-        raise BadInput(f"{frames} frames were asked for", where=str(source), allowed=f"1 to {size // each}")
+        raise BadInput(f"{frames} frames were requested", where=str(source), allowed=f"1 to {size // each}")
     return operator.index(frames)
 
 
@@ -102,20 +102,20 @@ def import_raw_frames(
     readout_hz: float = 20_000,
     flip: bool | None = None,
 ) -> str:
-    """Write the raw frames in ``source`` as the stream file ``out``; returns its content_sha256.
+    """Write the raw frames in ``source`` as the stream file ``out`` and return its content_sha256.
 
-    ``frames`` takes the first so many (None: all); ``readout_hz`` in 1/s is not in the file; ``flip`` says
-    that the bottom row comes first (None: as the layout usually has it). Memory does not grow with the file.
-    Raises BadInput when the file's size is no whole number of frames, telling what would fit, and
-    when it holds fewer than ``frames``; like :func:`export_raw_frames` it refuses to write over its source.
+    ``frames`` limits the import to the first frames. ``readout_hz`` (1/s) is not in the file. ``flip`` tells
+    whether the bottom row comes first, by default as is usual for the layout. Memory does not grow with the
+    file. Raises BadInput for a size that is not a whole number of frames, naming layouts that would fit, for
+    fewer frames than requested, and for an ``out`` that is ``source``.
     """
     kind, path = _layout(layout), Path(source)
-    total = _frame_count(path, layout, frames)
+    total = _frame_count(path, layout, frames=frames)
     _check_apart(path, out)
-    turned = kind.flip if flip is None else bool(flip)
-    which = kind.bit_indices(turned)
-    how = {"file": path.name, "layout": layout, "flip": turned, "frames": total}
-    metadata = Metadata(provenance={"import": dumps(how, ensure_ascii=False)})
+    flipped = kind.flip if flip is None else bool(flip)
+    bit = kind.bit_indices(flipped)
+    settings = {"file": path.name, "layout": layout, "flip": flipped, "frames": total}
+    metadata = Metadata(provenance={"import": dumps(settings, ensure_ascii=False)})
     shape = (total, kind.rows, kind.columns)
     with (
         path.open("rb") as file,
@@ -125,9 +125,9 @@ def import_raw_frames(
             count = min(_FRAMES, total - first)
             raw = np.fromfile(file, np.uint8, count * kind.frame_bytes)
             if raw.size != count * kind.frame_bytes:
-                raise BadInput("became shorter while it was read", where=str(source), hint="import it again")
-            tracks = bits.frames_to_spike_trains(raw.reshape(count, kind.frame_bytes))
-            writer.write(tracks[which].reshape(kind.rows, kind.columns, -1))
+                raise BadInput("was truncated while it was read", where=str(source), hint="import it again")
+            trains = bits.frames_to_spike_trains(raw.reshape(count, kind.frame_bytes))
+            writer.write(trains[bit].reshape(kind.rows, kind.columns, -1))
     return writer.content_sha256
 
 
@@ -138,13 +138,13 @@ def export_raw_frames(
     layout: str = "416",
     flip: bool | None = None,
 ) -> int:
-    """Write the stream file ``source`` as raw frames, ignored bits 0; returns the bytes written.
+    """Write the stream file ``source`` as raw frames, ignored bits 0, and return the number of bytes.
 
-    The inverse of :func:`import_raw_frames`; focus, light and truth have no place in the layout and stay
-    behind. Raises BadInput when the stream's size is not the layout's, and when ``out`` cannot be written.
+    The inverse of :func:`import_raw_frames`; the layouts cannot hold focus, light and truth. Raises BadInput
+    for a stream of another image size and for an ``out`` that cannot be written.
     """
     kind = _layout(layout)
-    which = kind.bit_indices(kind.flip if flip is None else bool(flip))
+    bit = kind.bit_indices(kind.flip if flip is None else bool(flip))
     with open_stream(source) as stream:
         _check_apart(source, out)
         total, rows, columns = stream.shape
@@ -162,7 +162,7 @@ def export_raw_frames(
             for first in range(0, total, _FRAMES):
                 count = min(_FRAMES, total - first)
                 packed = stream.packed(first // 8, first // 8 + -(-count // 8))
-                tracks = np.zeros((8 * kind.frame_bytes, packed.shape[2]), np.uint8)
-                tracks[which] = packed.reshape(-1, packed.shape[2])
-                file.write(bits.spike_trains_to_frames(tracks, count).data)
+                trains = np.zeros((8 * kind.frame_bytes, packed.shape[2]), np.uint8)
+                trains[bit] = packed.reshape(-1, packed.shape[2])
+                file.write(bits.spike_trains_to_frames(trains, count).data)
     return total * kind.frame_bytes
