@@ -1,6 +1,9 @@
-"""The closed loop as a Gymnasium environment, ``saf_gen/Autofocus-v0``; needs the extra ``gym``.
+"""The closed loop as a Gymnasium environment; importing this module registers ``saf_gen/Autofocus-v0``.
 
-The id carries a version: where what a policy sees or earns changes, it counts up.
+>>> import gymnasium, saf_gen.benchmark.gym  # doctest: +SKIP
+>>> env = gymnasium.make("saf_gen/Autofocus-v0", dataset="datasets/quickstart")  # doctest: +SKIP
+
+It needs the extra ``gym``. The id carries a version, which rises when what a policy sees or earns changes.
 """
 
 from saf_gen.errors import BadInput

@@ -1,4 +1,4 @@
-"""A policy as a method of the contest: run over every sequence, judged and written down like the others."""
+"""A policy as a method of the benchmark: run on every sequence, judged and recorded like the others."""
 
 import hashlib
 import inspect
@@ -33,45 +33,52 @@ NAME = r"[A-Za-z0-9][A-Za-z0-9_.:=,+-]{0,79}"
 def evaluate_policy(
     env: gymnasium.Env[Any, Any],
     make_policy: Callable[[], Policy],
-    method: str,
     *,
+    method: str,
     code: str = "",
     out: str | Path | None = None,
 ) -> list[Record]:
-    """Run a policy over every sequence of an environment, as the contest would: a record each.
+    """Run a policy on every sequence of an environment, as the benchmark would, and return the records.
 
-    The lens begins where it does for every method, the noise is that of the recording, the verdict that of
-    the contest. A policy that breaks fails on that sequence, as a search does; None for an action abstains.
+    The lens begins where it does for every method, with the noise of the recording, and the benchmark judges
+    it. A policy that raises fails on that sequence, as a search does; the action None abstains.
 
     Parameters
     ----------
-    env : an :class:`AutofocusEnv`, in wrappers of any kind: the policy sees and acts through them.
+    env : an :class:`AutofocusEnv`, in any wrappers; the policy sees and acts through them.
     make_policy : called for each sequence, so that nothing is carried over from one to the next.
     method : the name in the leaderboard.
-    code : which version of the policy it is. Learned weights need one: '' is a digest of the source of the
-        module that ``make_policy`` is defined in, which they are not part of.
-    out : a folder; ``records.jsonl`` is written there, for ``saf-gen leaderboard``.
+    code : the version of the policy, which learned weights need. Without it, a digest of the source of the
+        module that defines ``make_policy``; weights are not part of that.
+    out : a folder where ``records.jsonl`` is written, for ``saf-gen leaderboard``.
 
-    ``windows`` of a record is the number of images, ``seconds`` the time that the policy took. Raises
-    BadInput for a name that is not allowed, for a source that cannot be read, for what the environment
-    refuses, and for stacks that cannot be filmed.
+    Returns
+    -------
+    list[Record]
+        One per sequence. ``windows`` is the number of images, ``seconds`` the time that the policy took.
+
+    Raises
+    ------
+    BadInput
+        For a name that is not allowed, for a source that cannot be read, for what the environment refuses,
+        and for focal stacks that cannot be read.
     """
     inner = env.unwrapped
     if not isinstance(inner, AutofocusEnv):
         raise BadInput(f"the environment is {inner!r:.60}", allowed="an AutofocusEnv, in wrappers or without")
     if not re.fullmatch(NAME, method):
         raise BadInput(f"the method is called {method!r:.90}", allowed="1 to 80 of A-Z a-z 0-9 _ . : = , + -")
-    code = code or _source_digest(make_policy, inner.parameters)
+    code = code or _digest_source(make_policy, inner.parameters)
     records = []
     for task in inner.tasks:
-        setting = inner.load_sequence(task)
+        sequence = inner.load_sequence(task)
         with open_stream(task.path) as stream:
-            light = measure_mean_rate(WindowCounts(stream, region=setting.box))
-            budget = inner.protocol.count_frames(setting.capture)[0]
-            common = describe_sequence(task, stream, rate=light, track="closed_loop", frames=budget)
-        run = _run(env, inner, make_policy, task.id)
+            rate = measure_mean_rate(WindowCounts(stream, region=sequence.box))
+            budget = inner.protocol.count_frames(sequence.capture)[0]
+            common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
+        run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
         records.append(
-            setting.make_record(
+            sequence.make_record(
                 run, inner.protocol, method=method, code=code, parameters=inner.parameters, common=common
             )
         )
@@ -80,25 +87,25 @@ def evaluate_policy(
     return records
 
 
-def _run(
-    env: gymnasium.Env[Any, Any], inner: AutofocusEnv, make_policy: Callable[[], Policy], sequence: str
+def _run_policy(
+    env: gymnasium.Env[Any, Any], inner: AutofocusEnv, *, make_policy: Callable[[], Policy], sequence: str
 ) -> ClosedLoopRun:
-    seen, _ = env.reset(options={"sequence": sequence})
+    observation, _ = env.reset(options={"sequence": sequence})
     episode, seconds, over = inner.episode, 0.0, False
     try:
         policy = make_policy()
         while not over:
             begin = perf_counter()
-            action = policy(seen)
+            action = policy(observation)
             seconds += perf_counter() - begin
             if action is None:
                 episode.abstain()
                 break
-            seen, _, terminated, truncated, _ = env.step(action)
+            observation, _, terminated, truncated, _ = env.step(action)
             over = terminated or truncated
         if episode.run is None:
             episode.fail("a wrapper of the environment ended the episode")
-    except Exception as error:  # noqa: BLE001 anybody's policy may raise anything; fail() raises what is ours
+    except Exception as error:  # noqa: BLE001 anybody's policy may raise anything
         episode.fail(describe_exception(error))
     run = episode.run
     if run is None:
@@ -106,8 +113,8 @@ def _run(
     return replace(run, windows=episode.observations, seconds=seconds)
 
 
-def _source_digest(make_policy: Callable[[], Policy], parameters: str) -> str:
-    """12 digits of a sha256 over the source of the module in which a policy is defined, and what it sees."""
+def _digest_source(make_policy: Callable[[], Policy], parameters: str) -> str:
+    """Return 12 digits of a sha256 over the source of the module that defines a policy, and what it sees."""
     module = sys.modules.get(getattr(make_policy, "__module__", ""))
     try:
         source = inspect.getsource(module) if module else ""
