@@ -4,6 +4,7 @@ Their text becomes part of the recipe: an edited table makes another recipe, and
 later does no harm.
 """
 
+from collections.abc import Mapping
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput, closest
 
-__all__ = ["parse_columns", "read_text_beside"]
+__all__ = ["parse_columns", "parse_table", "read_text_beside"]
 
 LARGEST_BYTES = 4 << 20  # every file of the dataset holds a copy
 
@@ -52,6 +53,17 @@ def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{name!r} cannot be read: {error}", where=where) from error
+
+
+def parse_table(file: object, names: tuple[str, ...]) -> tuple[np.ndarray, ...]:
+    """Return the columns of a table as a recipe hands it over, ``{"path": ..., "text": ...}``.
+
+    Raises BadInput where ``file`` is something else, and as :func:`parse_columns` does.
+    """
+    if not (isinstance(file, Mapping) and set(file) == {"path", "text"}):
+        allowed = "in a recipe the path of a CSV file; else {'path': ..., 'text': ...}"
+        raise BadInput(f"file is {file!r}", allowed=allowed)
+    return parse_columns(file["text"], names, name=file["path"])
 
 
 @lru_cache(maxsize=64)

@@ -44,9 +44,7 @@ def validate_region(region: Region | None, size: tuple[int, int], *, where: str 
         stop = most if span.stop is None else operator.index(span.stop)
         if not 0 <= first < stop <= most or span.step not in (None, 1):
             raise BadInput(
-                f"the region's {axis} are {span}",
-                where=where,
-                allowed=f"0 <= first < stop <= {most}, step 1",
+                f"the region's {axis} are {span}", where=where, allowed=f"0 <= first < stop <= {most}, step 1"
             )
         bounds.append(slice(first, stop))
     return bounds[0], bounds[1]

@@ -53,8 +53,7 @@ def validate_signal(name: str, array: np.ndarray) -> np.ndarray:
     array = np.asarray(array)
     if array.ndim != len(signal.axes):
         raise BadInput(
-            f"{name} has shape {array.shape}",
-            allowed=f"{len(signal.axes)} axes ({', '.join(signal.axes)})",
+            f"{name} has shape {array.shape}", allowed=f"{len(signal.axes)} axes ({', '.join(signal.axes)})"
         )
     if array.dtype.kind not in "buif":
         raise BadInput(f"{name} has dtype {array.dtype}", allowed=f"numbers ({signal.dtype})")

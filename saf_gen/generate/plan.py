@@ -129,14 +129,7 @@ def _check_ids(sequences: list[PlannedSequence]) -> None:
 
 
 def _plan_sequence(
-    recipe: Recipe,
-    split: str,
-    *,
-    scene: str,
-    family: SceneFamily,
-    scene_motion: str,
-    light: str,
-    repeat: int,
+    recipe: Recipe, split: str, *, scene: str, family: SceneFamily, scene_motion: str, light: str, repeat: int
 ) -> PlannedSequence:
     words = [scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"]
     name = "-".join(words)

@@ -85,11 +85,7 @@ class Recorder:
             self.sensor, shape, seed=sequence.seed, device_seed=self.device_seed, threads=threads
         )
         with StreamWriter(
-            path,
-            shape=(self.frames, *shape),
-            readout_hz=hz,
-            metadata=metadata,
-            threads=threads,
+            path, shape=(self.frames, *shape), readout_hz=hz, metadata=metadata, threads=threads
         ) as writer:
             for begin in range(0, self.frames, BLOCK_FRAMES):
                 for run in time_stack.split_at_slices(begin, min(begin + BLOCK_FRAMES, self.frames)):

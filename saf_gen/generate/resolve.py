@@ -66,11 +66,7 @@ class ResolvedSequence:
         decisive = {
             "model": MODEL,
             "sequence": self.planned.as_dict(),
-            "stack": [
-                [spec.key for spec in stack.specs],
-                stack.slice_frames,
-                stack_digest,
-            ],
+            "stack": [[spec.key for spec in stack.specs], stack.slice_frames, stack_digest],
             "sensor": sensor,
             "frames": self.frames,
             "seed": self.recipe_seed,

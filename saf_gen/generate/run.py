@@ -1,7 +1,6 @@
 """From a recipe to a dataset: render what is missing, record what is missing, list what is there."""
 
 import json
-import os
 import platform
 import shutil
 from collections.abc import Iterable, Iterator
@@ -16,7 +15,7 @@ import saf_gen
 from saf_gen.authoring.preview import write_preview
 from saf_gen.core import seeds
 from saf_gen.core.cores import defer_interrupts, usable_cores
-from saf_gen.core.files import remove_stale_temporaries
+from saf_gen.core.files import check_writable, remove_stale_temporaries
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_dataset_card
 from saf_gen.generate.executor import Job, ReportProgress, run_jobs
@@ -162,15 +161,8 @@ def _check_folder(work: ResolvedRecipe, folder: Path) -> None:
                 f"{folder} holds the dataset {name!r}, the recipe makes {work.recipe.name!r}",
                 hint="give another folder with --out",
             )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".writable.{os.getpid()}"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise BadInput(
-            f"{folder} cannot be written: {error.strerror}", hint="give another folder with --out"
-        ) from error
+    check_writable(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     needed, free = work.estimate_bytes(folder), shutil.disk_usage(folder).free
     if needed > free:
         raise BadInput(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saf_gen.core.csv_table import parse_columns
+from saf_gen.core.csv_table import parse_table
 from saf_gen.errors import BadInput
 from saf_gen.lights._piecewise_linear import integrate_piecewise_linear
 
@@ -22,12 +22,7 @@ class FromCsv:
     file: Mapping[str, str] = field(repr=False)
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.file, Mapping) and set(self.file) == {"path", "text"}):
-            raise BadInput(
-                f"file is {self.file!r}",
-                allowed="in a recipe the path of a CSV file; else {'path': ..., 'text': ...}",
-            )
-        times, gains = self._points()
+        times, gains = parse_table(self.file, ("time_s", "gain"))
         if gains.min() < 0:
             worst = int(gains.argmin())
             raise BadInput(
@@ -38,9 +33,5 @@ class FromCsv:
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""
-        times, gains = self._points()
+        times, gains = parse_table(self.file, ("time_s", "gain"))
         return integrate_piecewise_linear(seconds, times=times, gains=gains)
-
-    def _points(self) -> tuple[np.ndarray, np.ndarray]:
-        times, gains = parse_columns(self.file["text"], ("time_s", "gain"), name=self.file["path"])
-        return times, gains

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saf_gen.core.csv_table import parse_columns
+from saf_gen.core.csv_table import parse_table
 from saf_gen.errors import BadInput
 
 SLACK_S = 1e-9  # decimals in a file and quotients of readouts may differ in their last digits
@@ -24,12 +24,7 @@ class FromCsv:
     file: Mapping[str, str] = field(repr=False)
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.file, Mapping) and set(self.file) == {"path", "text"}):
-            raise BadInput(
-                f"file is {self.file!r}",
-                allowed="in a recipe the path of a CSV file; else {'path': ..., 'text': ...}",
-            )
-        times, positions = self._points()
+        times, positions = parse_table(self.file, ("time_s", "position"))
         outside = np.flatnonzero((positions < 0) | (positions > 1))
         if outside.size:
             raise BadInput(
@@ -40,7 +35,7 @@ class FromCsv:
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time; raises BadInput for a time that the table does not reach."""
-        times, positions = self._points()
+        times, positions = parse_table(self.file, ("time_s", "position"))
         seconds = np.asarray(seconds, dtype=np.float64)
         outside = seconds[(seconds < times[0] - SLACK_S) | (seconds > times[-1] + SLACK_S)]
         if outside.size:
@@ -52,7 +47,3 @@ class FromCsv:
                 hint="add rows, or record fewer frames",
             )
         return np.interp(seconds, times, positions)
-
-    def _points(self) -> tuple[np.ndarray, np.ndarray]:
-        times, positions = parse_columns(self.file["text"], ("time_s", "position"), name=self.file["path"])
-        return times, positions

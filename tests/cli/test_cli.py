@@ -453,7 +453,10 @@ WRONG = {
         ("evaluate", "STREAM", "--method", "sd+argmax", "--out", "TEXT/x"),
         ["cannot be written", "another folder"],
     ),
-    "dataset below a file": (("generate", "RECIPE", "--out", "TEXT/x"), ["cannot be written", "--out"]),
+    "dataset below a file": (
+        ("generate", "RECIPE", "--out", "TEXT/x"),
+        ["cannot be written", "another folder"],
+    ),
     "scores below a file": (
         ("score", "STREAM", "--measure", "sd", "--window", "9", "--out", "TEXT/x.csv"),
         ["cannot be written", "another folder"],

@@ -2,11 +2,10 @@
 
 import json
 
-import pytest
+from refusals import assert_says, refusal
 
 from saf_gen.core.config import components
 from saf_gen.core.config.yaml_document import read_yaml
-from saf_gen.errors import BadInput
 
 NAME = (7, "test", "camel-constant-00")
 
@@ -33,8 +32,12 @@ def test_a_part_is_read_as_it_was_written_but_for_its_files(tmp_path):
 
 
 def test_a_corner_that_no_draw_may_hit_is_found(tmp_path):
-    with pytest.raises(BadInput, match=r"r.yaml:1: to is 1.5; allowed: 0 to 1"):
-        read_part(tmp_path, "{kind: sweep, from: {uniform: [0, 0.1]}, to: {choice: [0.5, 1.5, 0.7]}}")
+    assert_says(
+        refusal(
+            read_part, tmp_path, "{kind: sweep, from: {uniform: [0, 0.1]}, to: {choice: [0.5, 1.5, 0.7]}}"
+        ),
+        "r.yaml:1: to is 1.5 | 0 to 1",
+    )
 
 
 def test_a_part_is_resolved_by_the_names_of_recording_and_purpose():

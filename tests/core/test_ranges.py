@@ -59,10 +59,7 @@ def test_a_degenerate_range_is_refused(value, told):
         ({"uniform": [False, True]}, "uniform is [False, True]"),
         ({"uniform": [0, "1e-3"]}, "uniform is [0, '1e-3']"),
         ({"log_uniform": [1e-300, 1e300]}, "log_uniform is [1e-300, 1e+300]"),
-        (
-            {"choice": [1, {"uniform": [0, 1]}]},
-            "a choice holds the range {'uniform': [0, 1]}",
-        ),
+        ({"choice": [1, {"uniform": [0, 1]}]}, "a choice holds the range {'uniform': [0, 1]}"),
         ({"choice": [{"choice": [1, 2]}]}, "a choice holds the range"),
     ],
 )
@@ -86,20 +83,14 @@ DATE = datetime.date(2024, 5, 1)
 @pytest.mark.parametrize(
     ("value", "told"),
     [
-        (
-            DATE,
-            "r.yaml:3 | params.made is the date 2024-05-01 | text, true or false",
-        ),
+        (DATE, "r.yaml:3 | params.made is the date 2024-05-01 | text, true or false"),
         ({"choice": [DATE, "no date"]}, "params.made is the date 2024-05-01"),
         (float("nan"), "params.made is nan"),
         pytest.param(10**400, "params.made is 1000", id="huge"),
         ([1, float("inf")], "params.made is inf"),
         ([[1, 2]], "params.made is [1, 2]"),
         (None, "params.made is empty"),
-        (
-            {"unifrm": [0, 1]},
-            "params.made is {'unifrm': [0, 1]} | {uniform: [...]} | mean 'uniform",
-        ),
+        ({"unifrm": [0, 1]}, "params.made is {'unifrm': [0, 1]} | {uniform: [...]} | mean 'uniform"),
         ({}, "params.made is {}"),
     ],
 )

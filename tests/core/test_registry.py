@@ -4,6 +4,7 @@ import sys
 from importlib.metadata import EntryPoint
 
 import pytest
+from refusals import assert_says, refusal
 
 from saf_gen.cli import main
 from saf_gen.core.config import registry
@@ -26,18 +27,19 @@ def test_a_trailing_underscore_is_no_part_of_a_key():
 
 
 def test_an_unknown_part_is_told_with_the_nearest():
-    with pytest.raises(BadInput, match=r"unknown light schedule 'rampp'; .*did you mean 'ramp'\?"):
-        registry.build("lights", "rampp")
+    assert_says(refusal(registry.build, "lights", "rampp"), "'rampp' | mean 'ramp")
 
 
 def test_an_unknown_key_is_told_with_the_nearest():
-    with pytest.raises(BadInput, match=r"'ramp': 'form'; allowed: from, over_s, to; did you mean 'from'\?"):
-        registry.build("lights", "ramp", form=1)
+    assert_says(
+        refusal(registry.build, "lights", "ramp", form=1), "'ramp': 'form' | from, over_s, to | 'from'"
+    )
 
 
 def test_a_missing_key_is_told_with_the_keys():
-    with pytest.raises(BadInput, match=r"light schedule 'ramp': .*missing.*; allowed: from, to, over_s"):
-        registry.build("lights", "ramp", to=2)
+    assert_says(
+        refusal(registry.build, "lights", "ramp", to=2), "light schedule 'ramp' | missing | from, to, over_s"
+    )
 
 
 REFUSES = '''\

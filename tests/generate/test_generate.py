@@ -13,10 +13,10 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from refusals import assert_says, refusal
 from small_dataset import SCENES, SMALL_RECIPE
 
 import saf_gen
-from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.lights import group_gains
@@ -190,39 +190,34 @@ def test_a_killed_generation_goes_on_where_it_was(work, small_recipe, made, tmp_
 
 def test_a_group_that_the_scene_lacks_is_told_before_anything_is_made(small_recipe, test_scenes):
     small_recipe.write_text(small_recipe.read_text().replace("    lamp:", "    lmap:"))
-    with pytest.raises(
-        BadInput, match=r"light 'lamp_only' on plane: the scene has no light group 'lmap'; allowed"
-    ):
-        resolve_recipe(small_recipe)
+    assert_says(refusal(resolve_recipe, small_recipe), "light 'lamp_only' on plane | 'lmap'")
 
 
 def test_a_scene_that_is_nowhere_is_told(small_recipe, test_scenes):
     small_recipe.write_text(small_recipe.read_text().replace("[plane]", "[plain]"))
-    with pytest.raises(BadInput, match=r"unknown scene 'plain'; .*did you mean 'plane'\?"):
-        resolve_recipe(small_recipe)
+    assert_says(refusal(resolve_recipe, small_recipe), "'plain' | mean 'plane")
 
 
 def test_a_folder_that_cannot_be_written_is_told(work, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(BadInput, match=r"file/ds cannot be written: .*; give another folder with --out"):
-        generate(work, tmp_path / "file" / "ds", variant=VARIANT)
+    assert_says(
+        refusal(generate, work, tmp_path / "file" / "ds", variant=VARIANT), "file/ds cannot be written"
+    )
 
 
 def test_the_folder_of_another_dataset_is_not_touched(work, made, small_recipe):
     small_recipe.write_text(small_recipe.read_text().replace("name: small", "name: other"))
     before = sorted(made.folder.rglob("*"))
-    with pytest.raises(
-        BadInput, match=r"holds the dataset 'small', the recipe makes 'other'; give another folder"
-    ):
-        generate(resolve_recipe(small_recipe), made.folder, variant=VARIANT)
+    assert_says(
+        refusal(generate, resolve_recipe(small_recipe), made.folder, variant=VARIANT), "'small' | 'other'"
+    )
     assert sorted(made.folder.rglob("*")) == before
 
 
 def test_a_disk_too_small_is_told_before_anything_is_made(work, tmp_path, monkeypatch):
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(1, 1, 0))
-    with pytest.raises(BadInput, match=r"the dataset needs about .* MB in .*, 0 MB are free"):
-        generate(work, tmp_path / "ds", variant=VARIANT)
+    assert_says(refusal(generate, work, tmp_path / "ds", variant=VARIANT), "needs about | 0 MB are free")
     assert not list((tmp_path / "ds").iterdir())
 
 

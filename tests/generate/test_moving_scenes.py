@@ -7,6 +7,7 @@ from dataclasses import replace
 import drjit as dr
 import numpy as np
 import pytest
+from refusals import assert_says, refusal
 from small_dataset import SCENES
 
 import saf_gen
@@ -163,14 +164,12 @@ def test_generating_again_keeps_everything(made, scenes, monkeypatch):
 def test_dynamic_where_nothing_moves_is_refused(recipe):
     still = "scenes: [usaf_target], lights: [constant]"
     recipe.write_text(recipe.read_text().replace(still, still + ", scene_motion: [dynamic]"))
-    with pytest.raises(BadInput, match="split 'train' asks for dynamic, and nothing moves in usaf_target"):
-        resolve_recipe(recipe)
+    assert_says(refusal(resolve_recipe, recipe), "split 'train' asks for dynamic |  usaf_target")
 
 
 def test_more_variants_than_repeats_are_refused(recipe):
     recipe.write_text(recipe.read_text().replace("variants: 2", "variants: 3"))
-    with pytest.raises(BadInput, match="at most as many variants as repeats, which are 2"):
-        resolve_recipe(recipe)
+    assert_says(refusal(resolve_recipe, recipe), "repeats, which are 2")
 
 
 def test_a_recipe_may_choose_parameters_by_name(recipe):
@@ -180,8 +179,7 @@ def test_a_recipe_may_choose_parameters_by_name(recipe):
         s.planned.params["contrast"] for s in resolve_recipe(recipe).sequences if s.planned.scene == "plane"
     } == {0.5}
     recipe.write_text(text + "scene_params: {plane: {contrats: 0.5}}\n")
-    with pytest.raises(BadInput, match=r"unknown parameter of scene 'plane': 'contrats'.*'contrast'"):
-        resolve_recipe(recipe)
+    assert_says(refusal(resolve_recipe, recipe), "'contrats' | 'contrast'")
     recipe.write_text(text + "scene_params: {plain: {contrast: 0.5}}\n")
     with pytest.raises(BadInput, match=r"moving.yaml:\d+: unknown scene of scene_params 'plain'.*'plane'"):
         resolve_recipe(recipe)

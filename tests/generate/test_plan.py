@@ -176,10 +176,7 @@ def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_it
 @pytest.mark.parametrize(
     ("chosen", "told"),
     [
-        (
-            {"cup": "lfet"},
-            'scene_params.camel.cup is \'lfet\' | "left", "right" | mean \'left',
-        ),
+        ({"cup": "lfet"}, 'scene_params.camel.cup is \'lfet\' | "left", "right" | mean \'left'),
         ({"cup": {"choice": ["left", "rihgt"]}}, "'rihgt' | mean 'right"),
         ({"cup": 1}, 'cup is 1 | "left", "right"'),
         ({"blades": 6}, "blades is 6 | 3, 4, 5"),
@@ -187,10 +184,7 @@ def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_it
         ({"blades": 3.0}, "blades is 3.0 | 3, 4, 5 | mean '3"),
         ({"blades": {"uniform": [3, 5]}}, "blades is {'uniform': [3, 5]} | 3, 4, 5"),
         ({"shape": [1, 4]}, "shape is [1, 4] | [1, 2], [3, 4]"),
-        (
-            {"distance_m": "4e-1"},
-            "distance_m is '4e-1' | a number",
-        ),
+        ({"distance_m": "4e-1"}, "distance_m is '4e-1' | a number"),
         ({"distance_m": {"choice": [0.4, "far"]}}, "distance_m is 'far' | a number"),
         ({"distance_m": True}, "distance_m is True | a number"),
         ({"texels": [64, 64]}, "texels is [64, 64] | a number"),

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from refusals import assert_says, refusal
 from small_dataset import DRIVE, SPEC, make_sequence
 
 import saf_gen
 from saf_gen.camera import get_sensor
 from saf_gen.core.focus_crossings import find_crossings
-from saf_gen.errors import BadInput
 from saf_gen.generate.recorder import Recorder
 from saf_gen.motions import readout_positions
 from saf_gen.stack.focal_stack import FocalStack
@@ -167,6 +167,14 @@ def test_a_rate_below_the_dark_current_is_refused(tmp_path):
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6)
     recorder = Recorder(sensor, 200, device_seed=1, provenance={})
     sequence = make_sequence(mean_rate=0.002)
-    with pytest.raises(BadInput, match="mean_rate"):
-        recorder.record(sequence, PlaneSource.from_stack(stack()), path=tmp_path / "s.h5", fingerprint="f")
+    assert_says(
+        refusal(
+            recorder.record,
+            sequence,
+            PlaneSource.from_stack(stack()),
+            path=tmp_path / "s.h5",
+            fingerprint="f",
+        ),
+        "mean_rate",
+    )
     assert not (tmp_path / "s.h5").exists()

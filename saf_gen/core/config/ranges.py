@@ -36,11 +36,7 @@ def _form_and_values(value: dict[str, Any], where: str) -> tuple[str, list[Any]]
             raise BadInput(f"choice is {among!r}", where=where, allowed="a list of at least one value")
         for value in among:
             if is_range(value):
-                raise BadInput(
-                    f"a choice holds the range {value!r}",
-                    where=where,
-                    allowed="plain values",
-                )
+                raise BadInput(f"a choice holds the range {value!r}", where=where, allowed="plain values")
         return kind, among
     log = kind == "log_uniform"
     fit = isinstance(among, list) and len(among) == 2 and all(is_number(n) for n in among)
