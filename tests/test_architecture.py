@@ -34,6 +34,52 @@ DOORS = {
 }
 """Heavy dependencies, and the only folders or modules that import them."""
 
+NOT_YET_KEYWORD_ONLY = {
+    "authoring/checks/target_detail.py: _contrast",
+    "authoring/checks/target_detail.py: _noise",
+    "authoring/checks/target_detail.py: measure_detail",
+    "authoring/gallery.py: _section",
+    "authoring/gallery.py: of",
+    "authoring/gallery.py: write_gallery",
+    "authoring/preview/contact_sheet.py: _show",
+    "authoring/preview/contact_sheet.py: _show_row",
+    "authoring/preview/contact_sheet.py: write_preview",
+    "authoring/preview/scene_sheet.py: preview_scene",
+    "authoring/preview/sheet_plots.py: draw_curves",
+    "authoring/preview/sheet_plots.py: draw_histogram",
+    "authoring/template.py: import_exported_scene",
+    "benchmark/conformance/_closed_loop_trial.py: _make_capture",
+    "benchmark/conformance/_synthetic_recording.py: _score_texture",
+    "benchmark/gym/autofocus_env.py: _check_whole",
+    "benchmark/gym/observation_images.py: average_areas",
+    "benchmark/gym/policy_evaluation.py: _run",
+    "benchmark/gym/policy_evaluation.py: evaluate_policy",
+    "benchmark/judgement.py: lens_travel",
+    "camera/encoder.py: _fixed",
+    "camera/encoder.py: _schedule",
+    "camera/fixed_pattern.py: _dark",
+    "camera/fixed_pattern.py: _profile",
+    "camera/fixed_pattern.py: _response",
+    "camera/fixed_pattern.py: _threshold",
+    "core/config/presets.py: between",
+    "leaderboard/axes.py: _tabulate",
+    "leaderboard/curve_quality.py: _foot",
+    "leaderboard/figures/_answer_rows.py: draw_answer_rows",
+    "leaderboard/figures/_legend.py: add_legend_below",
+    "leaderboard/figures/path_figures.py: _panels",
+    "leaderboard/report/page.py: _list_sections",
+    "leaderboard/report/sequence_viewer.py: _describe",
+    "measures/_spectrum.py: _band",
+    "measures/structure_calibrated.py: _structure",
+    "optics/actuators/actuated_lens.py: _keep",
+    "optics/actuators/actuated_lens.py: _normals",
+    "optics/actuators/trajectory.py: apply_backlash",
+    "optics/actuators/trajectory.py: plan_move",
+    "scene/scene_digest.py: _check_link",
+    "scene/xml/_allowlist.py: resolve_file",
+    "searches/_golden_narrowing.py: _score_inclusive",
+}
+
 
 @pytest.fixture(scope="module")
 def graph():
@@ -103,6 +149,34 @@ def test_a_plugin_imports_core_and_numeric_libraries_alone(kind, graph):
         imported = graph.find_modules_directly_imported_by(f"saf_gen.{kind}.{path.stem}")
         strangers = {m for m in imported if m not in allowed and not m.startswith(inside)}
         assert not strangers, f"{path.name} imports {strangers}"
+
+
+def defined_functions(path):
+    """The functions and methods of a module; those inside a function are callbacks, whose caller decides."""
+    tree = ast.parse(path.read_text())
+    bodies = [tree.body, *(node.body for node in tree.body if isinstance(node, ast.ClassDef))]
+    return [node for body in bodies for node in body if isinstance(node, ast.FunctionDef)]
+
+
+def takes_positions(function, protocol_members):
+    """Whether more than two arguments may be given by position, though nothing demands it."""
+    names = [a.arg for a in (*function.args.posonlyargs, *function.args.args)]
+    kernel = any(re.search("njit|_compiled|dr.syntax", ast.unparse(d)) for d in function.decorator_list)
+    special = function.name.startswith("__") or function.name in protocol_members
+    return len(names) - (names[:1] in (["self"], ["cls"])) > 2 and not (kernel or special)
+
+
+def test_arguments_after_the_second_are_keyword_only():
+    """Files of the scene library are left out: a scene's digest counts their bytes."""
+    members = {function.name for function in defined_functions(PACKAGE / "parts.py")}
+    found = {
+        f"{path.relative_to(PACKAGE).as_posix()}: {function.name}"
+        for path in sources()
+        if path.parent.name != "library"
+        for function in defined_functions(path)
+        if takes_positions(function, members)
+    }
+    assert sorted(found - NOT_YET_KEYWORD_ONLY) == []
 
 
 def test_modules_stay_small():
