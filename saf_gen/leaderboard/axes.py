@@ -52,7 +52,7 @@ class AxisTable:
 
 def tabulate_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
     """Return a table for each of AXES that is known for some sequence, methods in the order given."""
-    tables = (_tabulate(axis, records, methods) for axis in AXES)
+    tables = (_tabulate(axis, records, methods=methods) for axis in AXES)
     return tuple(table for table in tables if table.bins)
 
 
@@ -65,7 +65,7 @@ def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record
     return {name: members[name] for name in axis.order or sorted(members) if name in members}
 
 
-def _tabulate(axis: Axis, records: Sequence[Record], methods: Sequence[str]) -> AxisTable:
+def _tabulate(axis: Axis, records: Sequence[Record], *, methods: Sequence[str]) -> AxisTable:
     bins = group_by_bin(records, axis)
     return AxisTable(
         axis,

@@ -33,7 +33,7 @@ class Column:
     format_value: Callable[[LeaderboardRow], str]
     justify: Literal["left", "right"] = "right"
     group: str = ""
-    """Common heading of neighbouring columns, for a table with room for a second line of headings."""
+    """Common heading of neighbouring columns, for a table with two lines of headings."""
     min_terminal_width: int = 0
     """Narrowest terminal that shows the column; files always have it."""
     is_fraction: bool = False
@@ -78,25 +78,17 @@ def format_percent(fraction: float) -> str:
 
 
 def _rank_columns() -> tuple[Column, ...]:
-    rank = (
-        "Rank by success within 1 DoF; = marks a tie, ~ a method that the scenes cannot tell from the best."
-    )
+    rank = "Rank by success within 1 DoF; = marks a tie, ~ what the scenes cannot tell from the best."
     ranks = "Ranks that the method may hold on other scenes: 95 % interval of a bootstrap over scenes."
     level = "Whether the scenes cannot tell the method from the best."
     behind = "Success of the best method within 1 DoF minus the method's own: 95 % interval over scenes."
+    ends = "behind_best_low", "behind_best_high"
     return (
         Column("rank", "#", rank, attrgetter("rank"), _format_rank),
         *_interval_columns("rank_best", "rank_worst", header="# 95 %", meaning=ranks, text=str),
         _column("method", "method", meaning="Focus measure + search.", text=str, justify="left"),
         _column("level_with_best", "", meaning=level, text=str, machine_only=True),
-        *_interval_columns(
-            "behind_best_low",
-            "behind_best_high",
-            header="",
-            meaning=behind,
-            text=format_percent,
-            machine_only=True,
-        ),
+        *_interval_columns(*ends, header="", meaning=behind, text=format_percent, machine_only=True),
     )
 
 
@@ -106,13 +98,12 @@ def _success_columns(lights: Sequence[str]) -> tuple[Column, ...]:
     one = "Success within 1 DoF, blur ≤ 2 px: methods rank by it."
     two = f"Success within 2 DoF, blur ≤ 4 px. {abstention} below ≤1 DoF."
     interval = "95 % interval of the success within 1 DoF, from a bootstrap over scenes."
+    ends = "success_1dof_low", "success_1dof_high"
     options: dict[str, Any] = {"text": format_percent, "group": "success"}
     return (
         _column("success_half_dof", "≤½ DoF", meaning=half, is_fraction=True, **options, **_WIDE),
         _column("success_1dof", "≤1 DoF", meaning=one, is_fraction=True, **options),
-        *_interval_columns(
-            "success_1dof_low", "success_1dof_high", header="≤1 DoF 95 %", meaning=interval, **options
-        ),
+        *_interval_columns(*ends, header="≤1 DoF 95 %", meaning=interval, **options),
         _column("success_2dof", "≤2 DoF", meaning=two, is_fraction=True, **options, **_WIDE),
         *map(_light_column, lights),
     )
@@ -138,13 +129,13 @@ def _error_columns() -> tuple[Column, ...]:
     travel = "Median |answer − truth| as a fraction of the travel."
     frames = "Median |answer − truth| in frames of the recording."
     blur = "Median blur at the answer, pixels."
-    name, low, high = "median_error_dof", "median_error_dof_low", "median_error_dof_high"
+    ends = "median_error_dof_low", "median_error_dof_high"
     two: dict[str, Any] = {"text": _fixed(2), "group": "error"}
     four: dict[str, Any] = {"text": _fixed(4), "group": "error", **_WIDE}
     whole: dict[str, Any] = {"text": _fixed(0), "group": "error", **_WIDE, "is_optional": True}
     return (
-        _column(name, "err DoF", meaning=error, **two),
-        *_interval_columns(low, high, header="err DoF 95 %", meaning=interval, **two, **_WIDE),
+        _column("median_error_dof", "err DoF", meaning=error, **two),
+        *_interval_columns(*ends, header="err DoF 95 %", meaning=interval, **{**two, **_WIDE}),
         _column("median_error_travel", "err travel", meaning=travel, **four),
         _column("median_error_frames", "err frames", meaning=frames, **whole),
         _column("median_blur_px", "blur px", meaning=blur, **{**four, "text": _fixed(1)}),
@@ -166,10 +157,8 @@ def _cost_columns() -> tuple[Column, ...]:
     travel = "Distance that the lens moves, in travels: over all frames seen, then to the answer."
     reversals = "How often the lens turned round, where the method moves it."
     until = "Seconds until the answer; on a recording without the lens's move to it."
-    scores = "Scores that the search asked for."
-    seconds = (
-        "Seconds per sequence that the method computed, search and measure, without the counting of spikes."
-    )
+    scores = "Number of scores that the search requested."
+    seconds = "Seconds per sequence that search and measure computed, without the counting of spikes."
     two, three = _fixed(2), _fixed(3)
     return (
         _column("frames_seen", "seen", meaning=seen, text=format_percent, group="cost", **_WIDE),

@@ -79,7 +79,7 @@ def assess_focus_curve(
         peak=float(x[top]),
         accuracy=accuracy,
         accuracy_dof=None if accuracy is None or not depth else accuracy / depth,
-        range=float(x[_foot(y, top, 1)] - x[_foot(y, top, -1)]),
+        range=float(x[_foot(y, top, step=1)] - x[_foot(y, top, step=-1)]),
         false_maxima=len(maxima) - 1,
         false_peaks=int(np.sum(properties["prominences"] > MIN_PROMINENCE)) - 1,
         width_50=_width(x, y, top=top, level=0.5),
@@ -88,7 +88,7 @@ def assess_focus_curve(
     )
 
 
-def _foot(y: np.ndarray, top: int, step: int) -> int:
+def _foot(y: np.ndarray, top: int, *, step: int) -> int:
     """Index of the lowest point on one side of the peak before the curve rises again, or of the end.
 
     scipy.signal has no such minimum: its bases are those of the prominence, beyond every smaller peak.

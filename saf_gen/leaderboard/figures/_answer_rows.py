@@ -39,6 +39,7 @@ def group_answers(records: Sequence[Record], styles: Mapping[str, PlotStyle]) ->
 def draw_answer_rows(
     axes: Axes,
     answers: AnswersBySearch,
+    *,
     shown: Sequence[str],
     styles: Mapping[str, PlotStyle],
     sweep: SweepSummary,

@@ -27,7 +27,7 @@ def legend_height(names: Sequence[str], *, columns: int = 2, note: str = "") -> 
 
 
 def add_legend_below(
-    figure: Figure, handles: Sequence[Any], names: Sequence[str], *, columns: int = 2, note: str = ""
+    figure: Figure, handles: Sequence[Any], *, names: Sequence[str], columns: int = 2, note: str = ""
 ) -> None:
     """Add samples and names below the figure, in up to ``columns`` columns, with ``note`` above them."""
     legend = figure.legend(

@@ -124,7 +124,7 @@ def plot_condition(
             axes.grid(axis="y", color=GREY, lw=0.6)
             axes.set_axisbelow(True)
             hide_spines(axes, "top", "right")
-        add_legend_below(figure, [styles[m].legend_handle() for m in measures], measures, note=note)
+        add_legend_below(figure, [styles[m].legend_handle() for m in measures], names=measures, note=note)
     return figure
 
 

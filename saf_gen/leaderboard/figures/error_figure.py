@@ -82,7 +82,7 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0, labelsize=7.5)
         hide_spines(axes, "left", "right", "top")
-        add_legend_below(figure, marks, names, columns=3, note=note)
+        add_legend_below(figure, marks, names=names, columns=3, note=note)
     return figure
 
 

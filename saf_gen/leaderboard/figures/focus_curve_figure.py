@@ -106,11 +106,13 @@ def plot_focus_curves(
                 to_axis(curve.frames), normalise_curve(curve.scores), c=style.colour, ls=style.dashes, lw=1.3
             )
         _set_height(axes, sweep, has_curves=bool(groups))
-        draw_answer_rows(strip, drawn, [*(group[0] for group in groups), *alone], styles, sweep)
+        draw_answer_rows(
+            strip, drawn, shown=[*(group[0] for group in groups), *alone], styles=styles, sweep=sweep
+        )
         add_frame_axis(strip, sweep, label=axes)
         draw_truth(axes, sweep)
         draw_truth(strip, sweep, note=False)
-        add_legend_below(figure, handles, names, note=note)
+        add_legend_below(figure, handles, names=names, note=note)
     return figure
 
 

@@ -62,7 +62,7 @@ def plot_search_steps(
     over_frames = find_position_axis(sweep) is None
     measures = list(dict.fromkeys(m for own in found.values() for m in own))
     with use_figure_style():
-        figure, panels = _panels(list(found), measures, styles, title=title, note=note)
+        figure, panels = _panels(list(found), measures, styles=styles, title=title, note=note)
         for axes, own in zip(panels, found.values(), strict=False):
             _draw_truth_across(axes, sweep)
             for measure, record in own.items():
@@ -90,7 +90,7 @@ def plot_lens_paths(
         return None
     measures = list(dict.fromkeys(m for own in found.values() for m in own))
     with use_figure_style():
-        figure, panels = _panels(list(found), measures, styles, title=title, note=note)
+        figure, panels = _panels(list(found), measures, styles=styles, title=title, note=note)
         for axes, own in zip(panels, found.values(), strict=False):
             longest = max(own.values(), key=lambda p: p.seconds[-1])
             if longest.depth_of_focus is not None:
@@ -136,11 +136,12 @@ def _by_search(
 def _panels(
     searches: Sequence[str],
     measures: Sequence[str],
-    styles: Mapping[str, PlotStyle],
     *,
+    styles: Mapping[str, PlotStyle],
     title: str,
     note: str,
 ) -> tuple[Figure, list[Axes]]:
+    """Return a figure with an empty panel per search, and its panels."""
     columns = min(len(searches), MAX_COLUMNS)
     rows = math.ceil(len(searches) / columns)
     names = [*measures, "true focus"]
@@ -156,7 +157,7 @@ def _panels(
         axes.set_visible(False)
     handles: list[Any] = [styles[m].legend_handle() for m in measures]
     handles.append((Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1)))
-    add_legend_below(figure, handles, names, note=note)
+    add_legend_below(figure, handles, names=names, note=note)
     return figure, panels[: len(searches)]
 
 

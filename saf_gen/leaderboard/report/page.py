@@ -99,7 +99,9 @@ def build_page(
             summary=_summarise(rows, records),
             leaders=[row for row in rows if row.rank == 1],
             failures=failures,
-            sections=_list_sections(tabulate_by_axis(records, methods), sweeps, report_figures),
+            sections=_list_sections(
+                tabulate_by_axis(records, methods), sweeps=sweeps, report_figures=report_figures
+            ),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
             board=page_tables.tabulate_leaderboard(ranked) if rows else None,
             notes=" ".join(compose_notes(rows, records)),
@@ -166,7 +168,10 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
 
 
 def _list_sections(
-    axes: Sequence[AxisTable], sweeps: Sequence[SweepSummary], report_figures: Sequence[ReportFigure]
+    axes: Sequence[AxisTable],
+    *,
+    sweeps: Sequence[SweepSummary],
+    report_figures: Sequence[ReportFigure],
 ) -> list[PageSection]:
     """Return the sections that have something to show: conditions, measures, then a section per scene."""
     by_scene: dict[str, list[ReportFigure]] = {"": []}

@@ -24,7 +24,7 @@ class Selection:
 def list_selections(records: Sequence[Record]) -> list[Selection]:
     """Return a selection for each bin of each axis along which the sequences differ, axis by axis.
 
-    Selections of the same sequences share their rows.
+    Selections of the same sequences have the same rows.
     """
     ranked: dict[tuple[str, ...], tuple[LeaderboardRow, ...]] = {}
     selections = []

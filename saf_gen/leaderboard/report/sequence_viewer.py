@@ -41,7 +41,7 @@ def build_viewer(sweep: SweepSummary, cursor: Cursor) -> SequenceViewer | None:
         sweep.sequence,
         build_image_strip(pictures, max_bytes=MAX_STRIP_BYTES),
         cursor,
-        tuple(_describe(sweep, float(f), o) for f, o in zip(pictures.frames, offsets, strict=True)),
+        tuple(_describe(sweep, float(f), offset=o) for f, o in zip(pictures.frames, offsets, strict=True)),
         int(np.nanargmin(np.abs(offsets))) if known else len(offsets) // 2,
         pictures.box,
     )
@@ -57,7 +57,7 @@ def _focus_offsets(sweep: SweepSummary, pictures: Thumbnails) -> np.ndarray:
     return np.asarray(np.interp(pictures.frames, frames, lens) - truth)
 
 
-def _describe(sweep: SweepSummary, frame: float, offset: float) -> str:
+def _describe(sweep: SweepSummary, frame: float, *, offset: float) -> str:
     parts = [f"frame {frame:,.0f}"]
     if (lens := sweep.focus_position) is not None:
         parts.append(f"lens at {np.interp(frame, np.arange(len(lens)), lens):.3f}")
