@@ -1,1 +1,1 @@
-"""What the author of a scene needs: a template to begin with, checks, a preview and the gallery."""
+"""Tools for the author of a scene: a template to start from, checks, a preview and the gallery."""

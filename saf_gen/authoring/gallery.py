@@ -1,4 +1,4 @@
-"""A page with a picture and the numbers of every scene: docs/scenes.md is made by this."""
+"""The gallery of scenes, docs/scenes.md: a page with an image and the numbers of every scene."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.authoring.preview import encode_gamma, render_small_pictures, save_image_grid, white_level
+from saf_gen.authoring.preview import encode_gamma, render_small_images, save_image_grid, white_level
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import extreme_values, is_range
 from saf_gen.core.files import write_text_atomically
@@ -19,16 +19,16 @@ from saf_gen.scene.scene_folder import Scene, SceneCard
 
 __all__ = ["write_gallery"]
 
-MOST_BYTES = 100_000  # of a picture: it is cloned with the project
-SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 32, 4, 24  # a pixel of the pictures; of the small ones
-GLIMPSES = 3  # members, and moments
+MAX_BYTES = 100_000  # per image file, because it is cloned with the project
+SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 32, 4, 24  # per pixel; of the small images
+SMALL_IMAGES = 3  # of members, and of moments
 HEAD = f"""# Scenes
 
-The upper row of a picture has one end of the lens's travel, the true focus of the target, and the other
-end. Below are members of the scene's family, drawn at random, and of a scene that moves the first moment of a
-second, its middle and its end. It is what the camera sees; a file has at most {MOST_BYTES // 1000} kB.
+The upper row of an image shows what the camera sees at one end of the lens's travel, at the true focus of the
+target, and at the other end. The lower row shows members of the scene's family, drawn at random, and for a
+moving scene the start, the middle and the end of a second. An image file has at most {MAX_BYTES // 1000} kB.
 
-This page is made by one command, and made again when a scene has changed:
+This page is written by one command. Run it again after a scene has changed:
 
 ```
 saf-gen scenes gallery
@@ -39,61 +39,62 @@ saf-gen scenes gallery
 def write_gallery(
     scenes: Sequence[Scene],
     sensor: Sensor,
-    folder: Path,
     *,
-    variant: str = "auto",
+    folder: Path,
+    backend: str = "auto",
     progress: Callable[[str], None] = lambda name: None,
 ) -> tuple[Path, dict[str, BadInput]]:
-    """Write ``folder/scenes.md`` and ``folder/pictures/scenes/<id>.jpg``; gives the page, and what failed.
+    """Write ``folder/scenes.md`` and ``folder/pictures/scenes/<id>.jpg``.
 
-    A scene that cannot be drawn is left out, and told by its name. ``progress`` is told each name.
+    Returns the page, and the error of each scene that could not be drawn and was left out, by name.
+    ``progress`` is called with each name.
     """
-    parts, failed = [HEAD], {}
+    sections, failed = [HEAD], {}
     for scene in scenes:
         progress(scene.id)
         try:
-            view = _View.of(scene, sensor, variant)
+            view = _View.render(scene, sensor, backend=backend)
         except BadInput as problem:
             failed[scene.id] = problem
             continue
         picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
-        save_image_grid(view.rows, picture, max_bytes=MOST_BYTES)
-        parts.append(_section(scene, view, picture.relative_to(folder), folder))
+        save_image_grid(view.rows, picture, max_bytes=MAX_BYTES)
+        sections.append(_format_section(scene, view, picture=picture, folder=folder))
     page = folder / "scenes.md"
-    write_text_atomically(page, "\n".join(parts))
+    write_text_atomically(page, "\n".join(sections))
     return page, failed
 
 
 @dataclass(frozen=True)
 class _View:
-    """Grey pictures in rows, 0...1, and where the target is: pixels, depth, true focus (NaN out of sight)."""
+    """Rows of grey images (0...1), depth and target, and the true focus (NaN for a target out of sight)."""
 
     rows: list[list[np.ndarray]]
     seen: DepthAndTarget
     truth: float
 
     @classmethod
-    def of(cls, scene: Scene, sensor: Sensor, variant: str) -> "_View":
-        renderer = SceneRenderer(scene, sensor, backend_name=variant)
+    def render(cls, scene: Scene, sensor: Sensor, *, backend: str) -> "_View":
+        renderer = SceneRenderer(scene, sensor, backend_name=backend)
         seen = renderer.trace_depth_and_target(allow_unseen_target=True)
         depths = seen.depth[seen.target]
         truth = scene.build_drive().true_focus(depths) if depths.size else float("nan")
         best = float(np.clip(np.nan_to_num(truth, nan=0.5), 0, 1))
         samples = SLOW_SAMPLES if renderer.is_slow else SAMPLES
         whole = slice(0, sensor.rows), slice(0, sensor.columns)
-        pictures = [renderer.render_region(p, samples=samples, region=whole) for p in (0.0, best, 1.0)]
-        white = white_level(pictures[1])
-        rows = [[encode_gamma(picture, white) for picture in pictures]]
+        images = [renderer.render_region(p, samples=samples, region=whole) for p in (0.0, best, 1.0)]
+        white = white_level(images[1])
+        rows = [[encode_gamma(image, white) for image in images]]
         samples = SLOW_SAMPLES if renderer.is_slow else SMALL_SAMPLES
         small = [
-            picture for _, picture in render_small_pictures(renderer, best, samples=samples, count=GLIMPSES)
+            image for _, image in render_small_images(renderer, best, samples=samples, count=SMALL_IMAGES)
         ]
         if small:
-            rows.append([encode_gamma(picture, white_level(picture)) for picture in small])
+            rows.append([encode_gamma(image, white_level(image)) for image in small])
         return cls(rows, seen, truth)
 
 
-def _section(scene: Scene, view: _View, picture: Path, folder: Path) -> str:
+def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -> str:
     card, seen = scene.card, view.seen
     depths = seen.depth[seen.target]
     near, far = scene.build_drive().focusing_range_m
@@ -105,39 +106,39 @@ def _section(scene: Scene, view: _View, picture: Path, folder: Path) -> str:
     rows = {
         "lens": f"{card.lens.summary}{drive}, in focus from {near:.4g} to {far:.4g} m",
         "target": target,
-        "light": ", ".join(_light(group, card.illuminance_lux) for group in card.lights),
-        "family": "; ".join(_param(*param) for param in card.params.items() if is_range(param[1])),
-        "motion": _motion(card),
+        "light": ", ".join(_format_light(group, card.illuminance_lux) for group in card.lights),
+        "family": "; ".join(_format_range(*param) for param in card.params.items() if is_range(param[1])),
+        "motion": _format_motion(card),
         "licence": card.licence,
-        "source": _source(scene, folder),
+        "source": _format_source(scene, folder),
     }
     table = [f"| {key} | {value} |" for key, value in rows.items() if value]
-    image = f"![{card.title}]({picture.as_posix()})"
+    image = f"![{card.title}]({picture.relative_to(folder).as_posix()})"
     return "\n".join(
         [f"## {scene.id}", "", f"{card.title}.", "", image, "", "| | |", "|---|---|", *table, ""]
     )
 
 
-def _light(group: str, lux: Any) -> str:
+def _format_light(group: str, lux: Any) -> str:
     return f"`{group}` {lux[group]:,g} lux" if group in lux else f"`{group}`"
 
 
-def _motion(card: SceneCard) -> str:
+def _format_motion(card: SceneCard) -> str:
     if card.slices_per_s is None:
         return ""
     error = card.interpolation_error
-    off = "" if error is None else f", half way between two at most {100 * error:.2g} % off"
-    return f"{card.slices_per_s:g} time slices a second{off}"
+    limit = "" if error is None else f", interpolated with an error of at most {100 * error:.2g} %"
+    return f"{card.slices_per_s:g} time slices per second{limit}"
 
 
-def _param(name: str, value: Any) -> str:
-    among = extreme_values(value)
+def _format_range(name: str, value: Any) -> str:
+    values = extreme_values(value)
     if "choice" in value:
-        return f"`{name}` {', '.join(str(one) for one in dict.fromkeys(among))}"
-    return f"`{name}` {among[0]:,.10g} to {among[1]:,.10g}"
+        return f"`{name}` {', '.join(str(choice) for choice in dict.fromkeys(values))}"
+    return f"`{name}` {values[0]:,.10g} to {values[1]:,.10g}"
 
 
-def _source(scene: Scene, folder: Path) -> str:
+def _format_source(scene: Scene, folder: Path) -> str:
     source = scene.card.source
     if not (scene.folder / source).is_file():
         return source

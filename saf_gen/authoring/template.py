@@ -1,4 +1,4 @@
-"""A scene of one's own, begun: a commented skeleton that renders at once, or an exported scene."""
+"""A new scene: a commented template that renders at once, or an exported scene with a card."""
 
 import json
 import re
@@ -22,18 +22,18 @@ __all__ = ["TEMPLATE_KINDS", "create_scene", "import_exported_scene"]
 TEMPLATE_KINDS = ("script", "xml")
 _TEMPLATES = Path(__file__).parent / "templates"
 NAME = re.compile(r"[a-z0-9][a-z0-9_]*")
-OWN = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")
-NOT_TEXT = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  what YAML takes for something else
+OWN_FILES = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")
+NOT_TEXT = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML reads these otherwise
 
 
 def create_scene(name: str, root: Path, *, kind: str = "script") -> list[Path]:
-    """Write a skeleton to ``root/name``; ``kind`` is script (scene.py) or xml (scene.xml). Gives its files.
+    """Write a template to ``root/name``, with a geometry of this kind (scene.py or scene.xml).
 
-    Raises BadInput for a name that no scene can have, and for one that is taken.
+    Returns the files. Raises BadInput for a name that no scene can have, and for one that is taken.
     """
     template = _TEMPLATES / kind
     written = []
-    with _begun(name, root) as folder:
+    with _new_folder(name, root) as folder:
         for source in sorted(p for p in template.rglob("*") if p.is_file()):
             file = source.relative_to(template).as_posix().removesuffix(".in")
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -46,32 +46,32 @@ def create_scene(name: str, root: Path, *, kind: str = "script") -> list[Path]:
     return written
 
 
-def import_exported_scene(exported: Path, name: str, root: Path) -> list[Path]:
-    """Copy an exported scene and the files it names to ``root/name``, and write its card. Gives its files.
+def import_exported_scene(exported: Path, name: str, *, root: Path) -> list[Path]:
+    """Copy an exported scene and the files it names to ``root/name``, and write its card.
 
-    Files keep the names that the scene calls them by; links are followed. The card's camera is the first that
-    the file has; its lens sees the same field; its target is the shape in the middle of the picture; every
-    lamp is a light group of its own.
+    Files keep the names that the scene uses; links are followed. The card has the pose and the field of view
+    of the file's first camera, the shape in the middle of the image as its target, and a light group per
+    lamp.
 
-    Raises BadInput as reading the scene does, where it has no camera, lamp, or nothing in the middle, and
-    where no card can have its camera. Nothing is left then.
+    Returns the files. Raises BadInput as reading the scene does, for a scene without a camera, a lamp or a
+    shape in the middle, and for a camera that no card can have. Nothing is left behind then.
     """
     read = read_scene_xml(exported, {})
-    with _begun(name, root) as folder:
+    with _new_folder(name, root) as folder:
         from saf_gen.render.exported_camera import read_exported_camera  # loads Mitsuba
 
         texts = {
-            "scene.yaml": _card(name, read_exported_camera(read, exported)),
+            "scene.yaml": _format_card(name, read_exported_camera(read, exported)),
             "SOURCE.md": (_TEMPLATES / "xml" / "SOURCE.md").read_text(encoding="utf-8"),
         }
-        sources = _sources(read, exported)
+        sources = _copied_files(read, exported)
         for file, source in sources.items():
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, folder / file)
         for file, text in texts.items():
             (folder / file).write_text(re.sub(r"\bNAME\b", name, text), encoding="utf-8")
         try:
-            load_scene_folder(folder)  # what was written is a scene
+            load_scene_folder(folder)  # checks the card
         except BadInput as refused:
             raise BadInput(
                 f"no card can have this camera: {refused.problem}",
@@ -82,11 +82,11 @@ def import_exported_scene(exported: Path, name: str, root: Path) -> list[Path]:
     return [root / name / file for file in (*sources, *texts)]
 
 
-def _sources(read: SceneXml, exported: Path) -> dict[str, Path]:
-    """Where each file of the copy comes from."""
+def _copied_files(read: SceneXml, exported: Path) -> dict[str, Path]:
+    """Return the files to copy, by the name of the copy."""
     sources = {"scene.xml": exported}
     for file, source in read.files:
-        if file in OWN or sources.setdefault(file, source) != source:
+        if file in OWN_FILES or sources.setdefault(file, source) != source:
             raise BadInput(
                 f"the scene names a file {file!r}, and the copy has another of that name",
                 where=str(exported),
@@ -96,25 +96,26 @@ def _sources(read: SceneXml, exported: Path) -> dict[str, Path]:
 
 
 @contextmanager
-def _begun(name: str, root: Path) -> Iterator[Path]:
-    """A hidden folder ``name`` to fill, which becomes ``root/name`` when all is done; on an error it goes."""
-    folder, made = _free(name, root), not root.exists()
+def _new_folder(name: str, root: Path) -> Iterator[Path]:
+    """Give a hidden folder to fill, which becomes ``root/name`` at the end; an error removes it."""
+    folder, made_root = _check_name(name, root), not root.exists()
     try:
         root.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{name}.", suffix=".part", dir=root) as hidden:
-            part = Path(hidden) / name
-            part.mkdir()
-            yield part
-            part.rename(folder)
+            temporary = Path(hidden) / name
+            temporary.mkdir()
+            yield temporary
+            temporary.rename(folder)
     except OSError as error:
         raise unwritable_error(folder, error) from error
     finally:
-        if made:
-            with suppress(OSError):  # there is something in it
+        if made_root:
+            with suppress(OSError):  # it is not empty
                 root.rmdir()
 
 
-def _free(name: str, root: Path) -> Path:
+def _check_name(name: str, root: Path) -> Path:
+    """Return the folder of a new scene; raise BadInput for a name that cannot be used."""
     if not NAME.fullmatch(name):
         near = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")
         raise BadInput(
@@ -132,7 +133,7 @@ def _free(name: str, root: Path) -> Path:
     return folder
 
 
-def _card(name: str, seen: "ExportedCamera") -> str:
+def _format_card(name: str, camera: "ExportedCamera") -> str:
     def vector(metres: tuple[float, ...]) -> str:
         return "[" + ", ".join(f"{round(x, 9) + 0.0:.6g}" for x in metres) + "]"
 
@@ -140,26 +141,26 @@ def _card(name: str, seen: "ExportedCamera") -> str:
         plain = re.fullmatch(r"[A-Za-z][\w.-]*", name) and name.lower() not in NOT_TEXT
         return name if plain else json.dumps(name, ensure_ascii=False)
 
-    far, near = 1.5 * seen.distance_m, 0.75 * seen.distance_m
-    lights = "".join(f"  {group}: [{quoted(emitter)}]\n" for group, emitter in seen.lights.items())
+    far, near = 1.5 * camera.distance_m, 0.75 * camera.distance_m
+    lights = "".join(f"  {group}: [{quoted(emitter)}]\n" for group, emitter in camera.lights.items())
     return f"""\
 id: {name}
 title: {name.replace("_", " ").capitalize()}, exported
 licence: CC-BY-4.0                           # an SPDX name: may others use it?
 source: SOURCE.md                            # where everything came from
 
-camera:                                      # the file's own {seen.name}
-  origin_m: {vector(seen.origin_m)}
-  look_at_m: {vector(seen.look_at_m)}
-  up: {vector(seen.up)}
+camera:                                      # the file's own {camera.name}
+  origin_m: {vector(camera.origin_m)}
+  look_at_m: {vector(camera.look_at_m)}
+  up: {vector(camera.up)}
 
 lens:                                        # the field of the file's camera on 400 pixels of 20 µm
   drive: image_distance
-  focal_length_mm: {seen.focal_length_mm:.4g}
-  f_number: {seen.f_number:.3g}
+  focal_length_mm: {camera.focal_length_mm:.4g}
+  f_number: {camera.f_number:.3g}
   focus_range_m: [{far:.4g}, {near:.4g}]             # in focus at position 0 and at 1
 
 lights:                                      # lamps that are switched together
 {lights}
-target: [{quoted(seen.target)}]                  # the shape in the middle of the picture
+target: [{quoted(camera.target)}]                  # the shape in the middle of the picture
 """

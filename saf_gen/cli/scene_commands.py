@@ -54,7 +54,7 @@ def new(
     if exported is not None:
         if xml:
             raise BadInput("--xml and --from are both given", hint="keep one: --from takes XML anyway")
-        written = import_exported_scene(exported, name, root)
+        written = import_exported_scene(exported, name, root=root)
     else:
         written = create_scene(name, root, kind="xml" if xml else "script")
     for path in written:
@@ -92,7 +92,7 @@ def check(
         with progress_bars() as bars:
             task = bars.add_task(f"check {name}", total=1.0)
             advance = partial(_advance, bars, task)
-            for finding in check_scene(scene, camera, variant=variant, progress=advance):
+            for finding in check_scene(scene, camera, backend=variant, progress=advance):
                 found.append({"scene": scene.id, **asdict(finding)})
                 errors += finding.level == "error"
                 _print_finding(found[-1], as_json)
@@ -129,7 +129,7 @@ def preview(
 
     scene, camera = _scene(name), get_sensor(sensor)
     path = target or scene.folder / "preview.png"
-    preview_scene(scene, camera, path, variant=variant)
+    preview_scene(scene, camera, path=path, backend=variant)
     out.print(str(path), soft_wrap=True)
 
 
@@ -154,8 +154,8 @@ def gallery(
         page, failed = write_gallery(
             scenes,
             get_sensor(sensor),
-            folder,
-            variant=variant,
+            folder=folder,
+            backend=variant,
             progress=lambda name: bars.update(task, advance=1, description=f"gallery {name}"),
         )
     out.print(str(page), soft_wrap=True)

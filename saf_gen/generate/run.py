@@ -178,7 +178,7 @@ def _write_previews(work: ResolvedRecipe, folder: Path) -> None:
         sheet = folder / "preview" / f"{spec.key}.png"
         store = StackStore(folder / "stacks", spec)
         if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
-            write_preview(store.load(), work.sensor, sheet)
+            write_preview(store.load(), work.sensor, path=sheet)
 
 
 def _write_manifest(work: ResolvedRecipe, folder: Path) -> Manifest:

@@ -1,6 +1,7 @@
 """Rigid motion of shapes: poses at a few moments, linear in time between them."""
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -8,7 +9,7 @@ from pydantic import Field, model_validator
 
 from saf_gen.core.config.document import FrozenModel
 
-__all__ = ["Keyframe", "RigidMotion", "Vector"]
+__all__ = ["Keyframe", "RigidMotion", "Vector", "motion_end_s"]
 
 Vector = tuple[float, float, float]
 
@@ -52,6 +53,15 @@ class RigidMotion(FrozenModel):
         matrix[:3, :3] = turn
         matrix[:3, 3] = centre - turn @ centre + shift
         return matrix
+
+
+def motion_end_s(motions: Mapping[str, RigidMotion], *, recording_s: float) -> float:
+    """Return the last moment (s) of a recording at which one of these shapes still moves.
+
+    Where all keyframes lie before the recording, that is its end.
+    """
+    last = max(frame.time_s for motion in motions.values() for frame in motion.keyframes)
+    return min(last, recording_s) if last > 0 else recording_s
 
 
 def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:

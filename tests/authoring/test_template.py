@@ -1,20 +1,19 @@
-"""Scenes begun: the skeletons are whole scenes, an exported one gets its card, nothing is overwritten."""
+"""New scenes: templates are whole scenes, an exported scene gets a card, and nothing is overwritten."""
 
 import shutil
 
 import numpy as np
 import pytest
+from refusals import refusal
 from small_dataset import SCENES
+from written_scenes import VARIANT
 
 from saf_gen.authoring.checks import check_scene
 from saf_gen.authoring.template import create_scene, import_exported_scene
 from saf_gen.camera import get_sensor
-from saf_gen.errors import BadInput
-from saf_gen.render import backend
 from saf_gen.scene.scene_folder import find_scene, load_scene_folder
 from saf_gen.scene.xml import read_scene_xml
 
-VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 EXPORTED = SCENES / "workbench/scene.xml"
 
 
@@ -33,7 +32,7 @@ def test_a_skeleton_passes_all_checks_as_it_is(here, kind):
     assert {p.name for p in written} >= {"scene.yaml", "SOURCE.md"}
     for path in (p for p in written if p.suffix in (".yaml", ".md", ".py", ".xml")):
         assert "NAME" not in path.read_text()
-    found = list(check_scene(find_scene("mine"), sensor, variant=VARIANT))
+    found = list(check_scene(find_scene("mine"), sensor, backend=VARIANT))
     assert [f for f in found if f.level != "ok"] == []
     assert {f.check for f in found} == set(
         ("licence", "source", "geometry", "units", "reach", "exposure", "detail", "curve", "family")
@@ -48,33 +47,29 @@ def test_every_key_of_the_skeletons_is_explained(here):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("My Scene", "a scene cannot be called 'My Scene'; allowed: lower-case .*; did you mean 'my_scene'"),
-        ("../up", "cannot be called '../up'; .*did you mean 'up'"),
-        ("", "cannot be called ''"),
-        ("camel", "there is a scene 'camel' already; choose another name"),
-    ],
+    ("name", "nearest"), [("My Scene", "my_scene"), ("../up", "up"), ("", ""), ("camel", "")]
 )
-def test_a_name_that_cannot_be_is_refused(here, name, told):
-    with pytest.raises(BadInput, match=told):
-        create_scene(name, here / "scenes")
+def test_a_name_that_cannot_be_is_refused(here, name, nearest):
+    error = refusal(create_scene, name, here / "scenes")
+    assert repr(name) in error.problem
+    assert error.nearest == nearest
     assert not (here / "scenes").exists()
 
 
-@pytest.mark.parametrize("begin", [create_scene, lambda *where: import_exported_scene(EXPORTED, *where)])
+@pytest.mark.parametrize(
+    "begin", [create_scene, lambda name, root: import_exported_scene(EXPORTED, name, root=root)]
+)
 def test_nothing_is_overwritten(here, begin):
     folder = here / "scenes/mine"
     folder.mkdir(parents=True)
     (folder / "notes").write_text("mine")
-    with pytest.raises(BadInput, match="mine is there already; choose another name, or remove it"):
-        begin("mine", here / "scenes")
+    assert "mine is there already" in refusal(begin, "mine", here / "scenes").problem
     assert [p.name for p in folder.iterdir()] == ["notes"]
 
 
 def test_an_exported_scene_gets_a_card_with_its_own_camera(here):
     """The file's camera is at (0, 0.2, 0.55), sees 18.18 degrees, and looks at the crate's front, z = 0."""
-    import_exported_scene(EXPORTED, "bench", here / "scenes")
+    import_exported_scene(EXPORTED, "bench", root=here / "scenes")
     scene = find_scene("bench")
     card, hand = scene.card, load_scene_folder(SCENES / "workbench").card
     assert card.camera.origin_m == pytest.approx(hand.camera.origin_m, abs=1e-6)
@@ -126,47 +121,31 @@ def thin(radius):
     [
         (
             [('<sensor type="perspective"', '<sensor type="orthographic"')],
-            "the scene has no perspective camera",
+            "no perspective camera",
         ),
-        ([('target="0.000000, 0.157000', 'target="0.000000, 9.157000')], "nothing lies in the middle of the"),
+        ([('target="0.000000, 0.157000', 'target="0.000000, 9.157000')], "nothing lies in the middle"),
         ([("meshes/Ball.ply", "../Ball.ply")], "lies outside of the scene's folder"),
-        (
-            [(FOV, "wide")],
-            r"scene.xml:16: Mitsuba does not understand this: could not parse .*value \"wide\"",
-        ),
+        ([(FOV, "wide")], "scene.xml:16: Mitsuba does not understand this"),
         (
             [(FOV, "0.1")],
-            "scene.xml: no card can have this camera: the lens of 506.6 mm cannot focus at 0.4271 m; "
-            "allowed: object distances beyond 0.5066 m; change the camera and export again, or write",
+            "no card can have this camera: the lens of 506.6 mm cannot focus at 0.4271 m; allowed",
         ),
-        ([(FOV, "180")], r"scene.xml: the camera's field of view: .* must be in the range \[0, 180\]"),
+        ([(FOV, "180")], "the camera's field of view: "),
         ([(FOV, "nan")], "the camera's field of view is nan degrees; allowed: above 0, below 180"),
-        (
-            [('name="fov_axis" value="x"', 'name="fov_axis" value="longest"')],
-            "the camera's field of view: The 'fov_axis' parameter must be set to one of 'smaller'",
-        ),
+        ([('name="fov_axis" value="x"', 'name="fov_axis" value="longest"')], "The 'fov_axis' parameter"),
         (
             [('name="fov_axis" value="x"', 'name="focal_length" value="85mm"')],
-            "the camera's field of view: Please specify either a focal length .* or a field of view",
+            "the camera's field of view: Please specify either a focal length",
         ),
-        ([(LOOK, '<scale value="0"/>')], "to_world of the camera gives it no direction; export the scene"),
-        (
-            [thin(-1)],
-            r"aperture_radius of the camera is -1.0; allowed: a length in metres, or 0 for a pinhole",
-        ),
-        ([thin("nan")], r"aperture_radius of the camera is nan; allowed: a length in metres"),
-        (
-            [thin(1e-5)],
-            "aperture_radius of the camera is 1e-05, f/1197 on our sensor; allowed: up to f/64, 0.00019 m "
-            "or more; open the aperture, or write 0: the card then says f/2",
-        ),
+        ([(LOOK, '<scale value="0"/>')], "to_world of the camera gives it no direction"),
+        ([thin(-1)], "aperture_radius of the camera is -1.0; allowed"),
+        ([thin("nan")], "aperture_radius of the camera is nan; allowed"),
+        ([thin(1e-5)], "aperture_radius of the camera is 1e-05, f/1197 on our sensor; allowed: up to f/64"),
     ],
 )
 def test_an_export_that_cannot_be_taken_over_is_told(here, edited, pairs, told):
-    path = edited(*pairs)
-    with pytest.raises(BadInput, match=told) as refused:
-        import_exported_scene(path, "bench", here / "scenes")
-    assert "\n" not in str(refused.value)
+    error = refusal(import_exported_scene, edited(*pairs), "bench", root=here / "scenes")
+    assert told in str(error)
     assert not (here / "scenes").exists()
 
 
@@ -177,11 +156,11 @@ def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
     if before:
         create_scene("other", here / "scenes")
     kept = sorted(here.rglob("*"))
-    with pytest.raises(BadInput, match="no card can have this camera"):
-        import_exported_scene(path, "bench", here / "scenes")
+    error = refusal(import_exported_scene, path, "bench", root=here / "scenes")
+    assert "no card can have this camera" in error.problem
     assert sorted(here.rglob("*")) == kept
     path.write_text(path.read_text().replace('value="0.1"', 'value="18"'))
-    written = import_exported_scene(path, "bench", here / "scenes")
+    written = import_exported_scene(path, "bench", root=here / "scenes")
     assert all(p.is_file() for p in written)
     assert {p.relative_to(here).as_posix() for p in written} == {
         p.relative_to(here).as_posix() for p in (here / "scenes/bench").rglob("*") if p.is_file()
@@ -192,8 +171,8 @@ def test_after_a_refusal_the_same_name_can_be_used(here, edited, before):
 
 def test_a_folder_that_cannot_be_written_is_told(here):
     (here / "scenes").write_text("a file")
-    with pytest.raises(BadInput, match=r"scenes/mine cannot be written: .*; choose another folder"):
-        create_scene("mine", here / "scenes")
+    error = refusal(create_scene, "mine", here / "scenes")
+    assert "scenes/mine cannot be written" in error.problem
 
 
 def test_linked_files_are_copied_under_the_names_in_the_file(here, edited):
@@ -201,7 +180,7 @@ def test_linked_files_are_copied_under_the_names_in_the_file(here, edited):
     (path.parent / "data").mkdir()
     (path.parent / "meshes/Ball.ply").rename(path.parent / "data/a.ply")
     (path.parent / "meshes/Ball.ply").symlink_to(path.parent / "data/a.ply")
-    import_exported_scene(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", root=here / "scenes")
     folder = here / "scenes/bench"
     assert (folder / "meshes/Ball.ply").read_bytes() == (path.parent / "data/a.ply").read_bytes()
     assert not (folder / "meshes/Ball.ply").is_symlink()
@@ -215,9 +194,9 @@ def test_a_file_that_would_take_the_place_of_the_scenes_own_is_told(here, edited
     path = edited(("textures/print.png", name)).rename(here / "export.xml")
     shutil.copytree(SCENES / "workbench/meshes", here / "meshes")
     shutil.copyfile(SCENES / "workbench/textures/print.png", here / name)
-    told = f"export.xml: the scene names a file '{name}', and the copy has another of that name; rename it"
-    with pytest.raises(BadInput, match=told):
-        import_exported_scene(path, "bench", here / "scenes")
+    error = refusal(import_exported_scene, path, "bench", root=here / "scenes")
+    assert repr(name) in error.problem
+    assert "rename" in error.hint
     assert not (here / "scenes").exists()
 
 
@@ -226,7 +205,7 @@ def test_a_file_that_would_take_the_place_of_the_scenes_own_is_told(here, edited
 )
 def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_number):
     """f/(2R), from f/1 on; a pinhole tells nothing, and gets f/2."""
-    import_exported_scene(edited(thin(radius)), "bench", here / "scenes")
+    import_exported_scene(edited(thin(radius)), "bench", root=here / "scenes")
     lens = find_scene("bench").card.lens
     expected = f_number or lens.focal_length_mm / 1000 / (2 * radius)
     assert lens.f_number == pytest.approx(expected, rel=5e-3)  # the card has three digits
@@ -240,14 +219,12 @@ def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_numb
         ("", 50),
     ],
 )
-def test_a_focal_length_is_that_of_a_film_of_36_by_24_mm_with_the_same_diagonal_field(
-    here, edited, words, focal_mm
-):
-    """Half the diagonal over the focal length, of which 1.6/√(1.6² + 1) lie across our film of 8:5."""
+def test_a_focal_length_is_that_of_36_by_24_mm_with_the_same_diagonal_field(here, edited, words, focal_mm):
+    """Half the diagonal over the focal length, of which 1.6/√(1.6² + 1) lie across our sensor of 8:5."""
     path = edited(
         ('<string name="fov_axis" value="x"/>', ""), ('<float name="fov" value="18.180556"/>', words)
     )
-    import_exported_scene(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", root=here / "scenes")
     scene = find_scene("bench")
     image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
     across = np.hypot(36, 24) / 2 / focal_mm * 1.6 / np.hypot(1.6, 1)
@@ -258,14 +235,15 @@ def test_an_export_without_lamps_is_told(here, edited):
     text = EXPORTED.read_text()
     world = text[text.index("\t<emitter type=") : text.index('\t<shape type="rectangle"')]
     lamp = text[text.index('\t\t<emitter type="area"') : text.index('\t\t<bsdf type="null"')]
-    with pytest.raises(BadInput, match="the scene has no lamp; export its lamps, or add one"):
-        import_exported_scene(edited((world, ""), (lamp, "")), "bench", here / "scenes")
+    path = edited((world, ""), (lamp, ""))
+    error = refusal(import_exported_scene, path, "bench", root=here / "scenes")
+    assert "no lamp" in error.problem
 
 
 @pytest.mark.parametrize(("axis", "across"), [("x", 1.0), ("y", 1.6), ("smaller", 1.6), ("larger", 1.0)])
 def test_the_field_is_that_of_the_files_axis(here, edited, axis, across):
     path = edited(('name="fov_axis" value="x"', f'name="fov_axis" value="{axis}"'))
-    import_exported_scene(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", root=here / "scenes")
     scene = find_scene("bench")
     image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
     assert 4e-3 / image == pytest.approx(across * np.tan(np.radians(18.180556) / 2), rel=2e-3)
@@ -273,19 +251,19 @@ def test_the_field_is_that_of_the_files_axis(here, edited, axis, across):
 
 def test_lamps_of_odd_names_make_groups_that_a_card_can_have(here, edited):
     path = edited(('id="World" name="World"', 'id="Key: [1]" name="World"'), ('"emit-Lamp"', '"light_Key 1"'))
-    import_exported_scene(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", root=here / "scenes")
     assert dict(find_scene("bench").card.lights) == {"key_1": ("Key: [1]",), "key_1_2": ("light_Key 1",)}
 
 
 @pytest.mark.parametrize("word", ["geometry", "kind", "choice", "uniform"])
 def test_a_lamp_called_as_no_group_may_be_gets_another(here, edited, word):
     path = edited(('id="World" name="World"', f'id="Light-{word.upper()}" name="World"'))
-    import_exported_scene(path, "bench", here / "scenes")
+    import_exported_scene(path, "bench", root=here / "scenes")
     assert find_scene("bench").card.lights[f"{word}_lamp"] == (f"Light-{word.upper()}",)
 
 
 def test_a_lamp_whose_name_yaml_takes_for_a_truth_is_quoted(here, edited):
     import_exported_scene(
-        edited(('id="World" name="World"', 'id="On" name="World"')), "bench", here / "scenes"
+        edited(('id="World" name="World"', 'id="On" name="World"')), "bench", root=here / "scenes"
     )
     assert find_scene("bench").card.lights["on"] == ("On",)

@@ -7,6 +7,7 @@ from saf_gen.render import backend, mitsuba_scene, one_pass
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 
+VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
 SENSOR_GRID = SensorGrid(rows=40, columns=64, pitch_m=60e-6)
 needs_llvm = pytest.mark.skipif(
     not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description

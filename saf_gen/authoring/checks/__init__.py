@@ -1,6 +1,7 @@
-"""Checks of a scene: each looks at one thing, and says in one line what it found and what to do.
+"""Checks of a scene: each examines one aspect, and says in one line what it found and what to do.
 
-for finding in check_scene(find_scene("camel"), get_sensor("vidar_400x250")): ...
+>>> for finding in check_scene(find_scene("camel"), get_sensor("vidar_400x250")):  # doctest: +SKIP
+...     print(finding.level, finding.text)
 """
 
 from collections.abc import Callable, Iterator
@@ -33,7 +34,7 @@ __all__ = [
     "check_units",
 ]
 
-SEEN: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]], ...] = (
+CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]], ...] = (
     check_units,
     check_reach,
     check_exposure,
@@ -49,18 +50,26 @@ def check_scene(
     scene: Scene,
     sensor: Sensor,
     *,
-    variant: str = "auto",
+    backend: str = "auto",
     progress: Callable[[float], None] = lambda done: None,
 ) -> Iterator[SceneFinding]:
-    """Findings of all checks, one after the other as they are made; ``progress`` is told the share done.
+    """Yield the findings of all checks, as they are made.
 
-    What stops one check (a scene that cannot be built, a target out of sight) is an error of that check, and
-    ends those that need it.
+    Whatever stops a check, such as a scene that cannot be built, is an error of that check, and ends those
+    that need its result.
+
+    Parameters
+    ----------
+    scene : the scene; its family is sampled.
+    sensor : the sensor that the scene will be recorded with.
+    backend : 'auto', 'cuda', 'llvm' or 'scalar'.
+    progress : called with the fraction done, 0...1.
     """
     yield from check_licence(scene)
-    subject = SceneUnderTest(scene, sensor, variant)
+    subject = SceneUnderTest(scene, sensor, backend=backend)
     try:
-        yield ok("geometry", _built(subject))
+        shapes = subject.renderer.prepare().mitsuba_scene.shapes()
+        yield ok("geometry", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
     except BadInput as problem:
         yield error("geometry", str(problem))
         return
@@ -70,14 +79,9 @@ def check_scene(
     except BadInput as problem:
         yield unseen_target_finding(subject, problem)
         return
-    for n, check in enumerate(SEEN, 1):
+    for n, check in enumerate(CHECKS_OF_BUILT_SCENES, 1):
         try:
             yield from check(subject)
         except BadInput as problem:
             yield error(check.__name__.removeprefix("check_"), str(problem))
-        progress(0.1 + 0.9 * n / len(SEEN))
-
-
-def _built(subject: SceneUnderTest) -> str:
-    shapes = subject.renderer.prepare().mitsuba_scene.shapes()
-    return f"{len(shapes)} shapes, light groups {', '.join(subject.scene.card.lights)}"
+        progress(0.1 + 0.9 * n / len(CHECKS_OF_BUILT_SCENES))

@@ -1,4 +1,4 @@
-"""What a check has found."""
+"""The finding of a check."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,7 +8,7 @@ __all__ = ["SceneFinding", "error", "ok", "warning"]
 
 @dataclass(frozen=True)
 class SceneFinding:
-    """One line of one check: ``ok``, ``warning`` or ``error``, and what to do where something is wrong."""
+    """One line of one check: its level, and what was measured or what to do."""
 
     check: str
     level: Literal["ok", "warning", "error"]
@@ -16,15 +16,15 @@ class SceneFinding:
 
 
 def ok(check: str, text: str) -> SceneFinding:
-    """All is well, with the figure that says so."""
+    """Return the finding that all is well, with the value that shows it."""
     return SceneFinding(check, "ok", text)
 
 
 def warning(check: str, text: str) -> SceneFinding:
-    """The scene can be used, but not as well as it might."""
+    """Return the finding that the scene can be used, but not as well as it might."""
     return SceneFinding(check, "warning", text)
 
 
 def error(check: str, text: str) -> SceneFinding:
-    """The scene cannot be used so."""
+    """Return the finding that the scene cannot be used as it is."""
     return SceneFinding(check, "error", text)

@@ -1,4 +1,4 @@
-"""Licence and source: may others use this, and do they know where it is from?"""
+"""Licence and source: may others use the scene, and is the origin of everything in it documented?"""
 
 from collections.abc import Iterator
 
@@ -16,44 +16,45 @@ OPEN = frozenset(
         *("MPL-2.0", "EUPL-1.2", "OFL-1.1", "FAL-1.3"),
     }
 )
-"""SPDX names of licences that let others use, change and pass on what they get (spdx.org/licenses)."""
+"""SPDX names of licences that let others use, change and redistribute a work (spdx.org/licenses)."""
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tga", ".bmp", ".pfm"})
-OUTSIDE = PICTURES | {".ply", ".obj", ".serialized", ".vol", ".spd", ".bsdf"}  # files that somebody made
+ASSETS = PICTURES | {".ply", ".obj", ".serialized", ".vol", ".spd", ".bsdf"}  # files that somebody made
 
 
 def check_licence(scene: Scene) -> Iterator[SceneFinding]:
-    """The card's ``licence`` and ``source``, and the file that it names."""
+    """Check the card's ``licence`` and ``source``, and the file that ``source`` names."""
     licence, source = scene.card.licence.strip(), scene.card.source.strip()
-    parts = licence.replace("(", " ").replace(")", " ").split()
-    names = [part for part in parts if part not in ("AND", "OR", "WITH")]
-    strange = [name for name in names if name not in OPEN]
+    words = licence.replace("(", " ").replace(")", " ").split()
+    names = [word for word in words if word not in ("AND", "OR", "WITH")]
+    unknown_names = [name for name in names if name not in OPEN]
     if not names:
         yield error("licence", "licence is empty: name one that lets others use the scene, such as CC-BY-4.0")
-    elif any("-NC" in name or "-ND" in name for name in strange):
+    elif any("-NC" in name or "-ND" in name for name in unknown_names):
         yield warning(
-            "licence", f"{licence} forbids some uses or changes: datasets of it cannot be shared freely"
+            "licence",
+            f"{licence} forbids some uses or changes: datasets of this scene cannot be shared freely",
         )
-    elif strange:
-        near = closest(strange[0], OPEN)
+    elif unknown_names:
+        near = closest(unknown_names[0], OPEN)
         hint = f", did you mean {near}?" if near else ", such as CC-BY-4.0 or Apache-2.0"
-        yield warning("licence", f"{strange[0]} is no SPDX name of an open licence that is known here{hint}")
+        yield warning("licence", f"{unknown_names[0]} is not the SPDX name of a known open licence{hint}")
     else:
         yield ok("licence", licence)
-    yield _source(scene, source)
+    yield _check_source(scene, source)
 
 
-def _source(scene: Scene, source: str) -> SceneFinding:
-    outside = sorted(p.name for p in scene.folder.rglob("*") if p.suffix.lower() in OUTSIDE)
-    told = "who made each mesh and texture, where it is from, under which licence, what was changed"
+def _check_source(scene: Scene, source: str) -> SceneFinding:
+    assets = sorted(p.name for p in scene.folder.rglob("*") if p.suffix.lower() in ASSETS)
+    content = "who made each mesh and texture, where it is from, its licence, and what was changed"
     if not source:
-        return error("source", f"source is empty: name SOURCE.md, and write in it {told}")
+        return error("source", f"source is empty: name SOURCE.md, and state in it {content}")
     if source.endswith((".md", ".txt")):
         path = scene.folder / source
         if not path.is_file():
-            return error("source", f"{source} does not exist: write in it {told}")
+            return error("source", f"{source} does not exist: state in it {content}")
         if len(path.read_text(encoding="utf-8", errors="replace").split()) < 10:
-            return warning("source", f"{source} says hardly anything: write in it {told}")
+            return warning("source", f"{source} says hardly anything: state in it {content}")
         return ok("source", source)
-    if outside:
-        return warning("source", f"{outside[0]} is not explained: name SOURCE.md, and write in it {told}")
+    if assets:
+        return warning("source", f"{assets[0]} is not explained: name SOURCE.md, and state in it {content}")
     return ok("source", source)

@@ -1,6 +1,6 @@
-"""A scene on the bench: its geometry, its true focus and its stacks, each made when a check first asks."""
+"""A scene under test: its geometry, its true focus and its stacks, each made when a check first needs it."""
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,68 +14,69 @@ from saf_gen.stack.focal_stack import FocalStack
 
 __all__ = ["SceneUnderTest"]
 
-POSITIONS, SAMPLES = 65, 16  # of the whole travel
+POSITIONS, SAMPLES = 65, 16  # over the whole travel
 SLOW_POSITIONS, SLOW_SAMPLES = 17, 8
-NEAR = 8  # positions to either side of the truth, half of a half depth of focus apart
+NEAR = 8  # positions on either side of the true focus, a quarter of the depth of focus apart
 NEAR_SAMPLES = 16
 
 
 @dataclass
 class SceneUnderTest:
-    """One member of a scene's family before a sensor.
+    """One member of a scene's family in front of a sensor.
 
-    Raises BadInput, on the first use of what it concerns, where the scene cannot be built or seen.
+    An attribute that needs a part of the scene that cannot be built or seen raises BadInput.
     """
 
     scene: Scene
     sensor: Sensor
+    _: KW_ONLY
     backend: str = "auto"
 
     @cached_property
     def renderer(self) -> SceneRenderer:
-        """The scene, built."""
+        """The renderer of the built scene."""
         return SceneRenderer(self.scene, self.sensor, backend_name=self.backend)
 
     @property
     def drive(self) -> Drive:
-        """The card's lens."""
+        """The card's lens with its drive."""
         return self.scene.build_drive()
 
     @cached_property
     def depth_and_target(self) -> DepthAndTarget:
-        """Depth and target where the target is in focus; of a scene that moves, at ``still_s``."""
+        """Depth and target where the target is in focus; for a moving scene at ``still_s``."""
         return self.renderer.trace_depth_and_target()
 
     @property
     def target_depths_m(self) -> np.ndarray:
-        """Depth (m) of the target's pixels, float32 (pixel,)."""
+        """Depths (m) of the target's pixels, float32 (pixel,)."""
         return self.depth_and_target.depth[self.depth_and_target.target]
 
     @cached_property
     def true_focus(self) -> float:
-        """The position that is sharpest by optics."""
+        """The focus position that is sharpest by geometric optics."""
         return self.drive.true_focus(self.target_depths_m)
 
     @cached_property
     def depth_of_focus(self) -> tuple[float, float]:
-        """The positions at which the target's blur is one pixel."""
+        """The focus positions at which the target's blur is one pixel."""
         return self.drive.depth_of_focus(self.target_depths_m, self.sensor.pitch_m)
 
     @property
     def half_depth_of_focus(self) -> float:
-        """Half of the depth of focus, as a share of the travel; at most a quarter of the travel."""
+        """Half of the depth of focus, as a fraction of the travel, at most 0.25."""
         low, high = self.depth_of_focus
         return min((high - low) / 2, 0.25)
 
     @property
     def pixel_footprint_m(self) -> float:
-        """What a pixel sees (m) of a plane that faces it where the target is in focus."""
-        u, v = (float(of(self.true_focus)) for of in (self.drive.object_distance, self.drive.image_distance))
-        return self.sensor.pitch_m * u / v
+        """The width (m) that a pixel sees of a plane facing it where the target is in focus."""
+        drive, focus = self.drive, self.true_focus
+        return self.sensor.pitch_m * float(drive.object_distance(focus)) / float(drive.image_distance(focus))
 
     @cached_property
     def stack(self) -> FocalStack:
-        """The whole travel, coarse."""
+        """A coarse focal stack over the whole travel, all lights together."""
         slow = self.renderer.is_slow
         positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if slow else (POSITIONS, SAMPLES)
         return self.renderer.render_stack(
@@ -84,7 +85,7 @@ class SceneUnderTest:
 
     @cached_property
     def near_stacks(self) -> tuple[FocalStack, FocalStack]:
-        """Two stacks round the truth, their noise independent: what they share is the picture."""
+        """Two stacks round the true focus with independent noise: what they share is the image."""
         step = self.half_depth_of_focus / 2
         positions = round(1 / step) + 1
         middle = min(max(round(self.true_focus * (positions - 1)), 0), positions - 1)
@@ -99,6 +100,6 @@ class SceneUnderTest:
         return first, second
 
     def collected_charge(self, stack: FocalStack) -> np.ndarray:
-        """Photo-electrons a readout at gain 1 of all lights, float32 (focus, row, col)."""
-        by_group = charge_stack(stack.radiance, self.sensor, lens=self.drive, position=stack.spec.focus)
-        return by_group.sum(axis=0)
+        """Return the photo-electrons per readout with all lights at gain 1, float32 (focus, row, col)."""
+        focus = stack.spec.focus
+        return charge_stack(stack.radiance, self.sensor, lens=self.drive, position=focus).sum(axis=0)

@@ -1,4 +1,4 @@
-"""Sizes against distances: geometry in millimetres or inches, by mistake, is told with its factor."""
+"""Sizes against distances, which show geometry that is in millimetres or inches by mistake."""
 
 from collections.abc import Iterator
 
@@ -18,34 +18,33 @@ UNITS = {
     "micrometres": 1e-6,
     "kilometres": 1e3,
 }
-FEW = 500  # pixels: less of a target is little to focus on
-FIELDS = 3.0  # a target seen at most so many fields of view off the axis may be meant
+MIN_PIXELS = 500  # of a target
+MAX_FIELDS = 3.0  # a target at most so many fields of view off the axis may be the one that is meant
 
 
 def check_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """How large the target is, how far, how much of the frame."""
+    """Check how large the target is, how far away, and how much of the frame it fills."""
     seen = subject.depth_and_target
-    share = seen.target.mean()
     size = np.ptp(subject.renderer.bounds(*subject.scene.card.target), axis=0)
     text = (
         f"target {_lengths(size)}, {np.median(subject.target_depths_m):.4g} m away, "
-        f"{share:.0%} of the frame; "
-        f"all there is {_lengths(np.ptp(subject.renderer.bounds(), axis=0))}"
+        f"{seen.target.mean():.0%} of the frame; "
+        f"the whole scene {_lengths(np.ptp(subject.renderer.bounds(), axis=0))}"
     )
-    if seen.target.sum() < FEW:
+    if seen.target.sum() < MIN_PIXELS:
         yield warning(
-            "units", f"{text}: {seen.target.sum()} pixels are little to focus on, move the camera nearer"
+            "units", f"{text}: {seen.target.sum()} pixels are too few to focus on, move the camera nearer"
         )
     else:
         yield ok("units", text)
 
 
 def suggest_unit(subject: SceneUnderTest) -> str:
-    """What to write if another unit would bring the target into the lens's reach; '' where none would."""
+    """Return what to write where another unit would bring the target into the lens's reach, else ''."""
     card = subject.scene.card
     box = subject.renderer.bounds(*card.target)
     if not box.size:
-        return ""  # no shape has the target's name: its size is not known
+        return ""  # no shape has the target's name, so its size is unknown
     middle = box.mean(axis=0)
     origin = np.array(card.camera.origin_m)
     axis = np.array(card.camera.look_at_m) - origin
@@ -57,13 +56,12 @@ def suggest_unit(subject: SceneUnderTest) -> str:
         away = point - camera
         depth = float(away @ axis)
         aside = float(np.linalg.norm(away - depth * axis))
-        return bool(near <= depth <= far and aside <= FIELDS * half * depth)
+        return bool(near <= depth <= far and aside <= MAX_FIELDS * half * depth)
 
     for name, metres in UNITS.items():
-        factor = metres / card.unit_m
-        if factor == 1:
+        if metres == card.unit_m:
             continue
-        if fits(middle * factor, origin):
+        if fits(middle * (metres / card.unit_m), origin):
             return f"if the geometry is in {name}, write unit_m: {metres:g} on the card"
         if fits(middle, origin * metres):
             return f"if camera.origin_m is in {name}, multiply it and look_at_m by {metres:g}"
@@ -71,8 +69,6 @@ def suggest_unit(subject: SceneUnderTest) -> str:
 
 
 def _lengths(metres: np.ndarray) -> str:
-    """Three lengths in the unit that suits the largest."""
-    for unit, scale in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
-        if metres.max() >= scale or unit == "µm":
-            return f"{' × '.join(f'{x / scale:.3g}' for x in metres)} {unit}"
-    raise AssertionError
+    """Return three lengths as text, in the unit that suits the largest."""
+    unit, scale = ("m", 1.0) if metres.max() >= 1 else ("mm", 1e-3) if metres.max() >= 1e-3 else ("µm", 1e-6)
+    return f"{' × '.join(f'{x / scale:.3g}' for x in metres)} {unit}"

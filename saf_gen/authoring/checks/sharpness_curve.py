@@ -1,4 +1,4 @@
-"""The noise-free sharpness curve: is the target's box sharpest where optics says?"""
+"""The noise-free sharpness curve: is the target's bounding box sharpest at the true focus?"""
 
 from collections.abc import Iterator
 
@@ -13,34 +13,34 @@ __all__ = ["check_curve", "target_sharpness"]
 
 CLOSE, FAR = 0.5, 1.5  # depths of focus
 RIVAL = 0.8  # of the peak
-FLAT = 1.2  # peak over the lowest
+MIN_CONTRAST = 1.2  # of the peak over the lowest value
 
 
 def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """How far from the truth the curve has its top, in depths of focus, and whether it has others."""
+    """Check how many depths of focus the peak lies from the true focus, and whether there are other peaks."""
     focus, curve = subject.stack.spec.focus, target_sharpness(subject, subject.stack)
     if not curve.max() > 0:
-        yield error("curve", "the target's box has no sharpness: nothing in it is bright, or all is alike")
+        yield error("curve", "the target's box has no sharpness: it is dark or uniform")
         return
     half = subject.half_depth_of_focus
     near, fine = subject.near_stacks[0].spec.focus, target_sharpness(subject, subject.near_stacks[0])
     top = float(focus[curve.argmax()])
     if near[0] - half <= top <= near[-1] + half and 0 < fine.argmax() < fine.size - 1:
-        top = _summit(near, fine)
+        top = _parabola_peak(near, fine)
     off = abs(top - subject.true_focus) / (2 * half)
-    text = f"sharpest at {top:.3f} of the travel, {off:.2g} depths of focus from the truth"
+    text = f"sharpest at {top:.3f} of the travel, {off:.2g} depths of focus from the true focus"
     contrast = curve.max() / curve.min()
     other = "something else in the target's box is sharper there: move it, or give the target more contrast"
     if off > FAR:
         yield error("curve", f"{text}: {other}")
     elif off > CLOSE:
         yield warning("curve", f"{text}: {other}")
-    elif contrast < FLAT:
+    elif contrast < MIN_CONTRAST:
         yield warning(
-            "curve", f"{text}, but only {contrast:.2f} times the lowest: more contrast, or a wider lens"
+            "curve", f"{text}, but only {contrast:.2f} times the lowest value: add contrast, or open the lens"
         )
     else:
-        yield ok("curve", f"{text}; {contrast:.3g} times the lowest")
+        yield ok("curve", f"{text}; the peak is {contrast:.3g} times the lowest value")
     rivals = [
         k
         for k in range(1, len(curve) - 1)
@@ -51,14 +51,14 @@ def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         k = max(rivals, key=lambda k: curve[k])
         yield warning(
             "curve",
-            f"a second top at {focus[k]:.3f} of the travel is {curve[k] / curve.max():.0%} as high: {other}",
+            f"a second peak at {focus[k]:.3f} of the travel is {curve[k] / curve.max():.0%} as high: {other}",
         )
 
 
 def target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
-    """Variance over squared mean of the charge in the target's box, float64 (focus,), as streams store it.
+    """Return the variance over the squared mean of the charge in the target's box, float64 (focus,).
 
-    0 where the box is black.
+    It is defined as in streams, and 0 where the box is black.
     """
     rows, columns = target_bounding_box(stack.target)
     seen = subject.collected_charge(stack)[:, rows, columns].astype(np.float64)
@@ -66,8 +66,8 @@ def target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
     return np.divide(seen.var(axis=(1, 2)), square, out=np.zeros_like(square), where=square > 0)
 
 
-def _summit(focus: np.ndarray, curve: np.ndarray) -> float:
-    """Where a parabola through the highest value and its neighbours has its top."""
+def _parabola_peak(focus: np.ndarray, curve: np.ndarray) -> float:
+    """Return the peak of a parabola through the highest value and its neighbours."""
     k = int(curve.argmax())
     below, at, above = curve[k - 1 : k + 2]
     bend = below - 2 * at + above

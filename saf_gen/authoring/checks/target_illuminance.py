@@ -1,4 +1,4 @@
-"""Exposure: does each light group light the target, and how many lux is gain 1?"""
+"""Exposure: does each light group light the target, and how many lux does it give at gain 1?"""
 
 from collections.abc import Iterator
 
@@ -12,15 +12,15 @@ from saf_gen.core.config.ranges import is_range
 __all__ = ["LUMENS_PER_WATT", "check_exposure"]
 
 LUMENS_PER_WATT = 683.0
-"""Of light of 555 nm, by the definition of the candela. The project's light has one wavelength, that at which
-its sensors turn light to electrons: so lux and electrons belong together."""
-AGREES, FAMILY_AGREES = 0.1, 0.3  # of the card's own value; for a family it is a mean
+"""Luminous efficacy of light of 555 nm, by the definition of the candela. All light has the one wavelength at
+which the sensors convert it to electrons, so that lux and electrons correspond."""
+TOLERANCE, FAMILY_TOLERANCE = 0.1, 0.3  # of the card's value, which for a family is a mean
 DARKEST, BRIGHTEST = 0.1, 2e5  # lux: full moon, more than the sun at noon
-DARK_SHARE = 0.05
+MAX_DARK_FRACTION = 0.05
 
 
 def check_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """Illuminance of the target by each group, against the card; what part of the target stays dark."""
+    """Check the illuminance of the target by each group against the card, and for dark pixels."""
     card = subject.scene.card
     lux = {
         group: LUMENS_PER_WATT
@@ -36,8 +36,9 @@ def check_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
                 f"light group {group!r} does not reach the target: move its lamps, or remove it",
             )
     written = "illuminance_lux: {" + ", ".join(f"{g}: {float(f'{v:.3g}'):g}" for g, v in lux.items()) + "}"
-    agrees = FAMILY_AGREES if any(is_range(value) for value in card.params.values()) else AGREES
-    wrong = [g for g, said in card.illuminance_lux.items() if abs(lux[g] - said) > agrees * said]
+    is_family = any(is_range(value) for value in card.params.values())
+    tolerance = FAMILY_TOLERANCE if is_family else TOLERANCE
+    wrong = [g for g, stated in card.illuminance_lux.items() if abs(lux[g] - stated) > tolerance * stated]
     total = sum(lux.values())
     if wrong:
         yield warning(
@@ -48,26 +49,23 @@ def check_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     elif not DARKEST <= total <= BRIGHTEST:
         yield warning(
             "exposure",
-            f"{total:,.3g} lux in all are hardly physical (moonlight 0.1, sun 100,000): change the lamps",
+            f"a total of {total:,.3g} lux is implausible (moonlight 0.1, sun 100,000): change the lamps",
         )
     else:
-        hint = "as the card says" if card.illuminance_lux else "on the card this serves schedules in lux"
+        hint = "as the card says" if card.illuminance_lux else "add this to the card for schedules in lux"
         yield ok("exposure", f"{written}, {hint}")
-    yield from _on_the_sensor(subject)
+    yield _check_absolute_exposure(subject)
 
 
-def _on_the_sensor(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def _check_absolute_exposure(subject: SceneUnderTest) -> SceneFinding:
     stack = subject.near_stacks[0]
     best = int(np.abs(stack.spec.focus - subject.true_focus).argmin())
     charge = subject.collected_charge(stack)[best][stack.target]
     dark = float(np.mean(charge <= 0))
     rate = float(np.mean(mean_firing_rate(charge + subject.sensor.mean_dark_e, subject.sensor)))
-    text = f"with absolute exposure the target fires {rate:.3g} spikes a readout"
-    if dark > DARK_SHARE:
-        yield warning(
-            "exposure", f"{dark:.0%} of the target gives no light at all: light it from another side"
-        )
-    elif rate > 0.9:
-        yield ok("exposure", f"{text}: almost saturated, recipes had better say mean_rate")
-    else:
-        yield ok("exposure", text)
+    text = f"with absolute exposure the target fires {rate:.3g} spikes per readout"
+    if dark > MAX_DARK_FRACTION:
+        return warning("exposure", f"{dark:.0%} of the target is completely dark: light it from another side")
+    if rate > 0.9:
+        text += ": almost saturated, use mean_rate in recipes"
+    return ok("exposure", text)

@@ -1,4 +1,4 @@
-"""Motion: does the target stay in the frame and in reach, and how fast is what moves?"""
+"""Motion: does the target stay in the frame and in reach, and how fast do shapes move?"""
 
 from collections.abc import Iterator
 from itertools import product
@@ -7,91 +7,81 @@ import numpy as np
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, error, ok, warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
+from saf_gen.scene.keyframes import motion_end_s
 
-__all__ = ["check_motion", "find_fastest_shape", "last_motion_s"]
+__all__ = ["RECORDING_S", "check_motion", "find_fastest_shape"]
 
 MOMENTS = 9
-LATEST_S = 1.0  # a recording of 20,000 frames
-COARSE, FINE = 2.0, 1.0  # pixels from one time slice to the next: too far, and what is proposed
+RECORDING_S = 1.0  # 20,000 frames
+MAX_STEP, PROPOSED_STEP = 2.0, 1.0  # pixels from one time slice to the next
 
 
 def check_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
-    """The target at a few moments, and the speed of the fastest shape against the card's time slices."""
+    """Check the target at a few moments, and the speed of the fastest shape against the time slices."""
     renderer, card = subject.renderer, subject.scene.card
     if not renderer.motions:
         if card.slices_per_s is not None:
-            yield warning(
-                "motion", "slices_per_s is on the card, but nothing moves: remove it, or add motion"
-            )
+            yield warning("motion", "the card has slices_per_s, but nothing moves: remove it, or add motion")
         return
     times = _times(subject)
-    lost, places = [], []
+    lost, positions = [], []
     for time_s in times:
         seen = renderer.trace_depth_and_target(time_s=time_s, allow_unseen_target=True)
         if seen.target.any():
-            places.append(subject.drive.true_focus(seen.depth[seen.target]))
+            positions.append(subject.drive.true_focus(seen.depth[seen.target]))
         else:
             lost.append(time_s)
-    if not places:
+    if not positions:
         yield error(
             "motion", "the target is never in the frame while it moves: check motion, camera and target"
         )
         return
-    text = f"in focus from {min(places):.3f} to {max(places):.3f} of the travel"
+    text = f"in focus from {min(positions):.3f} to {max(positions):.3f} of the travel"
     if lost:
         yield warning(
-            "motion", f"the target has left the frame at {lost[0]:.3g} s: shorten its way, or turn back"
+            "motion",
+            f"the target has left the frame at {lost[0]:.3g} s: shorten its path, or let it turn back",
         )
-    elif min(places) < 0 or max(places) > 1:
-        yield warning("motion", f"{text}: out of the lens's reach for a while, shorten its way in depth")
+    elif min(positions) < 0 or max(positions) > 1:
+        yield warning("motion", f"{text}: it leaves the lens's reach, shorten its path in depth")
     else:
         yield ok("motion", text)
-    yield _slices(subject, find_fastest_shape(subject, times))
+    name, pixels_per_s = find_fastest_shape(subject, times)
+    yield _check_speed(subject, name, pixels_per_s=pixels_per_s)
 
 
-def _slices(subject: SceneUnderTest, speed: tuple[str, float]) -> SceneFinding:
-    name, pixels_per_s = speed
+def _check_speed(subject: SceneUnderTest, name: str, *, pixels_per_s: float) -> SceneFinding:
     slices = subject.scene.card.slices_per_s
     if not name:
         moving = ", ".join(repr(name) for name in subject.renderer.motions)
-        text = f"no shape goes anywhere, what moves is {moving}"
+        text = f"no shape moves, only {moving}"
         if slices is None:
-            how = "write slices_per_s, with which the check measures how well slices go over"
-            return warning("motion", f"{text}, but recordings of it stand still: {how}")
+            how = "write slices_per_s on the card, and the check measures the error of interpolation"
+            return warning("motion", f"{text}, but recordings show it at rest: {how}")
         return ok("motion", f"{text}; slices_per_s: {slices:g}")
-    write = f"slices_per_s: {max(1, round(pixels_per_s / FINE))} moves it a pixel from one to the next"
-    text = f"{name!r} moves at up to {pixels_per_s:,.0f} pixels a second"
+    write = f"with slices_per_s: {max(1, round(pixels_per_s / PROPOSED_STEP))} it moves a pixel per slice"
+    text = f"{name!r} moves at up to {pixels_per_s:,.0f} pixels per second"
     if slices is None:
-        return warning("motion", f"{text}, but recordings of it stand still: {write}")
-    if pixels_per_s > COARSE * slices:
-        return warning("motion", f"{text}, {pixels_per_s / slices:.2g} pixels a time slice: {write}")
-    return ok("motion", f"{text}, {pixels_per_s / slices:.2g} pixels a time slice")
+        return warning("motion", f"{text}, but recordings show it at rest: {write}")
+    text += f", {pixels_per_s / slices:.2g} pixels per time slice"
+    return warning("motion", f"{text}: {write}") if pixels_per_s > MAX_STEP * slices else ok("motion", text)
 
 
 def _times(subject: SceneUnderTest) -> list[float]:
-    """Moments (s) within a recording: keyframes, and others evenly between."""
-    keys, last = _keys(subject), last_motion_s(subject)
+    """Return moments (s) within a recording: evenly spaced ones, and keyframes."""
+    motions = subject.renderer.motions
+    keys = {frame.time_s for motion in motions.values() for frame in motion.keyframes}
+    last = motion_end_s(motions, recording_s=RECORDING_S)
     return sorted(
         {*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]}
     )
 
 
-def last_motion_s(subject: SceneUnderTest) -> float:
-    """The last moment (s) of a recording at which something still moves."""
-    last = max(_keys(subject))
-    return min(last, LATEST_S) if last > 0 else LATEST_S
-
-
-def _keys(subject: SceneUnderTest) -> set[float]:
-    return {k.time_s for motion in subject.renderer.motions.values() for k in motion.keyframes}
-
-
 def find_fastest_shape(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
-    """The moving shape whose picture is fastest, with its speed (pixels a second); ('', 0) where none moves.
+    """Return the shape that moves fastest in the image and its speed (pixels per second); ('', 0) for none.
 
-    What has no shape, as a spot lamp, has no picture to be fast. By the corners of the box round each shape,
-    seen through the middle of the lens where the target is in focus, over a thousandth of a second at each of
-    these times.
+    The speed is that of the corners of the shape's bounding box, seen through the middle of the lens where
+    the target is in focus, over a millisecond at each of the times. Lamps without a body do not count.
     """
     card, drive = subject.scene.card, subject.drive
     origin = np.array(card.camera.origin_m)

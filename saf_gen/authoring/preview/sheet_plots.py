@@ -1,4 +1,4 @@
-"""The plots of a contact sheet: blur and sharpness over the travel, and how bright the pixels are."""
+"""The plots of a contact sheet: blur and sharpness over the travel, and the brightness of the pixels."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,17 +12,17 @@ from saf_gen.stack.focal_stack import FocalStack
 __all__ = ["draw_curves", "draw_histogram"]
 
 BLUE, ORANGE, YELLOW = "#0072B2", "#D55E00", "#f0d060"
-USUAL_RATE = 0.2  # spikes a readout: the mean_rate of the recipes
+USUAL_RATE = 0.2  # spikes per readout, the mean_rate of the recipes
 
 
 def _charge(stack: FocalStack, sensor: Sensor) -> np.ndarray:
-    """Photo-electrons a readout at gain 1 of all lights, float32 (focus, row, col)."""
+    """Return the photo-electrons per readout with all lights at gain 1, float32 (focus, row, col)."""
     spec = stack.spec
     return charge_stack(stack.radiance, sensor, lens=spec.drive, position=spec.focus).sum(axis=0)
 
 
-def draw_curves(axes: Axes, stack: FocalStack, sensor: Sensor, truth: float) -> None:
-    """Blur of the target by the lens alone, and noise-free sharpness in its box as the stack has it."""
+def draw_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth: float) -> None:
+    """Draw the blur of the target by geometric optics, and the stack's noise-free sharpness in its box."""
     drive, depths = stack.spec.drive, stack.depth[stack.target]
     axes.set(xlabel="focus position, fraction of travel", xlim=(0, 1))
     axes.set_title("blur (rms) and sharpness of the target,\ntrue focus and depth of focus")
@@ -40,15 +40,15 @@ def draw_curves(axes: Axes, stack: FocalStack, sensor: Sensor, truth: float) -> 
     seen = _charge(stack, sensor)[:, rows, columns].astype(np.float64)
     mean = seen.mean(axis=(1, 2))
     if not (mean > 0).all():
-        return  # in the dark there is no sharpness
-    beside = axes.twinx()
-    beside.plot(stack.spec.focus, seen.var(axis=(1, 2)) / mean**2, ".-", color=ORANGE)
-    beside.set_ylabel("sharpness, variance over mean²", color=ORANGE)
-    beside.set_ylim(bottom=0)
+        return  # sharpness is undefined in the dark
+    right = axes.twinx()
+    right.plot(stack.spec.focus, seen.var(axis=(1, 2)) / mean**2, ".-", color=ORANGE)
+    right.set_ylabel("sharpness, variance over mean²", color=ORANGE)
+    right.set_ylim(bottom=0)
 
 
-def draw_histogram(axes: Axes, stack: FocalStack, sensor: Sensor, best: int) -> None:
-    """Spikes a readout at best focus, of target and frame, when the target fires 0.2 on average."""
+def draw_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) -> None:
+    """Draw spikes per readout of target and frame at best focus, when the target fires 0.2 on average."""
     charge = _charge(stack, sensor)[best]
     try:
         scale = exposure_scale(charge, stack.target, sensor=sensor, mean_rate=USUAL_RATE)
@@ -57,14 +57,14 @@ def draw_histogram(axes: Axes, stack: FocalStack, sensor: Sensor, best: int) -> 
         scale, title = 1.0, "brightness of the pixels, absolute exposure"
     dark = sensor.mean_dark_e
     bins = np.geomspace(1e-3, 1, 61)
-    for pixels, color, word in ((charge, "grey", "frame"), (charge[stack.target], BLUE, "target")):
+    for pixels, color, label in ((charge, "grey", "frame"), (charge[stack.target], BLUE, "target")):
         if pixels.size:
             rate = np.clip(mean_firing_rate(pixels * scale + dark, sensor), bins[0], bins[-1])
             counts, _ = np.histogram(rate, bins=bins)
-            axes.stairs(100 * counts / rate.size, bins, color=color, label=word)
+            axes.stairs(100 * counts / rate.size, bins, color=color, label=label)
     absolute = mean_firing_rate(charge[stack.target] + dark, sensor)
     if absolute.size:
         title += f"\n(target with absolute exposure: {absolute.mean():.2g})"
-    axes.set(xscale="log", xlim=(bins[0], bins[-1]), xlabel="spikes a readout", ylabel="pixels, %")
+    axes.set(xscale="log", xlim=(bins[0], bins[-1]), xlabel="spikes per readout", ylabel="pixels, %")
     axes.set_title(title)
     axes.legend(loc="upper left", frameon=False)
