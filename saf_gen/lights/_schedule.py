@@ -201,7 +201,8 @@ def readout_gains(light: Light, frames: int, *, readout_hz: float) -> np.ndarray
     Raises BadInput where the schedule goes below 0.
     """
     edges = np.arange(frames + 1) / readout_hz
-    gains = np.diff(light.integral(edges, frames / readout_hz)) * readout_hz
+    integral = registry.sample(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
+    gains = np.diff(integral) * readout_hz
     if not gains.min() >= -1e-9:
         raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 and more")
     return (np.round(np.maximum(gains, 0) / GAIN_GRID) * GAIN_GRID).astype(np.float32)

@@ -62,7 +62,9 @@ def readout_positions(motion: Motion | Mapping[str, Any], frames: int, *, readou
     for begin in range(0, frames, BLOCK_FRAMES):
         block = slice(begin, min(begin + BLOCK_FRAMES, frames))
         seconds = (np.arange(block.start, block.stop) + 0.5) / readout_hz
-        position[block] = motion.positions(seconds, frames / readout_hz)
+        position[block] = registry.sample(
+            motion, motion.positions, seconds=seconds, duration_s=frames / readout_hz
+        )
     slack = POSITION_GRID / 2
     if not (position.min() >= -slack and position.max() <= 1 + slack):  # also false where a NaN is
         raise BadInput(

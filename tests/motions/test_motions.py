@@ -252,6 +252,23 @@ def test_a_motion_that_leaves_the_travel_is_refused():
     )
 
 
+@dataclass(frozen=True)
+class Broken:
+    """Somebody's motion that does something else than it should."""
+
+    answer: object
+
+    def positions(self, seconds, duration_s):
+        return seconds[:5] if self.answer == "short" else self.answer / 0
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"), [("short", "Broken | (5,) | one number per time"), (1, "ZeroDiv")]
+)
+def test_a_motion_that_fails_is_told_in_one_line(answer, told):
+    assert_says(refusal(readout_positions, Broken(answer), 2000, readout_hz=HZ), told)
+
+
 @pytest.mark.parametrize("kind", ["sweep_and_return", "hand"])
 def test_positions_are_worked_out_in_blocks_that_nobody_sees(monkeypatch, kind):
     whole = lens(kind)

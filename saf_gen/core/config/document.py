@@ -62,7 +62,9 @@ def read_text(path: Path, *, hint: str = "") -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix[:2]}*")])
+        near = closest(
+            path.name, [p.name for p in path.parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")]
+        )
         nearest = str(path.with_name(near)) if near else ""
         raise BadInput(f"{path} does not exist", nearest=nearest, hint=hint) from None
     except (OSError, UnicodeDecodeError) as error:

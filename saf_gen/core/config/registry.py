@@ -20,9 +20,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from saf_gen.errors import BadInput, unknown
+import numpy as np
 
-__all__ = ["PLUGIN_KINDS", "build", "names", "option_fields", "plugin_class"]
+from saf_gen.errors import BadInput, SafGenError, unknown
+
+__all__ = ["PLUGIN_KINDS", "build", "names", "option_fields", "plugin_class", "sample"]
 
 PLUGIN_KINDS = {
     "lights": "light schedule",
@@ -138,3 +140,22 @@ def build(plugin_kind: str, name: str, /, **options: Any) -> Any:
             f"{PLUGIN_KINDS[plugin_kind]} {name!r} with {written}: {type(error).__name__}: {error}",
             hint="give values that it takes, or repair it",
         ) from error
+
+
+def sample(
+    plugin: object, method: Callable[[np.ndarray, float], Any], *, seconds: np.ndarray, duration_s: float
+) -> np.ndarray:
+    """Return what a method of a light schedule or a motion gives at these times, float64 of their shape.
+
+    Raises BadInput where it raises an exception of its own, or gives anything but one number per time.
+    """
+    try:
+        values = np.asarray(method(seconds, duration_s), dtype=np.float64)
+    except (SafGenError, MemoryError):
+        raise
+    except Exception as error:  # the plug-in is anybody's code, and may raise anything
+        raise BadInput(f"{plugin!r} fails: {type(error).__name__}: {error}", hint="repair it") from error
+    if values.shape != seconds.shape:
+        problem = f"{plugin!r} gives an array of shape {values.shape} for {seconds.size} times"
+        raise BadInput(problem, allowed="one number per time")
+    return values
