@@ -1,11 +1,13 @@
 """What tests share: the scenes of this folder, and a sensor small enough to be quick."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from inline_jobs import run_jobs_inline
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
+from saf_gen.cli import main
 from saf_gen.core.cores import usable_cores
 from saf_gen.generate import run
 from saf_gen.generate.executor import run_jobs
@@ -54,3 +56,25 @@ def small_recipe(tmp_path) -> Path:
     path = tmp_path / "small.yaml"
     path.write_text(SMALL_RECIPE)
     return path
+
+
+@pytest.fixture(scope="session")
+def captured_dataset(tmp_path_factory) -> Path:
+    """A dataset of 40 ms that can be captured again: two still and two moving sequences. Do not change it."""
+    import capture_dataset  # it looks for a renderer
+
+    with pytest.MonkeyPatch.context() as patch:
+        return capture_dataset.make_dataset(tmp_path_factory.mktemp("captured"), patch)
+
+
+@pytest.fixture
+def call(capsys) -> Callable[..., tuple[int, str, str]]:
+    """Run saf-gen in this process: (exit code, stdout, stderr)."""
+
+    def run_command(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        return ended.value.code, *capsys.readouterr()
+
+    return run_command

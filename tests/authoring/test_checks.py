@@ -511,19 +511,6 @@ def test_a_scene_that_is_dark_for_a_while_is_measured_where_it_is_not(lit_by, se
 # --- the command --------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def call(capsys):
-    from saf_gen.cli import main
-
-    def run(*args):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stop:
-            main([str(a) for a in args])
-        return stop.value.code, *capsys.readouterr()
-
-    return run
-
-
 def test_the_command_prints_a_line_a_finding_and_ends_with_0(call, skeleton, sensor_file):
     skeleton()
     code, out, err = call("scenes", "check", "mine", "--sensor", sensor_file, "--variant", VARIANT)

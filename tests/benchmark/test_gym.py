@@ -8,7 +8,6 @@ import weakref
 from dataclasses import replace
 from pathlib import Path
 
-import capture_dataset
 import gymnasium
 import numpy as np
 import pytest
@@ -36,9 +35,8 @@ STILL = 104  # frames of a control period
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        yield capture_dataset.make_dataset(tmp_path_factory.mktemp("gym"), patch)
+def dataset(captured_dataset):
+    return captured_dataset
 
 
 def make_env(dataset, **more):

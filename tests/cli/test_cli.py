@@ -18,7 +18,7 @@ from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, read_method_list
-from saf_gen.cli import _terminal, main
+from saf_gen.cli import _terminal
 from saf_gen.core.files import write_atomically
 from saf_gen.render import backend
 from saf_gen.stream.manifest import read_manifest, write_manifest
@@ -57,20 +57,6 @@ def copy(dataset, tmp_path):
     """A copy of the small dataset that a test may spoil."""
     shutil.copytree(dataset, tmp_path / "copy")
     return tmp_path / "copy"
-
-
-@pytest.fixture
-def call(capsys):
-    """Run a command in this process: (exit code, stdout, stderr)."""
-
-    def run(*args):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stop:
-            main([str(a) for a in args])
-        out, err = capsys.readouterr()
-        return stop.value.code, out, err
-
-    return run
 
 
 @pytest.fixture

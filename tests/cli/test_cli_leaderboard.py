@@ -17,18 +17,6 @@ pytestmark = pytest.mark.slow
 FILES = ["axes.csv", "index.html", "leaderboard.csv", "leaderboard.json", "leaderboard.md", "leaderboard.tex"]
 
 
-@pytest.fixture
-def call(capsys):
-    """Run a command in this process: (exit code, stdout, stderr)."""
-
-    def run(*arguments):
-        capsys.readouterr()
-        code = exit_code(*arguments)
-        return code, *capsys.readouterr()
-
-    return run
-
-
 def exit_code(*arguments):
     with pytest.raises(SystemExit) as stop:
         main([str(a) for a in arguments])

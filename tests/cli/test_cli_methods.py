@@ -5,7 +5,6 @@ import sys
 
 import pytest
 
-from saf_gen.cli import main
 from saf_gen.core.config import registry
 from saf_gen.measures import measure_names
 from saf_gen.parts import cite_source
@@ -68,19 +67,6 @@ class Middle:
         view.score(0, view.frames // 2 + 1)
         return Answer(view.frames // 2)
 '''
-
-
-@pytest.fixture
-def call(capsys):
-    """Run a command in this process: (exit code, stdout, stderr)."""
-
-    def run(*arguments):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stop:
-            main([str(a) for a in arguments])
-        return stop.value.code, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture

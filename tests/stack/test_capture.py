@@ -25,9 +25,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        yield capture_dataset.make_dataset(tmp_path_factory.mktemp("take"), patch)
+def dataset(captured_dataset):
+    return captured_dataset
 
 
 @pytest.mark.parametrize("name", ["plane-constant-00", "plane-lamp_only-00", "plane-dynamic-lamp_only-00"])
