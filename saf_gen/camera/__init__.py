@@ -1,4 +1,4 @@
-"""The spike camera: sensors, light to charge, charge to spikes."""
+"""The spike camera: sensors, the charge they collect from light, and the spikes they fire."""
 
 from saf_gen.camera.encoder import Encoder, encode, knot_weights
 from saf_gen.camera.exposure import (

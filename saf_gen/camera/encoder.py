@@ -1,19 +1,21 @@
-"""Charge in, spikes out: the integrate-and-fire pixels of a spike camera.
+"""The encoder: integrate-and-fire pixels of a spike camera, from charge to spikes.
 
-A pixel adds the charge of each readout to what it holds. When that reaches its threshold it fires at this
-readout, at most once, gives up the threshold, and draws its next one:
+A pixel adds the charge of each readout to the charge it holds. When the sum reaches the threshold, the pixel
+fires at this readout, at most once, subtracts the threshold, and draws the next one:
 
     threshold_pixel + N(0, 1)·sqrt(threshold_pixel [shot] + (threshold_noise_rms·threshold_pixel)² [noise])
 
-Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a Gamma(n)
-share of the mean charge, so an inter-spike interval measured in mean charge has variance exactly n e-².
-The draw is an entry of a table of normal noise (noise.py), the first phase uniform in [0, threshold). Of
-the charge over the threshold at most ``sensor.max_excess_thresholds`` are kept, so that overload does not
-echo
-for long. The readout after a spike collects ``1 - sensor.post_spike_loss`` of its charge (dark charge too).
+Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a mean charge that
+is Gamma(n) distributed, so an inter-spike interval measured in mean charge has a variance of exactly n e-².
+The noise is read from a table of normal noise (noise_table.py); the first phase is uniform in
+[0, threshold). At most ``sensor.max_excess_thresholds`` of the charge above the threshold are kept, so that
+an overload does not echo for long. The readout after a spike collects ``1 - sensor.post_spike_loss`` of its
+charge, including dark charge.
 
-Source: T. Huang et al., 1000x faster camera and machine vision with ordinary devices, Engineering 25,
-2023, doi:10.1016/j.eng.2022.01.012 (the principle); Acnext/SCSim (reset loss, threshold noise).
+References
+----------
+T. Huang et al., 1000x faster camera and machine vision with ordinary devices, Engineering 25, 2023,
+doi:10.1016/j.eng.2022.01.012 (the principle); Acnext/SCSim (reset loss, threshold noise).
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +25,7 @@ from math import gcd
 import numpy as np
 
 from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, advance_pixels
-from saf_gen.camera.fixed_pattern import draw_fixed_pattern
+from saf_gen.camera.fixed_pattern import FixedPattern, draw_fixed_pattern
 from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, noise_table
 from saf_gen.camera.sensor import Sensor, get_sensor
 from saf_gen.core.cores import usable_cores
@@ -35,21 +37,23 @@ __all__ = ["Encoder", "encode", "knot_weights"]
 
 
 def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) -> np.ndarray:
-    """Spikes of a charge that runs linearly between knots.
+    """Return the spikes of a charge that changes linearly between knots.
 
     Parameters
     ----------
-    charge : float32 (K, H, W), e- per readout at K knots evenly spaced over [0, frames]; K = 1: constant.
-        Readout t integrates the ramp over [t, t + 1], which is its value in the middle.
-    sensor : a sensor or its name; the array takes the shape of ``charge``, whatever the sensor's own.
-    frames : number of readouts.
-    seed : names the device, its phases and its noise; the same seed gives the same bits, anywhere.
+    charge : float32 (K, H, W), e- per readout, at least 0, at K knots evenly spaced over [0, frames]; one
+        knot is a constant charge. Readout t integrates the ramp over [t, t + 1]: its value in the middle.
+    sensor : a sensor or its name; the array has the size of ``charge``, not that of the sensor.
+    frames : number of readouts, at least 1.
+    seed : determines the device, its phases and its noise; the same seed gives the same bits on any machine.
 
     Returns
     -------
     uint8 (H, W, ceil(frames / 8)); frame t is bit t mod 8, least significant first, of byte t div 8.
 
-    Raises BadInput for an unknown sensor, a wrong shape, or charge that is negative or not finite.
+    Raises
+    ------
+    BadInput : an unknown sensor, a wrong shape, or charge that is negative or not finite.
     """
     charge = validate_signal("charge", charge)
     if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
@@ -61,26 +65,26 @@ def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) 
 
 
 def knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where positions 0...1 lie among evenly spaced knots: index int64 and fraction float64, both (T,)."""
-    place = np.clip(np.asarray(position, np.float64), 0.0, 1.0) * (knots - 1)
-    index = np.minimum(place.astype(np.int64), max(knots - 2, 0))
-    return index, place - index
+    """Return the knot before each position 0...1, int64 (T,), and the fraction to the next, float64 (T,)."""
+    knot = np.clip(np.asarray(position, np.float64), 0.0, 1.0) * (knots - 1)
+    index = np.minimum(knot.astype(np.int64), max(knots - 2, 0))
+    return index, knot - index
 
 
 class Encoder:
-    """A spike camera that is recording: block after block of time, with the state of every pixel between.
+    """A spike camera that records block after block of time and keeps the state of every pixel in between.
 
-    Any cut into blocks gives the same bits, and so does any number of threads. Memory does not grow with
-    the length of the recording.
+    Neither the division into blocks nor the number of threads changes a bit. Memory does not grow with the
+    length of the recording.
 
     Parameters
     ----------
     sensor : the sensor.
-    shape : (rows, columns) of the array to simulate.
-    seed : names phases and noise (one recording).
-    device_seed : names the fixed pattern (one device); ``seed`` where not given.
-    rows : record these rows of the array alone; they fire as they do in the whole.
-    threads : at most so many; one for each core this process may use where not given.
+    shape : (rows, columns) of the simulated array.
+    seed : determines phases and noise (one recording).
+    device_seed : determines the fixed pattern (one device); ``seed`` by default.
+    rows : record only these rows; they fire as they would in the whole array.
+    threads : one per core this process may use by default.
     """
 
     def __init__(
@@ -102,19 +106,19 @@ class Encoder:
         self._frames = 0
         self._key = np.uint64(derive_seed("encoder", seed, "noise"))
         self._response = self.pattern.response.ravel()
-        self._fixed = _fixed(sensor, self.pattern.threshold.ravel(), self.pattern.dark.ravel())
+        self._constants = _pixel_constants(sensor, pattern=self.pattern)
         size = self._response.size
         self._state = np.ones((3, size), np.float32)
         first = make_generator("encoder", seed, "first thresholds").integers(0, NOISE_TABLE_SIZE, size)
-        self._state[1] = self._fixed[1] + self._fixed[2] * noise_table()[first]
+        self._state[1] = self._constants[1] + self._constants[2] * noise_table()[first]
         phase = make_generator("encoder", seed, "phases").random(size, dtype=np.float32)
         self._state[0] = phase * self._state[1]
         self._threads = threads or usable_cores()
         if rows is not None:
-            self._keep(rows)
+            self._select_rows(rows)
 
-    def _keep(self, rows: slice) -> None:
-        """Forget all rows but these. Noise is named by block of pixels: the first row must begin one."""
+    def _select_rows(self, rows: slice) -> None:
+        """Drop all other rows. Noise belongs to blocks of pixels, so the first row must begin one."""
         width = self.shape[1]
         first, last, _ = rows.indices(self.shape[0])
         if first >= last or first * width % LANES:
@@ -126,11 +130,11 @@ class Encoder:
         self.shape = last - first, width
         self._key = np.uint64((int(self._key) + first * width // LANES * BLOCK_KEY_STEP) % 2**64)
         self._response = self._response[pixels].copy()
-        self._fixed, self._state = self._fixed[:, pixels].copy(), self._state[:, pixels].copy()
+        self._constants, self._state = self._constants[:, pixels].copy(), self._state[:, pixels].copy()
 
     @property
     def frames(self) -> int:
-        """Readouts recorded so far."""
+        """Number of readouts recorded so far."""
         return self._frames
 
     def encode(
@@ -144,17 +148,21 @@ class Encoder:
         Parameters
         ----------
         stack : float32 (G, K, H, W), e- per readout at gain 1.
-        index, fraction : (n,), the knot before each readout and the way to the next one, 0...1.
+        index, fraction : (n,), the knot before each readout and the fraction to the next one, 0...1.
         gain : (n, G), the light schedule, at least 0.
 
         Returns
         -------
-        uint8 (H, W, ceil(n / 8)). n is a multiple of 8 in every call but the last.
+        uint8 (H, W, ceil(n / 8)); n is a multiple of 8 in every call but the last.
+
+        Raises
+        ------
+        BadInput : arrays that do not fit, values out of range, or a call after one that ended within a byte.
         """
         if self._frames % 8:
             raise BadInput(
-                f"the block before ended at readout {self._frames}",
-                allowed="blocks of a multiple of 8 readouts, but for the last",
+                f"the previous block ended at readout {self._frames}",
+                allowed="blocks of a multiple of 8 readouts, except the last",
             )
         stack = np.asarray(stack)
         if stack.dtype != np.float32 or stack.ndim != 4 or stack.shape[2:] != self.shape or 0 in stack.shape:
@@ -163,23 +171,25 @@ class Encoder:
                 allowed=f"float32 (light, focus, {self.shape[0]}, {self.shape[1]})",
             )
         groups, knots = stack.shape[:2]
-        index, fraction, gain = _schedule(index, fraction, gain, groups, knots)
+        index, fraction, gain = _checked_schedule(index, fraction, gain=gain, groups=groups, knots=knots)
         used = stack[:, index.min() : index.max() + 2]
-        if not (used.min() >= 0 and used.max() < np.inf):  # also false where a NaN is
-            raise BadInput("the charge is negative or not finite", allowed="electrons a readout, at least 0")
+        if not (used.min() >= 0 and used.max() < np.inf):  # also false for NaN
+            raise BadInput(
+                "the charge is negative or not finite", allowed="electrons per readout, at least 0"
+            )
         frames, size = index.size, self._response.size
         high = (gain * fraction[:, None]).astype(np.float32)
         low = (gain * (1.0 - fraction)[:, None]).astype(np.float32)
         flat = np.ascontiguousarray(stack).reshape(groups, knots, size)
         out = np.empty((size, -(-frames // 8)), np.uint8)
-        share = np.float32(1.0 - self.sensor.post_spike_loss)
+        weight = np.float32(1.0 - self.sensor.post_spike_loss)
         blocks = -(-size // LANES)
         cuts = np.linspace(0, blocks, min(self._threads, blocks) + 1).astype(int).tolist()
-        with ThreadPoolExecutor(self._threads) as pool:  # the kernel lets go of the interpreter's lock
+        with ThreadPoolExecutor(self._threads) as pool:  # the kernel releases the interpreter's lock
             jobs = [
                 pool.submit(
                     advance_pixels, first, stop, flat, index, low, high, self._key, self._frames,
-                    noise_table(), self._response, self._fixed, share, self._state, out,
+                    noise_table(), self._response, self._constants, weight, self._state, out,
                 )
                 for first, stop in pairwise(cuts)
             ]  # fmt: skip
@@ -189,20 +199,20 @@ class Encoder:
         return out.reshape(*self.shape, -1)
 
 
-def _fixed(sensor: Sensor, threshold: np.ndarray, dark: np.ndarray) -> np.ndarray:
-    """The kernel's constants a pixel, float32 (4, P): dark charge, mean threshold, its sd, cap."""
-    level = threshold.astype(np.float64)
+def _pixel_constants(sensor: Sensor, *, pattern: FixedPattern) -> np.ndarray:
+    """Return the kernel's constants per pixel, float32 (4, P): dark charge, mean threshold, its sd, cap."""
+    level = pattern.threshold.ravel().astype(np.float64)
     variance = np.zeros_like(level)
     if sensor.noise.shot:
         variance += level
     if sensor.noise.threshold_noise:
         variance += (sensor.threshold_noise_rms * level) ** 2
     cap = level * (sensor.max_excess_thresholds if sensor.reset == "subtract" else 0)
-    return np.stack([dark, level, np.sqrt(variance), cap]).astype(np.float32)
+    return np.stack([pattern.dark.ravel(), level, np.sqrt(variance), cap]).astype(np.float32)
 
 
-def _schedule(
-    index: np.ndarray, fraction: np.ndarray, gain: np.ndarray, groups: int, knots: int
+def _checked_schedule(
+    index: np.ndarray, fraction: np.ndarray, *, gain: np.ndarray, groups: int, knots: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     index = np.ascontiguousarray(index, dtype=np.int64)
     fraction, gain = np.asarray(fraction, np.float64), np.asarray(gain, np.float64)
@@ -213,10 +223,10 @@ def _schedule(
             allowed=f"(n,), (n,) and (n, {groups}) with n at least 1",
         )
     if not (fraction.min() >= 0 and fraction.max() <= 1):
-        raise BadInput("fraction leaves 0...1", allowed="the way from one knot to the next")
+        raise BadInput("fraction is outside 0...1", allowed="the fraction from one knot to the next")
     last = int((index + (fraction > 0)).max())
     if index.min() < 0 or last >= knots:
-        raise BadInput(f"knots {index.min()} to {last} are asked for", allowed=f"0 to {knots - 1}")
+        raise BadInput(f"index reaches from knot {index.min()} to knot {last}", allowed=f"0 to {knots - 1}")
     if not (gain.min() >= 0 and gain.max() < np.inf):
         raise BadInput("gain is negative or not finite", allowed="light gains, at least 0")
     return index, fraction, gain

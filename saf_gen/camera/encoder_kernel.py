@@ -1,10 +1,10 @@
-"""The encoder's inner loop, compiled: 64 pixels at a time, eight readouts, one byte of spikes each.
+"""The compiled inner loop of the encoder: 64 pixels at a time, eight readouts, one byte of spikes each.
 
-Every operation is one IEEE float32 operation in a fixed order and nothing is fused or reordered (no
-fastmath), so the bits are the same on every machine. Three things make it fast, all of them seen in the
-machine code: the loops over the 64 lanes hold no branch; a pixel's state stays in registers for eight
-readouts; and every index is unsigned, because numba guards signed ones against being negative, which turns
-plain loads into gathers.
+Every operation is one IEEE float32 operation in a fixed order, and nothing is fused or reordered (no
+fastmath), so the bits are the same on every machine. Three properties, visible in the machine code, make it
+fast: the loops over the 64 lanes have no branch; the state of a pixel stays in registers for eight readouts;
+and every index is unsigned, because numba guards signed ones against being negative, which turns plain loads
+into gathers.
 """
 
 from collections.abc import Callable
@@ -17,12 +17,12 @@ from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE
 
 __all__ = ["BLOCK_KEY_STEP", "advance_pixels"]
 
-BLOCK_KEY_STEP = 0xD1342543DE82EF95  # a block of pixels adds this to the key of its noise
+BLOCK_KEY_STEP = 0xD1342543DE82EF95  # added to the key of the noise from one block of pixels to the next
 
 U = np.uint64
 ZERO, ONE, EIGHT, MASK = U(0), U(1), U(8), U(NOISE_TABLE_SIZE - 1)
-_, L, L2, L3, L4, L5, L6, L7 = (U(i * LANES) for i in range(8))  # the second row of lanes, the third, ...
-HELD, THRESHOLD, SHARE, DARK, MEAN, SD, CAP = (U(i * LANES) for i in range(7))
+_, L, L2, L3, L4, L5, L6, L7 = (U(i * LANES) for i in range(8))  # starts of the rows of lanes
+HELD, THRESHOLD, WEIGHT, DARK, MEAN, SD, CAP = (U(i * LANES) for i in range(7))
 STRIDE = U(BLOCK_KEY_STEP)
 NOTHING = np.float32(-1e30)
 
@@ -43,9 +43,9 @@ def _mixed(word):
 
 
 @njit(inline="always")
-def _read(held, threshold, share, byte, flag, charge, noise, mean, sd, cap, share_after):
-    """One readout of one pixel: what it holds, its threshold, its share of the next readout, its spikes."""
-    filled = held + share * charge
+def _read(held, threshold, weight, byte, flag, charge, noise, mean, sd, cap, weight_after):
+    """Return a pixel after a readout: charge held, threshold, weight of the next readout, byte of spikes."""
+    filled = held + weight * charge
     excess = filled - threshold
     kept = excess if excess < cap else cap
     fresh = mean + sd * noise
@@ -53,14 +53,14 @@ def _read(held, threshold, share, byte, flag, charge, noise, mean, sd, cap, shar
     return (
         kept if fired else filled,
         fresh if fired else threshold,
-        share_after if fired else np.float32(1),
+        weight_after if fired else np.float32(1),
         byte | (np.uint32(flag) if fired else np.uint32(0)),
     )
 
 
 @njit(inline="always")
 def _store_eight(out, start, width, column, tile):
-    """Eight bytes of each pixel, side by side in memory: the compiler makes one store of the eight."""
+    """Store eight bytes of each pixel, side by side, so that the compiler makes one store of them."""
     for i in range(width):
         word = U(tile[i])
         word |= U(tile[L + i]) << U(8)
@@ -94,7 +94,7 @@ def advance_pixels(
     table,
     response,
     fixed,
-    share_after,
+    weight_after,
     state,
     out,
 ):
@@ -102,11 +102,10 @@ def advance_pixels(
 
     Shapes, with P pixels in blocks of 64: stack float32 (G, K, P) e- per readout; index int64 (T,);
     low_weight and high_weight float32 (T, G), the weights of knots index and index + 1 (gain included);
-    key uint64, which with the block and the number of a readout (``done`` of them came before) names the
-    place in table float32 (NOISE_TABLE_SIZE + 64,) where its noise begins; response float32 (P,); fixed
-    float32 (4, P): dark charge, mean threshold, its sd, the most charge kept over it; state float32 (3, P):
-    charge held, threshold, share of the next readout's charge that is collected; out uint8
-    (P, ceil(T/8)).
+    key uint64, which with the block and the number of a readout (after ``done`` earlier ones) determines the
+    entry of table float32 (NOISE_TABLE_SIZE + 64,) at which its noise begins; response float32 (P,); fixed
+    float32 (4, P): dark charge, mean threshold, its sd, the most charge kept above it; state float32 (3, P):
+    charge held, threshold, weight of the next readout's charge; out uint8 (P, ceil(T/8)).
     """
     groups, knots = U(stack.shape[0]), stack.shape[1]
     pixels, frames = U(stack.shape[2]), U(index.shape[0])
@@ -115,7 +114,7 @@ def advance_pixels(
     high = np.zeros(stack.shape[0] * LANES, np.float32)
     lane = np.zeros(7 * LANES, np.float32)
     charge = np.zeros(8 * LANES, np.float32)
-    place = np.zeros(8, np.uint64)
+    entry = np.zeros(8, np.uint64)
     byte = np.zeros(LANES, np.uint32)
     tile = np.zeros(8 * LANES, np.uint8)
     for block in range(U(first), U(stop)):
@@ -145,29 +144,31 @@ def advance_pixels(
                     charge[at + i] = lane[DARK + i] + (a * low[i] + b * high[i])
                 for g in range(ONE, groups):
                     a, b = low_weight[t, g], high_weight[t, g]
-                    lamp = g * L
+                    row_of_group = g * L
                     for i in range(L):
-                        charge[at + i] += a * low[lamp + i] + b * high[lamp + i]
-                place[s] = _mixed(block_key + (U(done) + t) * U(0x9E3779B97F4A7C15)) & MASK
+                        charge[at + i] += a * low[row_of_group + i] + b * high[row_of_group + i]
+                entry[s] = _mixed(block_key + (U(done) + t) * U(0x9E3779B97F4A7C15)) & MASK
             for s in range(count, EIGHT):  # after the end nothing may fire
                 for i in range(L):
                     charge[s * L + i] = NOTHING
-            p0, p1, p2, p3 = place[ZERO], place[ONE], place[U(2)], place[U(3)]
-            p4, p5, p6, p7 = place[U(4)], place[U(5)], place[U(6)], place[U(7)]
+            p0, p1, p2, p3 = entry[ZERO], entry[ONE], entry[U(2)], entry[U(3)]
+            p4, p5, p6, p7 = entry[U(4)], entry[U(5)], entry[U(6)], entry[U(7)]
             for i in range(L):
-                x, y, z = lane[HELD + i], lane[THRESHOLD + i], lane[SHARE + i]
+                x, y, z = lane[HELD + i], lane[THRESHOLD + i], lane[WEIGHT + i]
                 mean, sd, cap = lane[MEAN + i], lane[SD + i], lane[CAP + i]
                 # Written out, because numba's loops are not unrolled before they are vectorised.
                 w = np.uint32(0)
-                x, y, z, w = _read(x, y, z, w, 1, charge[i], table[p0 + i], mean, sd, cap, share_after)
-                x, y, z, w = _read(x, y, z, w, 2, charge[L + i], table[p1 + i], mean, sd, cap, share_after)
-                x, y, z, w = _read(x, y, z, w, 4, charge[L2 + i], table[p2 + i], mean, sd, cap, share_after)
-                x, y, z, w = _read(x, y, z, w, 8, charge[L3 + i], table[p3 + i], mean, sd, cap, share_after)
-                x, y, z, w = _read(x, y, z, w, 16, charge[L4 + i], table[p4 + i], mean, sd, cap, share_after)
-                x, y, z, w = _read(x, y, z, w, 32, charge[L5 + i], table[p5 + i], mean, sd, cap, share_after)
-                x, y, z, w = _read(x, y, z, w, 64, charge[L6 + i], table[p6 + i], mean, sd, cap, share_after)
-                x, y, z, w = _read(x, y, z, w, 128, charge[L7 + i], table[p7 + i], mean, sd, cap, share_after)
-                lane[HELD + i], lane[THRESHOLD + i], lane[SHARE + i], byte[i] = x, y, z, w
+                x, y, z, w = _read(x, y, z, w, 1, charge[i], table[p0 + i], mean, sd, cap, weight_after)
+                x, y, z, w = _read(x, y, z, w, 2, charge[L + i], table[p1 + i], mean, sd, cap, weight_after)
+                x, y, z, w = _read(x, y, z, w, 4, charge[L2 + i], table[p2 + i], mean, sd, cap, weight_after)
+                x, y, z, w = _read(x, y, z, w, 8, charge[L3 + i], table[p3 + i], mean, sd, cap, weight_after)
+                x, y, z, w = _read(x, y, z, w, 16, charge[L4 + i], table[p4 + i], mean, sd, cap, weight_after)
+                x, y, z, w = _read(x, y, z, w, 32, charge[L5 + i], table[p5 + i], mean, sd, cap, weight_after)
+                x, y, z, w = _read(x, y, z, w, 64, charge[L6 + i], table[p6 + i], mean, sd, cap, weight_after)
+                x, y, z, w = _read(
+                    x, y, z, w, 128, charge[L7 + i], table[p7 + i], mean, sd, cap, weight_after
+                )
+                lane[HELD + i], lane[THRESHOLD + i], lane[WEIGHT + i], byte[i] = x, y, z, w
             row = group & U(7)
             for i in range(L):
                 tile[row * L + i] = np.uint8(byte[i])

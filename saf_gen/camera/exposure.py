@@ -1,9 +1,9 @@
-"""From light to charge: irradiance through the lens, photo-electrons a readout, and the scale of exposure.
+"""From light to charge: irradiance behind a lens, photo-electrons per readout, and the scale of the exposure.
 
     E = transmission·π·R²/v²·cos⁴θ·L          Q = E·pitch²·FF·QE·λ/(h·c)/readout_hz
 
-A sensor's mean rate, in spikes a readout, follows its mean charge q: rate = q/(threshold + loss·q),
-at most 1 (16/17 with ``dead_readout``). ``loss`` is the share of its charge that the readout after a
+The mean rate of a sensor, in spikes per readout, follows from its mean charge q: q/(threshold + loss·q),
+at most 1 (16/17 with ``dead_readout``). ``loss`` is the fraction of its charge that the readout after a
 spike loses.
 """
 
@@ -51,10 +51,10 @@ def irradiance_per_radiance(
     aperture_radius_m: float,
     transmission: float = 1.0,
 ) -> np.ndarray:
-    """E/L (sr), float64 (K, H, W), for image distances (K,) in m: transmission·π·R²/v²·cos⁴θ.
+    """Return E/L (sr), transmission·π·R²/v²·cos⁴θ, float64 (K, H, W), for image distances v (K,) in m.
 
-    θ is the angle between the axis, through the middle of the array, and the line from the middle of the
-    lens to the middle of the pixel. The bellows factor is in v: it is no f-number at infinity.
+    θ is the angle between the optical axis, through the middle of the array, and the line from the middle of
+    the lens to the middle of the pixel. v includes the bellows factor.
     """
     v2 = np.square(np.asarray(image_distance, np.float64))[:, None, None]
     rows = (np.arange(shape[0]) - (shape[0] - 1) / 2) * pitch_m
@@ -65,7 +65,7 @@ def irradiance_per_radiance(
 
 
 def electrons_per_irradiance(sensor: Sensor) -> float:
-    """Photo-electrons a readout for 1 W m⁻² on the sensor."""
+    """Return the photo-electrons per readout for 1 W m⁻² on the sensor."""
     energy = sensor.pitch_m**2 * sensor.fill_factor / sensor.readout_hz
     return energy * sensor.quantum_efficiency * sensor.wavelength_m / (h * c)
 
@@ -99,9 +99,9 @@ def charge_stack(
     if not (image_distance > 0).all():
         raise BadInput(f"the image distance is {image_distance.min():g} m", allowed="metres, above 0")
     if not aperture_radius_m > 0:
-        raise BadInput(f"the aperture's radius is {aperture_radius_m:g} m", allowed="metres, above 0")
+        raise BadInput(f"the aperture radius is {aperture_radius_m:g} m", allowed="metres, above 0")
     if not 0 < transmission <= 1:
-        raise BadInput(f"the lens's transmission is {transmission:g}", allowed="above 0, at most 1")
+        raise BadInput(f"the transmission of the lens is {transmission:g}", allowed="above 0, at most 1")
     electrons = electrons_per_irradiance(sensor)
     out = np.empty(radiance.shape, np.float32)
     for k, distance in enumerate(image_distance):  # one position at a time: the stack may be large
@@ -117,11 +117,10 @@ def charge_stack(
 
 
 def mean_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Spikes a readout at a constant mean charge (e- a readout, dark charge included); any shape.
+    """Return the spikes per readout at a constant mean charge (e- per readout, with dark charge), any shape.
 
-    charge/(threshold + loss·charge), at most what the charge kept over the threshold can feed.
-
-    Exact for ``reset: subtract``. A hard reset loses the charge over the threshold and lies below.
+    The rate is charge/(threshold + loss·charge), limited by the charge that is kept above the threshold. It
+    is exact for ``reset: subtract``; a hard reset loses the charge above the threshold and gives less.
     """
     charge = np.asarray(charge, np.float64)
     return np.minimum(charge / (sensor.threshold_e + sensor.post_spike_loss * charge), _highest_rate(sensor))
@@ -130,22 +129,26 @@ def mean_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
 def exposure_scale(
     charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Sensor, mean_rate: float
 ) -> float:
-    """The factor on light that makes the target fire ``mean_rate`` spikes a readout, dark current included.
+    """Return the factor on the light that makes the target fire at a mean rate, dark current included.
+
+    The mean is over the target's pixels, by :func:`mean_firing_rate`. The factor is rounded to 20 bits, so
+    that the order in which a processor sums cannot change a spike.
 
     Parameters
     ----------
-    charge_at_best : (H, W), e- a readout of all light groups together at the target's best focus, gain 1.
+    charge_at_best : (H, W), e- per readout of all light groups at the target's best focus, gain 1.
     target : bool (H, W).
+    sensor : the sensor.
+    mean_rate : spikes per readout.
 
-    The mean is over the target's pixels through the law of :func:`mean_firing_rate`. The factor is rounded
-    to 20 bits, so that the order in which a processor adds cannot reach the spikes.
-
-    Raises BadInput for a rate at or below the dark rate, at or above the highest one, or that the target
-    cannot reach because part of it gives no light; and for a target that is empty.
+    Raises
+    ------
+    BadInput : an empty target, or a rate that is not above the dark rate, not below the highest rate, or out
+        of reach because part of the target gives no light.
     """
     light = np.asarray(charge_at_best, np.float64)[np.asarray(target, bool)]
     if light.size == 0:
-        raise BadInput("the target holds no pixel", hint="check the target's shape ids and the focus travel")
+        raise BadInput("the target has no pixel", hint="check the target's shape ids and the focus travel")
     dark = sensor.mean_dark_e
     floor = float(mean_firing_rate(np.array(dark), sensor))
     lit = float(np.mean(light > 0))
@@ -154,7 +157,7 @@ def exposure_scale(
     if not floor < mean_rate < highest:
         raise BadInput(
             f"mean_rate is {mean_rate:g}",
-            allowed=f"above the dark rate {floor:.3g} and below {highest:.3g} spikes a readout",
+            allowed=f"above the dark rate {floor:.3g} and below {highest:.3g} spikes per readout",
         )
     if not mean_rate < ceiling:
         raise BadInput(
@@ -176,11 +179,11 @@ def exposure_scale(
 
 
 def _highest_rate(sensor: Sensor) -> float:
-    """Under endless light a lit readout fires, then what it left fires, then one readout is dead."""
+    """Return the rate under unlimited light: a readout fires, what it left fires, and one readout is dead."""
     kept = sensor.max_excess_thresholds
     return (kept + 1) / (kept + 2) if sensor.saturation == "dead_readout" else 1.0
 
 
 def _charge_of(rate: float, sensor: Sensor) -> float:
-    """The mean charge that gives this rate: the law inverted."""
+    """Return the mean charge of a rate, by the inverse law."""
     return rate * sensor.threshold_e / (1 - sensor.post_spike_loss * rate)

@@ -1,4 +1,4 @@
-"""The fixed pattern of one device: how its pixels differ, once and for all."""
+"""The fixed pattern of a device: constant differences between its pixels."""
 
 from dataclasses import dataclass
 from math import exp, log
@@ -12,17 +12,17 @@ from saf_gen.core.seeds import make_generator
 
 __all__ = ["FixedPattern", "draw_fixed_pattern"]
 
-# exp, log and sin differ in the last digit between processors' libraries: maps are rounded to this share
-# of their mean, far above such differences and far below any noise, so that they cannot reach the spikes.
+# exp, log and sin differ in the last digit between processors: maps are rounded to this fraction of their
+# mean, far above such differences and far below any noise, so that they cannot change a spike.
 _GRID = 2.0**-16
 
-# Share of the array's side over which a profile varies; the calibrations show a few waves across it.
+# Fraction of the array's side over which a profile varies; calibrations show a few waves across it.
 _SMOOTH = 1 / 16
 
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """Maps of one device, float32 (row, col).
+    """The maps of a device, float32 (row, col).
 
     response : relative photo-response, mean 1.
     dark : dark charge, e- per readout.
@@ -35,42 +35,43 @@ class FixedPattern:
 
 
 def draw_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> FixedPattern:
-    """The maps of the device ``seed``, for any array shape; a term that is switched off is flat."""
+    """Return the maps of the device ``seed`` for any array shape; noise that is switched off is flat."""
     return FixedPattern(
-        response=_response(sensor, shape, seed) if sensor.noise.response else np.ones(shape, np.float32),
-        dark=_dark(sensor, shape, seed) if sensor.noise.dark else np.zeros(shape, np.float32),
-        threshold=_threshold(sensor, shape, seed),
+        response=_draw_response(sensor, shape, seed=seed)
+        if sensor.noise.response
+        else np.ones(shape, np.float32),
+        dark=_draw_dark(sensor, shape, seed=seed) if sensor.noise.dark else np.zeros(shape, np.float32),
+        threshold=_draw_threshold(sensor, shape, seed=seed),
     )
 
 
-def _on_grid(map_: np.ndarray, unit: float) -> np.ndarray:
+def _round_to_grid(map_: np.ndarray, unit: float) -> np.ndarray:
     return (np.rint(map_ / (unit * _GRID)) * (unit * _GRID)).astype(np.float32)
 
 
-def _profile(length: int, rms: float, random: np.random.Generator) -> np.ndarray:
-    """A smooth profile of mean 0 and exactly this rms."""
+def _draw_profile(length: int, rms: float, *, random: np.random.Generator) -> np.ndarray:
+    """Return a smooth profile of mean 0 and exactly this rms."""
     smooth = gaussian_filter1d(random.standard_normal(length), max(1.0, length * _SMOOTH), mode="reflect")
     smooth -= smooth.mean()
     spread = smooth.std()
-    return smooth * (rms / spread) if spread > 0 else smooth  # one pixel has no profile
+    return smooth * (rms / spread) if spread > 0 else smooth  # a single pixel has no profile
 
 
-def _response(sensor: Sensor, shape: tuple[int, int], seed: int) -> np.ndarray:
-    columns = _profile(
-        shape[1], sensor.response_column_rms, make_generator("device", seed, "response columns")
+def _draw_response(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarray:
+    column_random, row_random, white_random = (
+        make_generator("device", seed, f"response {kind}") for kind in ("columns", "rows", "white")
     )
-    rows = _profile(shape[0], sensor.response_row_rms, make_generator("device", seed, "response rows"))
-    white = (
-        make_generator("device", seed, "response white").standard_normal(shape) * sensor.response_white_rms
-    )
+    columns = _draw_profile(shape[1], sensor.response_column_rms, random=column_random)
+    rows = _draw_profile(shape[0], sensor.response_row_rms, random=row_random)
+    white = white_random.standard_normal(shape) * sensor.response_white_rms
     response = 1.0 + columns + rows[:, None] + (white - white.mean())
-    return _on_grid(np.maximum(response, 0.0), 1.0)
+    return _round_to_grid(np.maximum(response, 0.0), 1.0)
 
 
-def _dark(sensor: Sensor, shape: tuple[int, int], seed: int) -> np.ndarray:
-    """Log-normal, and hot pixels whose excess over the hot level is log-normal again, folded.
+def _draw_dark(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarray:
+    """Return log-normal dark charge with hot pixels, whose excess over the hot level is a folded log-normal.
 
-    The scale is set by expectation, not by this array's own mean: a device may well be darker.
+    The scale is set by the expectation, not by the mean of this array: a device may well be darker.
     """
     sd, factor = sensor.dark_log_sd, sensor.dark_hot_factor
     tail = float(ndtr(-log(factor) / sd)) if sd > 0 else 0.0
@@ -82,15 +83,17 @@ def _dark(sensor: Sensor, shape: tuple[int, int], seed: int) -> np.ndarray:
     hot = make_generator("device", seed, "dark hot").random(shape) < extra
     dark = median * np.where(hot, factor * np.exp(np.abs(spread)), np.exp(spread))
     return (
-        _on_grid(dark, sensor.dark_rate * sensor.threshold_e) if median > 0 else np.zeros(shape, np.float32)
+        _round_to_grid(dark, sensor.dark_rate * sensor.threshold_e)
+        if median > 0
+        else np.zeros(shape, np.float32)
     )
 
 
-def _threshold(sensor: Sensor, shape: tuple[int, int], seed: int) -> np.ndarray:
+def _draw_threshold(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarray:
     spread = np.zeros(shape)
     if sensor.noise.threshold_spread:
         spread = (
             make_generator("device", seed, "threshold").standard_normal(shape) * sensor.threshold_spread_rms
         )
-    # At the widest spread allowed (0.2) five sd would reach a threshold of 0.
-    return _on_grid(sensor.threshold_e * np.maximum(1.0 + spread, 0.25), sensor.threshold_e)
+    # At the widest allowed spread (0.2), five standard deviations would reach a threshold of 0.
+    return _round_to_grid(sensor.threshold_e * np.maximum(1.0 + spread, 0.25), sensor.threshold_e)

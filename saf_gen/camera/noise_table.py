@@ -1,11 +1,13 @@
-"""A table of normal noise: a flat spectrum of random phases, so that no entry knows its neighbours.
+"""A table of normal noise with a flat spectrum, so that its entries are uncorrelated at every distance.
 
-The encoder takes the noise of 64 neighbouring pixels from 64 neighbouring entries, from a place drawn anew
-for each readout. For one pixel the draws are then independent; two pixels of a block are as independent as
-entries a few places apart, and in a sequence whose spectrum is flat those have correlation -1/(N - 1) at
-every distance, exactly (M. R. Schroeder, Synthesis of low-peak-factor signals and binary sequences with
-low autocorrelation, IEEE Trans. Inf. Theory 16, 1970, doi:10.1109/TIT.1970.1054411). Independent normal
-draws would have left correlations of 1/sqrt(N), the same ones for every block of the array.
+The encoder takes the noise of 64 neighbouring pixels from 64 neighbouring entries, beginning at an entry
+drawn anew for each readout. The draws of one pixel are then independent. Two pixels of a block are as
+independent as entries a few positions apart, and in a sequence with a flat spectrum those have a correlation
+of exactly -1/(N - 1) at every distance [1]_. Independent normal draws would leave correlations of 1/sqrt(N),
+the same ones in every block of the array.
+
+.. [1] M. R. Schroeder, Synthesis of low-peak-factor signals and binary sequences with low autocorrelation,
+   IEEE Trans. Inf. Theory 16, 1970, doi:10.1109/TIT.1970.1054411.
 """
 
 from functools import cache
@@ -23,12 +25,11 @@ _GRID = 2.0**12
 
 @cache
 def noise_table() -> np.ndarray:
-    """Standard normal noise, float32 (NOISE_TABLE_SIZE + LANES,), read-only; the last LANES entries repeat
-    the first.
+    """Return standard normal noise, float32 (NOISE_TABLE_SIZE + LANES,), read-only.
 
-    Mean 0 and variance 1 to within 1e-6, largest value below 5. Rounded to multiples of 2⁻¹², which is
-    far below what a threshold can show and makes the table the same on machines whose sine differs in the
-    last place.
+    The last LANES entries repeat the first. Mean 0 and variance 1 are exact to 1e-6; the largest value is
+    below 5. Values are multiples of 2⁻¹², far below what a threshold resolves, which makes the table the
+    same on machines whose sine differs in the last digit.
     """
     phase = 2 * np.pi * seeds.make_generator("encoder", "noise table").random(NOISE_TABLE_SIZE // 2 - 1)
     spectrum = np.zeros(NOISE_TABLE_SIZE // 2 + 1, np.complex128)  # nothing at frequency 0: the mean is 0

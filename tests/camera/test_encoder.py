@@ -1,4 +1,4 @@
-"""The encoder against closed forms and against its slow twin."""
+"""The encoder against closed forms and against its slow reference."""
 
 import hashlib
 import os
@@ -13,7 +13,6 @@ from refusals import refusal
 from scipy import stats
 
 from saf_gen.camera import Encoder, encode, get_sensor, knot_weights
-from saf_gen.errors import BadInput
 
 THETA = 29_900.0
 QUIET = {"shot": False, "dark": False, "response": False, "threshold_spread": False, "threshold_noise": False}
@@ -38,14 +37,20 @@ def uniform(charge, shape=(40, 50)):
 
 
 def schedule(frames=404, shape=(5, 30), groups=2, seed=3):
-    """A stack of light groups passed over its knots, with moving gains: (stack, index, fraction, gain)."""
+    """Inputs of an encoder: a stack of light groups swept over its knots, with changing gains."""
     random = np.random.default_rng(seed)
     stack = random.uniform(0, 12_000, (groups, 4, *shape)).astype(np.float32)
     index, fraction = knot_weights((np.arange(frames) + 0.5) / frames, 4)
-    return stack, index, fraction, random.uniform(0.2, 2, (frames, groups))
+    gain = random.uniform(0.2, 2, (frames, groups))
+    return {"stack": stack, "index": index, "fraction": fraction, "gain": gain}
 
 
-# --- the twin ---------------------------------------------------------------------------------------
+def some_frames(inputs, frames):
+    """The inputs of some frames."""
+    return {key: value if key == "stack" else value[frames] for key, value in inputs.items()}
+
+
+# --- the reference ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -60,13 +65,11 @@ def schedule(frames=404, shape=(5, 30), groups=2, seed=3):
         {"on": tuple(QUIET), "reset_loss": 0.002},
     ],
 )
-def test_the_bits_are_those_of_the_scalar_twin(changes):
+def test_the_bits_are_those_of_the_scalar_reference(changes):
     sensor = vidar(**changes)
-    stack, index, fraction, gain = schedule()
-    fast = Encoder(sensor, (5, 30), seed=11).encode(stack, index=index, fraction=fraction, gain=gain)
-    assert np.array_equal(
-        unpacked(fast, 404), encode_reference(stack, index, fraction, gain, sensor=sensor, seed=11)
-    )
+    inputs = schedule()
+    fast = Encoder(sensor, (5, 30), seed=11).encode(**inputs)
+    assert np.array_equal(unpacked(fast, 404), encode_reference(*inputs.values(), sensor=sensor, seed=11))
 
 
 def test_intervals_are_distributed_as_with_normal_noise():
@@ -241,40 +244,36 @@ def test_each_noise_term_changes_only_what_it_should(term):
 
 @pytest.mark.parametrize("cut", [(8,), (200, 304), (8, 16, 400)])
 def test_any_cut_into_blocks_gives_the_same_bits(cut):
-    stack, index, fraction, gain = schedule()
+    inputs = schedule()
     sensor = get_sensor("vidar_400x250", threshold_e=2_000)
-    whole = Encoder(sensor, (5, 30), seed=11).encode(stack, index=index, fraction=fraction, gain=gain)
+    whole = Encoder(sensor, (5, 30), seed=11).encode(**inputs)
     encoder, parts = Encoder(sensor, (5, 30), seed=11), []
     for a, b in zip((0, *cut), (*cut, 404), strict=True):
-        parts.append(encoder.encode(stack, index=index[a:b], fraction=fraction[a:b], gain=gain[a:b]))
+        parts.append(encoder.encode(**some_frames(inputs, slice(a, b))))
     assert np.array_equal(np.concatenate(parts, axis=-1), whole)
     assert encoder.frames == 404
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_the_number_of_threads_does_not_matter(threads):
-    stack, index, fraction, gain = schedule(shape=(23, 31))
+    inputs = schedule(shape=(23, 31))
     sensor = get_sensor("vidar_400x250")
-    one = Encoder(sensor, (23, 31), seed=11, threads=1).encode(
-        stack, index=index, fraction=fraction, gain=gain
-    )
+    one = Encoder(sensor, (23, 31), seed=11, threads=1).encode(**inputs)
     assert np.array_equal(
         one,
-        Encoder(sensor, (23, 31), seed=11, threads=threads).encode(
-            stack, index=index, fraction=fraction, gain=gain
-        ),
+        Encoder(sensor, (23, 31), seed=11, threads=threads).encode(**inputs),
     )
 
 
 @pytest.mark.parametrize("rows", [slice(0, 5), slice(4, 9), slice(20, None), slice(None)])
 def test_some_rows_fire_as_they_do_in_the_whole(rows):
     """48 columns: blocks of 64 pixels begin in every fourth row."""
-    stack, index, fraction, gain = schedule(shape=(23, 48))
+    inputs = schedule(shape=(23, 48))
     sensor = get_sensor("vidar_400x250")
-    whole = Encoder(sensor, (23, 48), seed=11).encode(stack, index=index, fraction=fraction, gain=gain)
+    whole = Encoder(sensor, (23, 48), seed=11).encode(**inputs)
     some = Encoder(sensor, (23, 48), seed=11, rows=rows)
     parts = [
-        some.encode(stack[:, :, rows], index=index[t], fraction=fraction[t], gain=gain[t])
+        some.encode(**some_frames(inputs, t) | {"stack": inputs["stack"][:, :, rows]})
         for t in (slice(200), slice(200, None))
     ]
     assert np.array_equal(np.concatenate(parts, axis=-1), whole[rows])
@@ -291,10 +290,8 @@ DIGEST = "8a755ee72ea28a462ef0cffdc2717821a6eae923cb5fac8cd8e0745d97b4ab15"
 
 
 def digest_of_a_stream():
-    stack, index, fraction, gain = schedule(frames=2_000, shape=(20, 33))
-    spikes = Encoder(get_sensor("vidar_400x250"), (20, 33), seed=11).encode(
-        stack, index=index, fraction=fraction, gain=gain
-    )
+    inputs = schedule(frames=2_000, shape=(20, 33))
+    spikes = Encoder(get_sensor("vidar_400x250"), (20, 33), seed=11).encode(**inputs)
     return hashlib.sha256(spikes).hexdigest()
 
 
@@ -341,7 +338,7 @@ def test_the_last_byte_is_filled_with_zeros():
 
 
 def test_memory_does_not_grow_with_the_recording():
-    stack, index, fraction, gain = schedule(frames=800, shape=(50, 64))
+    inputs = schedule(frames=800, shape=(50, 64))
     encoder = Encoder(get_sensor("vidar_400x250"), (50, 64), seed=1)
     peaks = []
     tracemalloc.start()
@@ -349,7 +346,7 @@ def test_memory_does_not_grow_with_the_recording():
         for blocks in (2, 20):
             tracemalloc.reset_peak()
             for _ in range(blocks):
-                encoder.encode(stack, index=index, fraction=fraction, gain=gain)
+                encoder.encode(**inputs)
             peaks.append(tracemalloc.get_traced_memory()[1])
     finally:
         tracemalloc.stop()
@@ -364,38 +361,36 @@ def test_memory_does_not_grow_with_the_recording():
     [
         (uniform(-1.0), 16, "negative"),
         (uniform(np.nan), 16, "not finite"),
-        (uniform(1.0)[0], 16, "allowed: 3 axes"),
+        (uniform(1.0)[0], 16, "3 axes"),
         (uniform(1.0), 0, "frames is 0"),
         (uniform(1.0), 2.5, "frames is 2.5"),
     ],
 )
 def test_charge_and_frames_are_checked(charge, frames, message):
-    with pytest.raises(BadInput, match=message):
-        encode(charge, "ideal", frames=frames, seed=1)
+    assert message in str(refusal(encode, charge, "ideal", frames=frames, seed=1))
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"stack": np.ones((2, 4, 5, 30))}, "the stack is float64"),
-        ({"stack": np.ones((2, 4, 5, 31), np.float32)}, r"allowed: float32 \(light, focus, 5, 30\)"),
-        ({"index": np.full(404, 3)}, "knots 3 to 4 are asked for; allowed: 0 to 3"),
-        ({"fraction": np.full(404, 1.5)}, "fraction leaves"),
-        ({"gain": np.ones((404, 3))}, r"allowed: \(n,\), \(n,\) and \(n, 2\)"),
+        ({"stack": np.ones((2, 4, 5, 31), np.float32)}, "float32 (light, focus, 5, 30)"),
+        ({"index": np.full(404, 3)}, "knot 3 to knot 4; allowed: 0 to 3"),
+        ({"fraction": np.full(404, 1.5)}, "fraction is outside"),
+        ({"gain": np.ones((404, 3))}, "(n,), (n,) and (n, 2)"),
         ({"gain": np.full((404, 2), -1.0)}, "gain is negative"),
     ],
 )
 def test_a_schedule_that_does_not_fit_is_refused(changes, message):
-    given = dict(zip(("stack", "index", "fraction", "gain"), schedule(), strict=True)) | changes
-    with pytest.raises(BadInput, match=message):
-        Encoder(get_sensor("ideal"), (5, 30), seed=1).encode(**given)
+    encoder = Encoder(get_sensor("ideal"), (5, 30), seed=1)
+    assert message in str(refusal(encoder.encode, **schedule() | changes))
 
 
 def test_only_the_last_block_may_end_inside_a_byte():
-    stack, index, fraction, gain = schedule()
+    inputs = schedule()
     encoder = Encoder(get_sensor("ideal"), (5, 30), seed=1)
-    encoder.encode(stack, index=index[:13], fraction=fraction[:13], gain=gain[:13])
-    message = str(refusal(encoder.encode, stack, index=index, fraction=fraction, gain=gain))
+    encoder.encode(**some_frames(inputs, slice(13)))
+    message = str(refusal(encoder.encode, **inputs))
     assert "ended at readout 13" in message
     assert "blocks of a multiple of 8" in message
 

@@ -9,7 +9,6 @@ from refusals import refusal
 
 from saf_gen.camera import Encoder, charge_stack, encode, exposure_scale, get_sensor
 from saf_gen.camera.exposure import electrons_per_irradiance, irradiance_per_radiance, mean_firing_rate
-from saf_gen.errors import BadInput
 
 VIDAR = get_sensor("vidar_400x250")
 IDEAL = get_sensor("ideal")
@@ -104,23 +103,25 @@ def test_the_scale_hides_the_order_of_summation():
 
 
 @pytest.mark.parametrize(
-    ("mean_rate", "saturation", "message"),
+    ("mean_rate", "saturation", "allowed"),
     [
-        (0.004, "subtract", r"mean_rate is 0.004; allowed: above the dark rate 0.0045 and below 1 spikes"),
-        (1.0, "subtract", "mean_rate is 1; allowed"),
-        (0.95, "dead_readout", "below 0.941 spikes"),
-        (float("nan"), "subtract", "mean_rate is nan"),
-        (0.6, "subtract", r"only 50.0% of the target gives light; allowed: below 0.502; light the target"),
+        (0.004, "subtract", "above the dark rate 0.0045 and below 1 spikes"),
+        (1.0, "subtract", "below 1"),
+        (0.95, "dead_readout", "below 0.941"),
+        (float("nan"), "subtract", "below 1"),
+        (0.6, "subtract", "below 0.502"),
     ],
 )
-def test_a_mean_rate_out_of_reach_is_refused(mean_rate, saturation, message):
+def test_a_mean_rate_out_of_reach_is_refused(mean_rate, saturation, allowed):
     sensor = get_sensor("vidar_400x250", saturation=saturation)
-    with pytest.raises(BadInput, match=message):
-        exposure_scale(np.array([[0.0, 5.0]]), np.ones((1, 2), bool), sensor=sensor, mean_rate=mean_rate)
+    charge, target = np.array([[0.0, 5.0]]), np.ones((1, 2), bool)
+    error = refusal(exposure_scale, charge, target, sensor=sensor, mean_rate=mean_rate)
+    assert error.problem.startswith(f"mean_rate is {mean_rate:g}")
+    assert allowed in error.allowed
 
 
 def test_an_empty_target_is_refused():
-    assert "the target holds no pixel" in str(
+    assert "no pixel" in str(
         refusal(exposure_scale, np.ones((2, 2)), np.zeros((2, 2), bool), sensor=VIDAR, mean_rate=0.2)
     )
 
@@ -139,13 +140,13 @@ def test_the_law_of_rates_is_capped():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"distances": np.array([V])}, r"radiance has shape \(1, 2, 3, 4\), image_distance \(1,\)"),
-        ({"distances": np.array([V, -1])}, "image distance is -1 m"),
-        ({"aperture_radius_m": 0.0}, "aperture's radius is 0 m"),
-        ({"transmission": 1.2}, "transmission is 1.2; allowed: above 0, at most 1"),
+        ({"distances": np.array([V])}, "image_distance (1,)"),
+        ({"distances": np.array([V, -1])}, "is -1 m"),
+        ({"aperture_radius_m": 0.0}, "radius is 0 m"),
+        ({"transmission": 1.2}, "is 1.2; allowed: above 0, at most 1"),
     ],
 )
 def test_lenses_that_cannot_be_are_refused(changes, message):
     lens = Lens(**{"distances": np.array([V, V]), **changes})
-    with pytest.raises(BadInput, match=message):
-        charge_stack(np.ones((1, 2, 3, 4)), VIDAR, lens=lens, position=np.array([0, 1]))
+    radiance, position = np.ones((1, 2, 3, 4)), np.array([0, 1])
+    assert message in str(refusal(charge_stack, radiance, VIDAR, lens=lens, position=position))
