@@ -2,12 +2,11 @@
 
 import json
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import Progress, TaskID
+from rich.progress import TaskID
 from rich.table import Table
 from rich.text import Text
 
@@ -91,7 +90,10 @@ def check(
             continue
         with progress_bars() as bars:
             task = bars.add_task(f"check {name}", total=1.0)
-            advance = partial(_advance, bars, task)
+
+            def advance(done: float, task: TaskID = task) -> None:
+                bars.update(task, completed=done)
+
             for finding in check_scene(scene, camera, backend=variant, progress=advance):
                 found.append({"scene": scene.id, **asdict(finding)})
                 errors += finding.level == "error"
@@ -100,10 +102,6 @@ def check(
         out.file.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     if errors:
         raise typer.Exit(1)
-
-
-def _advance(bars: Progress, task: TaskID, *, done: float) -> None:
-    bars.update(task, completed=done)
 
 
 def _print_finding(finding: dict[str, str], as_json: bool) -> None:
