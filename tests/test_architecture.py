@@ -61,7 +61,6 @@ NOT_YET_KEYWORD_ONLY = {
     "camera/fixed_pattern.py: _profile",
     "camera/fixed_pattern.py: _response",
     "camera/fixed_pattern.py: _threshold",
-    "core/config/presets.py: between",
     "leaderboard/axes.py: _tabulate",
     "leaderboard/curve_quality.py: _foot",
     "leaderboard/figures/_answer_rows.py: draw_answer_rows",

@@ -34,8 +34,8 @@ class NoiseSwitches:
 
 # The ranges are wide, and narrow enough to refuse a pitch in micrometres, a wavelength in nanometres or an
 # rms in percent.
-PixelCount = Annotated[int, between(1, 16_384, "pixels", whole=True)]
-ResponseRms = Annotated[float, between(0, 0.3, "of the mean")]
+PixelCount = Annotated[int, between(1, 16_384, unit="pixels", whole=True)]
+ResponseRms = Annotated[float, between(0, 0.3, unit="of the mean")]
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -61,24 +61,24 @@ class Sensor:
     name: Text
     rows: PixelCount
     columns: PixelCount
-    pitch_m: Annotated[float, between(2e-7, 1e-3, "metres")]
-    readout_hz: Annotated[float, between(1, 1e7, "hertz")]
-    threshold_e: Annotated[float, between(1e-3, 1e7, "electrons")]
-    quantum_efficiency: Annotated[float, between(1e-4, 1, "electrons per photon")]
-    fill_factor: Annotated[float, between(1e-4, 1, "of the pixel's area")]
-    wavelength_m: Annotated[float, between(1e-7, 1e-5, "metres")]
+    pitch_m: Annotated[float, between(2e-7, 1e-3, unit="metres")]
+    readout_hz: Annotated[float, between(1, 1e7, unit="hertz")]
+    threshold_e: Annotated[float, between(1e-3, 1e7, unit="electrons")]
+    quantum_efficiency: Annotated[float, between(1e-4, 1, unit="electrons per photon")]
+    fill_factor: Annotated[float, between(1e-4, 1, unit="of the pixel's area")]
+    wavelength_m: Annotated[float, between(1e-7, 1e-5, unit="metres")]
     reset: Literal["subtract", "hard"]
     saturation: Literal["subtract", "dead_readout"]
-    reset_loss: Annotated[float, between(0, 1, "of the next readout's charge")]
-    dark_rate: Annotated[float, between(0, 0.5, "spikes per readout")]
-    dark_log_sd: Annotated[float, between(0, 2, "(standard deviation of the natural logarithm)")]
-    dark_hot_fraction: Annotated[float, between(0, 0.1, "of all pixels")]
-    dark_hot_factor: Annotated[float, between(1, 1000, "times the median")]
+    reset_loss: Annotated[float, between(0, 1, unit="of the next readout's charge")]
+    dark_rate: Annotated[float, between(0, 0.5, unit="spikes per readout")]
+    dark_log_sd: Annotated[float, between(0, 2, unit="(standard deviation of the natural logarithm)")]
+    dark_hot_fraction: Annotated[float, between(0, 0.1, unit="of all pixels")]
+    dark_hot_factor: Annotated[float, between(1, 1000, unit="times the median")]
     response_column_rms: ResponseRms
     response_row_rms: ResponseRms
     response_white_rms: ResponseRms
-    threshold_spread_rms: Annotated[float, between(0, 0.2, "of the mean")]
-    threshold_noise_rms: Annotated[float, between(0, 0.2, "of the threshold")]
+    threshold_spread_rms: Annotated[float, between(0, 0.2, unit="of the mean")]
+    threshold_noise_rms: Annotated[float, between(0, 0.2, unit="of the threshold")]
     noise: NoiseSwitches
     sources: Sources
 

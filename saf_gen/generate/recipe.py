@@ -20,7 +20,7 @@ __all__ = [
     "CameraSettings",
     "ExposureSettings",
     "FocusSettings",
-    "NoiseSwitches",
+    "NoiseSettings",
     "Recipe",
     "RenderSettings",
     "SplitSettings",
@@ -51,7 +51,7 @@ class ExposureSettings(FrozenModel):
         return self
 
 
-class NoiseSwitches(FrozenModel):
+class NoiseSettings(FrozenModel):
     """Which of the sensor's imperfections act; None leaves one as the sensor has it."""
 
     shot: bool | None = None
@@ -67,7 +67,7 @@ class CameraSettings(FrozenModel):
     sensor: str
     frames: int = Field(ge=16, le=10_000_000)
     exposure: ExposureSettings
-    noise: NoiseSwitches = NoiseSwitches()
+    noise: NoiseSettings = NoiseSettings()
     reset: Literal["subtract", "hard"] | None = None
     saturation: Literal["subtract", "dead_readout"] | None = None
 

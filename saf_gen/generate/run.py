@@ -55,7 +55,7 @@ class GenerationResult:
 
 
 def generate(
-    work: ResolvedRecipe,
+    resolved: ResolvedRecipe,
     folder: str | Path | None = None,
     *,
     workers: int = 1,
@@ -70,7 +70,7 @@ def generate(
 
     Parameters
     ----------
-    work : what :func:`saf_gen.generate.resolve.resolve_recipe` returns.
+    resolved : what :func:`saf_gen.generate.resolve.resolve_recipe` returns.
     folder : the dataset's folder; by default ``datasets`` and the recipe's name.
     workers : sequences recorded at a time.
     variant : the rendering backend: "auto", "cuda", "llvm" or "scalar".
@@ -84,21 +84,21 @@ def generate(
     """
     if variant not in BACKENDS:
         raise unknown("variant", variant, allowed=BACKENDS)
-    folder = (Path(folder) if folder is not None else Path("datasets") / work.recipe.name).resolve()
+    folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
     stacks = folder / "stacks"
-    to_render = work.stacks_to_render(folder)
+    to_render = resolved.stacks_to_render(folder)
     backend_name = _choose_backend(variant) if to_render else variant
-    _check_folder(work, folder)
-    if cluster is None and len(work.sequences) == len(work.plan):
+    _check_folder(resolved, folder)
+    if cluster is None and len(resolved.sequences) == len(resolved.plan):
         remove_stale_temporaries(folder)  # a shard or a cluster has neighbours at work in the folder
     recorder = Recorder(
-        sensor=work.sensor,
-        frames=work.recipe.camera.frames,
-        device_seed=seeds.derive_seed(work.recipe.seed, "device"),
-        provenance=_provenance(work),
+        sensor=resolved.sensor,
+        frames=resolved.recipe.camera.frames,
+        device_seed=seeds.derive_seed(resolved.recipe.seed, "device"),
+        provenance=_provenance(resolved),
     )
     threads = max(1, usable_cores() // workers)
-    by_stack = work.sequences_by_stack()
+    by_stack = resolved.sequences_by_stack()
 
     def record_jobs(stack: TimeResolvedStack) -> Iterator[RecordJob]:
         users = by_stack.get(stack, [])
@@ -130,8 +130,8 @@ def generate(
             rendered += [f"{job.label} · {piece}" for piece in result]
         else:
             (kept if result.kept else recorded).append(job.sequence.id)
-    manifest = _write_manifest(work, folder)
-    _write_previews(work, folder)
+    manifest = _write_manifest(resolved, folder)
+    _write_previews(resolved, folder)
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed)
 
 
@@ -142,28 +142,28 @@ def _choose_backend(requested: str) -> str:
     return backend.choose_backend(requested)
 
 
-def _provenance(work: ResolvedRecipe) -> dict[str, str]:
+def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     versions = {"saf_gen": saf_gen.__version__, "python": platform.python_version()}
     versions |= {name: version(name) for name in PACKAGES}
     return {
-        "recipe": yaml.safe_dump(work.recipe.model_dump(mode="json"), sort_keys=False),
-        "recipe_fingerprint": recipe_fingerprint(work.recipe),
-        "sensor": yaml.safe_dump(asdict(work.sensor), sort_keys=False),
+        "recipe": yaml.safe_dump(resolved.recipe.model_dump(mode="json"), sort_keys=False),
+        "recipe_fingerprint": recipe_fingerprint(resolved.recipe),
+        "sensor": yaml.safe_dump(asdict(resolved.sensor), sort_keys=False),
         "versions": json.dumps(versions, indent=1),
     }
 
 
-def _check_folder(work: ResolvedRecipe, folder: Path) -> None:
+def _check_folder(resolved: ResolvedRecipe, folder: Path) -> None:
     if (folder / "manifest.json").exists():
         name = read_manifest(folder).name
-        if name != work.recipe.name:
+        if name != resolved.recipe.name:
             raise BadInput(
-                f"{folder} holds the dataset {name!r}, the recipe makes {work.recipe.name!r}",
+                f"{folder} holds the dataset {name!r}, the recipe makes {resolved.recipe.name!r}",
                 hint="give another folder with --out",
             )
     check_writable(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    needed, free = work.estimate_bytes(folder), shutil.disk_usage(folder).free
+    needed, free = resolved.estimate_bytes(folder), shutil.disk_usage(folder).free
     if needed > free:
         raise BadInput(
             f"the dataset needs about {needed / 1e6:,.0f} MB in {folder}, {free / 1e6:,.0f} MB are free",
@@ -171,17 +171,17 @@ def _check_folder(work: ResolvedRecipe, folder: Path) -> None:
         )
 
 
-def _write_previews(work: ResolvedRecipe, folder: Path) -> None:
+def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
     """Write a contact sheet of every still scene whose focal stack is whole and that has none yet."""
-    for stack in work.sequences_by_stack():
+    for stack in resolved.sequences_by_stack():
         spec = stack.specs[0]
         sheet = folder / "preview" / f"{spec.key}.png"
         store = StackStore(folder / "stacks", spec)
         if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
-            write_preview(store.load(), work.sensor, path=sheet)
+            write_preview(store.load(), resolved.sensor, path=sheet)
 
 
-def _write_manifest(work: ResolvedRecipe, folder: Path) -> Manifest:
+def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
     """Write manifest.json and README.md over the finished sequences of the recipe, those of other shards too.
 
     The files themselves are read: nothing is listed that this recipe would make otherwise, and shards that
@@ -190,21 +190,23 @@ def _write_manifest(work: ResolvedRecipe, folder: Path) -> Manifest:
     stacks = folder / "stacks"
     digests: dict[TimeResolvedStack, str | None] = {}
     entries = []
-    for sequence in work.plan:
+    for sequence in resolved.plan:
         stack = sequence.time_stack
         if stack not in digests:
             digests[stack] = None if stack.find_missing(stacks) else stack.digest(stacks)
         entries.append(_entry(sequence, folder, stack_digest=digests[stack]))
-    specs = (spec for stack in work.sequences_by_stack() for spec in stack.specs)
+    specs = (spec for stack in resolved.sequences_by_stack() for spec in stack.specs)
     backends: set[str] = set().union(*(StackStore(stacks, spec).backends() for spec in specs))
     manifest = Manifest(
-        name=work.recipe.name,
-        recipe_fingerprint=recipe_fingerprint(work.recipe),
+        name=resolved.recipe.name,
+        recipe_fingerprint=recipe_fingerprint(resolved.recipe),
         variant=", ".join(sorted(backends)),
         sequences=tuple(entry for entry in entries if entry is not None),
     )
     write_manifest(folder, manifest)
-    write_dataset_card(folder, work.recipe, manifest=manifest, scenes=[s.card for s in work.scenes.values()])
+    write_dataset_card(
+        folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()]
+    )
     return manifest
 
 

@@ -34,7 +34,7 @@ def _is_exponent(value: Any) -> bool:
         return False
 
 
-def between(least: float, most: float, unit: str, *, whole: bool = False) -> PlainValidator:
+def between(least: float, most: float, *, unit: str, whole: bool = False) -> PlainValidator:
     """Return the check of a number from ``least`` to ``most``, both allowed; a whole number stays one."""
     kind = "a whole number " if whole else ""
     return PlainValidator(

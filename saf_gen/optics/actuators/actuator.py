@@ -46,16 +46,16 @@ class Actuator:
     """
 
     name: Text
-    speed: Annotated[float, between(1e-3, 1e6, "travels per second")]
-    acceleration: Annotated[float, between(1e-3, 1e12, "travels per second squared")]
-    resonance_hz: Annotated[float, between(0.1, 1e6, "hertz")]
-    damping: Annotated[float, between(0.01, 10, "of the critical damping")]
-    backlash: Annotated[float, between(0, 0.2, "of the travel")]
-    step: Annotated[float, between(0, 0.1, "of the travel, 0 for no steps")]
-    place_rms: Annotated[float, between(0, 0.3, "of the move")]
+    speed: Annotated[float, between(1e-3, 1e6, unit="travels per second")]
+    acceleration: Annotated[float, between(1e-3, 1e12, unit="travels per second squared")]
+    resonance_hz: Annotated[float, between(0.1, 1e6, unit="hertz")]
+    damping: Annotated[float, between(0.01, 10, unit="of the critical damping")]
+    backlash: Annotated[float, between(0, 0.2, unit="of the travel")]
+    step: Annotated[float, between(0, 0.1, unit="of the travel, 0 for no steps")]
+    place_rms: Annotated[float, between(0, 0.3, unit="of the move")]
     reads: Literal["lens", "motor"]
-    position_noise_rms: Annotated[float, between(0, 0.1, "of the travel")]
-    latency_s: Annotated[float, between(0, 1, "seconds")]
+    position_noise_rms: Annotated[float, between(0, 0.1, unit="of the travel")]
+    latency_s: Annotated[float, between(0, 1, unit="seconds")]
     sources: Sources
 
     @property
