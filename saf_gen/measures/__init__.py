@@ -76,8 +76,7 @@ class IntervalTexture:
 
     References
     ----------
-    Zhu et al., "A Retina-inspired Sampling Method for Visual Texture Reconstruction", ICME 2019,
-    doi:10.1109/ICME.2019.00248.
+    Zhu et al., ICME 2019, doi:10.1109/ICME.2019.00248.
     """
 
     measure: Measure

@@ -21,10 +21,8 @@ class Brenner:
 
     References
     ----------
-    .. [1] Brenner et al., "An automated microscope for cytologic research", J. Histochemistry and
-       Cytochemistry 24(1), 1976, doi:10.1177/24.1.1254907.
-    .. [2] Santos et al., "Evaluation of autofocus functions in molecular cytogenetic analysis", J. Microscopy
-       188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x.
+    .. [1] Brenner et al., J. Histochemistry and Cytochemistry 24(1), 1976, doi:10.1177/24.1.1254907.
+    .. [2] Santos et al., J. Microscopy 188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x.
     """
 
     degree: ClassVar[int] = 2

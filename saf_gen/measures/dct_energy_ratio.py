@@ -27,9 +27,8 @@ class DctEnergyRatio:
 
     References
     ----------
-    .. [1] Shen and Chen, "Robust focus measure for low-contrast images", ICCE 2006; DCTE in Pertuz et al.,
-       "Analysis of focus measure operators for shape-from-focus", Pattern Recognition 46(5), 2013,
-       doi:10.1016/j.patcog.2012.11.011.
+    .. [1] Shen and Chen, ICCE 2006; DCTE in Pertuz et al., "Analysis of focus measure operators for
+       shape-from-focus", Pattern Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
     .. [2] Order 2: Lee et al., IEEE Signal Processing Letters 16(2), 2009, doi:10.1109/LSP.2008.2008938.
     """
 

@@ -21,8 +21,7 @@ class EnergyOfLaplacian:
 
     References
     ----------
-    .. [1] Subbarao, Choi and Nikzad, "Focusing techniques", Optical Engineering 32(11), 1993,
-       doi:10.1117/12.147706.
+    .. [1] Subbarao, Choi and Nikzad, Optical Engineering 32(11), 1993, doi:10.1117/12.147706.
     .. [2] The kernel is that of Sun, Duthaler and Nelson, "Autofocusing in computer microscopy", Microscopy
        Research and Technique 65(3), 2004, doi:10.1002/jemt.20118.
     """

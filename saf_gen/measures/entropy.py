@@ -25,10 +25,8 @@ class HistogramEntropy:
 
     References
     ----------
-    .. [1] Firestone et al., "Comparison of autofocus methods for automated microscopy", Cytometry 12(3),
-       1991, doi:10.1002/cyto.990120302.
-    .. [2] HISE in Pertuz et al., "Analysis of focus measure operators for shape-from-focus", Pattern
-       Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
+    .. [1] Firestone et al., Cytometry 12(3), 1991, doi:10.1002/cyto.990120302.
+    .. [2] HISE in Pertuz et al., Pattern Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
     """
 
     degree: ClassVar[int] = 0

@@ -18,8 +18,7 @@ class EventRateCount:
 
     References
     ----------
-    Events are replaced by spikes in Lin et al., "Autofocus for Event Cameras", CVPR 2022,
-    doi:10.1109/CVPR52688.2022.01586.
+    Events are replaced by spikes in Lin et al., CVPR 2022, doi:10.1109/CVPR52688.2022.01586.
     """
 
     degree: ClassVar[int] = 1

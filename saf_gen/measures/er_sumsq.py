@@ -14,13 +14,11 @@ class EventRateSquares:
     """Sum of squared counts, Σc²: it follows the light by construction (sd_code = er_sumsq/ū² − N).
 
     Never rises when a periodic scene is blurred further.
-
     Range 0 to N·n² for N pixels and n frames; degree 2; cost 2: a multiplication and an addition per pixel.
 
     References
     ----------
-    .. [1] Released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-       doi:10.1109/CVPR52733.2024.02363.
+    .. [1] Released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     .. [2] Lin et al., "Autofocus for Event Cameras", CVPR 2022, doi:10.1109/CVPR52688.2022.01586.
     """
 

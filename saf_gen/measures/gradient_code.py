@@ -21,8 +21,7 @@ class GradientMagnitude:
 
     References
     ----------
-    Released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-    doi:10.1109/CVPR52733.2024.02363.
+    Released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     """
 
     degree: ClassVar[int] = 1

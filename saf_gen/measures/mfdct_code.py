@@ -25,10 +25,8 @@ class MidFrequencyDctTiles:
 
     References
     ----------
-    .. [1] Released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-       doi:10.1109/CVPR52733.2024.02363.
-    .. [2] Lee et al., "Enhanced Autofocus Algorithm Using Robust Focus Measure and Fuzzy Reasoning", IEEE
-       TCSVT 18(9), 2008, doi:10.1109/TCSVT.2008.924105.
+    .. [1] Released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
+    .. [2] Lee et al., IEEE TCSVT 18(9), 2008, doi:10.1109/TCSVT.2008.924105.
     """
 
     degree: ClassVar[int] = 2

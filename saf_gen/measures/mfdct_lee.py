@@ -20,8 +20,7 @@ class MidFrequencyDct:
 
     References
     ----------
-    Lee et al., "Enhanced Autofocus Algorithm Using Robust Focus Measure and Fuzzy Reasoning", IEEE TCSVT
-    18(9), 2008, doi:10.1109/TCSVT.2008.924105.
+    Lee et al., IEEE TCSVT 18(9), 2008, doi:10.1109/TCSVT.2008.924105.
     """
 
     degree: ClassVar[int] = 2

@@ -22,10 +22,8 @@ class MidBandPower:
 
     References
     ----------
-    .. [1] Oliva, Bravo-Zanoguera and Price, "Filtering out contrast reversals for microscopy autofocus",
-       Applied Optics 38(4), 1999, doi:10.1364/AO.38.000638.
-    .. [2] Firestone et al., "Comparison of autofocus methods for automated microscopy", Cytometry 12(3),
-       1991, doi:10.1002/cyto.990120302.
+    .. [1] Oliva, Bravo-Zanoguera and Price, Applied Optics 38(4), 1999, doi:10.1364/AO.38.000638.
+    .. [2] Firestone et al., Cytometry 12(3), 1991, doi:10.1002/cyto.990120302.
     """
 
     lowest: float = 0.125

@@ -22,10 +22,8 @@ class NormalisedVariance:
 
     References
     ----------
-    .. [1] Groen, Young and Ligthart, "A comparison of different focus functions for use in autofocus
-       algorithms", Cytometry 6(2), 1985, doi:10.1002/cyto.990060202.
-    .. [2] Sun, Duthaler and Nelson, "Autofocusing in computer microscopy", Microscopy Research and Technique
-       65(3), 2004, doi:10.1002/jemt.20118.
+    .. [1] Groen, Young and Ligthart, Cytometry 6(2), 1985, doi:10.1002/cyto.990060202.
+    .. [2] Sun, Duthaler and Nelson, Microscopy Research and Technique 65(3), 2004, doi:10.1002/jemt.20118.
     """
 
     degree: ClassVar[int] = 1

@@ -19,8 +19,7 @@ class SpikeDispersion:
 
     References
     ----------
-    Equation 12 of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-    doi:10.1109/CVPR52733.2024.02363.
+    Equation 12 of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     """
 
     degree: ClassVar[int] = 0

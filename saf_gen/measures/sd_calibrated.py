@@ -28,8 +28,7 @@ class SpikeDispersionCalibrated:
 
     References
     ----------
-    This project, after equation 12 of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-    doi:10.1109/CVPR52733.2024.02363.
+    This project, after equation 12 of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     """
 
     dark: float = 0.0045

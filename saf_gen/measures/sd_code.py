@@ -18,8 +18,7 @@ class SpikeDispersionCode:
 
     References
     ----------
-    Equation 6 and the released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-    doi:10.1109/CVPR52733.2024.02363.
+    Equation 6 and the released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     """
 
     degree: ClassVar[int] = 0

@@ -21,10 +21,8 @@ class SquaredGradient:
 
     References
     ----------
-    .. [1] Santos et al., "Evaluation of autofocus functions in molecular cytogenetic analysis", J. Microscopy
-       188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x.
-    .. [2] GRAS in Pertuz et al., "Analysis of focus measure operators for shape-from-focus", Pattern
-       Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
+    .. [1] Santos et al., J. Microscopy 188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x.
+    .. [2] GRAS in Pertuz et al., Pattern Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
     """
 
     degree: ClassVar[int] = 2

@@ -22,8 +22,7 @@ class Tenengrad:
     References
     ----------
     .. [1] Krotkov, "Focusing", International J. Computer Vision 1(3), 1988, doi:10.1007/BF00127822.
-    .. [2] TENG in Pertuz et al., "Analysis of focus measure operators for shape-from-focus", Pattern
-       Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
+    .. [2] TENG in Pertuz et al., Pattern Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
     """
 
     degree: ClassVar[int] = 2

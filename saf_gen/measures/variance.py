@@ -14,13 +14,11 @@ class Variance:
     """Variance over pixels, V = mean of (c − ū)². Divided by brightness, ``variance_n``, it is ``sd``.
 
     Never rises when a periodic scene is blurred further.
-
     Range from 0, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
 
     References
     ----------
-    Groen, Young and Ligthart, "A comparison of different focus functions for use in autofocus algorithms",
-    Cytometry 6(2), 1985, doi:10.1002/cyto.990060202.
+    Groen, Young and Ligthart, Cytometry 6(2), 1985, doi:10.1002/cyto.990060202.
     """
 
     degree: ClassVar[int] = 2

@@ -21,10 +21,8 @@ class VarianceOfLaplacian:
 
     References
     ----------
-    .. [1] Pech-Pacheco et al., "Diatom autofocusing in brightfield microscopy", ICPR 2000,
-       doi:10.1109/ICPR.2000.903548.
-    .. [2] LAPV in Pertuz et al., "Analysis of focus measure operators for shape-from-focus", Pattern
-       Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
+    .. [1] Pech-Pacheco et al., ICPR 2000, doi:10.1109/ICPR.2000.903548.
+    .. [2] LAPV in Pertuz et al., Pattern Recognition 46(5), 2013, doi:10.1016/j.patcog.2012.11.011.
     """
 
     degree: ClassVar[int] = 2

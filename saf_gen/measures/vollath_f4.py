@@ -21,10 +21,8 @@ class VollathF4:
 
     References
     ----------
-    .. [1] Vollath, "Automatic focusing by correlative methods", J. Microscopy 147(3), 1987,
-       doi:10.1111/j.1365-2818.1987.tb02839.x.
-    .. [2] F4 in Santos et al., "Evaluation of autofocus functions in molecular cytogenetic analysis", J.
-       Microscopy 188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x.
+    .. [1] Vollath, J. Microscopy 147(3), 1987, doi:10.1111/j.1365-2818.1987.tb02839.x.
+    .. [2] F4 in Santos et al., J. Microscopy 188(3), 1997, doi:10.1046/j.1365-2818.1997.2630819.x.
     """
 
     degree: ClassVar[int] = 2

@@ -21,8 +21,7 @@ class VollathF5:
 
     References
     ----------
-    Vollath, "The influence of the scene parameters and of noise on the behaviour of automatic focusing
-    algorithms", J. Microscopy 151(2), 1988, doi:10.1111/j.1365-2818.1988.tb04620.x.
+    Vollath, J. Microscopy 151(2), 1988, doi:10.1111/j.1365-2818.1988.tb04620.x.
     """
 
     degree: ClassVar[int] = 2

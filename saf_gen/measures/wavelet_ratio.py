@@ -31,8 +31,7 @@ class WaveletRatio:
 
     References
     ----------
-    .. [1] Kautsky et al., "A new wavelet-based measure of image focus", Pattern Recognition Letters 23(14),
-       2002, doi:10.1016/S0167-8655(02)00152-6.
+    .. [1] Kautsky et al., Pattern Recognition Letters 23(14), 2002, doi:10.1016/S0167-8655(02)00152-6.
     .. [2] Xie, Rong and Sun, IROS 2006, doi:10.1109/IROS.2006.282641.
     .. [3] D6: Yang and Nelson, "Wavelet-based autofocusing and unsupervised segmentation", IROS 2003.
     """

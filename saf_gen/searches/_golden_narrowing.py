@@ -30,8 +30,7 @@ def check_narrowing(threshold: float, ratio: float) -> None:
         raise BadInput(f"threshold is {threshold!r}", allowed="frames, a number of at least 1")
     if not 0.5 <= ratio < 1:
         raise BadInput(
-            f"ratio is {ratio!r}",
-            allowed="0.5 up to but not 1, so that the two windows cover the interval",
+            f"ratio is {ratio!r}", allowed="0.5 up to but not 1, so that the two windows cover the interval"
         )
 
 

@@ -4,12 +4,7 @@ import math
 from dataclasses import dataclass
 
 from saf_gen.errors import BadInput
-from saf_gen.searches._lens_commanding import (
-    FocusSampler,
-    LensCommandingSearch,
-    check_steps,
-    divide_evenly,
-)
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_steps, divide_evenly
 from saf_gen.searches._windows import check_frame_count
 
 

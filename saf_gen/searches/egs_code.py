@@ -25,8 +25,7 @@ class GoldenSearchCode:
     References
     ----------
     .. [1] Lin et al., "Autofocus for Event Cameras", CVPR 2022, doi:10.1109/CVPR52688.2022.01586.
-    .. [2] Released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-       doi:10.1109/CVPR52733.2024.02363.
+    .. [2] Released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     """
 
     threshold: float = THRESHOLD

@@ -16,10 +16,8 @@ class Fibonacci(BracketingSearch):
 
     References
     ----------
-    .. [1] Kiefer, "Sequential minimax search for a maximum", Proc. American Mathematical Society 4(3), 1953,
-       doi:10.1090/S0002-9939-1953-0055639-3.
-    .. [2] For focusing: Krotkov, "Focusing", International J. Computer Vision 1(3), 1988,
-       doi:10.1007/BF00127822.
+    .. [1] Kiefer, Proc. American Mathematical Society 4(3), 1953, doi:10.1090/S0002-9939-1953-0055639-3.
+    .. [2] For focusing: Krotkov, International J. Computer Vision 1(3), 1988, doi:10.1007/BF00127822.
     """
 
     def seek_focus(self, sample: FocusSampler) -> str:

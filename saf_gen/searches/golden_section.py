@@ -21,8 +21,7 @@ class GoldenSection(BracketingSearch):
 
     References
     ----------
-    Kiefer, "Sequential minimax search for a maximum", Proc. American Mathematical Society 4(3), 1953,
-    doi:10.1090/S0002-9939-1953-0055639-3.
+    Kiefer, Proc. American Mathematical Society 4(3), 1953, doi:10.1090/S0002-9939-1953-0055639-3.
     """
 
     def seek_focus(self, sample: FocusSampler) -> str:

@@ -18,8 +18,7 @@ class Naive:
 
     References
     ----------
-    .. [1] Section 4.3 of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-       doi:10.1109/CVPR52733.2024.02363.
+    .. [1] Section 4.3 of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     .. [2] Lin et al., "Autofocus for Event Cameras", CVPR 2022, doi:10.1109/CVPR52688.2022.01586.
     """
 

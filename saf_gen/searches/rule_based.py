@@ -30,8 +30,7 @@ class RuleBased(LensCommandingSearch):
 
     References
     ----------
-    Kehtarnavaz and Oh, "Development and real-time implementation of a rule-based auto-focus algorithm",
-    Real-Time Imaging 9(3), 2003, doi:10.1016/S1077-2014(03)00037-8.
+    Kehtarnavaz and Oh, Real-Time Imaging 9(3), 2003, doi:10.1016/S1077-2014(03)00037-8.
     """
 
     coarse: float = 0.08

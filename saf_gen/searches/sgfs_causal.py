@@ -22,8 +22,7 @@ class GoldenFastSearchCausal:
 
     References
     ----------
-    This project, after the released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR
-    2024, doi:10.1109/CVPR52733.2024.02363.
+    This project, after the released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
     """
 
     dt: int = 100

@@ -5,12 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden_narrowing import (
-    RATIO,
-    count_blocks,
-    half_score_difference,
-    narrow_as_released,
-)
+from saf_gen.searches._golden_narrowing import RATIO, count_blocks, half_score_difference, narrow_as_released
 from saf_gen.searches._windows import check_frame_count
 
 
@@ -26,8 +21,7 @@ class GoldenFastSearchCode:
 
     References
     ----------
-    Released code of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
-    doi:10.1109/CVPR52733.2024.02363; its printed Algorithm 1 differs.
+    Released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363; its printed Algorithm 1 differs.
     """
 
     dt: int = 100

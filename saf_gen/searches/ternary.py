@@ -17,9 +17,8 @@ class Ternary(BracketingSearch):
 
     References
     ----------
-    The textbook search of a unimodal function, without reuse of samples; its bounds are in Kiefer,
-    "Sequential minimax search for a maximum", Proc. American Mathematical Society 4(3), 1953,
-    doi:10.1090/S0002-9939-1953-0055639-3.
+    The textbook search of a unimodal function, without reuse of samples; its bounds are in Kiefer, Proc.
+    American Mathematical Society 4(3), 1953, doi:10.1090/S0002-9939-1953-0055639-3.
     """
 
     def seek_focus(self, sample: FocusSampler) -> str:

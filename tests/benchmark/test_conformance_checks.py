@@ -26,7 +26,13 @@ from saf_gen.parts import Answer
 from saf_gen.stream.stream_file import open_stream
 
 SOON = CheckLimits(scores=50_000)  # ten times what the sound searches here ask for
+HERE = r"\(test_conformance_checks.py, line \d+\)"
 BRIEF = CheckLimits(seconds=0.5)  # for plug-ins that never end
+
+
+def describe(value):
+    """Name a case by its check and words."""
+    return value if isinstance(value, str) else ""
 
 
 def sum_of_squares(self, counts):
@@ -76,88 +82,40 @@ def measure_of(call=sum_of_squares, *, frozen=True, **members):
     return plug_in_of({"degree": 2, "score_range": "from 0", "__call__": call} | members, frozen=frozen)
 
 
-def of_plain_class(**members):
-    return type("Plain", (), {"__doc__": "Plain.", "source": "this test", **members})()
+class Plain:
+    """A class that is no dataclass."""
 
 
-MEASURES = [
+BROKEN_MEASURES = [
     ("described", "its dataclass is not frozen", measure_of(frozen=False)),
     ("described", "its class has no docstring", measure_of(__doc__=None)),
     ("described", "it cites no source", measure_of(source=" ")),
-    (
-        "described",
-        "is no dataclass",
-        of_plain_class(degree=2, score_range="from 0", __call__=sum_of_squares),
-    ),
+    ("described", "is no dataclass", Plain()),
     ("stated", "its degree is 0.5", measure_of(degree=0.5)),
     ("stated", "its degree is -1, below 0", measure_of(degree=-1)),
     ("stated", "it states no range", measure_of(score_range="")),
-    ("stated", "its cost is 0.0", measure_of(cost=0.0)),
-    ("stated", "its cost is inf", measure_of(cost=math.inf)),
-    ("stated", "its cost is 'cheap'", measure_of(cost="cheap")),
-    ("stated", "its cost is True", measure_of(cost=True)),
+    *(("stated", f"its cost is {cost!r}", measure_of(cost=cost)) for cost in (0.0, math.inf, "cheap", True)),
     ("finite", "random counts is no float: int", measure_of(lambda s, c: int((c.astype(int) ** 2).sum()))),
     ("finite", "the score of random counts is inf", measure_of(lambda s, c: math.inf)),
-    (
-        "finite",
-        "the score of empty counts is nan",
-        measure_of(partialmethod(contrast, empty=math.nan), degree=0),
-    ),
-    (
-        "finite",
-        r"ZeroDivisionError: .* \(test_conformance_checks.py, line \d+\), for empty counts \(20, 30\)",
-        measure_of(lambda s, c: sum_of_squares(s, c) / int(c.max()), degree=1),
-    ),
-    (
-        "finite",
-        r"IndexError: .*for one-pixel counts \(1, 1\)",
-        measure_of(lambda s, c: float(c[0, 1]) + float(c.sum()), degree=1),
-    ),
+    ("finite", "empty counts is nan", measure_of(partialmethod(contrast, empty=math.nan), degree=0)),
+    ("finite", rf"ZeroDivisionError: .*{HERE}, for empty", measure_of(lambda s, c: 1 / int(c.max()))),
+    ("finite", r"IndexError: .*for one-pixel counts \(1, 1\)", measure_of(lambda s, c: float(c[0, 1]))),
     ("finite", "ZeroDivisionError", measure_of(failing_at_400_frames, timed=True)),
-    (
-        "zero when empty",
-        "empty counts score 1.0",
-        measure_of(partialmethod(contrast, empty=1.0), degree=0),
-    ),
+    ("finite", "SystemExit: 3", measure_of(lambda s, c: exit(3))),
+    ("zero when empty", "score 1.0", measure_of(partialmethod(contrast, empty=1.0), degree=0)),
     ("repeatable", "get another score", measure_of(lambda s, c: sum_of_squares(s, c) * random.random())),
     ("repeatable", "get another score after others", measure_of(with_a_memory)),
     ("leaves input", "it changes the counts", measure_of(scribble)),
     ("number types", "uint8 changes the score", measure_of(lambda s, c: float((c * c).sum(dtype=float)))),
-    (
-        "memory layout",
-        "memory order changes the score: .* by columns",
-        measure_of(lambda s, c: float(c.ravel("K")[::2].sum(dtype=float)), degree=1),
-    ),
+    ("memory layout", "by columns", measure_of(lambda s, c: float(c.ravel("K")[::2].sum(dtype=float)))),
     ("degree", "degree 2, and it states 1", measure_of(degree=1)),
-    (
-        "degree",
-        "no power of brightness",
-        measure_of(lambda s, c: 60_000.0 - float(c.sum(dtype=float)), degree=1),
-    ),
-    ("finite", "SystemExit: 3", measure_of(lambda s, c: exit(3))),
+    ("degree", "no power of brightness", measure_of(lambda s, c: 6e4 - float(c.sum(dtype=float)))),
 ]
 
 
-@pytest.mark.parametrize(("name", "words", "plug_in"), MEASURES, ids=[f"{n}: {w}" for n, w, _ in MEASURES])
-def test_a_broken_measure_is_caught(name, words, plug_in):
-    assert_caught(check_measure(plug_in, SOON), name, "fail", words)
-
-
-@pytest.mark.parametrize(
-    ("name", "words", "plug_in"),
-    [
-        ("sharp over blurred", "above the sharp one's", measure_of(lambda s, c: -sum_of_squares(s, c))),
-        ("speed", "RuntimeWarning: it is late", measure_of(warning)),
-    ],
-)
-def test_a_doubtful_measure_is_warned_of(name, words, plug_in):
-    found = assert_caught(check_measure(plug_in, SOON), name, "warn", words)
-    assert "fail" not in {finding.level for finding in found}
-
-
-def assert_caught(findings, name, level, words):
-    """One finding of this check and level says so, and what to do; those of all levels are given back."""
-    found = list(findings)
+def assert_caught(results, name, level, words):
+    """Assert that one result of this check and level says so, and what to do; return all results."""
+    found = list(results)
     caught = [f for f in found if (f.check, f.level) == (name, level) and re.search(words, f.seen)]
     assert len(caught) == 1, found
     assert caught[0].to_do
@@ -252,7 +210,7 @@ def answering(wrap):
     return search_of(lambda self, view: wrap(best_block(self, view), view))
 
 
-SEARCHES = [
+BROKEN_SEARCHES = [
     ("described", "its dataclass is not frozen", search_of(frozen=False)),
     ("described", "it cites no source", search_of(source="")),
     ("stated", "whether it is causal: 'yes'", search_of(causal="yes")),
@@ -272,38 +230,43 @@ SEARCHES = [
     ("answers", "it answers with a position, but does not", answering(lambda a, view: Answer(position=0.5))),
     ("flat", "ZeroDivisionError", search_of(centroid)),
     ("repeatable", "gets another answer", answering(lambda a, view: Answer(random.random()))),
-    (
-        "any unit",
-        "scores times 1024 change the answer",
-        answering(lambda a, view: Answer(0.0 if view.score(0, 500) > 0.05 else 1.0)),
+    ("any unit", "times 1024", answering(lambda a, view: Answer(0.0 if view.score(0, 500) > 0.05 else 1.0))),
+    *(
+        ("stops early", "it states that it is causal.*1.000", search_of(call, causal=True))
+        for call in (best_block, looks_ahead, asks_ahead)
     ),
-    ("stops early", "it states that it is causal.*1.000", search_of(best_block, causal=True)),
-    ("stops early", "it states that it is causal.*1.000", search_of(looks_ahead, causal=True)),
-    ("stops early", "it states that it is causal.*1.000", search_of(asks_ahead, causal=True)),
     ("short", "ValueError: .*empty", search_of(crashing_when_short)),
 ]
 
 
-@pytest.mark.parametrize(("name", "words", "plug_in"), SEARCHES, ids=[f"{n}: {w}" for n, w, _ in SEARCHES])
+@pytest.mark.parametrize(("name", "words", "plug_in"), BROKEN_MEASURES, ids=describe)
+def test_a_broken_measure_is_caught(name, words, plug_in):
+    assert_caught(check_measure(plug_in, SOON), name, "fail", words)
+
+
+@pytest.mark.parametrize(("name", "words", "plug_in"), BROKEN_SEARCHES, ids=describe)
 def test_a_broken_search_is_caught(name, words, plug_in):
     assert_caught(check_search(plug_in, SOON), name, "fail", words)
 
 
 @pytest.mark.parametrize(
-    ("name", "words", "plug_in"),
+    ("check", "name", "words", "plug_in"),
     [
         (
-            "finds a bell",
-            "0.3 as 0.500",
-            search_of(lambda s, v: Answer(v.score(0, v.frames) * 0 + v.frames // 2)),
+            check_measure,
+            "sharp over blurred",
+            "above the",
+            measure_of(lambda s, c: -sum_of_squares(s, c)),
         ),
-        ("finds a bell", "0.3 as nothing", search_of(lambda s, v: Answer(None))),
-        ("stops early", "answers a later one", search_of(extrapolated, causal=True)),
+        (check_measure, "speed", "RuntimeWarning: it is late", measure_of(warning)),
+        (check_search, "finds a bell", "0.3 as 0.500", answering(lambda a, view: Answer(view.frames // 2))),
+        (check_search, "finds a bell", "0.3 as nothing", search_of(lambda s, v: Answer(None))),
+        (check_search, "stops early", "answers a later one", search_of(extrapolated, causal=True)),
     ],
 )
-def test_a_doubtful_search_is_warned_of(name, words, plug_in):
-    found = assert_caught(check_search(plug_in, SOON), name, "warn", words)
-    assert "fail" not in {finding.level for finding in found}
+def test_a_doubtful_plug_in_is_warned_of(check, name, words, plug_in):
+    found = assert_caught(check(plug_in, SOON), name, "warn", words)
+    assert "fail" not in {result.level for result in found}
 
 
 # Searches that command the lens
@@ -325,7 +288,7 @@ def commanding(call, **members):
     return search_of(call, commands=True, **members)
 
 
-def answering_after_moves(wrap):
+def moving(wrap):
     """``sent``, its answer made into another."""
     return commanding(lambda self, view: wrap(sent(self, view)))
 
@@ -356,72 +319,57 @@ def in_daylight(self, view):
     return sent(self, view)
 
 
-WITH_LENS = [
+def too_long(self, view):
+    view.move(0.5)
+    view.score(view.now, view.now + 400)
+    return Answer(position=0.5)
+
+
+def crashing_in_haste(self, view):
+    if view.frames > 5000:
+        return sent(self, view)
+    view.move(0)
+    return Answer(position=max([]))
+
+
+def minding_the_unit(self, view):
+    answer = sent(self, view)
+    return Answer(position=0.2) if answer.position and view.score(0, 800) > 1 else answer
+
+
+IN_TIME = "stays in travel and budget"
+BROKEN_LENS_SEARCHES = [
     ("not on a recording", "it answers Answer", commanding(lambda s, v: Answer(position=0.5))),
     (
-        "stays in travel and budget",
-        "the lens was sent to 1.2; allowed: 0 to 1 of the travel .*with hand and 40,000",
+        IN_TIME,
+        "sent to 1.2; .*with hand and 40,000",
         commanding(lambda s, v: sent(s, v, positions=(0.5, 1.2))),
     ),
     (
-        "stays in travel and budget",
-        "it runs over the budget, with",
-        commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)][-1]),
+        IN_TIME,
+        "over the budget",
+        commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)]),
     ),
-    (
-        "stays in travel and budget",
-        "it answers with a frame",
-        answering_after_moves(lambda answer: Answer(1.0, position=0.5)),
-    ),
-    (
-        "stays in travel and budget",
-        "position 1.5",
-        answering_after_moves(lambda answer: Answer(position=1.5)),
-    ),
-    (
-        "stays in travel and budget",
-        "its trace is",
-        answering_after_moves(lambda answer: Answer(None, (math.inf,), position=0.5)),
-    ),
-    ("little time", "without a score", answering_after_moves(lambda a: Answer(position=a.position or 0.5))),
-    (
-        "little time",
-        "it runs over the budget, with voice_coil_hall and 32 frames",
-        commanding(lambda s, v: [v.move(0.5), v.score(v.now, v.now + 400), Answer(position=0.5)][-1]),
-    ),
-    (
-        "little time",
-        r"ValueError: .*\(test_conformance_checks.py, line \d+\)",
-        commanding(lambda s, v: sent(s, v) if v.frames > 5000 else [v.move(0), Answer(position=max([]))]),
-    ),
-    (
-        "lights",
-        r"ValueError: dark \(test_conformance_checks.py, line \d+\), with voice_coil_hall",
-        commanding(in_daylight),
-    ),
-    (
-        "repeatable",
-        "another answer",
-        answering_after_moves(lambda a: Answer(position=a.position and random.random())),
-    ),
-    (
-        "any unit",
-        "scores times 1024 change the answer",
-        commanding(
-            lambda s, v: Answer(position=0.2) if sent(s, v).position and v.score(0, 800) > 1 else sent(s, v)
-        ),
-    ),
+    (IN_TIME, "it answers with a frame", moving(lambda answer: Answer(1.0, position=0.5))),
+    (IN_TIME, "position 1.5", moving(lambda answer: Answer(position=1.5))),
+    (IN_TIME, "its trace is", moving(lambda answer: Answer(None, (math.inf,), position=0.5))),
+    ("little time", "without a score", moving(lambda a: Answer(position=a.position or 0.5))),
+    ("little time", "over the budget, with voice_coil_hall and 32 frames", commanding(too_long)),
+    ("little time", f"ValueError: .*{HERE}", commanding(crashing_in_haste)),
+    ("lights", f"ValueError: dark {HERE}, with voice_coil_hall", commanding(in_daylight)),
+    ("repeatable", "another answer", moving(lambda a: Answer(position=a.position and random.random()))),
+    ("any unit", "scores times 1024 change the answer", commanding(minding_the_unit)),
 ]
 
 
-@pytest.mark.parametrize(("name", "words", "plug_in"), WITH_LENS, ids=[f"{n}: {w}" for n, w, _ in WITH_LENS])
+@pytest.mark.parametrize(("name", "words", "plug_in"), BROKEN_LENS_SEARCHES, ids=describe)
 @pytest.mark.slow
 def test_a_broken_search_with_the_lens_is_caught(name, words, plug_in):
     assert_caught(check_search(plug_in, SOON), name, "fail", words)
 
 
 def test_a_search_with_the_lens_that_finds_nothing_is_warned_of():
-    plug_in = answering_after_moves(lambda answer: Answer(position=None if answer.position is None else 0.5))
+    plug_in = moving(lambda answer: Answer(position=None if answer.position is None else 0.5))
     assert_caught(check_search(plug_in), "finds the focus", "warn", "0 as 0.5.*, 1 as 0.5")
 
 
@@ -469,7 +417,7 @@ METHODS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "words", "plug_in"), METHODS, ids=[f"{n}: {w}" for n, w, _ in METHODS])
+@pytest.mark.parametrize(("name", "words", "plug_in"), METHODS, ids=describe)
 @pytest.mark.slow
 def test_a_broken_method_is_caught(name, words, plug_in):
     found = assert_caught(check_method(method_of(plug_in)), name, "fail", words)

@@ -68,9 +68,10 @@ def test_an_even_field_has_hardly_any_structure_at_any_light(rate, frames):
     assert np.mean(scores) == pytest.approx(0.006, abs=0.025)
 
 
-def test_in_the_dark_there_is_no_structure():
-    assert get_measure("structure_calibrated")(halves_of(0.0, 2000), frames=2000) == 0.0
-    assert get_measure("structure_calibrated")(np.zeros((2, 4, 4)), frames=100) == 0.0
+@pytest.mark.parametrize("name", ["structure_calibrated", "sd_calibrated"])
+def test_in_the_dark_a_calibrated_measure_scores_nothing(name):
+    assert get_measure(name)(halves_of(0.0, 2000), frames=2000) == 0.0
+    assert get_measure(name)(np.zeros((2, 4, 4)), frames=100) == 0.0
 
 
 def test_every_octave_weighs_the_same_where_there_are_sharp_edges():
