@@ -233,7 +233,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
         )
     )
     notes = [tmp_path / "one", tmp_path / "two"]
-    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join(sys.path)
     run = subprocess.Popen(
         [sys.executable, str(script), *map(str, notes)],
         env=os.environ | {"PYTHONPATH": path},

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from saf_gen.errors import SafGenError
-from saf_gen.generate.executor import Job, JobResult, ReportProgress
+from saf_gen.generate.executor import Job, JobResult, ReportProgress, run_jobs
 
 __all__ = ["run_jobs_inline"]
 
@@ -19,7 +19,9 @@ def run_jobs_inline(
     address: str | None,
 ) -> Iterator[JobResult]:
     """Run jobs and those that follow from them one after the other, as run_jobs does on many processes."""
-    assert address is None
+    if address is not None:
+        yield from run_jobs(jobs, workers=workers, report=report, follow_up=follow_up, address=address)
+        return
     waiting = deque(jobs)
     while waiting:
         job = waiting.popleft()
