@@ -1,6 +1,6 @@
-"""The thin lens and what drives its focus. Closed forms only; nothing here renders.
+"""The thin lens and its focus drives, in closed form.
 
-All lengths in metres; a position is the fraction 0...1 of a drive's travel.
+Lengths are in metres; a position is the fraction 0...1 of the travel of a drive.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ DRIVES: dict[str, type[Drive]] = {
 """The class of each kind of drive."""
 
 
-def drive_from_dict(said: Mapping[str, Any]) -> Drive:
-    """The drive that :meth:`Drive.as_dict` told of, after JSON too. Else KeyError or TypeError."""
-    numbers = {key: tuple(v) if isinstance(v, list) else v for key, v in said.items() if key != "kind"}
-    return DRIVES[said["kind"]](**numbers)
+def drive_from_dict(data: Mapping[str, Any]) -> Drive:
+    """Return the drive that :meth:`Drive.as_dict` described, also after JSON; else KeyError or TypeError."""
+    numbers = {key: tuple(v) if isinstance(v, list) else v for key, v in data.items() if key != "kind"}
+    return DRIVES[data["kind"]](**numbers)

@@ -1,10 +1,10 @@
-"""What every drive offers, and the lens equations they share.
+"""The interface of focus drives, and the equations of the thin lens that they share.
 
-Thin lens of focal length f, image distance v, object distance u, aperture radius R: 1/u + 1/v = 1/f. A ray
-through the lens point a with slope s in object space meets the sensor at x = -v·(s + a/u).
+For focal length f, image distance v, object distance u and aperture radius R, 1/u + 1/v = 1/f. A ray through
+the lens point a with slope s in object space meets the sensor at x = -v·(s + a/u).
 
-The frame of reference is that of the card: depths count from where it puts the lens. A drive may bring lens
-and scene nearer to each other, by ``shift`` metres: the lens then lies at that depth of the frame.
+Depths are measured in the frame of the scene card, from the lens as the card positions it. A drive may bring
+lens and scene nearer to each other by ``shift`` metres; the lens then lies at that depth of the frame.
 """
 
 from abc import ABC, abstractmethod
@@ -19,51 +19,51 @@ Positions = np.ndarray | float
 
 
 class Drive(ABC):
-    """A lens and what moves its focus: a frozen dataclass a kind."""
+    """A lens with its focus drive; each kind is a frozen dataclass."""
 
     kind: ClassVar[str]
     travel_key: ClassVar[str]
-    """The word of a scene card that sets the travel, for messages."""
+    """The key of a scene card that sets the travel, for messages."""
 
     f_number: float
-    """Of the lens focused at infinity."""
+    """f-number of the lens focused at infinity."""
     transmission: float
 
     @property
     @abstractmethod
     def aperture_radius_m(self) -> float:
-        """R, the same at every position."""
+        """Aperture radius R (m), the same at every position."""
 
     @abstractmethod
     def image_distance(self, position: Positions) -> np.ndarray:
-        """v (m), from the lens to the sensor, at each position."""
+        """Return v (m), from the lens to the sensor, at each position."""
 
     @abstractmethod
     def object_distance(self, position: Positions) -> np.ndarray:
-        """u (m), from the lens to the plane in focus, at each position."""
+        """Return u (m), from the lens to the plane in focus, at each position."""
 
     def shift(self, position: Positions) -> np.ndarray:
-        """How far (m) lens and scene have come nearer to each other than the card puts them: 0."""
+        """Return how much nearer (m) lens and scene are to each other than on the card; here 0."""
         return np.zeros_like(np.asarray(position, dtype=np.float64))
 
     @abstractmethod
     def best_position(self, depth: Positions) -> np.ndarray:
-        """The position that focuses a point of this depth (m); outside 0...1 where the travel ends before."""
+        """Return the position that focuses a point of this depth (m); it may lie outside 0...1."""
 
     @abstractmethod
     def true_focus(self, depths: np.ndarray) -> float:
-        """The position that minimises the mean of c² over these depths (m)."""
+        """Return the position that minimises the mean of c² over these depths (m)."""
 
     @abstractmethod
     def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
-        """The two positions, in rising order, at which the blur at the truth's depth is one pixel.
+        """Return the two positions, in rising order, at which the blur is one pixel.
 
-        Taken at the one depth that is in focus at :meth:`true_focus`; a target with depth of its own is never
-        sharp everywhere, and its mean blur might not come down to a pixel at all.
+        The blur is that of the one depth in focus at :meth:`true_focus`: a target with a depth range is never
+        sharp everywhere, and its mean blur might never be as small as a pixel.
         """
 
     def focus_depth(self, position: Positions) -> np.ndarray:
-        """Depth (m) of the plane in focus at each position, in the frame of the card."""
+        """Return the depth (m) of the plane in focus at each position, in the frame of the card."""
         return self.object_distance(position) + self.shift(position)
 
     @property
@@ -73,9 +73,9 @@ class Drive(ABC):
         return near, far
 
     def blur_diameter(self, position: Positions, depth: Positions) -> np.ndarray:
-        """Diameter (m, on the sensor) of the blur of a point: c = 2R·v·|1/u_o - 1/u|, u_o its distance.
+        """Return the blur diameter (m, on the sensor) of a point at distance u_o: c = 2R·v·|1/u_o - 1/u|.
 
-        inf for a point that the lens has reached or passed.
+        It is infinite for a point at the lens or behind it.
         """
         distance = np.asarray(depth, dtype=np.float64) - self.shift(position)
         with np.errstate(divide="ignore"):
@@ -83,12 +83,13 @@ class Drive(ABC):
         return 2 * self.aperture_radius_m * self.image_distance(position) * np.abs(defocus)
 
     def ray_transfer(self, position: Positions, reference: float = 0.5) -> np.ndarray:
-        """A ray's way through the stack: float64 (..., 2, 2), M with (x_p, a_p) = M(p)·(x, a).
+        """Return the path of a ray through the stack: float64 (..., 2, 2), M with (x_p, a_p) = M(p)·(x, a).
 
-        (x, a): where a ray meets sensor and lens (m) at the position of reference, and so its slope in object
-        space is s = -(x/v + a/u). (x_p, a_p): where at position p, a_p = a + s·(shift_p - shift).
-        Every drive's M is linear in p: a path is a straight line through the stack. Its determinant does not
-        depend on the ray: rays spread evenly at one position are spread evenly at every position.
+        (x, a) is where the ray meets sensor and lens (m) at the reference position, so its slope in object
+        space is s = -(x/v + a/u). (x_p, a_p) is where it meets them at position p, with
+        a_p = a + s·(shift_p - shift). M is linear in p for every drive, so a path is a straight line through
+        the stack. Its determinant does not depend on the ray: rays spread evenly at one position are spread
+        evenly at every position.
         """
         v, u = float(self.image_distance(reference)), float(self.object_distance(reference))
         v_p, u_p = self.image_distance(position), self.object_distance(position)
@@ -99,5 +100,5 @@ class Drive(ABC):
         return np.stack([on_sensor, from_lens], axis=-2)
 
     def as_dict(self) -> dict[str, Any]:
-        """The numbers of this drive and its kind, as plain data."""
+        """Return the numbers of this drive and its kind as plain data."""
         return {"kind": self.kind, **asdict(self)}  # type: ignore[call-overload]

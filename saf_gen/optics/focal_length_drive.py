@@ -1,4 +1,4 @@
-"""The lens that changes its power, as a liquid lens does."""
+"""The drive that changes the power of the lens, such as a liquid lens."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,19 +15,19 @@ __all__ = ["FocalLengthDrive"]
 class FocalLengthDrive(Drive):
     """A varifocal lens at a fixed distance from the sensor; position p is linear in its power 1/f.
 
-    1/f = 1/u + 1/v with v fixed: p is linear in 1/u as well. The picture does not breathe. The aperture is
-    a stop of its own and stays as it is while f changes: so the light it collects does not change either.
+    With v fixed, 1/f = 1/u + 1/v makes p linear in 1/u as well. The image does not breathe. The aperture is a
+    separate stop: neither it nor the light it collects changes with f.
 
     Parameters
     ----------
-    image_distance_m : lens to sensor, v.
-    f_number : of the lens focused at infinity, where f = v; its aperture radius is R = v/(2N).
+    image_distance_m : v, from lens to sensor.
+    f_number : N of the lens focused at infinity, where f = v; the aperture radius is R = v/(2N).
     focus_range_m : object distances in focus at position 0 and at position 1.
-    transmission : share of the light that the glass lets through.
+    transmission : fraction of the light that the glass transmits.
 
     Raises
     ------
-    BadInput : a distance that is not in front of the lens; no travel.
+    BadInput : a distance that is not in front of the lens, or no travel.
     """
 
     kind: ClassVar[str] = "focal_length"
@@ -49,36 +49,36 @@ class FocalLengthDrive(Drive):
 
     @property
     def aperture_radius_m(self) -> float:
-        """R = v/(2N)."""
+        """Aperture radius R = v/(2N) (m)."""
         return self.image_distance_m / (2 * self.f_number)
 
     def image_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """v (m), the same at each position."""
+        """Return v (m), the same at each position."""
         return np.full_like(np.asarray(position, dtype=np.float64), self.image_distance_m)
 
     def object_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """u (m) in focus at each position: 1/u is linear."""
+        """Return u (m) in focus at each position: 1/u is linear."""
         first, last = (1 / u for u in self.focus_range_m)
         return 1 / (first + (last - first) * np.asarray(position, dtype=np.float64))
 
     def position(self, dioptres: np.ndarray | float) -> np.ndarray:
-        """The position of a vergence 1/u (dioptres); outside 0...1 where the travel does not reach it."""
+        """Return the position of a vergence 1/u (dioptres); it may lie outside 0...1."""
         first, last = (1 / u for u in self.focus_range_m)
         return (np.asarray(dioptres, dtype=np.float64) - first) / (last - first)
 
     def best_position(self, depth: np.ndarray | float) -> np.ndarray:
-        """The position that focuses a point of this depth (m)."""
+        """Return the position that focuses a point of this depth (m)."""
         return self.position(1 / np.asarray(depth, dtype=np.float64))
 
     def true_focus(self, depths: np.ndarray) -> float:
-        """The position that minimises the mean of c² over these depths (m).
+        """Return the position that minimises the mean of c² over these depths (m).
 
         c = 2R·v·|1/u_o - 1/u|, so the mean of c² is a parabola in 1/u with its minimum at mean(1/u_o).
         """
         return float(self.position(float(np.mean(1 / np.asarray(depths, dtype=np.float64)))))
 
     def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
-        """1/u ± pitch/(2R·v) as positions; see :meth:`Drive.depth_of_focus`."""
+        """Return 1/u ± pitch/(2R·v) as positions; see :meth:`Drive.depth_of_focus`."""
         sharp = 1 / float(self.object_distance(self.true_focus(depths)))
         half = pixel_pitch_m / (2 * self.aperture_radius_m * self.image_distance_m)
         low, high = sorted(float(self.position(sharp + sign * half)) for sign in (-1, 1))

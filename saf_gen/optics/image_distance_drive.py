@@ -1,4 +1,4 @@
-"""The lens that moves against the sensor, as a macro lens does."""
+"""The drive that moves the lens against the sensor, as in a macro lens."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -13,17 +13,17 @@ __all__ = ["ImageDistanceDrive"]
 
 @dataclass(frozen=True)
 class ImageDistanceDrive(Drive):
-    """A lens of fixed focal length; position p is linear in v. The picture breathes, its scale goes as v.
+    """A lens of fixed focal length; position p is linear in v. The image breathes: its scale grows with v.
 
     Parameters
     ----------
-    focal_length_m, f_number : the lens; its aperture radius is R = f/(2N).
+    focal_length_m, f_number : f and N; the aperture radius is R = f/(2N).
     focus_range_m : object distances in focus at position 0 and at position 1.
-    transmission : share of the light that the glass lets through.
+    transmission : fraction of the light that the glass transmits.
 
     Raises
     ------
-    BadInput : a distance at or inside the focal length, which no lens position can focus; no travel.
+    BadInput : a distance within the focal length, which no position focuses, or no travel.
     """
 
     kind: ClassVar[str] = "image_distance"
@@ -46,7 +46,7 @@ class ImageDistanceDrive(Drive):
 
     @property
     def aperture_radius_m(self) -> float:
-        """R = f/(2N)."""
+        """Aperture radius R = f/(2N) (m)."""
         return self.focal_length_m / (2 * self.f_number)
 
     @property
@@ -55,35 +55,35 @@ class ImageDistanceDrive(Drive):
         return first, last
 
     def image_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """v (m) at each position: linear."""
+        """Return v (m) at each position, linear in it."""
         first, last = self._ends
         return first + (last - first) * np.asarray(position, dtype=np.float64)
 
     def object_distance(self, position: np.ndarray | float) -> np.ndarray:
-        """u (m) in focus at each position: f·v / (v - f)."""
+        """Return u (m) in focus at each position: f·v / (v - f)."""
         v = self.image_distance(position)
         return self.focal_length_m * v / (v - self.focal_length_m)
 
     def position(self, image_distance: np.ndarray | float) -> np.ndarray:
-        """The position of an image distance; below 0 or above 1 where the travel does not reach it."""
+        """Return the position of an image distance (m); it may lie outside 0...1."""
         first, last = self._ends
         return (np.asarray(image_distance, dtype=np.float64) - first) / (last - first)
 
     def best_position(self, depth: np.ndarray | float) -> np.ndarray:
-        """The position that focuses a point of this depth (m)."""
+        """Return the position that focuses a point of this depth (m)."""
         return self.position(1 / (1 / self.focal_length_m - 1 / np.asarray(depth, dtype=np.float64)))
 
     def true_focus(self, depths: np.ndarray) -> float:
-        """The position that minimises the mean of c² over these depths (m).
+        """Return the position that minimises the mean of c² over these depths (m).
 
         c = 2R·|1 - v·w| with w = 1/f - 1/u_o, so the mean of c² is a parabola in v with its minimum at
-        v = mean(w) / mean(w²): the in-focus distance itself where all depths are one.
+        v = mean(w) / mean(w²): the in-focus distance itself if all depths are equal.
         """
         w = 1 / self.focal_length_m - 1 / np.asarray(depths, dtype=np.float64)
         return float(self.position(w.mean() / np.mean(w**2)))
 
     def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
-        """v·(1 ± pitch/(2R)) as positions; see :meth:`Drive.depth_of_focus`."""
+        """Return v·(1 ± pitch/(2R)) as positions; see :meth:`Drive.depth_of_focus`."""
         v = float(self.image_distance(self.true_focus(depths)))
         half = pixel_pitch_m / (2 * self.aperture_radius_m)
         low, high = sorted(float(self.position(v * (1 + sign * half))) for sign in (-1, 1))

@@ -1,4 +1,4 @@
-"""The lens on a scene's card: the words of each drive, and the drive that they describe."""
+"""The lens of a scene card: the keys of each focus drive, and the drive that they describe."""
 
 from abc import abstractmethod
 from typing import Annotated, Any, ClassVar, Literal
@@ -17,7 +17,7 @@ FocalLengthMm = Annotated[float, Field(gt=0, le=2000)]
 
 
 class _Lens(FrozenModel):
-    """What every lens says; its aperture radius stays fixed while it is driven."""
+    """The keys of every lens; its aperture radius stays fixed while it focuses."""
 
     drive_class: ClassVar[type[Drive]]
 
@@ -27,16 +27,16 @@ class _Lens(FrozenModel):
     @property
     @abstractmethod
     def summary(self) -> str:
-        """The lens in a few words, for a list."""
+        """The lens in a few words, for lists."""
 
     def build_drive(self, f_number: float | None = None) -> Drive:
-        """The lens with its drive, in metres; ``f_number`` replaces the card's.
+        """Return the lens with its drive, in metres; ``f_number`` replaces the card's.
 
-        Raises BadInput for a travel that the drive cannot make.
+        Raises BadInput for an impossible travel.
         """
         numbers = self.model_dump(exclude={"drive"}) | ({"f_number": f_number} if f_number else {})
         fields = {}
-        for key, value in numbers.items():  # a card has millimetres for the lens, metres for all else
+        for key, value in numbers.items():  # a card gives the lens in millimetres, all else in metres
             if key.endswith("_mm"):
                 key, value = f"{key.removesuffix('_mm')}_m", value / 1000
             fields[key] = value
@@ -44,7 +44,7 @@ class _Lens(FrozenModel):
 
 
 class ImageDistanceLens(_Lens):
-    """The lens moves; ``focus_range_m``: object distances in focus at position 0 and at position 1."""
+    """The lens moves; ``focus_range_m`` are the object distances in focus at positions 0 and 1."""
 
     drive_class = ImageDistanceDrive
 
@@ -54,7 +54,7 @@ class ImageDistanceLens(_Lens):
 
     @property
     def summary(self) -> str:
-        """The lens in a few words, for a list."""
+        """The lens in a few words, for lists."""
         return f"{self.focal_length_mm:g} mm f/{self.f_number:g}"
 
 
@@ -69,12 +69,12 @@ class FocalLengthLens(_Lens):
 
     @property
     def summary(self) -> str:
-        """The lens in a few words, for a list."""
+        """The lens in a few words, for lists."""
         return f"{self.image_distance_mm:g} mm f/{self.f_number:g}, varifocal"
 
 
 class StageLens(_Lens):
-    """The scene moves; ``travel_m``: way towards the lens, from the card's place, at position 0 and at 1."""
+    """The scene moves; ``travel_m`` is how far towards the lens from the card's position, at 0 and at 1."""
 
     drive_class = Stage
 
@@ -85,12 +85,12 @@ class StageLens(_Lens):
 
     @property
     def summary(self) -> str:
-        """The lens in a few words, for a list."""
+        """The lens in a few words, for lists."""
         return f"{self.focal_length_mm:g} mm f/{self.f_number:g}, {self.magnification:g}×, stage"
 
 
 def drive(card: Any) -> str:
-    """The kind of drive of a card's ``lens``, read or unread. Named after its key: messages tell it."""
+    """Return the kind of drive of a card's ``lens``, parsed or not; messages quote the function's name."""
     kind = card.get("drive", "image_distance") if isinstance(card, dict) else getattr(card, "drive", "")
     return str(kind)
 

@@ -1,10 +1,10 @@
-"""How a lens on a spring follows its seat: the damped oscillator, solved exactly from piece to piece.
+"""The motion of a lens on a spring behind its seat: the damped oscillator, solved exactly piece by piece.
 
-While its seat moves with constant acceleration, y = y₀ + v₀·s + a·s²/2, the lens is at x = p(s) + e(s):
-p = y(s) - (2ζ/ω)·(v₀ + a·s) + (4ζ² - 1)·a/ω² solves x″ + 2ζω·x′ + ω²·x = ω²·y, and the rest e swings freely.
-What is carried from readout to readout is e and its speed over ω. They turn by the exponential of a 2×2
-matrix, summed here by itself: only the four operations are used, and none is fused or reordered (no
-fastmath), so the bits are the same on every machine.
+While the seat moves with constant acceleration, y = y₀ + v₀·s + a·s²/2, the lens is at x = p(s) + e(s), where
+p = y(s) - (2ζ/ω)·(v₀ + a·s) + (4ζ² - 1)·a/ω² solves x″ + 2ζω·x′ + ω²·x = ω²·y and the remainder e swings
+freely. The state from readout to readout is e and its speed over ω. It advances by the exponential of a 2×2
+matrix, summed here: only the four operations are used and none is fused or reordered (no fastmath), so the
+bits are the same on every machine.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @_compiled
 def propagator(angle, damping):
-    """exp(angle·[[0, 1], [-1, -2ζ]]) as four numbers, by rows: Taylor to the 14th power, then squared."""
+    """Return exp(angle·[[0, 1], [-1, -2ζ]]) by rows: a Taylor series to the 14th power, then squared."""
     halvings, small = 0, angle
     while small * (1 + 2 * damping) > 0.5:
         small, halvings = small / 2, halvings + 1
@@ -42,7 +42,7 @@ def propagator(angle, damping):
 
 @_compiled
 def _smooth(piece, time, omega, damping):
-    """Place and speed of p, the part of the response that does not swing."""
+    """Return position and speed of p, the part of the response that does not swing."""
     passed, acceleration = time - piece[0], piece[3]
     lag = 2 * damping / omega
     flat = piece[1] - lag * piece[2] + (4 * damping * damping - 1) * acceleration / (omega * omega)
@@ -52,13 +52,13 @@ def _smooth(piece, time, omega, damping):
 
 @_compiled
 def _hit(piece, begin, end, off, swing, stop, omega, damping):
-    """When between ``begin`` (inside) and ``end`` (beyond) the lens comes to the stop."""
+    """Return when between ``begin`` (inside) and ``end`` (beyond) the lens reaches the stop."""
     low, high = begin, end
     for _ in range(HALVINGS):
         middle = low + (high - low) / 2
         a, b, _c, _d = propagator(omega * (middle - begin), damping)
-        place = _smooth(piece, middle, omega, damping)[0] + a * off + b * swing
-        if (place > stop) == (stop > 0.5):
+        position = _smooth(piece, middle, omega, damping)[0] + a * off + b * swing
+        if (position > stop) == (stop > 0.5):
             high = middle
         else:
             low = middle
@@ -67,16 +67,16 @@ def _hit(piece, begin, end, off, swing, stop, omega, damping):
 
 @_compiled
 def _advance(piece, begin, end, off, swing, turned, omega, damping):
-    """e and its speed over ω at ``end``, with the stops: ``turned`` is the turn from ``begin`` to there."""
+    """Return e and its speed over ω at ``end``, with the stops; ``turned`` propagates from ``begin``."""
     a, b, c, d = turned
     off_then, swing_then = a * off + b * swing, c * off + d * swing
     for attempt in range(2):
         base, speed = _smooth(piece, end, omega, damping)
-        place = base + off_then
-        if -TOLERANCE <= place <= 1 + TOLERANCE:
+        position = base + off_then
+        if -TOLERANCE <= position <= 1 + TOLERANCE:
             break
-        stop = 1.0 if place > 0.5 else 0.0
-        if attempt == 1:  # pushed on against the stop
+        stop = 1.0 if position > 0.5 else 0.0
+        if attempt == 1:  # still pushed against the stop
             off_then, swing_then = stop - base, -speed / omega
             break
         hit = _hit(piece, begin, end, off, swing, stop, omega, damping)
@@ -89,11 +89,11 @@ def _advance(piece, begin, end, off, swing, turned, omega, damping):
 
 @_compiled
 def integrate_lens(pieces, state, first, readout_hz, omega, damping, out):
-    """Fill ``out`` (frames,) with the places of the lens in the middle of the readouts from ``first`` on.
+    """Fill ``out`` (frames,) with the positions of the lens in the middle of the readouts from ``first`` on.
 
-    Shapes: pieces float64 (m, 4), the seat's course from the piece on that holds the middle of the readout
-    before ``first``; state float64 (2,), e and its speed over ω there, replaced by those of the last readout.
-    Returns the number of the piece that holds the last readout.
+    Shapes: pieces float64 (m, 4), the trajectory of the seat from the piece that contains the middle of the
+    readout before ``first``; state float64 (2,), e and its speed over ω there, replaced by those of the last
+    readout. Returns the number of the piece that contains the last readout.
     """
     every = propagator(omega / readout_hz, damping)
     off, swing, now, j = state[0], state[1], (first - 0.5) / readout_hz, 0

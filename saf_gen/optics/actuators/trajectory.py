@@ -1,8 +1,8 @@
-"""Courses: a place over time in pieces of constant acceleration. The motor's, and the lens seat's behind it.
+"""Trajectories of constant acceleration per piece: of the motor, and of the lens seat behind its backlash.
 
-A piece is (begins at, place, speed, acceleration), in seconds and travels; it goes on until the next one
-begins, the last for ever. Within a piece the direction does not change. Only the four operations and square
-roots are used, which every machine rounds alike.
+A piece is (begin, position, speed, acceleration), in seconds and travels. It lasts until the next one begins,
+the last one for ever. Within a piece the direction does not change. Only the four operations and square roots
+are used, which every machine rounds alike.
 """
 
 from bisect import bisect_right
@@ -14,66 +14,70 @@ TrajectoryPiece = tuple[float, float, float, float]
 Trajectory = list[TrajectoryPiece]
 
 
-def state_at(course: Trajectory, seconds: float) -> tuple[float, float]:
-    """Place and speed at a time, not before the first piece begins."""
-    begin, place, speed, acceleration = course[bisect_right(course, (seconds, inf)) - 1]
-    passed = seconds - begin
-    return place + passed * (speed + acceleration * passed / 2), speed + acceleration * passed
+def state_at(trajectory: Trajectory, seconds: float) -> tuple[float, float]:
+    """Return position and speed at a time, which is not before the first piece."""
+    begin, position, speed, acceleration = trajectory[bisect_right(trajectory, (seconds, inf)) - 1]
+    elapsed = seconds - begin
+    return position + elapsed * (speed + acceleration * elapsed / 2), speed + acceleration * elapsed
 
 
-def plan_move(to: float, begin: float, place: float, speed: float, top: float, rate: float) -> Trajectory:
-    """The fastest course to rest at ``to`` within a ``top`` speed and a ``rate`` of its change.
+def plan_move(
+    target: float, begin: float, *, position: float, speed: float, max_speed: float, acceleration: float
+) -> Trajectory:
+    """Return the fastest trajectory from a state to rest at ``target``.
 
-    Full acceleration, top speed where the way is long enough, full braking: the time-optimal control of a
-    double integrator.
+    Full acceleration, maximum speed if the distance is long enough, and full braking: the time-optimal
+    control of a double integrator.
     """
-    stop = place + speed * abs(speed) / (2 * rate)  # where it comes to rest if it brakes now
-    way = 1.0 if to >= stop else -1.0
-    ahead = way * speed
-    if ahead < 0:  # it must turn round first
-        turned = plan_move(to, begin - ahead / rate, stop, 0.0, top, rate)
-        return [(begin, place, speed, way * rate), *turned]
-    distance = way * (to - place)
-    peak = sqrt(max(rate * distance + ahead * ahead / 2, 0.0))
-    most = max(min(peak, top), ahead)
-    gain, brake = (most * most - ahead * ahead) / (2 * rate), most * most / (2 * rate)
-    course, time = [], begin
-    if most > ahead:
-        course.append((time, place, speed, way * rate))
-        time += (most - ahead) / rate
-    if peak > most > 0 and distance > gain + brake:
-        course.append((time, place + way * gain, way * most, 0.0))
-        time += (distance - gain - brake) / most
-    if most > 0:
-        course.append((time, to - way * brake, way * most, -way * rate))
-        time += most / rate
-    return [*course, (time, to, 0.0, 0.0)]
+    stop = position + speed * abs(speed) / (2 * acceleration)  # where it comes to rest if it brakes now
+    direction = 1.0 if target >= stop else -1.0
+    ahead = direction * speed
+    if ahead < 0:  # it must reverse first
+        reversed_at = begin - ahead / acceleration
+        limits = {"max_speed": max_speed, "acceleration": acceleration}
+        rest = plan_move(target, reversed_at, position=stop, speed=0.0, **limits)
+        return [(begin, position, speed, direction * acceleration), *rest]
+    distance = direction * (target - position)
+    peak = sqrt(max(acceleration * distance + ahead * ahead / 2, 0.0))
+    top = max(min(peak, max_speed), ahead)
+    gain, brake = (top * top - ahead * ahead) / (2 * acceleration), top * top / (2 * acceleration)
+    trajectory, time = [], begin
+    if top > ahead:
+        trajectory.append((time, position, speed, direction * acceleration))
+        time += (top - ahead) / acceleration
+    if peak > top > 0 and distance > gain + brake:
+        trajectory.append((time, position + direction * gain, direction * top, 0.0))
+        time += (distance - gain - brake) / top
+    if top > 0:
+        trajectory.append((time, target - direction * brake, direction * top, -direction * acceleration))
+        time += top / acceleration
+    return [*trajectory, (time, target, 0.0, 0.0)]
 
 
-def apply_backlash(motor: Trajectory, seat: float, play: float) -> Trajectory:
-    """What moves behind ``play`` (in all), and stands at ``seat`` when the motor's course begins.
+def apply_backlash(motor: Trajectory, seat: float, *, backlash: float) -> Trajectory:
+    """Return the trajectory of a seat behind a motor, from ``seat`` when the motor's trajectory begins.
 
-    The motor moves freely until it is half the play ahead of the seat, and takes it along from there.
+    The motor moves freely until it is half the backlash ahead of the seat, and takes it along from there.
     """
-    if play == 0:
+    if backlash == 0:
         return motor
-    half, course = play / 2, []
-    for number, (begin, place, speed, acceleration) in enumerate(motor):
+    half, trajectory = backlash / 2, []
+    for number, (begin, position, speed, acceleration) in enumerate(motor):
         if number + 1 == len(motor):
-            course.append((begin, seat, 0.0, 0.0))
+            trajectory.append((begin, seat, 0.0, 0.0))
             break
-        end, place_at_end = motor[number + 1][:2]
-        way = copysign(1.0, speed or acceleration)
-        gap = half - way * (place - seat)
+        end, position_at_end = motor[number + 1][:2]
+        direction = copysign(1.0, speed or acceleration)
+        gap = half - direction * (position - seat)
         if gap > 0:
-            ahead, rate = way * speed, way * acceleration
+            ahead, rate = direction * speed, direction * acceleration
             reached = ahead * ahead + 2 * rate * gap
             takes = 2 * gap / (ahead + sqrt(reached)) if reached > 0 else inf
-            course.append((begin, seat, 0.0, 0.0))
+            trajectory.append((begin, seat, 0.0, 0.0))
             if begin + takes >= end:
                 continue
-            course.append((begin + takes, seat, speed + acceleration * takes, acceleration))
+            trajectory.append((begin + takes, seat, speed + acceleration * takes, acceleration))
         else:
-            course.append((begin, place - way * half, speed, acceleration))
-        seat = place_at_end - way * half
-    return course
+            trajectory.append((begin, position - direction * half, speed, acceleration))
+        seat = position_at_end - direction * half
+    return trajectory
