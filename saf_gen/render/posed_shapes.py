@@ -73,9 +73,7 @@ def _move_entry(name: str, entry: Any, *, pose: np.ndarray) -> Any:
         )
     entry = dict(entry)
     to_world = entry.pop("to_world", mi.ScalarTransform4f())
-    if (
-        entry["type"] == "point" and "position" in entry
-    ):  # Mitsuba accepts a position or a transform, not both
+    if entry["type"] == "point" and "position" in entry:  # a lamp has a position or a transform, not both
         to_world = mi.ScalarTransform4f().translate(entry.pop("position"))
     return {**entry, "to_world": mi.ScalarTransform4f(pose.tolist()) @ to_world}
 

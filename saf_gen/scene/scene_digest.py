@@ -56,12 +56,12 @@ def _list_files(folder: Path, allow_outside_links: bool) -> list[Path]:
             if path.is_file():
                 found.append(path)
             elif path.is_dir() and path.name != "__pycache__":
-                _check_link(path, parents, allow_outside_links)
+                _check_link(path, parents, allow_outside=allow_outside_links)
                 todo.append((path, parents))
     return found
 
 
-def _check_link(path: Path, parents: tuple[str, ...], allow_outside: bool) -> None:
+def _check_link(path: Path, parents: tuple[str, ...], *, allow_outside: bool) -> None:
     real = os.path.realpath(path)
     if real in parents:
         raise BadInput(f"{path} leads in a circle, back to {real}", hint="remove the link")

@@ -109,7 +109,7 @@ class _Resolver:
             if element.tag == "sensor":
                 self.cameras.append(element)
             elif element.tag == "include":
-                name, file = resolve_file(element, "filename", self.folder)
+                name, file = resolve_file(element, "filename", folder=self.folder)
                 if file in open_files:
                     raise BadInput("the file includes itself", where=element.where, hint="remove the include")
                 self.included.append((name, file))

@@ -64,12 +64,12 @@ def check_element(element: Element, folder: Path) -> list[SceneFile]:
                 hint=_refusal_reason(plugin),
             )
     if tag == "spectrum" and "filename" in attributes:
-        files.append(resolve_file(element, "filename", folder))
+        files.append(resolve_file(element, "filename", folder=folder))
         attributes["filename"] = str(files[-1][1])
     if tag == "string":
         value = require_attribute(element, "value")
         if "file" in attributes.get("name", ""):
-            files.append(resolve_file(element, "value", folder))
+            files.append(resolve_file(element, "value", folder=folder))
             attributes["value"] = str(files[-1][1])
         elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")
@@ -84,7 +84,7 @@ def _refusal_reason(plugin: str) -> str:
     return "no other plug-in is loaded from an XML scene"
 
 
-def resolve_file(element: Element, key: str, folder: Path) -> SceneFile:
+def resolve_file(element: Element, key: str, *, folder: Path) -> SceneFile:
     """Return the file that an element names, which lies in the scene's folder even after following links.
 
     Raises BadInput for one that does not, or that is missing.
