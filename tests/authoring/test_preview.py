@@ -159,24 +159,15 @@ def test_a_scene_that_cannot_be_built_is_told(mine, tmp_path):
 
 
 @pytest.fixture
-def call(capsys, monkeypatch, tmp_path, small_sensor):
-    """Runs a command of ``saf-gen scenes`` before a small sensor."""
-    from saf_gen.cli import main
-
-    def run(*args, sensor=True):
-        capsys.readouterr()
-        more = ("--sensor", small_sensor, "--variant", VARIANT) if sensor else ()
-        with pytest.raises(SystemExit) as stop:
-            main(["scenes", *(str(a) for a in (*args, *more))])
-        return stop.value.code, *capsys.readouterr()
-
-    return run
+def call_scenes(call, small_sensor):
+    """Runs a command of ``saf-gen scenes`` with a small sensor."""
+    return lambda *arguments: call("scenes", *arguments, "--sensor", small_sensor, "--variant", VARIANT)
 
 
 @pytest.mark.slow
-def test_new_then_preview(call, tmp_path, monkeypatch):
+def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, out, err = call("new", "mine", sensor=False)
+    code, out, err = call("scenes", "new", "mine")
     assert (code, err) == (0, "")
     assert re.findall(r"scenes/mine/\S+", out) == [
         "scenes/mine/SOURCE.md",
@@ -185,11 +176,11 @@ def test_new_then_preview(call, tmp_path, monkeypatch):
     ]
     assert "next: saf-gen scenes check mine; saf-gen scenes preview mine" in out
     before = find_scene("mine").digest
-    code, out, err = call("preview", "mine")
+    code, out, err = call_scenes("preview", "mine")
     assert (code, err) == (0, "")
     assert (tmp_path / "scenes/mine/preview.png").is_file()
     assert find_scene("mine").digest == before
-    assert call("preview", "scenes/mine", "--out", "it.png")[0] == 0
+    assert call_scenes("preview", "scenes/mine", "--out", "it.png")[0] == 0
     assert (tmp_path / "it.png").is_file()
 
 
@@ -205,7 +196,7 @@ def test_new_then_preview(call, tmp_path, monkeypatch):
 )
 def test_bad_input_is_one_line(call, tmp_path, monkeypatch, args, told):
     monkeypatch.chdir(tmp_path)
-    code, _, err = call(*args, sensor=False)
+    code, _, err = call("scenes", *args)
     assert code == 2
     assert len(err.strip().splitlines()) == 1
     assert told in err
@@ -213,9 +204,9 @@ def test_bad_input_is_one_line(call, tmp_path, monkeypatch, args, told):
 
 
 @pytest.mark.slow
-def test_a_gallery_has_a_section_and_a_picture_a_scene(call, mine, tmp_path, test_scenes):
+def test_a_gallery_has_a_section_and_a_picture_a_scene(call_scenes, mine, tmp_path, test_scenes):
     scene = mine()
-    code, _, err = call("gallery", "mine", "workbench", "--out", "docs")
+    code, _, err = call_scenes("gallery", "mine", "workbench", "--out", "docs")
     assert (code, err) == (0, "")
     page = (tmp_path / "docs/scenes.md").read_text()
     assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == ["mine", "workbench"]
@@ -230,10 +221,10 @@ def test_a_gallery_has_a_section_and_a_picture_a_scene(call, mine, tmp_path, tes
 
 
 @pytest.mark.slow
-def test_a_gallery_tells_how_a_scene_moves(call, mine, tmp_path):
+def test_a_gallery_tells_how_a_scene_moves(call_scenes, mine, tmp_path):
     moves = "motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.01, 0, 0]}]}}\n"
     mine("target:", f"{moves}slices_per_s: 100\ninterpolation_error: 0.025\ntarget:")
-    assert call("gallery", "mine", "--out", "docs")[0] == 0
+    assert call_scenes("gallery", "mine", "--out", "docs")[0] == 0
     page = (tmp_path / "docs/scenes.md").read_text()
     assert "| motion | 100 time slices per second, interpolated with an error of at most 2.5 % |" in page
     _, (width, height) = grey(tmp_path / "docs/pictures/scenes/mine.jpg")
@@ -241,9 +232,9 @@ def test_a_gallery_tells_how_a_scene_moves(call, mine, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_gallery_goes_on_where_a_scene_fails(call, mine, tmp_path, test_scenes):
+def test_a_gallery_goes_on_where_a_scene_fails(call_scenes, mine, tmp_path, test_scenes):
     mine("target: [card]", "target: [cart]")
-    code, _, err = call("gallery", "mine", "workbench", "--out", "docs")
+    code, _, err = call_scenes("gallery", "mine", "workbench", "--out", "docs")
     assert code == 1
     assert "mine could not be drawn: " in err
     assert "## workbench" in (tmp_path / "docs/scenes.md").read_text()
