@@ -86,7 +86,7 @@ def find_nearest_focus_crossing(
     return float(found[np.abs(found - frame).argmin()])
 
 
-def lens_travel(frames_seen: int, answer: float | None, focus_position: np.ndarray) -> float:
+def lens_travel(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
     """Return how far the lens moved, in travels: over the frames seen, and then back to the answer.
 
     A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) costs the frames seen
@@ -167,7 +167,7 @@ def judge_answer(
         position=position,
         truth=_known(truth if frame is None or track is None else interpolate_position(frame, track)),
         truth_frame=crossing,
-        lens_travel=lens_travel(frames_seen, frame, lens),
+        lens_travel=lens_travel(frames_seen, frame, focus_position=lens),
     )
     if known.truth is None:
         return known

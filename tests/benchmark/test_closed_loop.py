@@ -52,17 +52,17 @@ def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
 
 
 class GoTo:
-    """A search that sends the lens to a place and says so."""
+    """A search that sends the lens to a position and says so."""
 
     commands = True
 
-    def __init__(self, place, *, looks=3):
-        self.place, self.looks = place, looks
+    def __init__(self, position, *, looks=3):
+        self.position, self.looks = position, looks
 
     def __call__(self, view):
         for _ in range(self.looks):
             view.score(view.now, view.now + 40)
-        return Answer(position=self.place)
+        return Answer(position=self.position)
 
 
 class At:
@@ -118,7 +118,7 @@ def run_method(capture, method, *, protocol=None, charge_source=None):
 
 
 def test_what_is_seen_is_the_stack_at_the_place_of_the_lens(capture):
-    """At rest at the truth and off it: SD of 320 frames, against a recording made at that place."""
+    """At rest at the truth and off it: SD of 320 frames, against a recording made there."""
     sharp = start(capture, at=capture.truth.position).score(0, 320)
     blurred = start(capture).score(0, 320)
     captured = CapturedFrames(capture, capture.open_charge_source(), region=WHOLE)
@@ -173,10 +173,10 @@ def test_a_search_that_commands_ends_where_it_says(capture):
 def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(capture, frame):
     done = run(capture, At(frame), sweep_s=0.016)
     assert done.problem == ""
-    way = np.diff(done.path[: done.answer_frame])
+    moves = np.diff(done.path[: done.answer_frame])
     begin = int(np.argmax(np.abs(done.path - done.path[done.answer_frame - 1]) > 0.02))
     assert done.answer_frame < 450
-    assert (np.sign(way[begin + 60 :]) != -np.sign(way[begin + 60 :].sum())).all()
+    assert (np.sign(moves[begin + 60 :]) != -np.sign(moves[begin + 60 :].sum())).all()
     swept = (frame + 0.5) / 320
     assert done.path[-1] == pytest.approx(swept, abs=0.03) or done.path[-1] == pytest.approx(
         1 - swept, abs=0.03
@@ -282,7 +282,7 @@ def test_both_regions_are_seen(dataset):
     protocol = ClosedLoopProtocol(IDEAL, budget_s=0.02)
     found = evaluate_module.evaluate(
         dataset, methods=["sd+golden_section", "sd+argmax:window=20@frame"], protocol=protocol, region="both",
-        scene_motion="static", progress=lambda *told: steps.append(told),
+        scene_motion="static", progress=lambda *step: steps.append(step),
     )  # fmt: skip
     assert found.failures == ()
     names = ["sd+golden_section", "sd+golden_section@frame", "sd+argmax:window=20@frame"]
@@ -433,10 +433,11 @@ def test_without_a_truth_nothing_is_said_of_it():
 
 
 @pytest.mark.parametrize(
-    ("places", "turns"), [([], 0), ([0.5], 0), ([0.5, 0.0, 0.2, 1.0, 1.0, 0.6], 2), ([0.1, 0.1, 0.3, 0.2], 1)]
+    ("positions", "turns"),
+    [([], 0), ([0.5], 0), ([0.5, 0.0, 0.2, 1.0, 1.0, 0.6], 2), ([0.1, 0.1, 0.3, 0.2], 1)],
 )
-def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(places, turns):
-    assert count_reversals(places) == turns
+def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(positions, turns):
+    assert count_reversals(positions) == turns
 
 
 @pytest.mark.parametrize(

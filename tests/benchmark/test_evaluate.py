@@ -255,7 +255,7 @@ def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monke
 
     monkeypatch.setattr(evaluate_module, "run_recorded_sequence", breaks)
     steps = []
-    found = evaluate(dataset, methods=["sd+argmax"], region="both", progress=lambda *told: steps.append(told))
+    found = evaluate(dataset, methods=["sd+argmax"], region="both", progress=lambda *step: steps.append(step))
     assert [failure.problem for failure in found.failures] == ["the disk is gone"]
     assert {r.light for r in found.records} == {sweep.light for sweep in found.sweeps} == {"constant"}
     assert steps[-1][:2] == (6, 6)

@@ -42,7 +42,7 @@ PLANTED = [
     ("the middle of the travel, the beginning of the sweep", PART, 0.501, "first 10 %"),
     ("in the middle of a part of the travel", PART, 0.72, "middle"),
     ("late in a part of the travel", PART, 0.98, "last 10 %"),
-    ("where the sweep went the other way", PART[::-1].copy(), 0.98, "first 10 %"),
+    ("where the sweep went in the other direction", PART[::-1].copy(), 0.98, "first 10 %"),
     ("just before the beginning", PART, 0.485, "first 10 %"),
     ("just beyond the end", PART, 1.015, "last 10 %"),
     ("before the beginning", PART, 0.4, "outside"),
@@ -91,8 +91,8 @@ def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, w
 def test_in_the_closed_loop_it_lies_in_the_travel_wherever_the_recording_went(best, where):
     """Out of the travel by more than 1 depth of focus is where the loop's abstention succeeds."""
     known = truth(best, lens=PART)
-    place, off = locate_focus_in_travel(known)
-    assert (place, off) == (where[0], pytest.approx(where[1]))
+    location, off = locate_focus_in_travel(known)
+    assert (location, off) == (where[0], pytest.approx(where[1]))
     run = ClosedLoopRun(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
     verdict = judge_closed_loop_run(run, known, readout_hz=20_000)
     assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == tuple(
@@ -104,8 +104,8 @@ def test_a_focus_that_moves_lies_where_the_lens_first_meets_it():
     """It goes from 0.9 to 0.1 of the travel while the lens goes up: they meet in the middle."""
     track = np.linspace(0.9, 0.1, FRAMES)
     known = truth(0.5, lens=UP, track=track)
-    place, off = locate_focus_in_recording(known, UP)
-    assert place == pytest.approx(0.5, abs=1e-3)
+    location, off = locate_focus_in_recording(known, UP)
+    assert location == pytest.approx(0.5, abs=1e-3)
     assert off == pytest.approx(0, abs=0.1)
     assert locate_focus_in_travel(known) == (0.5, 0.0)
     away = truth(1.5, lens=UP, track=np.linspace(1.6, 1.4, FRAMES))
@@ -160,13 +160,13 @@ def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
         drift = np.linspace(0, random.uniform(-0.3, 0.3), 60)
         track = random.uniform(0, 1) + drift if random.random() < 0.3 else None
         known = truth(float(random.uniform(-0.3, 1.3)), dof=float(random.uniform(0.01, 0.2)), track=track)
-        place, off = locate_focus_in_recording(known, lens)
+        location, off = locate_focus_in_recording(known, lens)
         verdict = judge_answer(
             None, frames_seen=60, focus_position=lens, truth=known.position, track=track,
             truth_frame=known.frame, ends=known.depth_of_focus,
         )  # fmt: skip
         assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == verdict.success
-        assert (place is None) == verdict.success[1]
+        assert (location is None) == verdict.success[1]
         seen.add(verdict.success)
     assert len(seen) == 4
 
@@ -175,15 +175,15 @@ def test_both_tracks_say_it_of_a_sequence(tmp_path):
     """The fields of a record, from the stream."""
     known = truth(0.52, lens=PART)
     write_stream(tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=PART, truth=known)
-    (job,) = list_sequence_tasks(tmp_path / "a.h5")
-    with open_stream(job.path) as stream:
-        recorded, live = (
-            describe_sequence(job, stream, rate=(np.zeros(1), np.ones(1)), track=t)
+    (task,) = list_sequence_tasks(tmp_path / "a.h5")
+    with open_stream(task.path) as stream:
+        recorded, closed_loop = (
+            describe_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), track=t)
             for t in ("recorded", "closed_loop")
         )
     assert recorded["focus_place"] == pytest.approx(0.04, abs=2e-3)
-    assert (live["focus_place"], live["focus_off_dof"]) == (0.52, 0.0)
-    assert (recorded["track"], live["track"]) == ("recorded", "closed_loop")
+    assert (closed_loop["focus_place"], closed_loop["focus_off_dof"]) == (0.52, 0.0)
+    assert (recorded["track"], closed_loop["track"]) == ("recorded", "closed_loop")
 
 
 def test_of_a_closed_loop_only_its_frames_count(tmp_path):
@@ -194,11 +194,11 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
         tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=UP, truth=known,
         gain=ramp[:, None], light_names=("lamp",),
     )  # fmt: skip
-    (job,) = list_sequence_tasks(tmp_path / "a.h5")
+    (task,) = list_sequence_tasks(tmp_path / "a.h5")
     light = np.arange(FRAMES) + 0.5, ramp / 10
-    with open_stream(job.path) as stream:
+    with open_stream(task.path) as stream:
         said, first = (
-            describe_sequence(job, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200)
+            describe_sequence(task, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200)
         )
     assert (said["focus_place"], said["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
     assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
@@ -209,8 +209,8 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
 def test_a_focus_that_comes_into_reach_later_is_outside_until_then():
     comes = truth(0.9, track=np.linspace(1.3, 0.9, FRAMES))
     assert locate_focus_in_travel(comes) == (0.9, 0.0)
-    place, off = locate_focus_in_travel(truncate_truth(comes, 200))
-    assert place is None
+    location, off = locate_focus_in_travel(truncate_truth(comes, 200))
+    assert location is None
     assert off > SUCCESS_LIMITS_DOF[1]
     assert truncate_truth(comes, FRAMES) is comes
     met = replace(comes, frame=100.0)

@@ -107,7 +107,7 @@ def test_without_a_lens_record_nothing_about_positions_is_known():
 
 
 def test_a_full_sweep_with_the_focus_half_way_costs_one_and_a_half_travels():
-    assert lens_travel(801, 400.0, SWEEP) == pytest.approx(1.5)
+    assert lens_travel(801, 400.0, focus_position=SWEEP) == pytest.approx(1.5)
 
 
 THERE_AND_BACK = np.concatenate([SWEEP, SWEEP[-2::-1]])  # frame t stands at t/800, then at (1600 - t)/800
@@ -136,9 +136,9 @@ def test_without_an_answer_the_frame_of_truth_is_the_first_pass():
     assert judged(None, truth=math.nan, truth_frame=math.nan).truth_frame is None
 
 
-@pytest.mark.parametrize(("place", "error"), [(0.52, 0.02), (0.5, 0.0), (0.9, 0.4)])
-def test_a_lens_that_holds_is_judged_by_its_position(place, error):
-    still = np.full(801, place)
+@pytest.mark.parametrize(("position", "error"), [(0.52, 0.02), (0.5, 0.0), (0.9, 0.4)])
+def test_a_lens_that_holds_is_judged_by_its_position(position, error):
+    still = np.full(801, position)
     verdict = judged(300.0, focus_position=still, truth_frame=math.nan)
     assert verdict.error == pytest.approx(error)
     assert verdict.error_dof == pytest.approx(error / 0.1)
@@ -178,17 +178,17 @@ def test_what_the_lens_does_not_say_the_stream_may():
 
 def test_stopping_early_costs_the_way_there_and_back():
     # METHODS.md 11: stopping at p0 / 0.8 is about twice as cheap at p0 = 0.5.
-    assert lens_travel(501, 400.0, SWEEP) == pytest.approx(0.625 + 0.125)
+    assert lens_travel(501, 400.0, focus_position=SWEEP) == pytest.approx(0.625 + 0.125)
 
 
 def test_the_way_counts_every_reversal_of_the_lens():
     there_and_back = np.concatenate([SWEEP, SWEEP[::-1]])
-    assert lens_travel(1602, None, there_and_back) == pytest.approx(2.0)
+    assert lens_travel(1602, None, focus_position=there_and_back) == pytest.approx(2.0)
 
 
 def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
-    assert lens_travel(801, None, SWEEP) == pytest.approx(1.0)
-    assert lens_travel(0, None, SWEEP) == 0
+    assert lens_travel(801, None, focus_position=SWEEP) == pytest.approx(1.0)
+    assert lens_travel(0, None, focus_position=SWEEP) == 0
 
 
 @pytest.mark.parametrize(
@@ -237,7 +237,7 @@ def test_a_track_that_is_not_known_in_every_frame_is_no_truth_for_answers_and_ab
     assert verdict.success == (None, None, None)
     assert (verdict.truth, verdict.truth_frame, verdict.error, verdict.error_frames) == (None,) * 4
     assert verdict.position == (None if frame is None else pytest.approx(frame / 800))
-    assert verdict.lens_travel == lens_travel(801, frame, SWEEP)
+    assert verdict.lens_travel == lens_travel(801, frame, focus_position=SWEEP)
 
 
 @pytest.mark.parametrize("frame", [480.0, None])

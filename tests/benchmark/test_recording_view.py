@@ -1,4 +1,4 @@
-"""The rig: counts of windows against frames added up one by one, and the bill it keeps."""
+"""What a method sees of a recording: counts against frames added up one by one, and what they cost."""
 
 import time
 import tracemalloc

@@ -1,4 +1,4 @@
-"""What of a run is a method's time: its search, its measure, its textures; by a clock that the parts turn."""
+"""Which time of a run is a method's: its search, its measure, its textures, by a clock that each turns."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,7 @@ COMPILES = 2.5e8
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Stands still unless a part turns it."""
+    """Stands still unless somebody turns it."""
 
     class Clock:
         now = 0.0
@@ -79,13 +79,13 @@ class SlowCapture:
         return np.ones(self.shape, np.uint32)
 
 
-def slow_live(clock, *, budget=800):
-    live = RunningCamera(
+def slow_camera(clock, *, budget=800):
+    camera = RunningCamera(
         SlowCapture(clock), clock.takes(SCORES, np.mean), actuator=get_actuator("ideal"), start=0.0, seed=1,
         budget=budget, readout_hz=20_000.0,
     )  # fmt: skip
-    live._lens.run = clock.takes(DRIVES, live._lens.run)
-    return live
+    camera._lens.run = clock.takes(DRIVES, camera._lens.run)
+    return camera
 
 
 def test_a_stopwatch_adds_up_what_calls_took_those_that_raise_too(clock):
@@ -188,7 +188,7 @@ def test_a_texture_on_film_is_paid_too(clock, monkeypatch):
 
 
 def test_in_the_closed_loop_the_camera_and_the_drive_are_not_paid(clock):
-    live = slow_live(clock)
+    camera = slow_camera(clock)
 
     def search(view):
         view.move(0.5)
@@ -197,17 +197,17 @@ def test_in_the_closed_loop_the_camera_and_the_drive_are_not_paid(clock):
         return Answer(position=view.position(view.now - 1))
 
     search.commands = True
-    _, problem = run_search(search, live, scorer=live.scorer)
+    _, problem = run_search(search, camera, scorer=camera.scorer)
     assert problem == ""
     assert clock.now > ENCODES + DRIVES
-    assert live.scorer.seconds == 3 * THINKS + 2 * SCORES
+    assert camera.scorer.seconds == 3 * THINKS + 2 * SCORES
 
 
 @pytest.mark.parametrize("frames", [160, 10_000], ids=["in time", "out of time"])
 @pytest.mark.parametrize("commands", [True, False])
 def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands, frames):
     """On its own and by a sweep; a budget that is spent while it looks takes nothing off the scorer."""
-    live = slow_live(clock)
+    camera = slow_camera(clock)
     answer = Answer(position=0.5) if commands else Answer(100.0)
     found = slow_search(clock, (0, 80), (80, 160), answers=answer)
 
@@ -219,7 +219,7 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
             return done
 
     Search.commands = commands
-    monkeypatch.setattr(closed_loop_run, "start_camera", lambda *given, **more: live)
+    monkeypatch.setattr(closed_loop_run, "start_camera", lambda *given, **more: camera)
     protocol = SimpleNamespace(count_frames=lambda capture: (800, 320))
     run = closed_loop_run.run_closed_loop_method(
         None, Method("a+b", np.mean, Search(), "c"), protocol=protocol, charge_source=None, region=None
@@ -229,7 +229,7 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
 
 
 def test_time_is_never_less_than_none(clock):
-    """A search that looks from two threads at once is in the rig for longer than it runs."""
+    """A search that looks from two threads at once is in the view for longer than it runs."""
     recording = RecordingView(slow_counts(clock), np.mean)
 
     def search(view):

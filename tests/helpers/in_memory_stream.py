@@ -7,7 +7,7 @@ from saf_gen.core.seeds import make_generator
 
 
 class InMemory:
-    """A stream of random spikes with the members that the rig uses; notes what was counted."""
+    """A stream of random spikes with the members that a view uses; notes what was counted and read."""
 
     readout_hz, focus_position = 20_000.0, None
 
