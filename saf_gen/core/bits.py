@@ -71,7 +71,7 @@ def unpack(planes: np.ndarray, frames: np.ndarray, *, first: int) -> None:
 
 
 @numba.njit(nogil=True, cache=True)
-def _turned(word):
+def _transpose_word(word):
     # Transpose of an 8x8 bit matrix held in 64 bits: swaps blocks of 1, 2 and 4 bits across the diagonal
     # (H. S. Warren, Hacker's Delight, 2nd ed., section 7-3).
     t = (word ^ (word >> np.uint64(7))) & np.uint64(0x00AA00AA00AA00AA)
@@ -83,16 +83,16 @@ def _turned(word):
 
 
 @numba.njit(nogil=True, cache=True)
-def _turn(rows, tracks):
+def _transpose(rows, trains):
     count, width = rows.shape
     for c in range(width):
-        for b in range(tracks.shape[1]):
+        for b in range(trains.shape[1]):
             word = np.uint64(0)
             for i in range(min(8, count - 8 * b)):
                 word |= np.uint64(rows[8 * b + i, c]) << np.uint64(8 * i)
-            word = _turned(word)
+            word = _transpose_word(word)
             for i in range(8):
-                tracks[8 * c + i, b] = np.uint8(word >> np.uint64(8 * i) & np.uint64(255))
+                trains[8 * c + i, b] = np.uint8(word >> np.uint64(8 * i) & np.uint64(255))
 
 
 def frames_to_spike_trains(rows: np.ndarray) -> np.ndarray:
@@ -100,16 +100,16 @@ def frames_to_spike_trains(rows: np.ndarray) -> np.ndarray:
 
     Row t of ``rows`` is one frame of a foreign file; row p of the result is bit p of the frames over time.
     """
-    tracks = np.empty((8 * rows.shape[1], -(-rows.shape[0] // 8)), np.uint8)
-    _turn(rows, tracks)
-    return tracks
+    trains = np.empty((8 * rows.shape[1], -(-rows.shape[0] // 8)), np.uint8)
+    _transpose(rows, trains)
+    return trains
 
 
-def spike_trains_to_frames(tracks: np.ndarray, count: int) -> np.ndarray:
+def spike_trains_to_frames(trains: np.ndarray, count: int) -> np.ndarray:
     """Return the first ``count`` frames, uint8 (count, B), of spike trains, uint8 (8 B, bytes).
 
     This is the inverse of :func:`frames_to_spike_trains`.
     """
-    turned = np.empty((8 * tracks.shape[1], tracks.shape[0] // 8), np.uint8)
-    _turn(tracks, turned)
-    return turned[:count]
+    frames = np.empty((8 * trains.shape[1], trains.shape[0] // 8), np.uint8)
+    _transpose(trains, frames)
+    return frames[:count]
