@@ -95,7 +95,7 @@ def run_on_test_scene(
     noise and the initial position of the lens. Raises CheckFailure where the benchmark would count the run as
     failed.
     """
-    capture, charge_source = _make_capture(best, light, seed)
+    capture, charge_source = _make_capture(best, light, seed=seed)
     camera = f"{actuator} and {frames:,} frames"
     checked = replace(
         method,
@@ -142,7 +142,7 @@ def _check_position(run: ClosedLoopRun) -> None:
 
 
 @lru_cache(maxsize=8)
-def _make_capture(best: float, light: float, seed: int) -> tuple[Capture, ChargeSource]:
+def _make_capture(best: float, light: float, *, seed: int) -> tuple[Capture, ChargeSource]:
     scene = make_test_scene(best)
     _, positions, rows, columns = scene.radiance.shape
     spec = StackSpec(

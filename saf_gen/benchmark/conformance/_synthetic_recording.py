@@ -57,7 +57,9 @@ class SyntheticRecording:
         self._limits.check_scores(self.scores)
         self.seen = max(self.seen, window.stop)
         mean = float(self._sums[window.stop] - self._sums[window.start]) / len(window)
-        return self._unit * mean if measure is None else self._score_texture(measure, mean, len(window))
+        return (
+            self._unit * mean if measure is None else self._score_texture(measure, mean, frames=len(window))
+        )
 
     def position(self, frame: int) -> float:
         validate_window(frame, frame + 1, total=self.frames)
@@ -70,7 +72,7 @@ class SyntheticRecording:
     def wait(self, frames: int) -> None:
         raise BadInput(f"the lens of a recording cannot go on for {frames} frames")
 
-    def _score_texture(self, name: str, mean: float, frames: int) -> float:
+    def _score_texture(self, name: str, mean: float, *, frames: int) -> float:
         measure = _measure(name)
         contrast = (mean - self._lowest) / self._range if self._range else 0.0
         counts = self._light * frames * (1 + contrast * (natural_texture(*SIZE) - 1))
