@@ -10,6 +10,7 @@ import numpy as np
 
 from saf_gen import write_stream
 from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.gym.episode import Episode
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop_method
@@ -28,6 +29,7 @@ from saf_gen.stream.stream_file import Truth
 
 RECORDED = "aa2e182e1936da1693556edc996570246a58de64b297b72cd1c6c68f7460180d"
 CLOSED_LOOP = "329a954d7c5d3b806b64a4e3ca89202d30a8efdb6206c097aa0708229b0d8920"
+OBSERVED = "92941dce67fd8e5793bdcd2e6ed76a7a9e3d5a425d31808c5e87bf0f01297709"
 FRAMES, ROWS, COLUMNS, PEAK = 800, 24, 32, 300
 BOARD = np.where(np.add.outer(np.arange(ROWS) // 4, np.arange(COLUMNS) // 4) % 2, 1, -1)
 RECORDED_METHODS = [
@@ -50,18 +52,24 @@ CLOSED_LOOP_METHODS = [
 ]
 
 
-def digest(records: list[Record]) -> str:
-    """Sha256 of every number of these records but the seconds, to 12 digits: machines differ in the last."""
+def digest(values: object) -> str:
+    """Sha256 of numbers, to 12 digits: machines differ in the last."""
 
     def rounded(value: object) -> object:
-        if isinstance(value, tuple):
+        if isinstance(value, dict):
+            return {key: rounded(one) for key, one in value.items()}
+        if isinstance(value, list | tuple):
             return [rounded(one) for one in value]
         return f"{round(value, 12):.12g}" if isinstance(value, Number) else value
 
+    return hashlib.sha256(json.dumps(rounded(values)).encode()).hexdigest()
+
+
+def numbers(records: list[Record]) -> list[dict[str, object]]:
+    """What these records say but for the seconds, and for what names data, code and versions."""
     left_out = ("seconds", "note", "data", "code", "machine", "parameters", "rig")
     names = [f.name for f in fields(Record) if f.name not in left_out]
-    lines = [{name: rounded(getattr(record, name)) for name in names} for record in records]
-    return hashlib.sha256(json.dumps(lines).encode()).hexdigest()
+    return [{name: getattr(record, name) for name in names} for record in records]
 
 
 def write_recording(path: Path) -> None:
@@ -102,6 +110,14 @@ def make_capture() -> Capture:
     return Capture(PlaneSource.from_stack(stack), sensor, gain, 4.0, 5, 1, truth, len(gain))
 
 
+def make_sequence() -> ClosedLoopSequence:
+    """The board before a running camera, and a box in it where methods look."""
+    capture, box = make_capture(), (slice(4, 20), slice(2, 28))
+    task = SequenceTask("a", "test", "board", "ramp", Path("a.h5"), None)
+    charge_source = capture.open_charge_source(rows_to_encode(capture, box))
+    return ClosedLoopSequence(task, capture, box, "target", charge_source, "")
+
+
 def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
     """When it fails, raise COUNTS_VERSION or JUDGEMENT_VERSION in saf_gen/benchmark/versions.py (none for a
     change of a measure or a search: their digests stand in each record), pin the new digest, and add a line
@@ -114,26 +130,35 @@ def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
     found = evaluate(
         tmp_path / "a.h5", methods=RECORDED_METHODS, region="both", predictions=tmp_path / "p.jsonl"
     )
-    assert digest(found.records) == RECORDED
+    assert digest(numbers(found.records)) == RECORDED
 
 
 def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
     """When it fails, raise CAPTURE_VERSION (or the version of what moved) in saf_gen/benchmark/versions.py,
     pin the new digest, and add a line under *Numbers that moved* in CHANGELOG.md. A new ``MODEL`` of spikes
     moves it as well."""
-    capture, box = make_capture(), (slice(4, 20), slice(2, 28))
-    task = SequenceTask("a", "test", "board", "ramp", Path("a.h5"), None)
-    sequence = ClosedLoopSequence(
-        task, capture, box, "target", capture.open_charge_source(rows_to_encode(capture, box)), ""
-    )
+    sequence = make_sequence()
     records = []
     for drive in ("voice_coil", "liquid_lens"):
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop_method(
-                capture, method, protocol=protocol, charge_source=sequence.charge_source, region=box
+                sequence.capture,
+                method,
+                protocol=protocol,
+                charge_source=sequence.charge_source,
+                region=sequence.box,
             )
             records.append(
                 sequence.make_record(run, protocol, method=method.name, code="", parameters="", common={})
             )
-    assert digest(records) == CLOSED_LOOP
+    assert digest(numbers(records)) == CLOSED_LOOP
+
+
+def test_what_a_policy_observes_and_earns_is_that_of_its_version():
+    """When it fails, raise CAPTURE_VERSION, and do as above."""
+    protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
+    episode = Episode(make_sequence(), protocol, control_s=0.005, pixels=6)
+    steps = [(episode.observe(), 0.0), episode.move(0.1), episode.move(0.6), episode.stop(0.375)]
+    seen = [[*(value.ravel().tolist() for value in view.values()), reward] for view, reward in steps]
+    assert digest(seen) == OBSERVED
