@@ -1,7 +1,7 @@
-"""The pages tell the truth: what they show is run, what they name is there, their tables are the code's.
+"""What pages show runs, what they name exists, and their tables agree with the code.
 
-A page's blocks are run in their order at a *desk*: a folder laid out as a checkout, where the datasets that
-pages name are there, small. A yaml or python block whose first line is a comment with a path in ``recipes/``
+A page's blocks are run in their order at a *desk*: a folder laid out like a checkout, with small versions of
+the datasets that pages name. A yaml or python block whose first line is a comment with a path in ``recipes/``
 or ``scenes/``, or a file ``my_...py``, is written there first, so that the commands below it find it.
 """
 
@@ -256,17 +256,15 @@ def test_the_table_of_drives_is_that_of_the_cards():
     assert shown == real
 
 
-@pytest.mark.parametrize(("heading", "room"), [("kind", "lights"), ("motion", "motions")])
-def test_the_table_of_parts_is_that_of_the_registry(heading, room):
+@pytest.mark.parametrize(("heading", "plugin_kind"), [("kind", "lights"), ("motion", "motions")])
+def test_the_table_of_plugins_is_that_of_the_registry(heading, plugin_kind):
     shown: dict[str, dict[str, bool]] = {}
     kind = ""
     for first, key, *_, default, _ in table("docs/generate.md", heading):
         kind = ticked(first)[0] if first else kind
         shown.setdefault(kind, {})[ticked(key)[0]] = default in NEEDED
-    real = {
-        name: {f.name.rstrip("_"): f.default is MISSING for f in fields(registry.plugin_class(room, name))}
-        for name in registry.names(room)
-    }
+    classes = {name: registry.plugin_class(plugin_kind, name) for name in registry.names(plugin_kind)}
+    real = {n: {f.name.rstrip("_"): f.default is MISSING for f in fields(c)} for n, c in classes.items()}
     assert shown == real
 
 
