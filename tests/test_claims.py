@@ -34,7 +34,7 @@ def halves_of(rate, ramp, *, contrast, width, shade=0.5):
     """Counts of the halves of 80 windows of a sweep, its light changing fourfold: (80, 2, h, w) uint32.
 
     A chequered field, shaded by ``shade`` to both sides, whose contrast is a Gaussian of this width at 0.3 of
-    the sweep. Noise as the sensor has it but for the dark current; one seed; 32,000 pixels.
+    the sweep. The sensor's noise without the dark current; one seed; 32,000 pixels.
     """
     sensor = get_sensor("vidar_400x250").with_noise(dark=False)
     knots = np.linspace(0, 1, 65)
@@ -47,7 +47,8 @@ def halves_of(rate, ramp, *, contrast, width, shade=0.5):
     return counts.transpose(2, 3, 0, 1)
 
 
-def place(curve):
+def peak_of(curve):
+    """The fraction of the sweep at which a curve is largest."""
     return (int(np.argmax(curve)) + 0.5) / len(curve)
 
 
@@ -57,82 +58,81 @@ def place(curve):
 )
 @pytest.mark.slow
 def test_divided_by_brightness_the_baselines_stand_a_fourfold_ramp_as_sd_does(name, ramp):
-    """25 counts a window: the twins stay within 0.03 of the sweep, as SD; the measures follow the light."""
+    """25 counts per window: normalised measures stay within 0.03 of the sweep, others follow the light."""
     windows = halves_of(0.25, ramp, contrast=0.3, width=0.25).sum(axis=1)
-    raw, twin, sd = ([get_measure(m)(c) for c in windows] for m in (name, f"{name}_n", "sd"))
-    assert place(sd) == pytest.approx(FOCUS, abs=0.03)
-    assert place(twin) == pytest.approx(FOCUS, abs=0.03)
-    lead = place(raw) - place(twin)
+    raw, normalised, sd = ([get_measure(m)(c) for c in windows] for m in (name, f"{name}_n", "sd"))
+    assert peak_of(sd) == pytest.approx(FOCUS, abs=0.03)
+    assert peak_of(normalised) == pytest.approx(FOCUS, abs=0.03)
+    lead = peak_of(raw) - peak_of(normalised)
     assert lead > 0.03 if ramp[0] < ramp[1] else lead < -0.03
 
 
 @pytest.mark.parametrize(("ramp", "dark_end"), [((0.5, 2.0), 0.0), ((2.0, 0.5), 1.0)])
 def test_at_three_counts_a_window_sd_goes_to_the_dark_end_and_the_debiased_does_not(ramp, dark_end):
-    """Contrast 0.1 and 3 counts a window at the dark end: counting adds about 1/(6·ū²) = 0.02 to SD there.
+    """Contrast 0.1 and 3 counts per window at the dark end: counting adds about 1/(6·ū²) = 0.02 to SD there.
 
     The same windows of 100 frames for both, nothing averaged. Shaded by a fifth, so that pixels soon fire at
     times of their own: an even field that starts at once fires in step.
     """
     pairs = halves_of(0.06, ramp, contrast=0.1, width=0.15, shade=0.2)
     sd, debiased = get_measure("sd"), get_measure("sd_debiased")
-    assert place([sd(pair.sum(axis=0)) for pair in pairs]) == pytest.approx(dark_end, abs=0.05)
-    assert place([debiased(pair) for pair in pairs]) == pytest.approx(FOCUS, abs=0.1)
+    assert peak_of([sd(pair.sum(axis=0)) for pair in pairs]) == pytest.approx(dark_end, abs=0.05)
+    assert peak_of([debiased(pair) for pair in pairs]) == pytest.approx(FOCUS, abs=0.1)
 
 
-def planted_take(frames):
-    """A camera without noise before a texture that is in focus half way, with no file behind it.
+def planted_capture(frames):
+    """A camera without noise before a texture that is in focus in the middle of the travel; no files.
 
     Amplitudes of the texture fall with the root of the frequency. A disc of radius 20·|2p − 1| pixels blurs
-    it by its transfer function, 2·J₁(x)/x, which is exact where pictures are periodic. One seed.
+    it by its transfer function, 2·J₁(x)/x, which is exact where images are periodic. One seed.
     """
-    size, places = 96, np.linspace(0, 1, 129)
+    size, positions = 96, np.linspace(0, 1, 129)
     frequency = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.fftfreq(size))
     texture = np.fft.fft2(np.random.default_rng(4).normal(size=(size, size)))
     texture /= np.sqrt(np.maximum(frequency, 1 / size))
     texture[0, 0] = 0
-    x = np.maximum(2 * np.pi * 20 * np.abs(2 * places - 1)[:, None, None] * frequency, 1e-6)
-    pictures = np.fft.ifft2(texture * 2 * j1(x) / x).real
-    radiance = (1 + 0.2 * pictures / pictures[64].std()).clip(0).astype(np.float32)
+    x = np.maximum(2 * np.pi * 20 * np.abs(2 * positions - 1)[:, None, None] * frequency, 1e-6)
+    images = np.fft.ifft2(texture * 2 * j1(x) / x).real
+    radiance = (1 + 0.2 * images / images[64].std()).clip(0).astype(np.float32)
     drive = ImageDistanceDrive(0.05, 2.8, (2.0, 1.0))
-    spec = StackSpec("planted", "", ("lamp",), drive, size, size, 20e-6, places.size, 1, 1)
+    spec = StackSpec("planted", "", ("lamp",), drive, size, size, 20e-6, positions.size, 1, 1)
     stack = FocalStack(spec, radiance[None], np.ones((size, size)), np.ones((size, size), bool), "none")
     sensor = replace(get_sensor("ideal"), rows=size, columns=size)
     gain, truth = np.ones((frames, 1), np.float32), Truth(0.5, (0.48, 0.52), None)
-    take = Capture(PlaneSource.from_stack(stack), sensor, gain, 1.0, 1, 1, truth, len(gain))
-    return replace(
-        take, exposure=0.3 * sensor.threshold_e / float(take.open_charge_source().charge_image(0, 0.5).mean())
-    )
+    capture = Capture(PlaneSource.from_stack(stack), sensor, gain, 1.0, 1, 1, truth, len(gain))
+    charge = float(capture.open_charge_source().charge_image(0, 0.5).mean())
+    return replace(capture, exposure=0.3 * sensor.threshold_e / charge)
 
 
-def time_to_focus(take, search, sweep):
-    """Frames from the start of a sweep to the lens, as fast as the sweep, back at the answer; the answer."""
-    exposed = take.open_charge_source()
-    whole = (slice(0, take.sensor.rows), slice(0, take.sensor.columns))
-    drive = get_actuator("ideal", speed=take.sensor.readout_hz / sweep)
+def time_to_focus(capture, search, sweep):
+    """Frames from the start of a sweep until the lens is back at the answer, and that answer."""
+    charge_source = capture.open_charge_source()
+    whole = (slice(0, capture.sensor.rows), slice(0, capture.sensor.columns))
+    drive = get_actuator("ideal", speed=capture.sensor.readout_hz / sweep)
     camera = RunningCamera(
-        CapturedFrames(take, exposed, region=whole), get_measure("sd"), actuator=drive,
-        start=0.0, seed=1, budget=take.frames, readout_hz=take.sensor.readout_hz,
+        CapturedFrames(capture, charge_source, region=whole), get_measure("sd"), actuator=drive,
+        start=0.0, seed=1, budget=capture.frames, readout_hz=capture.sensor.readout_hz,
     )  # fmt: skip
     view = SweepView(camera, begin=0.0, end=1.0, frames=sweep)
     answer = search(view)
     camera.commanded_trajectory = None
-    run = finish_run(camera, answer, to=view.position_at(answer.frame), budget=take.frames)
+    run = finish_run(camera, answer, to=view.position_at(answer.frame), budget=capture.frames)
     assert run.path[-1] == pytest.approx(0.5, abs=0.02)
     return int(np.flatnonzero(np.abs(run.path - run.path[-1]) > 1e-3)[-1]) + 1, answer
 
 
 def test_a_golden_fast_search_is_back_in_focus_twice_as_fast():
-    """EGS over SGFS: 2.08 ± 0.1, the focus half way. EGS takes a sweep and half of one back: 1.5 sweeps.
+    """EGS over SGFS: 2.08 ± 0.1, the focus in the middle. EGS takes a sweep and half of one back: 1.5 sweeps.
 
-    200 blocks a sweep. The stop that the paper means, found while the lens moves; and that of the released
-    code, which looks for it in the whole sweep, as if the lens had stopped there.
+    200 blocks per sweep. ``sgfs_causal`` stops as the paper means it, while the lens moves; the released code
+    looks for the stop in the whole sweep, as if the lens had stopped there.
     """
-    take, sweep = planted_take(8_000), 4_000
-    whole, _ = time_to_focus(take, get_search("egs"), sweep)
-    fast, _ = time_to_focus(take, get_search("sgfs_causal", dt=sweep // 200), sweep)
+    capture, sweep = planted_capture(8_000), 4_000
+    whole, _ = time_to_focus(capture, get_search("egs"), sweep)
+    fast, _ = time_to_focus(capture, get_search("sgfs_causal", dt=sweep // 200), sweep)
     assert whole / sweep == pytest.approx(1.5, abs=0.02)
     assert whole / fast == pytest.approx(2.08, abs=0.1)
-    late, answer = time_to_focus(take, get_search("sgfs_code", dt=sweep // 200), sweep)
+    late, answer = time_to_focus(capture, get_search("sgfs_code", dt=sweep // 200), sweep)
     assert late == pytest.approx(whole, rel=0.02)
     stop = int(answer.note.split()[2]) / sweep
     assert 1.5 / (stop + stop - 0.5) == pytest.approx(2.08, abs=0.1)
@@ -161,8 +161,8 @@ def test_predictions_of_a_program_in_c_go_through(tmp_path):
     list_streams(tmp_path / "d", *({"id": name, "scene": name} for name in ("one", "two")))
     (tmp_path / "middle.c").write_text(PROGRAM)
     subprocess.run(["cc", "-o", tmp_path / "middle", tmp_path / "middle.c"], check=True)
-    said = subprocess.run([tmp_path / "middle", "one", "two"], check=True, capture_output=True).stdout
-    (tmp_path / "middle.jsonl").write_bytes(said)
+    printed = subprocess.run([tmp_path / "middle", "one", "two"], check=True, capture_output=True).stdout
+    (tmp_path / "middle.jsonl").write_bytes(printed)
     records = evaluate(tmp_path / "d", methods=[], predictions=tmp_path / "middle.jsonl").records
     assert [(r.method, r.success_half_dof) for r in records] == [("middle_in_c", True)] * 2
     with pytest.raises(SystemExit) as ended:

@@ -37,14 +37,14 @@ def power_in_band(counts: np.ndarray, lowest: float, *, highest: float) -> tuple
     The radius is shared between calls and read-only.
     """
     image = as_floats(counts)
-    weight, radius = _band(image.shape, lowest, highest)
+    weight, radius = _band(image.shape, lowest, highest=highest)
     image -= image.sum() / image.size
     wave = rfft2(image)[:, : weight.shape[1]]
     return (np.square(wave.real) + np.square(wave.imag)) * weight, radius
 
 
 @lru_cache(maxsize=16)
-def _band(shape: tuple[int, ...], lowest: float, highest: float) -> tuple[np.ndarray, np.ndarray]:
+def _band(shape: tuple[int, ...], lowest: float, *, highest: float) -> tuple[np.ndarray, np.ndarray]:
     rows, cols = shape
     down, across = np.abs(np.fft.fftfreq(rows)), np.abs(np.fft.rfftfreq(cols))
     twice = np.where((across > 0) & (2 * np.arange(across.size) < cols), 2.0, 1.0)

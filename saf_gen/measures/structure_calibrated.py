@@ -66,12 +66,12 @@ class StructureCalibrated:
         while apart <= self.longest:
             for axis in (1, 2):
                 if halves.shape[axis] > apart:
-                    total += (_structure(halves, apart, axis) + correction) / apart
+                    total += (_structure(halves, apart, axis=axis) + correction) / apart
             apart *= 2
         return total / (light[0] * light[1])
 
 
-def _structure(halves: np.ndarray, apart: int, axis: int) -> float:
+def _structure(halves: np.ndarray, apart: int, *, axis: int) -> float:
     """Return the mean product of both halves' differences between pixels ``apart`` along an axis."""
     turned = halves if axis == 1 else halves.swapaxes(1, 2)
     first, second = turned[:, apart:] - turned[:, :-apart]

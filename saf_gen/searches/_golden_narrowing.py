@@ -83,7 +83,7 @@ def narrow_as_released(
     while right - left > threshold:
         width = right - left
         inner_right, inner_left = left + ratio * width, right - ratio * width
-        if _score_inclusive(view, left, inner_right) > _score_inclusive(view, inner_left, right):
+        if _score_inclusive(view, left, last=inner_right) > _score_inclusive(view, inner_left, last=right):
             right = inner_right
         else:
             left = inner_left
@@ -118,7 +118,7 @@ def narrow_to_centre(
     return tuple(trace)
 
 
-def _score_inclusive(view: View, a: float, b: float) -> float:
-    """Return the score of the 1-based frames round-half-up(a + j), j = 0 ... ⌊b − a⌋."""
-    first = math.floor(a + 0.5)
-    return view.score(first - 1, first + math.floor(b - a))
+def _score_inclusive(view: View, first: float, *, last: float) -> float:
+    """Return the score of the 1-based frames round-half-up(first + j), j = 0 ... ⌊last − first⌋."""
+    start = math.floor(first + 0.5)
+    return view.score(start - 1, start + math.floor(last - first))

@@ -73,12 +73,15 @@ def are_equal(rows, others):
     )
 
 
+def load(env, sequence=PLANE):
+    return env.load_sequence(next(task for task in env.tasks if task.id == sequence))
+
+
 def with_truth(env, **changes):
-    """The environment, with another truth of the still plane."""
-    task = next(task for task in env.tasks if task.id == PLANE)
-    sequence = env.load_sequence(task)
+    """Give the still plane of an environment another truth."""
+    sequence = load(env)
     truth = replace(sequence.capture.truth, **changes)
-    env._sequences[task.id] = replace(sequence, capture=replace(sequence.capture, truth=truth))
+    env._sequences[PLANE] = replace(sequence, capture=replace(sequence.capture, truth=truth))
     return env
 
 
@@ -113,7 +116,7 @@ def test_episodes_after_a_seed_are_named_by_it_too(dataset):
     assert not are_equal(runs[0][0], runs[0][1])
 
 
-def test_seeds_draw_every_sequence_and_places_of_the_whole_travel(dataset):
+def test_seeds_draw_every_sequence_and_positions_of_the_whole_travel(dataset):
     env = make_env(dataset)
     drawn = [env.reset(seed=seed) for seed in range(40)]
     assert {info["sequence"] for _, info in drawn} == {task.id for task in env.tasks}
@@ -130,19 +133,19 @@ def test_sequences_can_be_chosen(dataset):
 
 
 def test_memory_stays_flat_over_resets(dataset):
-    """Of all the sequences that were filmed, those to keep are alive."""
+    """Of all sequences that were loaded, only those to keep are alive."""
     env = make_env(dataset, keep=1)
-    settings = [weakref.ref(env.load_sequence(task)) for task in env.tasks]
+    loaded = [weakref.ref(env.load_sequence(task)) for task in env.tasks]
     for seed in range(4):
         env.reset(seed=seed)
         env.step(np.array([0.5, 0.0], np.float32))
     gc.collect()
-    settings += [weakref.ref(env.load_sequence(task)) for task in env.tasks]
+    loaded += [weakref.ref(env.load_sequence(task)) for task in env.tasks]
     gc.collect()
-    assert sum(setting() is not None for setting in settings) == 1
+    assert sum(sequence() is not None for sequence in loaded) == 1
     env.close()
     gc.collect()
-    assert not any(setting() for setting in settings)
+    assert not any(sequence() for sequence in loaded)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.array([0.5, 0.0], np.float32))
 
@@ -174,24 +177,23 @@ class VisitingSearch:
 
 
 def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
-    """The same places at the same times: the same way of the lens, the same spikes, the same verdict."""
+    """The same positions at the same times give the same path of the lens, spikes and judgement."""
     env = make_env(dataset)
     rows = play(env, 0.25, 0.75, 0.5, options={"sequence": PLANE})
-    setting = env.load_sequence(next(task for task in env.tasks if task.id == PLANE))
+    sequence = load(env)
     search = VisitingSearch(0.25, 0.75, 0.5)
     method = Method("sd+x", search.measure, search, "0" * 12)
     run = run_closed_loop_method(
-        setting.capture, method, protocol=PROTOCOL, charge_source=setting.charge_source, region=setting.box
+        sequence.capture, method, protocol=PROTOCOL, charge_source=sequence.charge_source, region=sequence.box
     )
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answer_frame == run.answer_frame
     for (seen, _, _), counts in zip(rows, search.counts, strict=False):
         expected = (average_areas(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
-    said = rows[-1][2]
-    verdict = setting.make_record(run, PROTOCOL, method="m", code="", parameters="", common={})
-    assert said["error"] == verdict.error
-    assert said["success_1dof"] == verdict.success_1dof
+    info = rows[-1][2]
+    record = sequence.make_record(run, PROTOCOL, method="m", code="", parameters="", common={})
+    assert (info["error"], info["success_1dof"]) == (record.error, record.success_1dof)
 
 
 def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
@@ -205,7 +207,7 @@ def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
 def test_the_truth_is_out_of_reach_before_the_end(dataset):
     """With another truth all that a policy sees is the same to the bit, and only the reward differs."""
     honest, moved = make_env(dataset), make_env(dataset)
-    truth = honest.load_sequence(next(task for task in honest.tasks if task.id == PLANE)).capture.truth
+    truth = load(honest).capture.truth
     with_truth(moved, position=truth.position + 0.3, depth_of_focus=(0.1, 0.9))
     positions = (0.2, 0.9, 0.4)
     ours, theirs = (play(env, *positions, options={"sequence": PLANE}) for env in (honest, moved))
@@ -261,7 +263,7 @@ def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
 
 @pytest.mark.parametrize("sequence", [PLANE, "plane-dynamic-constant-00"])
 def test_rewards_are_errors_over_time_and_a_bonus(dataset, sequence):
-    """The return of an episode from the way of the lens alone, for a still and for a moving scene."""
+    """The return of an episode from the path of the lens alone, for a still and for a moving scene."""
     env = make_env(dataset)
     rows = play(env, 0.2, 0.6, options={"sequence": sequence})
     run = env.episode.run
@@ -290,7 +292,7 @@ def test_without_a_truth_nothing_is_earned(dataset):
 
 
 def test_an_early_stop_is_not_cheaper_than_to_stay(dataset):
-    """At a wrong place, answered at once or after some periods: the same loss, but for the settling."""
+    """A wrong position costs the same, answered at once or after some periods, apart from the settling."""
     env = make_env(dataset)
     losses = [
         sum(reward for _, reward, _ in play(env, *positions, options={"sequence": PLANE}))
@@ -319,21 +321,21 @@ def test_the_budget_ends_an_episode(dataset):
 
 def climber():
     """Climbs by the contrast of the image from where the lens stands, and turns round once."""
-    state = {"best": -1.0, "place": None, "way": 0.1, "turned": False}
+    state = {"best": -1.0, "position": None, "step": 0.1, "turned": False}
 
-    def act(seen):
-        image, here = seen["image"], state["place"]
+    def act(observation):
+        image, here = observation["image"], state["position"]
         contrast = float(image.var() / image.mean() ** 2)
         if here is None:
-            here = float(seen["lens"][0])
+            here = float(observation["lens"][0])
         elif contrast < state["best"]:
-            state["way"] *= -1
-            if state["turned"] or seen["left"][0] < 0.3:
-                return np.array([min(max(here + state["way"], 0), 1), 1.0], np.float32)
+            state["step"] *= -1
+            if state["turned"] or observation["left"][0] < 0.3:
+                return np.array([min(max(here + state["step"], 0), 1), 1.0], np.float32)
             state["turned"] = True
         state["best"] = contrast
-        state["place"] = min(max(here + state["way"], 0.0), 1.0)
-        return np.array([state["place"], seen["left"][0] < 0.15], np.float32)
+        state["position"] = min(max(here + state["step"], 0.0), 1.0)
+        return np.array([state["position"], observation["left"][0] < 0.15], np.float32)
 
     return act
 

@@ -159,7 +159,7 @@ def test_a_spectrum_costs_its_transform_the_mean_and_what_is_done_with_the_frequ
     each frequency kept has its power (3), a weight and a place in sums.
     """
     measure, shape = get_measure(name), (250, 400)
-    weight, _ = _spectrum._band(shape, getattr(measure, "lowest", 0.0), measure.highest)
+    weight, _ = _spectrum._band(shape, getattr(measure, "lowest", 0.0), highest=measure.highest)
     worked_out = 2.5 * math.log2(250 * 400) + 2 + each * weight.size / (250 * 400)
     assert measure.cost == pytest.approx(worked_out, abs=0.3)
 
