@@ -1,12 +1,11 @@
-"""The encoders of public spike-camera tool kits, as algorithms: what ours is timed against.
+"""The encoders of public spike-camera toolkits, rewritten as algorithms that ours is timed against.
 
-Each is written anew here, plainly, as its source does it: whole pictures in numpy, or a loop over pixels
-where the source has one. What does not belong to encoding is left out, in their favour: opening and decoding
-picture files, intermediate files, progress lines. `saf-gen bench encode` runs them.
+Each follows its source: whole images in numpy, or a loop over pixels where the source has one. What does not
+belong to encoding is left out, in their favour: opening and decoding image files, intermediate files, progress
+lines. ``saf-gen bench encode`` runs them.
 
-All take grey pictures uint8 (frames, row, col), one a readout, and a numpy Generator; all give spikes
-(frames, row, col), 0 or 1. None makes readouts between pictures: who has fewer pictures than readouts makes
-them before, by a network or by repeating.
+All take grey images uint8 (frames, row, col), one per readout, and a numpy Generator, and return spikes
+(frames, row, col), 0 or 1. None interpolates between images.
 """
 
 from collections.abc import Callable
@@ -28,7 +27,7 @@ GREYS = 255.0
 
 @dataclass(frozen=True)
 class PublicEncoder:
-    """name : of source and algorithm. slower : how many times fewer frames it is given to be timed on."""
+    """An encoder by name; it is timed on ``slower`` times fewer frames than the fastest."""
 
     name: str
     run: Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -38,7 +37,7 @@ class PublicEncoder:
 def image_to_spikes(
     image: np.ndarray, frames: int, *, gain: float = 0.5, threshold: float = 1.0
 ) -> np.ndarray:
-    """Spikes of one picture that stands still, float64 (frames, row, col); ``image`` float64, 0 ... 1.
+    """Return the spikes of a still image, float64 (frames, row, col); ``image`` is float64, 0 to 1.
 
     Every readout adds gain·image to what a pixel holds; a pixel that reaches the threshold fires and is set
     to 0, whatever it held. Its period is therefore a whole number of readouts, ⌈threshold/(gain·image)⌉: the
@@ -58,10 +57,10 @@ def image_to_spikes(
 
 
 def video_to_spikes(video: np.ndarray, random: np.random.Generator, *, threshold: float = 5.0) -> np.ndarray:
-    """Spikes of a video, one picture a readout, uint8 (frames, row, col).
+    """Return the spikes of a video, one image per readout, uint8 (frames, row, col).
 
-    A pixel starts at a random phase, adds the picture's grey (0 ... 1), fires at the threshold and gives up
-    just the threshold: its mean rate is grey/threshold. No other noise.
+    A pixel starts at a random phase, adds the image's grey (0 to 1), fires at the threshold and loses exactly
+    the threshold: its mean rate is grey/threshold. No other noise.
 
     Source: SpikeCV, ``spkData/convert_video.py``, ``video_to_spike``; as above.
     """
@@ -81,14 +80,14 @@ CAPACITANCE, CAPACITANCE_SD = 4.348, 0.0128
 DARK, DARK_SD = 0.4442, 0.1731
 RESPONSE, RESPONSE_SD = 1.0128, 0.0584
 THERMAL_SD, SHOT_SD = 9.644e-9, 0.00636  # of the threshold's voltage, drawn for every pixel and readout
-READOUT = 0.05  # of a millisecond
-PHOTONS = 50_000  # at full grey: what the Poisson draw stands for
-AFTER_RESET = 0.998  # of its charge is what a pixel collects in the readout after a spike
-FULL = CAPACITANCE * (SWING + SWING_OFFSET)  # charge that full grey gives in a readout: one spike
+READOUT = 0.05  # milliseconds
+PHOTONS = 50_000  # at full grey, mean of the Poisson draw
+AFTER_RESET = 0.998  # fraction of its charge that a pixel collects in the readout after a spike
+FULL = CAPACITANCE * (SWING + SWING_OFFSET)  # charge of full grey per readout: one spike
 
 
 def _device(shape: tuple[int, int], random: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Dark current, response, capacitance and swing of every pixel."""
+    """Draw dark current, response, capacitance and swing of every pixel."""
     return (
         random.normal(DARK, DARK_SD, shape),
         random.normal(RESPONSE, RESPONSE_SD, shape) / RESPONSE,
@@ -98,10 +97,10 @@ def _device(shape: tuple[int, int], random: np.random.Generator) -> tuple[np.nda
 
 
 def simulate_pixel_by_pixel(video: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Spikes with noise, uint8 (frames, row, col): a Poisson and two normal draws a pixel and readout.
+    """Return spikes with noise, uint8 (frames, row, col), from three draws per pixel and readout.
 
-    A pixel adds its dark current and its grey, times a Poisson count over its mean; it fires where that
-    reaches capacitance·(swing + fresh noise), gives up that much, and loses 0.2 % of the next readout.
+    A pixel adds its dark current and its grey, times a Poisson count over its mean. It fires where that reaches
+    capacitance·(swing + fresh noise), loses that much, and loses 0.2 % of the next readout.
 
     Source: SCSim, ``v2s.py`` of Acnext/SCSim, a loop over pixels in Python; L. Hu et al., SCSim: a
     realistic spike cameras simulator, ICME 2024, arXiv:2405.16790. Its second, noise-free stream is left out.
@@ -131,25 +130,25 @@ def simulate_pixel_by_pixel(video: np.ndarray, random: np.random.Generator) -> n
 
 
 def simulate(video: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """The same simulator with whole pictures in place of the loop over pixels: what numpy makes of it.
+    """Return what simulate_pixel_by_pixel does, on whole images instead of in a loop over pixels.
 
-    Nobody published this one; it is here so that ours is not only compared with a loop in Python.
+    It was never published; with it ours is not compared with a slow Python loop alone.
     """
     shape = video.shape[1:]
     dark, response, capacitance, swing = _device(shape, random)
     held = random.random(shape)
-    share = np.ones(shape)
+    collected = np.ones(shape)
     spikes = np.zeros(video.shape, np.uint8)
     for t, picture in enumerate(video):
         grey = picture / GREYS
         photons = np.floor(PHOTONS * grey)
         shot = random.poisson(photons) / np.maximum(photons, 1.0)
-        held += share * (READOUT * dark + shot * FULL * grey * response)
+        held += collected * (READOUT * dark + shot * FULL * grey * response)
         noise = random.normal(0.0, THERMAL_SD, shape) + random.normal(0.0, SHOT_SD, shape)
         threshold = capacitance * (swing + noise)
         fired = held >= threshold
         held -= np.where(fired, threshold, 0.0)
-        share = np.where(fired, AFTER_RESET, 1.0)
+        collected = np.where(fired, AFTER_RESET, 1.0)
         spikes[t] = fired
     return spikes
 
