@@ -1,8 +1,8 @@
 """The encoders of public spike-camera toolkits, rewritten as algorithms that ours is timed against.
 
 Each follows its source: whole images in numpy, or a loop over pixels where the source has one. What does not
-belong to encoding is left out, in their favour: opening and decoding image files, intermediate files, progress
-lines. ``saf-gen bench encode`` runs them.
+belong to encoding is left out, in their favour: opening and decoding image files, intermediate files, and
+progress lines. ``saf-gen bench encode`` runs them.
 
 All take grey images uint8 (frames, row, col), one per readout, and a numpy Generator, and return spikes
 (frames, row, col), 0 or 1. None interpolates between images.
@@ -99,8 +99,8 @@ def _device(shape: tuple[int, int], random: np.random.Generator) -> tuple[np.nda
 def simulate_pixel_by_pixel(video: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Return spikes with noise, uint8 (frames, row, col), from three draws per pixel and readout.
 
-    A pixel adds its dark current and its grey, times a Poisson count over its mean. It fires where that reaches
-    capacitance·(swing + fresh noise), loses that much, and loses 0.2 % of the next readout.
+    A pixel adds its dark current and its grey, times a Poisson count over its mean. It fires where that
+    reaches capacitance·(swing + fresh noise), loses that much, and loses 0.2 % of the next readout.
 
     Source: SCSim, ``v2s.py`` of Acnext/SCSim, a loop over pixels in Python; L. Hu et al., SCSim: a
     realistic spike cameras simulator, ICME 2024, arXiv:2405.16790. Its second, noise-free stream is left out.
