@@ -19,7 +19,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "open_stream": "stream.stream_file",
-    "write_stream": "stream.stream_file",
+    "write_stream": "stream.stream_writer",
     "get_measure": "measures",
     "get_search": "searches",
     "get_light": "lights",

@@ -21,7 +21,7 @@ DOORS = {
     "mitsuba": ["render"],
     "drjit": ["render"],
     "OpenEXR": ["stack.exr"],
-    "h5py": ["stream.stream_file"],
+    "h5py": ["stream.stream_file", "stream.stream_writer"],
     "typer": ["cli"],
     "rich": ["cli"],
     "matplotlib": ["leaderboard.figures", "authoring.preview"],
@@ -122,7 +122,7 @@ def defined_functions(path):
 def takes_positions(function, protocol_members):
     """Whether more than two arguments may be given by position, though nothing demands it."""
     names = [a.arg for a in (*function.args.posonlyargs, *function.args.args)]
-    kernel = any(re.search("njit|_compiled|dr.syntax", ast.unparse(d)) for d in function.decorator_list)
+    kernel = any(re.search("njit|compiled|dr.syntax", ast.unparse(d)) for d in function.decorator_list)
     special = function.name.startswith("__") or function.name in protocol_members
     return len(names) - (names[:1] in (["self"], ["cls"])) > 2 and not (kernel or special)
 

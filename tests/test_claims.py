@@ -21,7 +21,8 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource
-from saf_gen.stream.stream_file import Truth, write_stream
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.stream_writer import write_stream
 
 SHAPE = (160, 200)
 FRAMES, BLOCK = 8_000, 100

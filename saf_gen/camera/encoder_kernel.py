@@ -7,13 +7,13 @@ and every index is unsigned, because numba guards signed ones against being nega
 into gathers.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numba import njit
 
 from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE
+from saf_gen.core.compiled import compiled
 
 __all__ = ["BLOCK_KEY_STEP", "advance_pixels"]
 
@@ -27,15 +27,8 @@ STRIDE = U(BLOCK_KEY_STEP)
 NOTHING = np.float32(-1e30)
 
 
-def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    try:
-        return njit(nogil=True, cache=True, **options)(function)
-    except RuntimeError:  # numba found no folder it may write a cache to: a read-only install
-        return njit(nogil=True, **options)(function)
-
-
 @njit(inline="always")
-def _mixed(word):
+def _mixed(word: Any) -> Any:
     """The finaliser of SplitMix64: Steele, Lea and Flood, 2014, doi:10.1145/2660193.2660195."""
     word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
@@ -43,7 +36,19 @@ def _mixed(word):
 
 
 @njit(inline="always")
-def _read(held, threshold, weight, byte, flag, charge, noise, mean, sd, cap, weight_after):
+def _read(
+    held: Any,
+    threshold: Any,
+    weight: Any,
+    byte: Any,
+    flag: Any,
+    charge: Any,
+    noise: Any,
+    mean: Any,
+    sd: Any,
+    cap: Any,
+    weight_after: Any,
+) -> Any:
     """Return a pixel after a readout: charge held, threshold, weight of the next readout, byte of spikes."""
     filled = held + weight * charge
     excess = filled - threshold
@@ -59,7 +64,7 @@ def _read(held, threshold, weight, byte, flag, charge, noise, mean, sd, cap, wei
 
 
 @njit(inline="always")
-def _store_eight(out, start, width, column, tile):
+def _store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> Any:
     """Store eight bytes of each pixel, side by side, so that the compiler makes one store of them."""
     for i in range(width):
         word = U(tile[i])
@@ -81,23 +86,23 @@ def _store_eight(out, start, width, column, tile):
         out[p, column + U(7)] = np.uint8(word >> U(56))
 
 
-@_compiled
+@compiled
 def advance_pixels(
-    first,
-    stop,
-    stack,
-    index,
-    low_weight,
-    high_weight,
-    key,
-    done,
-    table,
-    response,
-    fixed,
-    weight_after,
-    state,
-    out,
-):
+    first: Any,
+    stop: Any,
+    stack: Any,
+    index: Any,
+    low_weight: Any,
+    high_weight: Any,
+    key: Any,
+    done: Any,
+    table: Any,
+    response: Any,
+    fixed: Any,
+    weight_after: Any,
+    state: Any,
+    out: Any,
+) -> Any:
     """Advance the pixel blocks ``first <= block < stop`` by all readouts of one call, in place.
 
     Shapes, with P pixels in blocks of 64: stack float32 (G, K, P) e- per readout; index int64 (T,);

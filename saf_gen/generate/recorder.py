@@ -15,7 +15,8 @@ from saf_gen.motions import readout_positions
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
-from saf_gen.stream.stream_file import Metadata, StreamWriter, Truth
+from saf_gen.stream.metadata import Metadata, Truth
+from saf_gen.stream.stream_writer import StreamWriter
 
 __all__ = ["Recorder"]
 

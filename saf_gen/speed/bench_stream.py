@@ -15,7 +15,8 @@ from saf_gen.measures import get_measure
 from saf_gen.speed import synthetic_recording
 from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_shape
 from saf_gen.speed.fresh_process import bytes_read, time_call
-from saf_gen.stream.stream_file import SpikeStream, StreamWriter, open_stream
+from saf_gen.stream.stream_file import SpikeStream, open_stream
+from saf_gen.stream.stream_writer import StreamWriter
 
 __all__ = ["run_bench"]
 

@@ -14,7 +14,8 @@ from saf_gen.camera import Encoder, Sensor, get_sensor, knot_weights
 from saf_gen.core import seeds
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.speed.fresh_process import peak_memory_gib
-from saf_gen.stream.stream_file import Metadata, StreamWriter
+from saf_gen.stream.metadata import Metadata
+from saf_gen.stream.stream_writer import StreamWriter
 
 __all__ = [
     "LIGHT_KINDS",

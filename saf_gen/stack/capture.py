@@ -16,7 +16,8 @@ from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolvedStack
-from saf_gen.stream.stream_file import SpikeStream, Truth
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.stream_file import SpikeStream
 
 __all__ = ["Capture"]
 

@@ -9,7 +9,7 @@ from saf_gen.core.region import target_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
-from saf_gen.stream.stream_file import Truth
+from saf_gen.stream.metadata import Truth
 
 __all__ = ["find_true_focus", "noise_free_sharpness"]
 

@@ -20,6 +20,8 @@ from saf_gen.errors import BadInput, unknown
 
 __all__ = [
     "ARRAY_DATASETS",
+    "FORMAT",
+    "LAYOUT",
     "Metadata",
     "Truth",
     "content_digest",
@@ -29,6 +31,9 @@ __all__ = [
     "metadata_from_options",
     "metadata_to_datasets",
 ]
+
+FORMAT = "saf-gen stream"
+LAYOUT = 1
 
 
 @dataclass(frozen=True, eq=False)

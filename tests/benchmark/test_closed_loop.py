@@ -23,7 +23,7 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer, View
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
-from saf_gen.stream.stream_file import Truth
+from saf_gen.stream.metadata import Truth
 
 IDEAL = get_actuator(
     "voice_coil", speed=1e4, acceleration=1e9, resonance_hz=1e5, damping=1.0, backlash=0, step=0, place_rms=0,

@@ -17,7 +17,8 @@ from saf_gen.leaderboard import rank_methods
 from saf_gen.measures import get_measure
 from saf_gen.motions import readout_positions
 from saf_gen.parts import Answer, View
-from saf_gen.stream.stream_file import open_stream, write_stream
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
 
 PEAK = 300.0
 BRIGHTENING = np.linspace(0.4, 2.0, SHAPE[0])

@@ -21,7 +21,9 @@ from saf_gen.core.focus_crossings import find_crossings
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import tabulate_by_axis
 from saf_gen.parts import Answer
-from saf_gen.stream.stream_file import Truth, open_stream, write_stream
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
 
 FRAMES = 800
 UP = np.linspace(0, 1, FRAMES, dtype=np.float32)

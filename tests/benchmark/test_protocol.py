@@ -15,7 +15,7 @@ from saf_gen.leaderboard import merge_records
 from saf_gen.optics import actuators
 from saf_gen.optics.actuators import ActuatedLens, actuator_names, get_actuator
 from saf_gen.stack.capture import Capture
-from saf_gen.stream.stream_file import Truth
+from saf_gen.stream.metadata import Truth
 
 PRESETS = Path(actuators.__file__).parent / "presets"
 STEPPER = 5151  # frames: 1 ms until a command is in force, 250 ms from end to end, 6.5 for the lens to follow

@@ -11,7 +11,7 @@ from refusals import refusal
 from saf_gen import get_measure, get_search, open_stream, write_stream
 from saf_gen.benchmark.view import RecordingView, WindowCounts, window_counts
 from saf_gen.core.seeds import make_generator
-from saf_gen.stream.stream_file import StreamWriter
+from saf_gen.stream.stream_writer import StreamWriter
 
 
 def windows_of(frames):

@@ -18,7 +18,7 @@ from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import Answer
-from saf_gen.stream.stream_file import Truth
+from saf_gen.stream.metadata import Truth
 
 FULL = replace(
     BLANK,

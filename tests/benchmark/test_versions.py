@@ -25,7 +25,7 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource
-from saf_gen.stream.stream_file import Truth
+from saf_gen.stream.metadata import Truth
 
 RECORDED = "aa2e182e1936da1693556edc996570246a58de64b297b72cd1c6c68f7460180d"
 CLOSED_LOOP = "329a954d7c5d3b806b64a4e3ca89202d30a8efdb6206c097aa0708229b0d8920"

@@ -10,7 +10,7 @@ from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_s
 
 from saf_gen.benchmark.records import read_records
 from saf_gen.cli import main
-from saf_gen.stream.stream_file import write_stream
+from saf_gen.stream.stream_writer import write_stream
 
 pytestmark = pytest.mark.slow
 

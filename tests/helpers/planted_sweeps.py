@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 
 from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
-from saf_gen.stream.stream_file import Truth, open_stream, write_stream
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
 
 SHAPE = (800, 48, 64)
 

@@ -11,7 +11,8 @@ from scipy.ndimage import sobel
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.stream import time_blocks
 from saf_gen.stream.interop import RAW_LAYOUTS, export_raw_frames, import_raw_frames, raw_frames
-from saf_gen.stream.stream_file import open_stream, write_stream
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
 
 
 def decoded(raw, layout, t):

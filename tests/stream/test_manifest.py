@@ -15,7 +15,7 @@ from saf_gen.stream.manifest import (
     verify_entry,
     write_manifest,
 )
-from saf_gen.stream.stream_file import write_stream
+from saf_gen.stream.stream_writer import write_stream
 
 ENTRY = SequenceEntry(
     "a-1", "test", "usaf_target", 0, "static", "sweep", "constant", 0, 2**62, "test/a-1.h5", 20_000,

@@ -20,7 +20,9 @@ from refusals import refusal
 from saf_gen.core.bits import pack
 from saf_gen.errors import BadInput
 from saf_gen.stream import time_blocks
-from saf_gen.stream.stream_file import Metadata, StreamWriter, Truth, open_stream, write_stream
+from saf_gen.stream.metadata import Metadata, Truth
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import StreamWriter, write_stream
 
 DOCS = Path(__file__).parents[2] / "docs" / "file-layout.md"
 
@@ -371,7 +373,7 @@ def test_an_exception_leaves_neither_file_nor_temporary_and_keeps_the_old_one(tm
 def test_a_killed_writer_leaves_no_file_of_that_name(tmp_path):
     script = f"""
 import numpy as np, time
-from saf_gen.stream.stream_file import StreamWriter
+from saf_gen.stream.stream_writer import StreamWriter
 with StreamWriter({str(tmp_path / "a.h5")!r}, shape=(8000, 20, 20)) as writer:
     writer.write(np.zeros((20, 20, 500), np.uint8))
     print("half", flush=True)
@@ -390,7 +392,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
 import resource, signal
 import numpy as np
 from saf_gen.errors import BadInput
-from saf_gen.stream.stream_file import write_stream
+from saf_gen.stream.stream_writer import write_stream
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 frames = np.random.default_rng(0).integers(0, 2, (4_000, 40, 40), np.uint8)

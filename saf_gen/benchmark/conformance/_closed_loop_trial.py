@@ -21,7 +21,7 @@ from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource
-from saf_gen.stream.stream_file import Truth
+from saf_gen.stream.metadata import Truth
 
 __all__ = ["BUDGET_FRAMES", "LIGHT_FACTORS", "Runner", "describe_run", "run_on_test_scene", "run_twice"]
 

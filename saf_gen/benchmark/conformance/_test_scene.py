@@ -14,7 +14,8 @@ from scipy.ndimage import gaussian_filter
 from saf_gen.benchmark.conformance._sample_counts import natural_texture
 from saf_gen.camera import Sensor, charge_stack, encode, exposure_scale, get_sensor
 from saf_gen.optics import ImageDistanceDrive
-from saf_gen.stream.stream_file import Metadata, StreamWriter, Truth
+from saf_gen.stream.metadata import Metadata, Truth
+from saf_gen.stream.stream_writer import StreamWriter
 
 __all__ = ["BEST_FOCUS", "TARGET_RATE", "TestScene", "make_test_scene", "write_recordings"]
 

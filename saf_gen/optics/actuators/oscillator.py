@@ -7,10 +7,9 @@ matrix, summed here: only the four operations are used and none is fused or reor
 bits are the same on every machine.
 """
 
-from collections.abc import Callable
 from typing import Any
 
-from numba import njit
+from saf_gen.core.compiled import compiled
 
 __all__ = ["integrate_lens", "propagator"]
 
@@ -18,15 +17,8 @@ TOLERANCE = 1e-12  # of the travel, beyond a stop
 HALVINGS = 50
 
 
-def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    try:
-        return njit(nogil=True, cache=True)(function)
-    except RuntimeError:  # numba found no folder it may write a cache to: a read-only install
-        return njit(nogil=True)(function)
-
-
-@_compiled
-def propagator(angle, damping):
+@compiled
+def propagator(angle: Any, damping: Any) -> Any:
     """Return exp(angle·[[0, 1], [-1, -2ζ]]) by rows: a Taylor series to the 14th power, then squared."""
     halvings, small = 0, angle
     while small * (1 + 2 * damping) > 0.5:
@@ -40,8 +32,8 @@ def propagator(angle, damping):
     return a, b, c, d
 
 
-@_compiled
-def _smooth(piece, time, omega, damping):
+@compiled
+def _smooth(piece: Any, time: Any, omega: Any, damping: Any) -> Any:
     """Return position and speed of p, the part of the response that does not swing."""
     passed, acceleration = time - piece[0], piece[3]
     lag = 2 * damping / omega
@@ -50,8 +42,8 @@ def _smooth(piece, time, omega, damping):
     return flat + passed * (speed + acceleration * passed / 2), speed + acceleration * passed
 
 
-@_compiled
-def _hit(piece, begin, end, off, swing, stop, omega, damping):
+@compiled
+def _hit(piece: Any, begin: Any, end: Any, off: Any, swing: Any, stop: Any, omega: Any, damping: Any) -> Any:
     """Return when between ``begin`` (inside) and ``end`` (beyond) the lens reaches the stop."""
     low, high = begin, end
     for _ in range(HALVINGS):
@@ -65,8 +57,10 @@ def _hit(piece, begin, end, off, swing, stop, omega, damping):
     return high
 
 
-@_compiled
-def _advance(piece, begin, end, off, swing, turned, omega, damping):
+@compiled
+def _advance(
+    piece: Any, begin: Any, end: Any, off: Any, swing: Any, turned: Any, omega: Any, damping: Any
+) -> Any:
     """Return e and its speed over ω at ``end``, with the stops; ``turned`` propagates from ``begin``."""
     a, b, c, d = turned
     off_then, swing_then = a * off + b * swing, c * off + d * swing
@@ -87,8 +81,10 @@ def _advance(piece, begin, end, off, swing, turned, omega, damping):
     return off_then, swing_then
 
 
-@_compiled
-def integrate_lens(pieces, state, first, readout_hz, omega, damping, out):
+@compiled
+def integrate_lens(
+    pieces: Any, state: Any, first: Any, readout_hz: Any, omega: Any, damping: Any, out: Any
+) -> Any:
     """Fill ``out`` (frames,) with the positions of the lens in the middle of the readouts from ``first`` on.
 
     Shapes: pieces float64 (m, 4), the trajectory of the seat from the piece that contains the middle of the

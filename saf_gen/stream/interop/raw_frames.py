@@ -18,7 +18,9 @@ import numpy as np
 from saf_gen.core import bits
 from saf_gen.core.files import write_atomically
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.stream_file import Metadata, StreamWriter, open_stream
+from saf_gen.stream.metadata import Metadata
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import StreamWriter
 
 __all__ = ["RAW_LAYOUTS", "RawLayout", "export_raw_frames", "import_raw_frames"]
 

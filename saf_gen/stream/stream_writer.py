@@ -1,0 +1,216 @@
+"""Writing stream files, in pieces or from an array; the layout is in :mod:`saf_gen.stream.stream_file`."""
+
+import hashlib
+import math
+import operator
+import os
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+
+from saf_gen.core import bits
+from saf_gen.core.files import unwritable_error, write_atomically
+from saf_gen.errors import BadInput
+from saf_gen.stream import time_blocks
+from saf_gen.stream.metadata import (
+    FORMAT,
+    LAYOUT,
+    Metadata,
+    content_digest,
+    digest_line,
+    format_digest_line,
+    metadata_from_options,
+    metadata_to_datasets,
+)
+from saf_gen.stream.stream_file import read_small_datasets
+from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
+
+__all__ = ["StreamWriter", "write_stream"]
+
+
+class _WriteAborted(Exception):
+    """Undoes a writer without passing on the caller's exception, which may be an OSError of another file."""
+
+
+class StreamWriter:
+    """A context manager that writes a stream file in pieces; memory does not grow with T.
+
+    It writes to a temporary file beside ``path``. On a clean exit the file is closed, read back and compared
+    with what was written (the small datasets by value, each chunk of spikes by the CRC-32 of its deflated
+    bytes), and renamed; ``content_sha256`` is then set. On an exception the temporary file is removed.
+
+    Parameters
+    ----------
+    path : the file to write.
+    shape : (T, H, W), each at least 1.
+    readout_hz : readouts per second.
+    metadata : what the file holds beside the spikes.
+    threads : threads that deflate; one per core by default, eight at most.
+
+    Raises
+    ------
+    BadInput : wrong shapes, or a folder that cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        shape: tuple[int, int, int],
+        readout_hz: float = 20_000,
+        metadata: Metadata | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self.path, self._threads = Path(path), threads
+        if len(shape) != 3 or min(shape) < 1:
+            raise BadInput(f"shape is {tuple(shape)}", where=str(path), allowed="T, H, W, each at least 1")
+        if not (math.isfinite(readout_hz) and readout_hz > 0):
+            raise BadInput(f"readout_hz is {readout_hz}", where=str(path), allowed="a finite number above 0")
+        frames, self._rows, self._columns = (operator.index(n) for n in shape)
+        self.shape, self.readout_hz = (frames, self._rows, self._columns), float(readout_hz)
+        self.content_sha256 = ""
+        self._datasets = metadata_to_datasets(metadata or Metadata(), self.shape)
+        self._length = -(-frames // 8)
+        self._chunk = time_blocks.chunk_shape((self._rows, self._columns, self._length))
+        self._sha, self._crcs = hashlib.sha256(), dict[tuple[int, int], int]()
+        self._assembler = time_blocks.TimeBlockAssembler(self.shape, where=str(path))
+        self._done = 0  # bytes along time in the file
+        self._file: h5py.File | None = None
+
+    def __enter__(self) -> Self:
+        with ExitStack() as undo:
+            self._part = undo.enter_context(write_atomically(self.path))
+            self._file = h5py.File(self._part, "w")
+            undo.callback(self._close)
+            self._spikes = self._file.create_dataset(
+                "spikes",
+                (self._rows, self._columns, self._length),
+                "uint8",
+                chunks=self._chunk,
+                compression="gzip",
+                compression_opts=1,
+            )
+            self._spikes.attrs.update(frames=self.shape[0], readout_hz=self.readout_hz)
+            for name, value in self._datasets.items():
+                text = isinstance(value, str | tuple)
+                self._file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
+            self._pool = undo.enter_context(time_blocks.make_thread_pool("deflate", self._threads))
+            self._undo = undo.pop_all()
+        return self
+
+    def write(self, packed: np.ndarray) -> None:
+        """Append ``packed`` uint8 (H, W, bytes), any number of bytes along time."""
+        if self._file is None:
+            raise BadInput("the writer is not open", where=str(self.path), hint="use it in a with statement")
+        for time_block in self._assembler.add(packed):
+            self._store(time_block)
+
+    def _store(self, time_block: np.ndarray) -> None:
+        height = self._chunk[0]
+        starts = range(0, self._rows, height)
+
+        def deflate(row: int) -> bytes:
+            return time_blocks.deflate_chunk(time_block[row : row + height], self._chunk)
+
+        def hash_block() -> None:
+            for row in starts:
+                self._sha.update(np.ascontiguousarray(time_block[row : row + height]).data)
+
+        hashing = self._pool.submit(hash_block)
+        try:
+            for row, data in zip(starts, self._pool.map(deflate, starts), strict=True):
+                self._crcs[row, self._done] = time_blocks.checksum(data)
+                self._spikes.id.write_direct_chunk((row, 0, self._done), data)
+        except OSError as error:
+            raise unwritable_error(self.path, error) from error
+        finally:
+            hashing.result()
+        self._done += time_block.shape[2]
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(_WriteAborted), self._undo:
+            if kind is not None:
+                raise _WriteAborted
+            sha256 = self._verify_written()
+        if kind is None:
+            self.content_sha256 = sha256
+
+    def _verify_written(self) -> str:
+        """Close the file, compare it with what was written, and return its content_sha256."""
+        self._assembler.check_complete()
+        shape, readout_hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
+        spikes = format_digest_line("/spikes", "uint8", shape=shape, sha256=self._sha.hexdigest())
+        lines = [digest_line(n, v) for n, v in self._datasets.items() if not n.startswith("/provenance/")]
+        sha256 = content_digest([*lines, spikes], readout_hz=readout_hz, frames=frames)
+        if self._file is not None:
+            self._file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=sha256)
+            self._file.close()
+        with h5py.File(self._part, "r") as file:
+            stored = [
+                digest_line(n, v) for n, v in read_small_datasets(file) if not n.startswith("/provenance/")
+            ]
+            chunks = file["spikes"].id
+            same = all(
+                time_blocks.checksum(chunks.read_direct_chunk((row, 0, at))[1]) == crc
+                for (row, at), crc in self._crcs.items()
+            )
+        if not same or content_digest([*stored, spikes], readout_hz=readout_hz, frames=frames) != sha256:
+            raise BadInput(
+                "what was read back is not what was written", where=str(self.path), hint="check the disk"
+            )
+        return sha256
+
+    def _close(self) -> None:
+        # On a full disk HDF5 can neither write nor drop what it still holds; the cause is raised already.
+        with suppress(OSError, RuntimeError):
+            if self._file is not None:
+                self._file.close()
+        self._file = None
+
+
+def write_stream(
+    path: str | os.PathLike[str], frames: Any, *, readout_hz: float = 20_000, **optional: Any
+) -> str:
+    """Write frames of any origin as a stream file.
+
+    Parameters
+    ----------
+    path : the file to write; its folder is made if missing.
+    frames : (T, H, W) of 0 and 1, or bool. Anything that slices along time to arrays will do, such as a
+        memory map; it is read 2,000 frames at a time.
+    readout_hz : readouts per second.
+    **optional : fields of :class:`Metadata`; ``truth`` may be a mapping of fields of :class:`Truth`.
+
+    Returns
+    -------
+    The ``content_sha256`` of the file.
+
+    Raises
+    ------
+    BadInput : names the field whose shape, dtype or values are not allowed.
+    """
+    if not hasattr(frames, "shape"):
+        frames = np.asarray(frames)
+    if len(frames.shape) != 3 or min(frames.shape) < 1:
+        raise BadInput(
+            f"frames have shape {tuple(frames.shape)}", where=str(path), allowed="(T, H, W), T at least 1"
+        )
+    total = int(frames.shape[0])
+    metadata = metadata_from_options(optional)
+    with StreamWriter(path, shape=tuple(frames.shape), readout_hz=readout_hz, metadata=metadata) as writer:
+        for first in range(0, total, 8 * TIME_BLOCK_BYTES):
+            time_block = np.asarray(frames[first : first + 8 * TIME_BLOCK_BYTES])
+            wrong = time_block[(time_block != 0) & (time_block != 1)]
+            if time_block.dtype.kind not in "buif" or wrong.size:
+                value = f"value {wrong[0]!s}" if wrong.size else f"dtype {time_block.dtype}"
+                raise BadInput(
+                    f"frames {first} and on hold the {value}", where=str(path), allowed="0 and 1, or bool"
+                )
+            writer.write(bits.pack(time_block))
+    return writer.content_sha256
