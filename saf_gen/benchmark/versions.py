@@ -1,7 +1,7 @@
 """Version numbers of everything beside the method that decides the numbers of a record.
 
-Raise the number of a part whenever the same stream and the same method would give another record. Records of
-different versions do not mix in one leaderboard.
+Raise a version whenever the same stream and the same method would give another record; pinned numbers in
+tests/benchmark/test_versions.py show when. Records of different versions do not mix in one leaderboard.
 """
 
 __all__ = ["CAPTURE_VERSION", "COUNTS_VERSION", "JUDGEMENT_VERSION", "evaluator_version"]
