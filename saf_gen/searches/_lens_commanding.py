@@ -75,7 +75,10 @@ class FocusSampler:
         self._measure, self._dt = measure, dt
 
     def __call__(self, to: float) -> float:
-        """Return the score with the lens at ``to``, clipped to the travel. Raise OutOfFramesError in time."""
+        """Move the lens to ``to``, clipped to the travel, and return the score where it comes to rest.
+
+        Raises OutOfFramesError where too few frames are left.
+        """
         view, to = self._view, min(max(to, 0.0), 1.0)
         origin = self._read(max(view.now - self._reading, 0), view.now)[0] if view.now else math.nan
         view.move(to)
