@@ -37,18 +37,9 @@ def _mixed(word: Any) -> Any:
 
 @njit(inline="always")
 def _read(
-    held: Any,
-    threshold: Any,
-    weight: Any,
-    byte: Any,
-    flag: Any,
-    charge: Any,
-    noise: Any,
-    mean: Any,
-    sd: Any,
-    cap: Any,
-    weight_after: Any,
-) -> Any:
+    held: Any, threshold: Any, weight: Any, byte: Any, flag: Any, charge: Any, noise: Any, mean: Any,
+    sd: Any, cap: Any, weight_after: Any
+) -> Any:  # fmt: skip
     """Return a pixel after a readout: charge held, threshold, weight of the next readout, byte of spikes."""
     filled = held + weight * charge
     excess = filled - threshold
@@ -88,21 +79,9 @@ def _store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> An
 
 @compiled
 def advance_pixels(
-    first: Any,
-    stop: Any,
-    stack: Any,
-    index: Any,
-    low_weight: Any,
-    high_weight: Any,
-    key: Any,
-    done: Any,
-    table: Any,
-    response: Any,
-    fixed: Any,
-    weight_after: Any,
-    state: Any,
-    out: Any,
-) -> Any:
+    first: Any, stop: Any, stack: Any, index: Any, low_weight: Any, high_weight: Any, key: Any, done: Any,
+    table: Any, response: Any, fixed: Any, weight_after: Any, state: Any, out: Any
+) -> Any:  # fmt: skip
     """Advance the pixel blocks ``first <= block < stop`` by all readouts of one call, in place.
 
     Shapes, with P pixels in blocks of 64: stack float32 (G, K, P) e- per readout; index int64 (T,);
