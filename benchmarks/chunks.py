@@ -62,9 +62,7 @@ def store(path: Path, spikes: np.ndarray, *, chunk: tuple[int, int, int], pool: 
             made.id.write_direct_chunk(corner, data)
 
 
-def read_chunks(
-    file: h5py.File, box: Box, *, pool: ThreadPoolExecutor
-) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+def read_chunks(file: h5py.File, box: Box, *, pool: ThreadPoolExecutor) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """Yield the corner and content of every chunk that overlaps a box, inflated on threads."""
     spikes = file["spikes"]
     starts = (range(s.start // c * c, s.stop, c) for s, c in zip(box, spikes.chunks, strict=True))
@@ -101,11 +99,7 @@ def measure(spikes: np.ndarray, chunk: tuple[int, int, int], *, folder: Path) ->
     patterns: dict[str, Box] = {
         "all windows": (whole, slice(0, columns), slice(0, length)),
         "one window": (whole, slice(0, columns), slice(middle, middle + WINDOW)),
-        "one region": (
-            slice(rows // 4, rows // 4 + 64),
-            slice(columns // 4, columns // 4 + 64),
-            slice(0, length),
-        ),
+        "one region": (slice(rows // 4, rows // 4 + 64), slice(columns // 4, columns // 4 + 64), slice(0, length)),
     }
     with ThreadPoolExecutor(usable_cores()) as pool:
         out = {"write": _median(lambda: store(path, spikes, chunk=chunk, pool=pool))}
@@ -125,17 +119,15 @@ def _median(work) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
     parser.add_argument("--frames", type=int, default=20_000)
     parser.add_argument("--sensor", default="vidar_400x250")
     options = parser.parse_args()
     sensor = get_sensor(options.sensor)
-    charge = synthetic_recording.make_charge(sensor, 129)
+    charge = synthetic_recording.make_bench_charge(sensor, 129)
     spikes = np.concatenate(
-        list(synthetic_recording.encode_blocks(sensor, charge, frames=options.frames)), axis=2
+        list(synthetic_recording.encode_bench_blocks(sensor, charge, frames=options.frames)), axis=2
     )
     found = {}
     print(f"{'rows, columns, bytes':24}{'bit':>7}{'write':>9}{'sweep':>9}{'window':>9}{'region':>9}  seconds")

@@ -41,20 +41,15 @@ SMALL = Plan(positions=9, samples=(4, 8, 16), reference=64, batch=16)
 
 def measure(plan: Plan, scene: str) -> dict[str, Any]:
     """Return error and time of both renderers at every number of samples, as written to error.json."""
-    setup, variant = bench_stack.set_up_scene(plan.sensor, scene)
-    positions = bench_stack.nearest_positions(plan.positions)
+    setup, variant = bench_stack.set_up_timed_scene(plan.sensor, scene)
+    positions = bench_stack.nearest_bench_positions(plan.positions)
     references = []
     for position in positions:
         references.append(
-            bench_stack.render_reference(setup, position, samples=plan.reference, batch=plan.batch)[0]
+            bench_stack.render_bench_reference(setup, position, samples=plan.reference, batch=plan.batch)[0]
         )
         print(f"reference at {position:.2f}: noise {100 * _relative_noise(references[-1]):.3g} %", flush=True)
-    found: dict[str, Any] = {
-        "scene": scene,
-        "variant": variant,
-        "positions": plan.positions,
-        "places": positions,
-    }
+    found: dict[str, Any] = {"scene": scene, "variant": variant, "positions": plan.positions, "places": positions}
     found |= {"reference_samples": plan.reference, "samples": list(plan.samples)}
     renderers = {"one_pass": _one_pass, "thin_lens": _thin_lens}
     for name, render in renderers.items():
@@ -70,9 +65,7 @@ def measure(plan: Plan, scene: str) -> dict[str, Any]:
             "psnr_db": [float(np.mean(20 * np.log10(peak / np.array(e)))) for e in errors],
             "error_at_places": errors,
         }
-        for samples, took, error in zip(
-            plan.samples, found[name]["seconds"], found[name]["error"], strict=True
-        ):
+        for samples, took, error in zip(plan.samples, found[name]["seconds"], found[name]["error"], strict=True):
             print(f"{name}, {samples} samples: {took:.3g} s, error {100 * error:.3g} %", flush=True)
     found["slope_of_error"] = {name: slope(found["samples"], found[name]["error"]) for name in renderers}
     found["less_error_at_equal_time_db"] = _at_equal_time(found["one_pass"], found["thin_lens"])
@@ -123,9 +116,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
     grid[0, 0].set(xlabel="samples per pixel", ylabel="error (% of mean radiance)", title="at equal samples")
     grid[0, 0].legend(frameon=False)
     grid[0, 1].set(xlabel=f"time of {found['positions']} positions (s)", title="at equal time")
-    for n, took, error in zip(
-        found["samples"], found["one_pass"]["seconds"], found["one_pass"]["error"], strict=True
-    ):
+    for n, took, error in zip(found["samples"], found["one_pass"]["seconds"], found["one_pass"]["error"], strict=True):
         if n in (found["samples"][0], found["samples"][-1]):
             grid[0, 1].annotate(f" {n}", (took, 100 * error), color=GREY)
     save(figure, path)

@@ -64,22 +64,20 @@ SMALL = Plan(
 
 def render(sensor: str, positions: int, samples: int, *, report: ReportProgress) -> Measured:
     """Render a focal stack in one pass, after a first one that compiles."""
-    setup, _ = bench_stack.set_up_scene(sensor)
+    setup, _ = bench_stack.set_up_timed_scene(sensor)
     bench_stack.render_one_pass(setup, positions, samples=samples)
     _, took = time_call(bench_stack.render_one_pass, setup, positions, samples=samples)
     return took, peak_memory_gib()
 
 
-def record(
-    sensor: str, shape: tuple[int, int], positions: int, frames: int, *, report: ReportProgress
-) -> Measured:
+def record(sensor: str, shape: tuple[int, int], positions: int, frames: int, *, report: ReportProgress) -> Measured:
     """Encode one sequence with all noise and store it; the charge of all positions is in memory."""
     camera = replace(get_sensor(sensor), rows=shape[0], columns=shape[1])
-    charge = synthetic_recording.make_charge(camera, positions)
+    charge = synthetic_recording.make_bench_charge(camera, positions)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sequence.h5"
-        synthetic_recording.record_sweep(path, camera, charge=charge, frames=16)  # compiles
-        _, took = time_call(synthetic_recording.record_sweep, path, camera, charge=charge, frames=frames)
+        synthetic_recording.record_bench_sweep(path, camera, charge=charge, frames=16)  # compiles
+        _, took = time_call(synthetic_recording.record_bench_sweep, path, camera, charge=charge, frames=frames)
     return took, peak_memory_gib()
 
 
@@ -96,9 +94,7 @@ def _make_dataset(recipe: str, sequences: int, *, folder: Path) -> None:
     """Generate and evaluate so many sequences of a recipe's first scene under its first light."""
     data = read_recipe(recipe).model_dump(mode="json")
     split = next(iter(data["splits"].values()))
-    data["splits"] = {
-        "test": {"scenes": split["scenes"][:1], "lights": split["lights"][:1], "repeats": sequences}
-    }
+    data["splits"] = {"test": {"scenes": split["scenes"][:1], "lights": split["lights"][:1], "repeats": sequences}}
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "recipe.yaml"
     path.write_text(json.dumps(data))  # JSON is YAML
@@ -162,10 +158,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
 
 
 def main(
-    argv: list[str] | None = None,
-    *,
-    plan: Plan | None = None,
-    call: Callable[..., Measured] = run_in_fresh_process,
+    argv: list[str] | None = None, *, plan: Plan | None = None, call: Callable[..., Measured] = run_in_fresh_process
 ) -> None:
     """Measure and write; tests give another ``plan``, and a ``call`` that stays in their process."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

@@ -13,14 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = [
-    "ENCODERS",
-    "PublicEncoder",
-    "image_to_spikes",
-    "simulate",
-    "simulate_pixel_by_pixel",
-    "video_to_spikes",
-]
+__all__ = ["ENCODERS", "PublicEncoder", "image_to_spikes", "simulate", "simulate_pixel_by_pixel", "video_to_spikes"]
 
 GREYS = 255.0
 
@@ -34,9 +27,7 @@ class PublicEncoder:
     slower: int = 1
 
 
-def image_to_spikes(
-    image: np.ndarray, frames: int, *, gain: float = 0.5, threshold: float = 1.0
-) -> np.ndarray:
+def image_to_spikes(image: np.ndarray, frames: int, *, gain: float = 0.5, threshold: float = 1.0) -> np.ndarray:
     """Return the spikes of a still image, float64 (frames, row, col); ``image`` is float64, 0 to 1.
 
     Every readout adds gain·image to what a pixel holds; a pixel that reaches the threshold fires and is set
@@ -159,11 +150,8 @@ ENCODERS = (
         lambda video, random: image_to_spikes(2 * video[0] / GREYS, len(video)),  # gain is a half
     ),
     PublicEncoder(
-        "SpikeCV's video to spikes, no noise",
-        lambda video, random: video_to_spikes(video, random, threshold=1.0),
+        "SpikeCV's video to spikes, no noise", lambda video, random: video_to_spikes(video, random, threshold=1.0)
     ),
     PublicEncoder("SCSim's simulator made whole pictures in numpy, noise", simulate, slower=10),
-    PublicEncoder(
-        "SCSim's simulator as published, pixel by pixel, noise", simulate_pixel_by_pixel, slower=100
-    ),
+    PublicEncoder("SCSim's simulator as published, pixel by pixel, noise", simulate_pixel_by_pixel, slower=100),
 )

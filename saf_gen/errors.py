@@ -10,8 +10,6 @@ from difflib import get_close_matches
 from functools import partial
 from typing import Any
 
-__all__ = ["BadInput", "SafGenError", "closest", "located", "unknown"]
-
 
 class SafGenError(Exception):
     """Base class of the errors that saf_gen reports itself; the process ends with its ``exit_code``."""
@@ -45,9 +43,7 @@ class BadInput(SafGenError):
 
     exit_code = 2
 
-    def __init__(
-        self, problem: str, *, where: str = "", allowed: str = "", nearest: str = "", hint: str = ""
-    ) -> None:
+    def __init__(self, problem: str, *, where: str = "", allowed: str = "", nearest: str = "", hint: str = "") -> None:
         pieces = [f"{where}: {problem}" if where else problem]
         if allowed:
             pieces.append(f"allowed: {allowed}")

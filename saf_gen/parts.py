@@ -12,21 +12,6 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = [
-    "Answer",
-    "Light",
-    "Measure",
-    "Motion",
-    "Search",
-    "View",
-    "cite_source",
-    "commands",
-    "wants_frames",
-    "wants_halves",
-    "wants_intervals",
-    "wants_measures",
-]
-
 
 class Light(Protocol):
     """A light schedule: the gain of a light group over the time of a recording.

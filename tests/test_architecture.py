@@ -14,9 +14,7 @@ from saf_gen.core.config.registry import PLUGIN_KINDS
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "saf_gen"
-LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0][
-    "layers"
-]
+LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]["layers"]
 DOORS = {
     "mitsuba": ["render"],
     "drjit": ["render"],
@@ -53,11 +51,7 @@ def sources():
 
 def test_layers_and_circles_are_as_pyproject_states_them():
     run = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "from importlinter.cli import lint_imports_command as run; run(['--no-cache'])",
-        ],
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as run; run(['--no-cache'])"],
         cwd=ROOT,
         capture_output=True,
         text=True,

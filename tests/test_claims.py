@@ -11,7 +11,7 @@ from scipy.special import j1
 
 from saf_gen import encode, get_measure, get_search, get_sensor
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.tracks.closed_loop_run import finish_run
+from saf_gen.benchmark.tracks.closed_loop_run import finish_closed_loop_run
 from saf_gen.benchmark.view.captured_frames import CapturedFrames
 from saf_gen.benchmark.view.running_camera import RunningCamera
 from saf_gen.benchmark.view.sweep_view import SweepView
@@ -54,9 +54,7 @@ def peak_of(curve):
 
 
 @pytest.mark.parametrize("ramp", RAMPS.values(), ids=RAMPS)
-@pytest.mark.parametrize(
-    "name", ["gradient_code", "tenengrad", "brenner", "mfdct_lee", "variance", "squared_gradient"]
-)
+@pytest.mark.parametrize("name", ["gradient_code", "tenengrad", "brenner", "mfdct_lee", "variance", "squared_gradient"])
 @pytest.mark.slow
 def test_divided_by_brightness_the_baselines_stand_a_fourfold_ramp_as_sd_does(name, ramp):
     """25 counts per window: normalised measures stay within 0.03 of the sweep, others follow the light."""
@@ -117,7 +115,7 @@ def time_to_focus(capture, search, sweep):
     view = SweepView(camera, begin=0.0, end=1.0, frames=sweep)
     answer = search(view)
     camera.commanded_trajectory = None
-    run = finish_run(camera, answer, to=view.position_at(answer.frame), budget=capture.frames)
+    run = finish_closed_loop_run(camera, answer, to=view.position_at(answer.frame), budget=capture.frames)
     assert run.path[-1] == pytest.approx(0.5, abs=0.02)
     return int(np.flatnonzero(np.abs(run.path - run.path[-1]) > 1e-3)[-1]) + 1, answer
 

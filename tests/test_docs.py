@@ -32,7 +32,7 @@ from saf_gen.cli import app, main
 from saf_gen.core.config import registry
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.lights import COMMON_KEYS, readout_gains
+from saf_gen.lights import COMMON_KEYS, light_gains_at_readouts
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
 from saf_gen.render import backend
@@ -177,9 +177,7 @@ def test_links_and_paths_lead_somewhere(page):
     missing = [link for link in links if link and not (page.parent / link).exists()]
     named = re.findall(r"`((?:saf_gen|tests|tools)/[^`]*|(?:recipes|scenes|docs)/\w[^`]*)`", prose)
     made = {path for block in blocks_of(page) for path in (Path(block.path), Path(block.path).parent)}
-    real = [
-        n for n in named if not re.search(r"[A-Z]{3}|[*<]|/my_", n) and not {Path(n), Path(n).parent} & made
-    ]
+    real = [n for n in named if not re.search(r"[A-Z]{3}|[*<]|/my_", n) and not {Path(n), Path(n).parent} & made]
     missing += [name for name in real if not (ROOT / name).exists()]
     assert not missing
 
@@ -356,7 +354,7 @@ def test_the_light_schedule_shown_is_a_part(tmp_path):
     space: dict[str, Any] = {"__name__": "shown"}
     exec(compile(text, "CONTRIBUTING.md", "exec"), space)
     (part,) = (v for v in space.values() if is_dataclass(v) and isinstance(v, type))
-    gains = readout_gains(part(after_s=0.02), 400, readout_hz=20_000)
+    gains = light_gains_at_readouts(part(after_s=0.02), 400, readout_hz=20_000)
     assert gains == pytest.approx(np.exp(-(np.arange(400) + 0.5) / 20_000 / 0.02), rel=1e-4)
 
 
@@ -384,9 +382,7 @@ def desk(tmp_path_factory):
         (beside / "quarter.yaml").write_text(yaml.safe_dump(sensor))
     recipe = folder / "quickstart.yaml"
     recipe.write_text(shrunk((ROOT / "recipes/quickstart.yaml").read_text()))
-    shutil.copytree(
-        SCENES / "workbench", folder / "exported", ignore=shutil.ignore_patterns("*.yaml", "*.md")
-    )
+    shutil.copytree(SCENES / "workbench", folder / "exported", ignore=shutil.ignore_patterns("*.yaml", "*.md"))
     run(folder, ["saf-gen", "generate", recipe.name, "--out", "datasets/quickstart"])
     shutil.copy(folder / "datasets/quickstart/test/usaf_target-sudden-00.h5", folder / "sequence.h5")
     return folder
@@ -432,7 +428,7 @@ def test_what_a_page_shows_runs_in_its_order(page, desk, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.skipif(
-    not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description
+    not backend.probe_render_backends().llvm_usable, reason=backend.probe_render_backends().llvm_description
 )
 def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
     """The page's own claim, on noise-free sharpness, within one rendered position of nine."""

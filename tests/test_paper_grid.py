@@ -15,7 +15,7 @@ METHODS = ["sd+argmax", "sd_code+sgfs_code", "sd_calibrated+photon_aware", "er_c
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.skipif(not backend.probe_backends().llvm_usable, reason="half an hour without LLVM")
+@pytest.mark.skipif(not backend.probe_render_backends().llvm_usable, reason="half an hour without LLVM")
 def test_a_tenth_of_the_grid_is_made_whole_and_shows_what_the_paper_claims(tmp_path):
     """SD is at most one depth of focus off in every sequence, and the count of spikes is fooled in some."""
     work = resolve_recipe("recipes/sad_synthetic.yaml", part=(1, 10))

@@ -8,16 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.authoring.preview import encode_gamma, render_small_images, save_image_grid, white_level
+from saf_gen.authoring.preview import (
+    encode_preview_gamma,
+    preview_white_level,
+    render_small_images,
+    save_preview_image_grid,
+)
 from saf_gen.camera import Sensor
-from saf_gen.core.config.ranges import extreme_values, is_range
+from saf_gen.core.config.ranges import is_range, range_extremes
 from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene, SceneCard
-
-__all__ = ["write_gallery"]
 
 MAX_BYTES = 100_000  # per image file, because it is cloned with the project
 SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 32, 4, 24  # per pixel; of the small images
@@ -58,7 +61,7 @@ def write_gallery(
             failed[scene.id] = problem
             continue
         picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
-        save_image_grid(view.rows, picture, max_bytes=MAX_BYTES)
+        save_preview_image_grid(view.rows, picture, max_bytes=MAX_BYTES)
         sections.append(_format_section(scene, view, picture=picture, folder=folder))
     page = folder / "scenes.md"
     write_text_atomically(page, "\n".join(sections))
@@ -83,14 +86,12 @@ class _View:
         samples = SLOW_SAMPLES if renderer.is_slow else SAMPLES
         whole = slice(0, sensor.rows), slice(0, sensor.columns)
         images = [renderer.render_region(p, samples=samples, region=whole) for p in (0.0, best, 1.0)]
-        white = white_level(images[1])
-        rows = [[encode_gamma(image, white) for image in images]]
+        white = preview_white_level(images[1])
+        rows = [[encode_preview_gamma(image, white) for image in images]]
         samples = SLOW_SAMPLES if renderer.is_slow else SMALL_SAMPLES
-        small = [
-            image for _, image in render_small_images(renderer, best, samples=samples, count=SMALL_IMAGES)
-        ]
+        small = [image for _, image in render_small_images(renderer, best, samples=samples, count=SMALL_IMAGES)]
         if small:
-            rows.append([encode_gamma(image, white_level(image)) for image in small])
+            rows.append([encode_preview_gamma(image, preview_white_level(image)) for image in small])
         return cls(rows, seen, truth)
 
 
@@ -114,9 +115,7 @@ def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -
     }
     table = [f"| {key} | {value} |" for key, value in rows.items() if value]
     image = f"![{card.title}]({picture.relative_to(folder).as_posix()})"
-    return "\n".join(
-        [f"## {scene.id}", "", f"{card.title}.", "", image, "", "| | |", "|---|---|", *table, ""]
-    )
+    return "\n".join([f"## {scene.id}", "", f"{card.title}.", "", image, "", "| | |", "|---|---|", *table, ""])
 
 
 def _format_light(group: str, lux: Any) -> str:
@@ -132,7 +131,7 @@ def _format_motion(card: SceneCard) -> str:
 
 
 def _format_range(name: str, value: Any) -> str:
-    values = extreme_values(value)
+    values = range_extremes(value)
     if "choice" in value:
         return f"`{name}` {', '.join(str(choice) for choice in dict.fromkeys(values))}"
     return f"`{name}` {values[0]:,.10g} to {values[1]:,.10g}"

@@ -17,8 +17,6 @@ from saf_gen.scene.xml import SceneXml, read_scene_xml
 if TYPE_CHECKING:
     from saf_gen.render.exported_camera import ExportedCamera
 
-__all__ = ["TEMPLATE_KINDS", "create_scene", "import_exported_scene"]
-
 TEMPLATE_KINDS = ("script", "xml")
 _TEMPLATES = Path(__file__).parent / "templates"
 NAME = re.compile(r"[a-z0-9][a-z0-9_]*")
@@ -58,10 +56,10 @@ def import_exported_scene(exported: Path, name: str, *, root: Path) -> list[Path
     """
     read = read_scene_xml(exported, {})
     with _new_folder(name, root) as folder:
-        from saf_gen.render.exported_camera import read_exported_camera  # loads Mitsuba
+        from saf_gen.render.exported_camera import mitsuba_camera_of_export  # loads Mitsuba
 
         texts = {
-            "scene.yaml": _format_card(name, read_exported_camera(read, exported)),
+            "scene.yaml": _format_card(name, mitsuba_camera_of_export(read, exported)),
             "SOURCE.md": (_TEMPLATES / "xml" / "SOURCE.md").read_text(encoding="utf-8"),
         }
         sources = _copied_files(read, exported)
@@ -127,9 +125,7 @@ def _check_name(name: str, root: Path) -> Path:
     if folder.exists():
         raise BadInput(f"{folder} is there already", hint="choose another name, or remove it")
     if name in scene_names():
-        raise BadInput(
-            f"there is a scene {name!r} already", hint="choose another name: see saf-gen scenes list"
-        )
+        raise BadInput(f"there is a scene {name!r} already", hint="choose another name: see saf-gen scenes list")
     return folder
 
 

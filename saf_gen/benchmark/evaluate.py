@@ -11,18 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from saf_gen.benchmark.method_spec import (
-    DEFAULT_CLOSED_LOOP_METHODS,
-    DEFAULT_RECORDED_METHODS,
-    Method,
-    parse_method,
-)
+from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method, parse_method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Evaluation, LensPath, SequenceFailure, SweepSummary
 from saf_gen.benchmark.thumbnails import select_sequences_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_predictions
 from saf_gen.benchmark.tracks.recorded_track import check_no_lens_commands, run_recorded_sequence
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, choose_region, list_sequence_tasks
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, choose_method_region, list_sequence_tasks
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
@@ -32,8 +27,6 @@ from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-
-__all__ = ["evaluate", "score_blocks"]
 
 THUMBNAIL_SEQUENCES = 12
 """Sequences whose sweep is kept as small pictures, for people to look at."""
@@ -98,9 +91,7 @@ def evaluate(
         if not path.is_dir():  # no manifest describes a single stream
             with open_stream(path) as stream:
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
-        prediction_set.check_complete(
-            tasks, beside=[method.name for group in groups.values() for method in group]
-        )
+        prediction_set.check_complete(tasks, beside=[method.name for group in groups.values() for method in group])
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     shown = set(select_sequences_to_show(conditions, THUMBNAIL_SEQUENCES))
     records: list[Record] = []
@@ -115,12 +106,7 @@ def evaluate(
 
         try:
             part = _evaluate_sequence(
-                task,
-                groups,
-                protocol=protocol,
-                predictions=prediction_set,
-                step=step,
-                with_thumbnails=number in shown,
+                task, groups, protocol=protocol, predictions=prediction_set, step=step, with_thumbnails=number in shown
             )
         except (BadInput, OSError) as error:
             if not path.is_dir():
@@ -145,9 +131,7 @@ def _group_by_region(methods: Mapping[str, Method], region: str) -> dict[str, li
         raise unknown("region", region, allowed=(*REGIONS, "both"))
     usual = "target" if region == "both" else region
     if region == "both":
-        at_frame = [
-            replace(m, name=f"{m.name}@frame", region="frame") for m in methods.values() if not m.region
-        ]
+        at_frame = [replace(m, name=f"{m.name}@frame", region="frame") for m in methods.values() if not m.region]
         methods = {**{method.name: method for method in at_frame}, **methods}
     groups: dict[str, list[Method]] = {usual: [], **{name: [] for name in REGIONS}}
     for method in methods.values():
@@ -226,7 +210,7 @@ def score_blocks(
         raise BadInput(f"window {window}", allowed=f"1 to the stream's {frames} frames")
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    counts = WindowCounts(stream, choose_region(stream, region)[0])
+    counts = WindowCounts(stream, choose_method_region(stream, region)[0])
     view = RecordingView(counts, get_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)
     return first, np.array([view.score(a, a + window) for a in first.tolist()])

@@ -10,17 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saf_gen.core.focus_crossings import find_crossings
-
-__all__ = [
-    "SUCCESS_LIMITS_DOF",
-    "Judgement",
-    "depth_of_focus",
-    "interpolate_position",
-    "judge_answer",
-    "lens_travel",
-    "light_ratio",
-]
+from saf_gen.core.focus_crossings import find_focus_crossings
 
 SUCCESS_LIMITS_DOF = (0.5, 1.0, 2.0)
 """The distances from the truth, in depths of focus, within which success is judged."""
@@ -52,7 +42,7 @@ class Judgement:
     """Distance that the lens moved, fraction of the travel (see lens_travel)."""
 
 
-def interpolate_position(frame: float, focus_position: np.ndarray) -> float:
+def position_of_method_answer(frame: float, focus_position: np.ndarray) -> float:
     """Return the lens position at a fractional 0-based frame, a fraction of the travel.
 
     ``focus_position`` (T,) is the lens at the middle of each readout. It is linear between readouts, and its
@@ -76,12 +66,12 @@ def find_nearest_focus_crossing(
     truth more than once, and one that rests there is there in every frame of its rest. Where ``frame`` is
     None it is the first crossing, which ``truth_frame`` gives where the stream knows it.
     """
-    found = find_crossings(away, 0.0)
+    found = find_focus_crossings(away, 0.0)
     if math.isfinite(truth_frame):
         found = np.concatenate(([truth_frame], found[1:]))
     if found.size == 0 or frame is None:
         return float(found[0]) if found.size else None
-    if interpolate_position(frame, away) == 0:
+    if position_of_method_answer(frame, away) == 0:
         return frame
     return float(found[np.abs(found - frame).argmin()])
 
@@ -98,7 +88,7 @@ def lens_travel(frames_seen: int, answer: float | None, *, focus_position: np.nd
     travelled = float(np.abs(np.diff(seen)).sum())
     if answer is None:
         return travelled
-    return travelled + abs(float(seen[-1]) - interpolate_position(answer, focus_position))
+    return travelled + abs(float(seen[-1]) - position_of_method_answer(answer, focus_position))
 
 
 def light_ratio(gain: np.ndarray | None) -> float | None:
@@ -162,10 +152,10 @@ def judge_answer(
     lens = np.asarray(focus_position, dtype=np.float64)
     away = lens - (truth if track is None else track)
     crossing = find_nearest_focus_crossing(frame, away=away, truth_frame=truth_frame)
-    position = None if frame is None else interpolate_position(frame, lens)
+    position = None if frame is None else position_of_method_answer(frame, lens)
     known = Judgement(
         position=position,
-        truth=_known(truth if frame is None or track is None else interpolate_position(frame, track)),
+        truth=_known(truth if frame is None or track is None else position_of_method_answer(frame, track)),
         truth_frame=crossing,
         lens_travel=lens_travel(frames_seen, frame, focus_position=lens),
     )

@@ -12,23 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.benchmark.tuned_method import read_tuned_method
-from saf_gen.core.config.source_digest import source_digests
+from saf_gen.core.config.source_digest import plugin_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures import get_measure
 from saf_gen.parts import Measure, Search, wants_measures
 from saf_gen.searches import get_search
-
-__all__ = [
-    "DEFAULT_CLOSED_LOOP_METHODS",
-    "DEFAULT_RECORDED_METHODS",
-    "Method",
-    "parse_method",
-    "parse_plugin_options",
-    "read_method_list",
-    "split_plugin_options",
-    "split_region",
-]
 
 DEFAULT_RECORDED_METHODS = (
     *(
@@ -86,7 +75,7 @@ class Method:
 
     @property
     def search_name(self) -> str:
-        return split_plugin_options(split_region(self.name)[0].split("+")[1])[0]
+        return split_plugin_options(split_method_region(self.name)[0].split("+")[1])[0]
 
     @property
     def parameters(self) -> str:
@@ -108,13 +97,13 @@ def parse_method(spec: str) -> Method:
     BadInput : for a malformed name, an unknown measure, search or region, and options that are refused.
     """
     if spec.startswith("@"):
-        path, region = split_region(spec[1:])
+        path, region = split_method_region(spec[1:])
         tuned, digest = read_tuned_method(path)
         if tuned.method.startswith("@"):
             raise BadInput(f"{spec[1:]} names {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file")
-        method = f"{split_region(tuned.method)[0]}@{region}" if region else tuned.method
+        method = f"{split_method_region(tuned.method)[0]}@{region}" if region else tuned.method
         return replace(parse_method(method), tuning=digest)
-    text, region = split_region("".join(spec.split()))
+    text, region = split_method_region("".join(spec.split()))
     halves = text.split("+")
     if len(halves) != 2 or not all(halves):
         raise BadInput(
@@ -122,9 +111,7 @@ def parse_method(spec: str) -> Method:
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
-    (measure, measure_options), (search, search_options) = (
-        parse_plugin_options(half, spec) for half in halves
-    )
+    (measure, measure_options), (search, search_options) = (parse_plugin_options(half, spec) for half in halves)
     try:
         plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
         others = [get_measure(name) for name in wants_measures(plugins[1])]
@@ -140,7 +127,7 @@ def parse_method(spec: str) -> Method:
     return Method(name, *plugins, code=_digest_code([*plugins, *others]), region=region)
 
 
-def split_region(method: str) -> tuple[str, str]:
+def split_method_region(method: str) -> tuple[str, str]:
     """Return the name of a method without its region, and the region, '' for none.
 
     Raises BadInput for an unknown region.
@@ -191,7 +178,7 @@ def _digest_code(plugins: Sequence[Measure | Search]) -> str:
     """
     written = [
         [repr(plugin) for plugin in plugins],
-        source_digests(type(nested) for plugin in plugins for nested in _find_nested(plugin)),
+        plugin_source_digests(type(nested) for plugin in plugins for nested in _find_nested(plugin)),
     ]
     return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
 

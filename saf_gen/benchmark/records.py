@@ -20,19 +20,6 @@ from saf_gen.core.config.document import STRICT, Document, read_text, validate
 from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput
 
-__all__ = [
-    "RECORDS_FILE",
-    "RECORD_FORMAT",
-    "Count",
-    "Duration",
-    "Number",
-    "Record",
-    "format_records",
-    "read_records",
-    "record_to_json",
-    "take_format",
-]
-
 RECORDS_FILE = "records.jsonl"
 RECORD_FORMAT = "saf-gen record 4"
 HINT = "run saf-gen evaluate again"

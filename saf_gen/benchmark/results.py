@@ -7,8 +7,6 @@ import numpy as np
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.thumbnails import Thumbnails
 
-__all__ = ["Evaluation", "FocusCurve", "LensPath", "SequenceFailure", "SweepSummary"]
-
 
 @dataclass(frozen=True)
 class FocusCurve:

@@ -8,8 +8,6 @@ import numpy as np
 from saf_gen.core.region import Region
 from saf_gen.stream.stream_file import SpikeStream
 
-__all__ = ["Thumbnails", "make_thumbnails", "select_sequences_to_show"]
-
 THUMBNAIL_COUNT = 48
 MAX_WIDTH_PX = 400
 """Widest picture, in pixels; a wider sensor is binned."""
@@ -30,7 +28,7 @@ class Thumbnails:
     """Where measures look: top, left, bottom, right, as fractions of the picture."""
 
 
-def make_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
+def make_recording_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
     """Return THUMBNAIL_COUNT pictures of a recording, or one per frame where it has fewer frames.
 
     ``region`` is where measures look, None the whole frame. Frames beyond the last whole window, and rows and
@@ -42,9 +40,7 @@ def make_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
     binning = -(-width // MAX_WIDTH_PX)
     rows, columns = max(height // binning, 1), max(width // binning, 1)
     whole_bins = (slice(0, rows * binning), slice(0, columns * binning)) if binning > 1 else None
-    images = np.stack(
-        [_bin_pixels(stream.counts(a, a + window, region=whole_bins), binning) for a in first.tolist()]
-    )
+    images = np.stack([_bin_pixels(stream.counts(a, a + window, region=whole_bins), binning) for a in first.tolist()])
     return Thumbnails(
         images=images,
         frames=first + (window - 1) / 2,

@@ -16,8 +16,6 @@ from saf_gen.benchmark.records import Count, Number, take_format
 from saf_gen.core.config.document import STRICT, read_text, validate
 from saf_gen.core.config.json_document import parse_json
 
-__all__ = ["TunedMethod", "TuningTrial", "format_tuned_method", "read_tuned_method"]
-
 FORMAT = "saf-gen tuning 1"
 HINT = "make it with saf-gen tune"
 

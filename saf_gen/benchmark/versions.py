@@ -4,8 +4,6 @@ Raise a version whenever the same stream and the same method would give another 
 tests/benchmark/test_versions.py show when. Records of different versions do not mix in one leaderboard.
 """
 
-__all__ = ["CAPTURE_VERSION", "COUNTS_VERSION", "JUDGEMENT_VERSION", "evaluator_version"]
-
 COUNTS_VERSION = 1
 """What a method sees of a recording: counts of windows and of their halves, and interval texture."""
 

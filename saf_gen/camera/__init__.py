@@ -1,11 +1,11 @@
 """The spike camera: sensors, the charge they collect from light, and the spikes they fire."""
 
-from saf_gen.camera.encoder import Encoder, encode, knot_weights
+from saf_gen.camera.encoder import Encoder, charge_knot_weights, encode
 from saf_gen.camera.exposure import (
+    camera_exposure_scale,
     charge_stack,
-    electrons_per_irradiance,
-    exposure_scale,
-    irradiance_per_radiance,
+    photoelectrons_per_irradiance,
+    sensor_irradiance_per_radiance,
 )
 from saf_gen.camera.fixed_pattern import draw_fixed_pattern
 from saf_gen.camera.noise_table import LANES
@@ -15,14 +15,14 @@ __all__ = [
     "LANES",
     "Encoder",
     "Sensor",
+    "camera_exposure_scale",
+    "charge_knot_weights",
     "charge_stack",
     "draw_fixed_pattern",
-    "electrons_per_irradiance",
     "encode",
-    "exposure_scale",
     "get_sensor",
-    "irradiance_per_radiance",
-    "knot_weights",
+    "photoelectrons_per_irradiance",
     "sensor_from_text",
+    "sensor_irradiance_per_radiance",
     "sensor_names",
 ]

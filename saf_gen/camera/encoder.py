@@ -24,16 +24,14 @@ from math import gcd
 
 import numpy as np
 
-from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, advance_pixels
+from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, advance_spiking_pixels
 from saf_gen.camera.fixed_pattern import FixedPattern, draw_fixed_pattern
-from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, noise_table
+from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, make_sensor_noise_table
 from saf_gen.camera.sensor import Sensor, get_sensor
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.core.signals import validate_signal
 from saf_gen.errors import BadInput
-
-__all__ = ["Encoder", "encode", "knot_weights"]
 
 
 def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) -> np.ndarray:
@@ -59,12 +57,12 @@ def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) 
     if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
         raise BadInput(f"frames is {frames!r}", allowed="a whole number of readouts, at least 1")
     sensor = sensor if isinstance(sensor, Sensor) else get_sensor(sensor)
-    index, fraction = knot_weights((np.arange(frames) + 0.5) / frames, charge.shape[0])
+    index, fraction = charge_knot_weights((np.arange(frames) + 0.5) / frames, charge.shape[0])
     encoder = Encoder(sensor, charge.shape[1:], seed=seed)
     return encoder.encode(charge[None], index=index, fraction=fraction, gain=np.ones((frames, 1), np.float32))
 
 
-def knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
+def charge_knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the knot before each position 0...1, int64 (T,), and the fraction to the next, float64 (T,)."""
     knot = np.clip(np.asarray(position, np.float64), 0.0, 1.0) * (knots - 1)
     index = np.minimum(knot.astype(np.int64), max(knots - 2, 0))
@@ -100,9 +98,7 @@ class Encoder:
         if len(shape) != 2 or min(shape) < 1:
             raise BadInput(f"the array's shape is {tuple(shape)}", allowed="(rows, columns), each at least 1")
         self.sensor, self.shape = sensor, (int(shape[0]), int(shape[1]))
-        self.pattern = draw_fixed_pattern(
-            sensor, self.shape, seed=seed if device_seed is None else device_seed
-        )
+        self.pattern = draw_fixed_pattern(sensor, self.shape, seed=seed if device_seed is None else device_seed)
         self._frames = 0
         self._key = np.uint64(derive_seed("encoder", seed, "noise"))
         self._response = self.pattern.response.ravel()
@@ -110,7 +106,7 @@ class Encoder:
         size = self._response.size
         self._state = np.ones((3, size), np.float32)
         first = make_generator("encoder", seed, "first thresholds").integers(0, NOISE_TABLE_SIZE, size)
-        self._state[1] = self._constants[1] + self._constants[2] * noise_table()[first]
+        self._state[1] = self._constants[1] + self._constants[2] * make_sensor_noise_table()[first]
         phase = make_generator("encoder", seed, "phases").random(size, dtype=np.float32)
         self._state[0] = phase * self._state[1]
         self._threads = threads or usable_cores()
@@ -137,9 +133,7 @@ class Encoder:
         """Number of readouts recorded so far."""
         return self._frames
 
-    def encode(
-        self, stack: np.ndarray, *, index: np.ndarray, fraction: np.ndarray, gain: np.ndarray
-    ) -> np.ndarray:
+    def encode(self, stack: np.ndarray, *, index: np.ndarray, fraction: np.ndarray, gain: np.ndarray) -> np.ndarray:
         """Record the next n readouts.
 
         Readout t collects, before response and dark charge, the sum over light groups g of
@@ -174,9 +168,7 @@ class Encoder:
         index, fraction, gain = _checked_schedule(index, fraction, gain=gain, groups=groups, knots=knots)
         used = stack[:, index.min() : index.max() + 2]
         if not (used.min() >= 0 and used.max() < np.inf):  # also false for NaN
-            raise BadInput(
-                "the charge is negative or not finite", allowed="electrons per readout, at least 0"
-            )
+            raise BadInput("the charge is negative or not finite", allowed="electrons per readout, at least 0")
         frames, size = index.size, self._response.size
         high = (gain * fraction[:, None]).astype(np.float32)
         low = (gain * (1.0 - fraction)[:, None]).astype(np.float32)
@@ -188,8 +180,8 @@ class Encoder:
         with ThreadPoolExecutor(self._threads) as pool:  # the kernel releases the interpreter's lock
             jobs = [
                 pool.submit(
-                    advance_pixels, first, stop, flat, index, low, high, self._key, self._frames,
-                    noise_table(), self._response, self._constants, weight, self._state, out,
+                    advance_spiking_pixels, first, stop, flat, index, low, high, self._key, self._frames,
+                    make_sensor_noise_table(), self._response, self._constants, weight, self._state, out,
                 )
                 for first, stop in pairwise(cuts)
             ]  # fmt: skip

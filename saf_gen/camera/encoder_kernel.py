@@ -15,8 +15,6 @@ from numba import njit
 from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE
 from saf_gen.core.compiled import compiled
 
-__all__ = ["BLOCK_KEY_STEP", "advance_pixels"]
-
 BLOCK_KEY_STEP = 0xD1342543DE82EF95  # added to the key of the noise from one block of pixels to the next
 
 U = np.uint64
@@ -78,7 +76,7 @@ def _store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> An
 
 
 @compiled
-def advance_pixels(
+def advance_spiking_pixels(
     first: Any, stop: Any, stack: Any, index: Any, low_weight: Any, high_weight: Any, key: Any, done: Any,
     table: Any, response: Any, fixed: Any, weight_after: Any, state: Any, out: Any
 ) -> Any:  # fmt: skip
@@ -149,9 +147,7 @@ def advance_pixels(
                 x, y, z, w = _read(x, y, z, w, 16, charge[L4 + i], table[p4 + i], mean, sd, cap, weight_after)
                 x, y, z, w = _read(x, y, z, w, 32, charge[L5 + i], table[p5 + i], mean, sd, cap, weight_after)
                 x, y, z, w = _read(x, y, z, w, 64, charge[L6 + i], table[p6 + i], mean, sd, cap, weight_after)
-                x, y, z, w = _read(
-                    x, y, z, w, 128, charge[L7 + i], table[p7 + i], mean, sd, cap, weight_after
-                )
+                x, y, z, w = _read(x, y, z, w, 128, charge[L7 + i], table[p7 + i], mean, sd, cap, weight_after)
                 lane[HELD + i], lane[THRESHOLD + i], lane[WEIGHT + i], byte[i] = x, y, z, w
             row = group & U(7)
             for i in range(L):

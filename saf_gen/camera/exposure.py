@@ -16,14 +16,6 @@ from scipy.constants import c, h
 from saf_gen.camera.sensor import Sensor
 from saf_gen.errors import BadInput
 
-__all__ = [
-    "charge_stack",
-    "electrons_per_irradiance",
-    "exposure_scale",
-    "irradiance_per_radiance",
-    "mean_firing_rate",
-]
-
 
 class ExposingLens(Protocol):
     """What the exposure of a sensor depends on in a lens."""
@@ -43,7 +35,7 @@ class ExposingLens(Protocol):
         ...
 
 
-def irradiance_per_radiance(
+def sensor_irradiance_per_radiance(
     shape: tuple[int, int],
     image_distance: np.ndarray,
     *,
@@ -64,15 +56,13 @@ def irradiance_per_radiance(
     return transmission * pi * aperture_radius_m**2 / v2 * cos2 * cos2
 
 
-def electrons_per_irradiance(sensor: Sensor) -> float:
+def photoelectrons_per_irradiance(sensor: Sensor) -> float:
     """Return the photo-electrons per readout for 1 W m⁻² on the sensor."""
     energy = sensor.pitch_m**2 * sensor.fill_factor / sensor.readout_hz
     return energy * sensor.quantum_efficiency * sensor.wavelength_m / (h * c)
 
 
-def charge_stack(
-    radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray
-) -> np.ndarray:
+def charge_stack(radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray) -> np.ndarray:
     """Return the photo-electrons per readout that a focal stack leaves on a sensor.
 
     Parameters
@@ -102,10 +92,10 @@ def charge_stack(
         raise BadInput(f"the aperture radius is {aperture_radius_m:g} m", allowed="metres, above 0")
     if not 0 < transmission <= 1:
         raise BadInput(f"the transmission of the lens is {transmission:g}", allowed="above 0, at most 1")
-    electrons = electrons_per_irradiance(sensor)
+    electrons = photoelectrons_per_irradiance(sensor)
     out = np.empty(radiance.shape, np.float32)
     for k, distance in enumerate(image_distance):  # one position at a time: the stack may be large
-        factor = irradiance_per_radiance(
+        factor = sensor_irradiance_per_radiance(
             (radiance.shape[2], radiance.shape[3]),
             distance[None],
             pitch_m=sensor.pitch_m,
@@ -116,7 +106,7 @@ def charge_stack(
     return out
 
 
-def mean_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
+def sensor_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
     """Return the spikes per readout at a constant mean charge (e- per readout, with dark charge), any shape.
 
     The rate is charge/(threshold + loss·charge), limited by the charge that is kept above the threshold. It
@@ -126,12 +116,10 @@ def mean_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
     return np.minimum(charge / (sensor.threshold_e + sensor.post_spike_loss * charge), _highest_rate(sensor))
 
 
-def exposure_scale(
-    charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Sensor, mean_rate: float
-) -> float:
+def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Sensor, mean_rate: float) -> float:
     """Return the factor on the light that makes the target fire at a mean rate, dark current included.
 
-    The mean is over the target's pixels, by :func:`mean_firing_rate`. The factor is rounded to 20 bits, so
+    The mean is over the target's pixels, by :func:`sensor_firing_rate`. The factor is rounded to 20 bits, so
     that the order in which a processor sums cannot change a spike.
 
     Parameters
@@ -150,7 +138,7 @@ def exposure_scale(
     if light.size == 0:
         raise BadInput("the target has no pixel", hint="check the target's shape ids and the focus travel")
     dark = sensor.mean_dark_e
-    floor = float(mean_firing_rate(np.array(dark), sensor))
+    floor = float(sensor_firing_rate(np.array(dark), sensor))
     lit = float(np.mean(light > 0))
     highest = _highest_rate(sensor)
     ceiling = lit * highest + (1 - lit) * floor
@@ -166,11 +154,11 @@ def exposure_scale(
             hint="light the target, or lower mean_rate",
         )
     low, high = 0.0, _charge_of(mean_rate, sensor) / light.max()
-    while np.mean(mean_firing_rate(high * light + dark, sensor)) < mean_rate:
+    while np.mean(sensor_firing_rate(high * light + dark, sensor)) < mean_rate:
         high *= 2
     for _ in range(64):  # the mean rate rises with the factor: bisection, to the last bits of a double
         middle = (low + high) / 2
-        if np.mean(mean_firing_rate(middle * light + dark, sensor)) < mean_rate:
+        if np.mean(sensor_firing_rate(middle * light + dark, sensor)) < mean_rate:
             low = middle
         else:
             high = middle

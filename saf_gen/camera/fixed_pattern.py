@@ -10,8 +10,6 @@ from scipy.special import ndtr
 from saf_gen.camera.sensor import Sensor
 from saf_gen.core.seeds import make_generator
 
-__all__ = ["FixedPattern", "draw_fixed_pattern"]
-
 # exp, log and sin differ in the last digit between processors: maps are rounded to this fraction of their
 # mean, far above such differences and far below any noise, so that they cannot change a spike.
 _GRID = 2.0**-16
@@ -37,9 +35,7 @@ class FixedPattern:
 def draw_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> FixedPattern:
     """Return the maps of the device ``seed`` for any array shape; noise that is switched off is flat."""
     return FixedPattern(
-        response=_draw_response(sensor, shape, seed=seed)
-        if sensor.noise.response
-        else np.ones(shape, np.float32),
+        response=_draw_response(sensor, shape, seed=seed) if sensor.noise.response else np.ones(shape, np.float32),
         dark=_draw_dark(sensor, shape, seed=seed) if sensor.noise.dark else np.zeros(shape, np.float32),
         threshold=_draw_threshold(sensor, shape, seed=seed),
     )
@@ -82,18 +78,12 @@ def _draw_dark(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarr
     spread = make_generator("device", seed, "dark spread").standard_normal(shape) * sd
     hot = make_generator("device", seed, "dark hot").random(shape) < extra
     dark = median * np.where(hot, factor * np.exp(np.abs(spread)), np.exp(spread))
-    return (
-        _round_to_grid(dark, sensor.dark_rate * sensor.threshold_e)
-        if median > 0
-        else np.zeros(shape, np.float32)
-    )
+    return _round_to_grid(dark, sensor.dark_rate * sensor.threshold_e) if median > 0 else np.zeros(shape, np.float32)
 
 
 def _draw_threshold(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarray:
     spread = np.zeros(shape)
     if sensor.noise.threshold_spread:
-        spread = (
-            make_generator("device", seed, "threshold").standard_normal(shape) * sensor.threshold_spread_rms
-        )
+        spread = make_generator("device", seed, "threshold").standard_normal(shape) * sensor.threshold_spread_rms
     # At the widest allowed spread (0.2), five standard deviations would reach a threshold of 0.
     return _round_to_grid(sensor.threshold_e * np.maximum(1.0 + spread, 0.25), sensor.threshold_e)

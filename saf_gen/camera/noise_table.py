@@ -16,15 +16,13 @@ import numpy as np
 
 from saf_gen.core import seeds
 
-__all__ = ["LANES", "NOISE_TABLE_SIZE", "noise_table"]
-
 LANES = 64  # pixels that the encoder advances together
 NOISE_TABLE_SIZE = 1 << 16
 _GRID = 2.0**12
 
 
 @cache
-def noise_table() -> np.ndarray:
+def make_sensor_noise_table() -> np.ndarray:
     """Return standard normal noise, float32 (NOISE_TABLE_SIZE + LANES,), read-only.
 
     The last LANES entries repeat the first. Mean 0 and variance 1 are exact to 1e-6; the largest value is

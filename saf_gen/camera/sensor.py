@@ -11,8 +11,6 @@ from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between,
 from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.errors import BadInput
 
-__all__ = ["NoiseSwitches", "Sensor", "get_sensor", "sensor_from_text", "sensor_names"]
-
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class NoiseSwitches:

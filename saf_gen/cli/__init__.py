@@ -79,9 +79,7 @@ for name, command in COMMANDS.items():
     app.command(name)(command)
 for group, (words, commands) in GROUPS.items():
     under = typer.Typer(
-        help=words,
-        no_args_is_help=group not in GROUP_DEFAULTS,
-        invoke_without_command=group in GROUP_DEFAULTS,
+        help=words, no_args_is_help=group not in GROUP_DEFAULTS, invoke_without_command=group in GROUP_DEFAULTS
     )
     if group in GROUP_DEFAULTS:
         under.callback()(GROUP_DEFAULTS[group])

@@ -12,12 +12,8 @@ if TYPE_CHECKING:
     from saf_gen.leaderboard import LeaderboardRow
     from saf_gen.leaderboard.report import WrittenEvaluation
 
-__all__ = ["print_leaderboard", "print_written_paths"]
 
-
-def print_leaderboard(
-    rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()
-) -> None:
+def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()) -> None:
     """Print the columns that fit the terminal, and the notes that ``records`` call for."""
     from saf_gen.leaderboard import compose_notes, list_shown_columns
 

@@ -10,19 +10,10 @@ from rich.table import Table
 from rich.text import Text
 
 from saf_gen.benchmark.method_spec import split_plugin_options
-from saf_gen.core.config.registry import build, plugin_class
+from saf_gen.core.config.registry import build_plugin, plugin_class
 from saf_gen.errors import BadInput
 from saf_gen.measures import BrightnessNormalised, IntervalTexture
 from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
-
-__all__ = [
-    "build_or_class",
-    "build_plugin_page",
-    "first_paragraph",
-    "format_attribute",
-    "measure_suffixes",
-    "search_kind",
-]
 
 UNKNOWN = "-"
 
@@ -33,7 +24,7 @@ def build_or_class(plugin_kind: str, name: str) -> Any:
     Raises BadInput where it cannot be loaded.
     """
     try:
-        return build(plugin_kind, name)
+        return build_plugin(plugin_kind, name)
     except BadInput:
         return plugin_class(plugin_kind, name)
 
@@ -77,9 +68,7 @@ def measure_suffixes(measure: Any) -> Iterator[str]:
 
 def build_plugin_page(title: str, plugin_kind: str, *, plug_in: Any) -> Table:
     """Return everything that a plug-in states about itself; ``title`` is its name as the user wrote it."""
-    table = Table(
-        title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False
-    )
+    table = Table(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
     for key, text in _lines(split_plugin_options(title)[0], plugin_kind, plug_in=plug_in):
@@ -100,10 +89,7 @@ def _lines(name: str, plugin_kind: str, *, plug_in: Any) -> Iterator[tuple[str, 
         yield "range", format_attribute(plug_in, "score_range")
         yield "degree", format_attribute(plug_in, "degree")
         cost = format_attribute(plug_in, "cost")
-        yield (
-            "cost",
-            cost if cost == UNKNOWN else f"{cost} operations per pixel (additions, multiplications, roots)",
-        )
+        yield ("cost", cost if cost == UNKNOWN else f"{cost} operations per pixel (additions, multiplications, roots)")
         if plug_in is inner:
             yield "forms", ", ".join(f"{name}{form}" for form in measure_suffixes(plug_in)) or "none"
     elif wants_measures(plug_in):
@@ -126,9 +112,7 @@ def _options(plug_in: Any) -> Iterator[str]:
             continue
         value = getattr(plug_in, field.name)
         plain = field.default if field.default_factory is MISSING else field.default_factory()
-        default = (
-            "" if value == plain else f" (default: {'none' if plain is MISSING else _format_option(plain)})"
-        )
+        default = "" if value == plain else f" (default: {'none' if plain is MISSING else _format_option(plain)})"
         yield f"{field.name.rstrip('_')}={_format_option(value)}{default}"
 
 

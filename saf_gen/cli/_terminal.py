@@ -12,8 +12,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-__all__ = ["OutFolder", "err", "make_step_reporter", "out", "print_error", "progress_bars"]
-
 # Names are printed verbatim: brackets in a path are not markup.
 out = Console(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
 err = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)

@@ -14,27 +14,17 @@ from saf_gen.errors import BadInput
 if TYPE_CHECKING:
     from saf_gen.generate.resolve import ResolvedRecipe
 
-__all__ = ["generate", "verify"]
-
 
 def generate(
     recipe: Annotated[Path, typer.Argument(help="Recipe file, such as recipes/quickstart.yaml.")],
     *,
     folder: OutFolder = None,
-    workers: Annotated[
-        int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")
-    ] = 1,
-    cluster: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")
-    ] = None,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")] = 1,
+    cluster: Annotated[str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
     split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
-    shard: Annotated[
-        str, typer.Option(help="I/N: generate every N-th sequence, starting with the I-th.")
-    ] = "1/1",
+    shard: Annotated[str, typer.Option(help="I/N: generate every N-th sequence, starting with the I-th.")] = "1/1",
     variant: Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")] = "auto",
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what would be made, and make nothing.")
-    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what would be made, and make nothing.")] = False,
 ) -> None:
     """Generate a dataset from a recipe, or resume one that was stopped."""
     with defer_interrupts():
@@ -89,9 +79,7 @@ def _print_plan(work: "ResolvedRecipe", target: Path) -> None:
     missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(target).items()]
     out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all are there'}")
     seconds, needed = work.estimate_seconds(target), work.estimate_bytes(target)
-    out.print(
-        f"disk still needed: about {needed / 1e9:.2f} GB; time: about {seconds:.0f} s on two cores with LLVM"
-    )
+    out.print(f"disk still needed: about {needed / 1e9:.2f} GB; time: about {seconds:.0f} s on two cores with LLVM")
 
 
 def verify(dataset: Annotated[Path, typer.Argument(help="Dataset folder.")]) -> None:

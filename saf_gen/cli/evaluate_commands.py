@@ -12,8 +12,6 @@ from saf_gen.errors import BadInput, unknown
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
-__all__ = ["build_protocol", "evaluate", "score"]
-
 TRACKS = ("recorded", "closed_loop")
 
 
@@ -21,9 +19,7 @@ def evaluate(
     source: Annotated[Path, typer.Argument(help="Dataset folder or stream file.")],
     *,
     split: Annotated[str | None, typer.Option(help="Evaluate only this split.")] = None,
-    scene_motion: Annotated[
-        str | None, typer.Option(help="Evaluate only static, or only dynamic, sequences.")
-    ] = None,
+    scene_motion: Annotated[str | None, typer.Option(help="Evaluate only static, or only dynamic, sequences.")] = None,
     method: Annotated[
         list[str] | None,
         typer.Option(help="MEASURE+SEARCH with options after a colon, @FILE of a tuned method; repeatable."),
@@ -36,15 +32,13 @@ def evaluate(
     ] = None,
     folder: OutFolder = None,
     track: Annotated[
-        str,
-        typer.Option(help="recorded: all see the same recording; closed_loop: each commands the lens."),
+        str, typer.Option(help="recorded: all see the same recording; closed_loop: each commands the lens.")
     ] = "recorded",
     actuator: Annotated[
         str | None, typer.Option(help="Closed loop: actuator preset or .yaml file (default: voice_coil).")
     ] = None,
     budget: Annotated[
-        float | None,
-        typer.Option(help="Closed loop: milliseconds until judged (default: the recording)."),
+        float | None, typer.Option(help="Closed loop: milliseconds until judged (default: the recording).")
     ] = None,
     sweep: Annotated[
         float | None, typer.Option(help="Closed loop: milliseconds per sweep (default: half the budget).")
@@ -61,7 +55,7 @@ def evaluate(
     from saf_gen.leaderboard.report import write_evaluation
 
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
-    protocol = build_protocol(track, actuator=actuator, budget=budget, sweep=sweep)
+    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
     target = folder or _default_folder(source, track)
     check_writable(target)
     with progress_bars() as bars:
@@ -91,7 +85,7 @@ def evaluate(
         raise typer.Exit(1)
 
 
-def build_protocol(
+def protocol_from_options(
     track: str, *, actuator: str | None, budget: float | None, sweep: float | None
 ) -> "ClosedLoopProtocol | None":
     """Return the closed-loop protocol, times given in milliseconds; None for the recorded track."""
@@ -100,9 +94,7 @@ def build_protocol(
     if track == "recorded":
         for option, given in (("actuator", actuator), ("budget", budget), ("sweep", sweep)):
             if given is not None:
-                raise BadInput(
-                    f"--{option} {given} on a recording", allowed="with --track closed_loop", hint="add it"
-                )
+                raise BadInput(f"--{option} {given} on a recording", allowed="with --track closed_loop", hint="add it")
         return None
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
     from saf_gen.optics.actuators import get_actuator
@@ -125,12 +117,8 @@ def score(
     measure: Annotated[str, typer.Option(help="Focus measure; saf-gen methods lists them.")],
     *,
     window: Annotated[int, typer.Option(min=1, help="Frames per block.")],
-    csv: Annotated[
-        Path | None, typer.Option("--out", help="CSV file to write (default: the terminal).")
-    ] = None,
-    region: Annotated[
-        str, typer.Option(help="Where to look: frame, or target (its bounding box).")
-    ] = "frame",
+    csv: Annotated[Path | None, typer.Option("--out", help="CSV file to write (default: the terminal).")] = None,
+    region: Annotated[str, typer.Option(help="Where to look: frame, or target (its bounding box).")] = "frame",
 ) -> None:
     """Score consecutive blocks of a stream, as CSV with the first frame of each block and its score."""
     from saf_gen.benchmark.evaluate import score_blocks
@@ -139,9 +127,7 @@ def score(
 
     with open_stream(stream) as opened:
         frames, scores = score_blocks(opened, measure, window=window, region=region)
-    text = "frame,score\n" + "".join(
-        f"{f},{s!r}\n" for f, s in zip(frames.tolist(), scores.tolist(), strict=True)
-    )
+    text = "frame,score\n" + "".join(f"{f},{s!r}\n" for f, s in zip(frames.tolist(), scores.tolist(), strict=True))
     if csv is None:
         out.file.write(text)
         return

@@ -9,8 +9,6 @@ from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_path
 from saf_gen.cli._terminal import OutFolder
 from saf_gen.errors import BadInput
 
-__all__ = ["leaderboard"]
-
 
 def leaderboard(
     runs: Annotated[list[Path], typer.Argument(help="Evaluation folders, or their records.jsonl.")],

@@ -11,8 +11,6 @@ from rich.table import Table
 import saf_gen
 from saf_gen.cli._terminal import err, out, print_error, progress_bars
 
-__all__ = ["bench", "doctor"]
-
 
 def bench(
     names: Annotated[

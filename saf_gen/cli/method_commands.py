@@ -17,8 +17,6 @@ from saf_gen.errors import BadInput
 if TYPE_CHECKING:
     from saf_gen.benchmark.conformance import CheckResult
 
-__all__ = ["check", "list_", "show"]
-
 COST = "additions, multiplications and roots per pixel, of 400 x 250 pixels where it depends on their number"
 STYLES = {"pass": "green", "warn": "yellow", "fail": "bold red"}
 
@@ -56,28 +54,21 @@ def list_(context: typer.Context) -> None:
             table.add_row(Text(name), *map(Text, cells), Text(first_paragraph(plug_in)))
         out.print(table)
     out.print(f"Cost: {COST}. Show one in full: saf-gen methods show NAME.")
-    out.print(
-        "A method is MEASURE+SEARCH, such as sd_code+sgfs_code:dt=50; check one: saf-gen methods check NAME."
-    )
-    out.print(
-        "NAME_n divides a measure by brightness. "
-        "NAME_tfi scores the intervals between spikes instead of counts."
-    )
+    out.print("A method is MEASURE+SEARCH, such as sd_code+sgfs_code:dt=50; check one: saf-gen methods check NAME.")
+    out.print("NAME_n divides a measure by brightness. NAME_tfi scores the intervals between spikes instead of counts.")
 
 
 def show(
-    name: Annotated[
-        str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")
-    ],
+    name: Annotated[str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")],
 ) -> None:
     """Show a measure or a search in full: formula, options, range, degree, cost and source."""
     from saf_gen.benchmark.conformance.name_resolution import resolve_name
-    from saf_gen.benchmark.method_spec import Method, split_region
+    from saf_gen.benchmark.method_spec import Method, split_method_region
     from saf_gen.cli._plugin_page import build_plugin_page
 
     found = resolve_name(name)
     if isinstance(found, Method):
-        names, plug_ins = split_region(found.name)[0].split("+"), (found.measure, found.search)
+        names, plug_ins = split_method_region(found.name)[0].split("+"), (found.measure, found.search)
         pages = list(zip(names, ("measures", "searches"), plug_ins, strict=True))
     else:
         pages = [("".join(name.split()), *found)]
@@ -86,9 +77,7 @@ def show(
 
 
 def check(
-    name: Annotated[
-        str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, or @FILE of a tuned method.")
-    ],
+    name: Annotated[str, typer.Argument(help="MEASURE+SEARCH, a measure, a search, or @FILE of a tuned method.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check that a method ends, keeps to travel and budget, repeats its answers, and never crashes."""

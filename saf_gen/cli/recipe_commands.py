@@ -7,8 +7,6 @@ import typer
 
 from saf_gen.cli._terminal import out
 
-__all__ = ["check"]
-
 
 def check(recipe: Annotated[Path, typer.Argument(help="Recipe file.")]) -> None:
     """Check a recipe and the scenes, sensor and files that it names; nothing is generated."""

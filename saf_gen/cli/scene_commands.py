@@ -17,8 +17,6 @@ from saf_gen.errors import BadInput
 if TYPE_CHECKING:
     from saf_gen.scene.scene_folder import Scene
 
-__all__ = ["check", "gallery", "list_", "new", "preview"]
-
 STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
 SENSOR = "vidar_400x250"
 SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or its YAML file.")]
@@ -39,9 +37,7 @@ def list_() -> None:
 def new(
     name: Annotated[str, typer.Argument(help="Name of the scene: lower-case letters, digits and _.")],
     *,
-    xml: Annotated[
-        bool, typer.Option("--xml", help="Write the geometry as XML instead of a Python script.")
-    ] = False,
+    xml: Annotated[bool, typer.Option("--xml", help="Write the geometry as XML instead of a Python script.")] = False,
     exported: Annotated[
         Path | None, typer.Option("--from", help="Exported scene.xml to copy; its scene card is written.")
     ] = None,
@@ -62,9 +58,7 @@ def new(
 
 
 def check(
-    names: Annotated[
-        list[str] | None, typer.Argument(help="Names or folders of scenes (default: all).")
-    ] = None,
+    names: Annotated[list[str] | None, typer.Argument(help="Names or folders of scenes (default: all).")] = None,
     *,
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",
@@ -134,9 +128,7 @@ def preview(
 def gallery(
     names: Annotated[list[str] | None, typer.Argument(help="Names of scenes (default: all).")] = None,
     *,
-    folder: Annotated[Path, typer.Option("--out", help="Folder for scenes.md and its pictures.")] = Path(
-        "docs"
-    ),
+    folder: Annotated[Path, typer.Option("--out", help="Folder for scenes.md and its pictures.")] = Path("docs"),
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",
 ) -> None:

@@ -8,21 +8,15 @@ from rich.table import Table
 
 from saf_gen.cli._terminal import out
 
-__all__ = ["export", "import_", "inspect"]
-
 
 def import_(
     file: Annotated[Path, typer.Argument(help="File of raw frames from another camera or project.")],
     target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
     *,
     layout: Annotated[str, typer.Option(help="Layout of the file: 416, dense or sps1000.")] = "416",
-    frames: Annotated[
-        int | None, typer.Option(min=1, help="Number of frames to import (default: all).")
-    ] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to import (default: all).")] = None,
     rate: Annotated[float, typer.Option(help="Readouts per second; raw files do not record it.")] = 20_000.0,
-    flip: Annotated[
-        bool | None, typer.Option(help="Rows are stored bottom first (default: as in the layout).")
-    ] = None,
+    flip: Annotated[bool | None, typer.Option(help="Rows are stored bottom first (default: as in the layout).")] = None,
 ) -> None:
     """Convert a raw spike file to a stream."""
     from saf_gen.stream.interop import import_raw_frames

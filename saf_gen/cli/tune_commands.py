@@ -7,10 +7,8 @@ import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard
 from saf_gen.cli._terminal import make_step_reporter, out, progress_bars
-from saf_gen.cli.evaluate_commands import build_protocol
+from saf_gen.cli.evaluate_commands import protocol_from_options
 from saf_gen.errors import BadInput
-
-__all__ = ["tune"]
 
 
 def tune(
@@ -26,9 +24,7 @@ def tune(
     actuator: Annotated[str | None, typer.Option(help="As in evaluate.")] = None,
     budget: Annotated[float | None, typer.Option(help="As in evaluate.")] = None,
     sweep: Annotated[float | None, typer.Option(help="As in evaluate.")] = None,
-    region: Annotated[
-        str, typer.Option(help="Where methods look: target (its bounding box) or frame.")
-    ] = "target",
+    region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
 ) -> None:
     """Try every combination of values on a split, and write the best; `@FILE` then names the method."""
     from saf_gen.benchmark.tuned_method import format_tuned_method
@@ -49,7 +45,7 @@ def tune(
             values=values,
             split=split,
             region=region,
-            protocol=build_protocol(track, actuator=actuator, budget=budget, sweep=sweep),
+            protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep),
             progress=make_step_reporter("tune", bars),
         )
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")

@@ -10,8 +10,6 @@ that take arrays from users do.
 import numba
 import numpy as np
 
-__all__ = ["add_counts", "frames_to_spike_trains", "pack", "spike_trains_to_frames", "unpack"]
-
 
 @numba.njit(nogil=True, cache=True)
 def _add_counts(planes, first, stop, counts):
@@ -31,7 +29,7 @@ def _add_counts(planes, first, stop, counts):
                 counts[y, x] += np.uint32((v + (v >> np.uint8(4))) & np.uint8(0x0F))
 
 
-def add_counts(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: int) -> None:
+def add_bit_counts(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: int) -> None:
     """Add the spikes in frames ``first <= t < stop`` of ``planes`` (bytes, h, w) to uint32 ``counts``."""
     if stop > first:
         _add_counts(planes, first, stop, counts)
@@ -49,7 +47,7 @@ def _pack(frames, planes):
                     planes[b, y, x] |= bit if frames[t, y, x] else np.uint8(0)
 
 
-def pack(frames: np.ndarray) -> np.ndarray:
+def pack_bits(frames: np.ndarray) -> np.ndarray:
     """Return frames (n, h, w), zero or not, time-packed, uint8 (h, w, ceil(n/8)); unused last bits are 0."""
     planes = np.empty((-(-frames.shape[0] // 8), *frames.shape[1:]), np.uint8)
     _pack(frames, planes)
@@ -65,7 +63,7 @@ def _unpack(planes, first, frames):
                 frames[t, y, x] = planes[byte, y, x] >> bit & np.uint8(1)
 
 
-def unpack(planes: np.ndarray, frames: np.ndarray, *, first: int) -> None:
+def unpack_bits(planes: np.ndarray, frames: np.ndarray, *, first: int) -> None:
     """Fill ``frames`` uint8 (n, h, w) with frames ``first <= t < first + n`` of ``planes`` (bytes, h, w)."""
     _unpack(planes, first, frames)
 
@@ -95,7 +93,7 @@ def _transpose(rows, trains):
                 trains[8 * c + i, b] = np.uint8(word >> np.uint64(8 * i) & np.uint64(255))
 
 
-def frames_to_spike_trains(rows: np.ndarray) -> np.ndarray:
+def transpose_bits_to_pixels(rows: np.ndarray) -> np.ndarray:
     """Return a bit matrix transposed: uint8 (n, B) to uint8 (8 B, ceil(n/8)), least significant bit first.
 
     Row t of ``rows`` is one frame of a foreign file; row p of the result is bit p of the frames over time.
@@ -105,10 +103,10 @@ def frames_to_spike_trains(rows: np.ndarray) -> np.ndarray:
     return trains
 
 
-def spike_trains_to_frames(trains: np.ndarray, count: int) -> np.ndarray:
+def transpose_bits_to_frames(trains: np.ndarray, count: int) -> np.ndarray:
     """Return the first ``count`` frames, uint8 (count, B), of spike trains, uint8 (8 B, bytes).
 
-    This is the inverse of :func:`frames_to_spike_trains`.
+    This is the inverse of :func:`transpose_bits_to_pixels`.
     """
     frames = np.empty((8 * trains.shape[1], trains.shape[0] // 8), np.uint8)
     _transpose(trains, frames)

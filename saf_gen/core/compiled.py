@@ -5,8 +5,6 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["compiled"]
-
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function that runs without Python's lock; machine code is cached on disk if possible."""

@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["defer_interrupts", "describe_machine", "usable_cores"]
-
 
 def usable_cores() -> int:
     """Return the cores that this process may use; a container or scheduler may allow fewer than there are."""

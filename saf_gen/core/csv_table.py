@@ -13,8 +13,6 @@ import numpy as np
 
 from saf_gen.errors import BadInput, closest
 
-__all__ = ["parse_columns", "parse_table", "read_text_beside"]
-
 LARGEST_BYTES = 4 << 20  # every file of the dataset holds a copy
 
 
@@ -48,9 +46,7 @@ def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
     except FileNotFoundError:
         near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix}")])
         nearest = str(Path(name).with_name(near)) if near else ""
-        raise BadInput(
-            f"{name!r} does not exist", where=where, allowed=f"a file in {root}", nearest=nearest
-        ) from None
+        raise BadInput(f"{name!r} does not exist", where=where, allowed=f"a file in {root}", nearest=nearest) from None
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{name!r} cannot be read: {error}", where=where) from error
 
@@ -58,16 +54,16 @@ def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
 def parse_table(file: object, names: tuple[str, ...]) -> tuple[np.ndarray, ...]:
     """Return the columns of a table as a recipe hands it over, ``{"path": ..., "text": ...}``.
 
-    Raises BadInput where ``file`` is something else, and as :func:`parse_columns` does.
+    Raises BadInput where ``file`` is something else, and as :func:`parse_csv_columns` does.
     """
     if not (isinstance(file, Mapping) and set(file) == {"path", "text"}):
         allowed = "in a recipe the path of a CSV file; else {'path': ..., 'text': ...}"
         raise BadInput(f"file is {file!r}", allowed=allowed)
-    return parse_columns(file["text"], names, name=file["path"])
+    return parse_csv_columns(file["text"], names, name=file["path"])
 
 
 @lru_cache(maxsize=64)
-def parse_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.ndarray, ...]:
+def parse_csv_columns(text: str, names: tuple[str, ...], *, name: str) -> tuple[np.ndarray, ...]:
     """Return the columns of a CSV text, float64 (N,) each, read-only; the first one rises from row to row.
 
     The first line holds the ``names`` in their order. Empty lines and lines that begin with # are skipped.

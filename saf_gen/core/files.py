@@ -11,14 +11,6 @@ from pathlib import Path
 
 from saf_gen.errors import BadInput
 
-__all__ = [
-    "check_writable",
-    "remove_stale_temporaries",
-    "unwritable_error",
-    "write_atomically",
-    "write_text_atomically",
-]
-
 
 @contextmanager
 def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-__all__ = ["find_crossings"]
 
-
-def find_crossings(focus_position: np.ndarray, at_position: float) -> np.ndarray:
+def find_focus_crossings(focus_position: np.ndarray, at_position: float) -> np.ndarray:
     """Return the frames at which the lens is at ``at_position``: float64, rising; empty where it never is.
 
     ``focus_position`` (T,) is the lens at the middle of each readout, fraction of the travel. The lens is

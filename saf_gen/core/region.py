@@ -6,8 +6,6 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["REGIONS", "Region", "region_shape", "target_bounding_box", "validate_region", "validate_window"]
-
 Region = tuple[slice, slice]
 """Rows and columns, with step 1."""
 REGIONS = ("target", "frame")

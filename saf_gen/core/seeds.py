@@ -10,8 +10,6 @@ import json
 
 import numpy as np
 
-__all__ = ["derive_seed", "make_generator"]
-
 
 def _digest(name: tuple[str | int, ...]) -> bytes:
     return hashlib.sha256(json.dumps(list(name), ensure_ascii=True).encode()).digest()

@@ -10,8 +10,6 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["SIGNALS", "Signal", "validate_signal"]
-
 
 @dataclass(frozen=True)
 class Signal:
@@ -52,9 +50,7 @@ def validate_signal(name: str, array: np.ndarray) -> np.ndarray:
     signal = SIGNALS[name]
     array = np.asarray(array)
     if array.ndim != len(signal.axes):
-        raise BadInput(
-            f"{name} has shape {array.shape}", allowed=f"{len(signal.axes)} axes ({', '.join(signal.axes)})"
-        )
+        raise BadInput(f"{name} has shape {array.shape}", allowed=f"{len(signal.axes)} axes ({', '.join(signal.axes)})")
     if array.dtype.kind not in "buif":
         raise BadInput(f"{name} has dtype {array.dtype}", allowed=f"numbers ({signal.dtype})")
     out = np.ascontiguousarray(array, dtype=signal.dtype)

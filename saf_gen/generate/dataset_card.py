@@ -6,13 +6,11 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from saf_gen.core.config.ranges import extreme_values, is_range
+from saf_gen.core.config.ranges import is_range, range_extremes
 from saf_gen.core.files import write_text_atomically
 from saf_gen.generate.recipe import Recipe
 from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stream.manifest import Manifest
-
-__all__ = ["write_dataset_card"]
 
 PAGE = Template("""# $name: spike-camera autofocus data
 
@@ -52,7 +50,7 @@ To evaluate focus methods on it, from this folder: `saf-gen evaluate .`
 def _describe_motion(motion: dict[str, Any]) -> str:
     """Return a lens motion as Markdown: `hand` (bandwidth_hz 10, seed 3)."""
     if is_range(motion):
-        return " or ".join(_describe_motion(one) for one in extreme_values(motion))
+        return " or ".join(_describe_motion(one) for one in range_extremes(motion))
     options = ", ".join(f"{key} {_describe_value(value)}" for key, value in motion.items() if key != "kind")
     return f"`{motion['kind']}`" + (f" ({options})" if options else "")
 
@@ -64,9 +62,7 @@ def _describe_value(value: Any) -> str:
     return value["path"] if isinstance(value, dict) else str(value)
 
 
-def write_dataset_card(
-    folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]
-) -> None:
+def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
     """Write README.md into a dataset folder, whole or not at all."""
     splits = Counter(entry.split for entry in manifest.sequences)
     text = PAGE.substitute(

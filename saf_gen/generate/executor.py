@@ -17,8 +17,6 @@ from typing import Any, Protocol
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput, SafGenError
 
-__all__ = ["FollowUp", "Job", "JobResult", "ReportProgress", "run_jobs"]
-
 ReportProgress = Callable[[str, float], None]
 """Is called with the name of a piece of work and the fraction of it that is done, 0...1."""
 
@@ -168,9 +166,7 @@ def _run_on_dask(
     try:
         from distributed import Client, as_completed
     except ImportError:
-        raise BadInput(
-            "--cluster needs the package dask.distributed", hint="pip install 'saf-gen[cluster]'"
-        ) from None
+        raise BadInput("--cluster needs the package dask.distributed", hint="pip install 'saf-gen[cluster]'") from None
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError) as error:

@@ -12,8 +12,6 @@ from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.stream_file import open_stream
 
-__all__ = ["RecordJob", "RecordResult", "RenderJob"]
-
 
 @dataclass(frozen=True)
 class RenderJob:

@@ -9,12 +9,10 @@ from typing import Any
 
 from saf_gen.core import seeds
 from saf_gen.core.config import components
-from saf_gen.core.config.ranges import draw_value, extreme_values, is_number, is_range
+from saf_gen.core.config.ranges import draw_from_range, is_number, is_range, range_extremes
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.generate.recipe import Recipe
-from saf_gen.lights import draw_schedule
-
-__all__ = ["PlannedSequence", "SceneFamily", "make_plan", "recipe_fingerprint"]
+from saf_gen.lights import draw_light_schedule
 
 
 @dataclass(frozen=True)
@@ -101,13 +99,7 @@ def make_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None)
                 family = families.get(scene, SceneFamily())
                 sequences.append(
                     _plan_sequence(
-                        recipe,
-                        split_name,
-                        scene=scene,
-                        family=family,
-                        scene_motion=motion,
-                        light=light,
-                        repeat=repeat,
+                        recipe, split_name, scene=scene, family=family, scene_motion=motion, light=light, repeat=repeat
                     )
                 )
     _check_ids(sequences)
@@ -147,19 +139,17 @@ def _plan_sequence(
         light=light,
         repeat=repeat,
         seed=seeds.derive_seed(*stream, "camera"),
-        schedule=draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
-        motion=components.draw_component(
+        schedule=draw_light_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux),
+        motion=components.draw_config_component(
             "motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)
         ),
-        mean_rate=draw_value(
+        mean_rate=draw_from_range(
             recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")
         ),
     )
 
 
-def _draw_params(
-    recipe: Recipe, split: str, *, scene: str, family: SceneFamily, member: int
-) -> dict[str, Any]:
+def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily, member: int) -> dict[str, Any]:
     """Return the parameters of one member of a scene's family: the same under every light."""
     chosen = recipe.scene_params.get(scene, {})
     for key in chosen:
@@ -167,7 +157,7 @@ def _draw_params(
             raise unknown(f"parameter of scene {scene!r}:", key, allowed=family.params)
         _check_fits(chosen[key], family.params[key], what=f"scene_params.{scene}.{key}")
     return {
-        key: draw_value(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
+        key: draw_from_range(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
         for key, value in {**family.params, **chosen}.items()
     }
 
@@ -183,7 +173,7 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
         # Compared as text: to a script true is not 1, and 3.0 is not a count.
         known = [json.dumps(one, ensure_ascii=False) for one in card["choice"]]
         between = is_range(value) and "choice" not in value
-        for one in extreme_values(value):
+        for one in range_extremes(value):
             text = json.dumps(one, ensure_ascii=False)
             if between or text not in known:
                 raise BadInput(
@@ -192,7 +182,7 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
                     nearest=closest(text, known).strip('"'),
                 )
     elif is_range(card) or is_number(card):
-        for one in extreme_values(value):
+        for one in range_extremes(value):
             if not is_number(one):
                 raise BadInput(f"{what} is {one!r}", allowed="a number, as on the scene's card, or a range")
 

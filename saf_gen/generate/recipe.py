@@ -11,21 +11,10 @@ from pydantic import Field, field_validator, model_validator
 
 from saf_gen.core.config import components
 from saf_gen.core.config.document import FrozenModel, validate
-from saf_gen.core.config.ranges import check_parameter, extreme_values
+from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
-from saf_gen.lights import read_schedule
-
-__all__ = [
-    "CameraSettings",
-    "ExposureSettings",
-    "FocusSettings",
-    "NoiseSettings",
-    "Recipe",
-    "RenderSettings",
-    "SplitSettings",
-    "read_recipe",
-]
+from saf_gen.lights import read_light_schedule
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
 
@@ -45,7 +34,7 @@ class ExposureSettings(FrozenModel):
     def _one_of_two(self) -> "ExposureSettings":
         if (self.mean_rate is None) is not self.absolute:
             raise ValueError("either mean_rate: a number above 0 and below 1, or absolute: true")
-        for value in extreme_values(self.mean_rate) if self.mean_rate is not None else ():
+        for value in range_extremes(self.mean_rate) if self.mean_rate is not None else ():
             if not (isinstance(value, int | float) and 0 < value < 1):
                 raise ValueError("a mean_rate above 0 and below 1 spikes per readout")
         return self
@@ -177,8 +166,8 @@ def read_recipe(path: str | Path) -> Recipe:
     lights = {}
     for name, schedule in recipe.lights.items():
         _check_name("light", name, where=document.locate("lights", name))
-        lights[name] = read_schedule(schedule, document, keys=("lights", name))
-    motion = components.read_component(
+        lights[name] = read_light_schedule(schedule, document, keys=("lights", name))
+    motion = components.read_config_component(
         "motions", recipe.focus.motion, document=document, keys=("focus", "motion")
     )
     focus = recipe.focus.model_copy(update={"motion": motion})
@@ -189,10 +178,7 @@ def read_recipe(path: str | Path) -> Recipe:
         for i, light in enumerate(split.lights):
             if light not in recipe.lights:
                 raise unknown(
-                    "light",
-                    light,
-                    allowed=recipe.lights,
-                    where=document.locate("splits", split_name, "lights", i),
+                    "light", light, allowed=recipe.lights, where=document.locate("splits", split_name, "lights", i)
                 )
         for i, scene in enumerate(split.scenes):
             where = document.locate("splits", split_name, "scenes", i)
@@ -217,7 +203,5 @@ def read_recipe(path: str | Path) -> Recipe:
 def _check_name(what: str, name: str, *, where: str) -> None:
     if not name.replace("_", "").replace("-", "").isalnum() or name != name.lower():
         raise BadInput(
-            f"{what} {name!r} cannot be part of a file name",
-            where=where,
-            allowed="lower-case letters, digits, - and _",
+            f"{what} {name!r} cannot be part of a file name", where=where, allowed="lower-case letters, digits, - and _"
         )

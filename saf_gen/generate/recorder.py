@@ -8,17 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.camera import Encoder, Sensor, draw_fixed_pattern, exposure_scale
+from saf_gen.camera import Encoder, Sensor, camera_exposure_scale, draw_fixed_pattern
 from saf_gen.generate.plan import PlannedSequence
 from saf_gen.lights import group_gains
-from saf_gen.motions import readout_positions
+from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_writer import StreamWriter
-
-__all__ = ["Recorder"]
 
 BLOCK_FRAMES = 2000  # of spikes in memory at a time: 25 MB packed at 400x250, whatever the length
 
@@ -59,7 +57,7 @@ class Recorder:
         """
         time_stack, hz = plane_source.time_stack, self.sensor.readout_hz
         spec = time_stack.specs[0]
-        position = readout_positions(sequence.motion, self.frames, readout_hz=hz)
+        position = lens_motion_at_readouts(sequence.motion, self.frames, readout_hz=hz)
         charge_source = ChargeSource(plane_source, self.sensor)
         truth = find_true_focus(plane_source, position)
         self._expose(charge_source, sequence.mean_rate, truth=truth)
@@ -82,9 +80,7 @@ class Recorder:
             },
         )
         shape = (self.sensor.rows, self.sensor.columns)
-        encoder = Encoder(
-            self.sensor, shape, seed=sequence.seed, device_seed=self.device_seed, threads=threads
-        )
+        encoder = Encoder(self.sensor, shape, seed=sequence.seed, device_seed=self.device_seed, threads=threads)
         with StreamWriter(
             path, shape=(self.frames, *shape), readout_hz=hz, metadata=metadata, threads=threads
         ) as writer:
@@ -105,4 +101,4 @@ class Recorder:
         sensitivity = device.response * (self.sensor.threshold_e / device.threshold)
         frame = truth.frame if math.isfinite(truth.frame) else self.frames / 2
         at_best = sensitivity * charge_source.charge_image(frame, truth.position).sum(axis=0)
-        charge_source.scale = exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)
+        charge_source.scale = camera_exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)

@@ -16,12 +16,10 @@ from saf_gen.errors import BadInput, located, unknown
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.lights import group_gains
-from saf_gen.motions import readout_positions
+from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
-from saf_gen.stack.time_resolved import TimeResolvedStack, needed_focus_windows, time_slice_frames
-
-__all__ = ["MODEL", "ResolvedRecipe", "ResolvedSequence", "resolve_recipe"]
+from saf_gen.stack.time_resolved import TimeResolvedStack, focus_windows_of_time_slices, frames_of_time_slices
 
 MODEL = 2
 """Raised whenever the same stack, recipe and seed would give other spikes: old files are then made anew."""
@@ -114,8 +112,7 @@ class ResolvedRecipe:
         """Return roughly how many seconds the work still to do takes on two cores with LLVM."""
         pixels = self.sensor.rows * self.sensor.columns
         rendering = sum(
-            len(s.groups)
-            * (LOAD_S + pixels * (s.samples / PATHS_PER_S + s.rendered_count * PLANE_S_PER_PIXEL))
+            len(s.groups) * (LOAD_S + pixels * (s.samples / PATHS_PER_S + s.rendered_count * PLANE_S_PER_PIXEL))
             for s in self._missing_stacks(folder)
         )
         return rendering + self._missing_pixel_frames(folder) / PIXEL_FRAMES_PER_S
@@ -169,16 +166,14 @@ def resolve_recipe(
             group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
     for s in _distinct(planned, lambda s: s.motion):
         with located(where, prefix=f"the lens motion of {s.id}: "):
-            readout_positions(s.motion, frames, readout_hz=hz)
+            lens_motion_at_readouts(s.motion, frames, readout_hz=hz)
     resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
     wanted = [sequence for sequence in resolved if split in (None, sequence.planned.split)]
     index, count = part
     return ResolvedRecipe(recipe, resolved, tuple(wanted[index - 1 :: count]), scenes, sensor)
 
 
-def _distinct(
-    sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]
-) -> list[PlannedSequence]:
+def _distinct(sequences: list[PlannedSequence], key: Callable[[PlannedSequence], Any]) -> list[PlannedSequence]:
     """Return the first sequence of each key; constant light, for one, is the same for many."""
     first: dict[str, PlannedSequence] = {}
     for sequence in sequences:
@@ -215,9 +210,9 @@ def _resolve_stacks(
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
-    position = readout_positions(sequence.motion, frames, readout_hz=hz)
-    starts = time_slice_frames(frames, readout_hz=hz, slices_per_s=slices_per_s)
-    windows = needed_focus_windows(position, starts, positions=spec.positions)
+    position = lens_motion_at_readouts(sequence.motion, frames, readout_hz=hz)
+    starts = frames_of_time_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    windows = focus_windows_of_time_slices(position, starts, positions=spec.positions)
     slices = (
         replace(spec, samples=recipe.render.samples_per_slice, time_s=start / hz, window=window)
         for start, window in zip(starts, windows, strict=True)

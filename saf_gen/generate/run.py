@@ -28,8 +28,6 @@ from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import Manifest, SequenceEntry, read_manifest, write_manifest
 from saf_gen.stream.stream_file import open_stream
 
-__all__ = ["GenerationResult", "generate"]
-
 BACKENDS = ("auto", "cuda", "llvm", "scalar")
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "h5py", "isal", "OpenEXR")
 
@@ -121,9 +119,7 @@ def generate(
     recorded: list[str] = []
     kept: list[str] = []
     failed: dict[str, SafGenError] = {}
-    for job, result, error in run_jobs(
-        jobs, workers=workers, report=report, follow_up=follow_up, address=cluster
-    ):
+    for job, result, error in run_jobs(jobs, workers=workers, report=report, follow_up=follow_up, address=cluster):
         if error is not None:
             failed[job.name] = error
         elif isinstance(job, RenderJob):
@@ -139,7 +135,7 @@ def _choose_backend(requested: str) -> str:
     with defer_interrupts():
         from saf_gen.render import backend  # loads Mitsuba: only where something must be rendered
 
-    return backend.choose_backend(requested)
+    return backend.choose_render_backend(requested)
 
 
 def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
@@ -204,9 +200,7 @@ def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
         sequences=tuple(entry for entry in entries if entry is not None),
     )
     write_manifest(folder, manifest)
-    write_dataset_card(
-        folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()]
-    )
+    write_dataset_card(folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()])
     return manifest
 
 

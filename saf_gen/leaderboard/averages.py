@@ -6,8 +6,6 @@ import numpy as np
 
 from saf_gen.benchmark.records import Record
 
-__all__ = ["mean_by_scene", "mean_over_scenes", "median_magnitude"]
-
 RecordValue = Callable[[Record], float | None]
 
 
@@ -18,8 +16,7 @@ def mean_by_scene(records: Sequence[Record], value: RecordValue) -> dict[str, fl
         if (number := value(record)) is not None:
             scenes.setdefault(record.scene, {}).setdefault(record.light, []).append(float(number))
     return {
-        scene: float(np.mean([np.mean(numbers) for numbers in lights.values()]))
-        for scene, lights in scenes.items()
+        scene: float(np.mean([np.mean(numbers) for numbers in lights.values()])) for scene, lights in scenes.items()
     }
 
 

@@ -11,8 +11,6 @@ from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
 
-__all__ = ["AXES", "Axis", "AxisTable", "BinSummary", "group_by_bin", "tabulate_by_axis"]
-
 BLOCK_READOUTS = 100
 """Readouts of the block over which the photon budget is counted: the default window of argmax."""
 

@@ -8,15 +8,6 @@ from typing import Any, Literal
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.statistics import TIE_TOLERANCE
 
-__all__ = [
-    "STANDARD_TERMINAL_WIDTH",
-    "WIDE_TERMINAL_WIDTH",
-    "Column",
-    "format_percent",
-    "list_all_columns",
-    "list_shown_columns",
-]
-
 STANDARD_TERMINAL_WIDTH, WIDE_TERMINAL_WIDTH = 120, 200
 """Widths of a terminal, in characters, from which it shows intervals and all columns."""
 _WIDE: dict[str, Any] = {"min_terminal_width": WIDE_TERMINAL_WIDTH}
@@ -63,13 +54,7 @@ def list_shown_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
 def list_all_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
     """Return the columns of these rows for programs, whether or not their values are known."""
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
-    return (
-        *_rank_columns(),
-        *_success_columns(lights),
-        *_error_columns(),
-        *_count_columns(),
-        *_cost_columns(),
-    )
+    return (*_rank_columns(), *_success_columns(lights), *_error_columns(), *_count_columns(), *_cost_columns())
 
 
 def format_percent(fraction: float) -> str:
@@ -118,9 +103,7 @@ def _light_column(light: str) -> Column:
 
     meaning = f"Success within 1 DoF under the light {light}."
     group = "≤1 DoF by light"
-    return Column(
-        f"success_1dof_{light}", light, meaning, value, text, group=group, is_fraction=True, light=light
-    )
+    return Column(f"success_1dof_{light}", light, meaning, value, text, group=group, is_fraction=True, light=light)
 
 
 def _error_columns() -> tuple[Column, ...]:

@@ -5,8 +5,6 @@ import io
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-__all__ = ["format_csv"]
-
 
 def format_csv(header: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
     """Return a CSV text with one header line; None is an empty field."""

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import find_peaks
 
-__all__ = ["MIN_PROMINENCE", "CurveQuality", "assess_focus_curve"]
-
 MIN_PROMINENCE = 0.1
 """Fraction of the curve's height; a smaller rise does not end the range and makes no false peak."""
 MIN_NOISE_SAMPLES = 8

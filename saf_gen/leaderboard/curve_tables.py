@@ -11,21 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import depth_of_focus, interpolate_position
+from saf_gen.benchmark.judgement import depth_of_focus, position_of_method_answer
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.core.files import write_text_atomically
 from saf_gen.leaderboard.averages import median_magnitude
 from saf_gen.leaderboard.csv_output import format_csv
 from saf_gen.leaderboard.curve_quality import CurveQuality, assess_focus_curve
-
-__all__ = [
-    "QUALITY_MEANINGS",
-    "CurveRow",
-    "MeasureRow",
-    "assess_curves",
-    "summarise_measures",
-    "write_curve_tables",
-]
 
 _NAMES = tuple(f.name for f in fields(CurveQuality))
 QUALITY_MEANINGS = {
@@ -102,8 +93,7 @@ def write_curve_tables(folder: str | Path, sweeps: Sequence[SweepSummary]) -> li
         for row in curves
     ]
     measures = [
-        [row.measure, row.curves, row.without_quality, *row.medians.values()]
-        for row in summarise_measures(curves)
+        [row.measure, row.curves, row.without_quality, *row.medians.values()] for row in summarise_measures(curves)
     ]
     texts = {
         "curves.csv": format_csv(header, lines),
@@ -122,7 +112,7 @@ def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
     if sweep.track is not None and curve.scores.size:  # a moving truth counts at the frame of the peak
         is_known = isfinite(truth) and np.isfinite(sweep.track).all()
         peak_frame = float(curve.frames[curve.scores.argmax()])
-        truth = interpolate_position(peak_frame, sweep.track) if is_known else nan
+        truth = position_of_method_answer(peak_frame, sweep.track) if is_known else nan
     return assess_focus_curve(
         np.interp(curve.frames, np.arange(len(lens)), lens),
         curve.scores,

@@ -23,8 +23,6 @@ from saf_gen.leaderboard.table_formats import (
     format_markdown,
 )
 
-__all__ = ["write_leaderboard"]
-
 
 def write_leaderboard(
     folder: str | Path,
@@ -42,9 +40,7 @@ def write_leaderboard(
     columns = list_all_columns(rows)
     texts = {
         "leaderboard.json": _format_json(rows, records=records, failures=failures, axes=axes),
-        "leaderboard.csv": format_csv(
-            [c.key for c in columns], [[c.value(row) for c in columns] for row in rows]
-        ),
+        "leaderboard.csv": format_csv([c.key for c in columns], [[c.value(row) for c in columns] for row in rows]),
         "leaderboard.md": _format_page(rows, records=records, failures=failures, axes=axes),
         "leaderboard.tex": format_latex(rows),
         "axes.csv": _format_axes(axes),

@@ -6,8 +6,6 @@ from saf_gen.benchmark.records import Record
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput
 
-__all__ = ["merge_records"]
-
 REGION_SUFFIXES = tuple(f"@{region}" for region in REGIONS)
 _HINT = "run saf-gen evaluate again"
 _RULES = {
@@ -107,9 +105,7 @@ def _difference(what: str, subject: str, *, first: tuple[str, str], second: tupl
 def _check_same_answer(one: tuple[str, Record], other: tuple[str, Record]) -> None:
     (run, record), (second_run, second) = one, other
     if run == second_run:
-        raise BadInput(
-            f"two records of {record.method} on {record.sequence}", where=run, allowed="one per sequence"
-        )
+        raise BadInput(f"two records of {record.method} on {record.sequence}", where=run, allowed="one per sequence")
     if (record.status, record.frame, record.position) != (second.status, second.frame, second.position):
         raise BadInput(
             f"the answer of {record.method} on {record.sequence} differs between {run} and {second_run}, "

@@ -10,8 +10,6 @@ from saf_gen.leaderboard.averages import mean_by_scene, mean_over_scenes, median
 from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.statistics import TIE_TOLERANCE, BootstrapIntervals, bootstrap_intervals
 
-__all__ = ["LeaderboardRow", "rank_methods"]
-
 
 @dataclass(frozen=True)
 class LeaderboardRow:

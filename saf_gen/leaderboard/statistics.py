@@ -14,16 +14,6 @@ import numpy as np
 
 from saf_gen.core.seeds import make_generator
 
-__all__ = [
-    "CONFIDENCE",
-    "MIN_SCENES",
-    "RESAMPLES",
-    "TIE_TOLERANCE",
-    "BootstrapIntervals",
-    "Interval",
-    "bootstrap_intervals",
-]
-
 CONFIDENCE = 0.95
 RESAMPLES = 5000
 MIN_SCENES = 3
@@ -115,9 +105,7 @@ def _error_interval(
     cumulative = np.cumsum(draws[:, [column for _, column in known]], axis=1)
     cumulative = cumulative[cumulative[:, -1] > 0]
     total = cumulative[:, -1]
-    low, high = (
-        values[(cumulative > rank[:, None]).argmax(axis=1)] for rank in ((total - 1) // 2, total // 2)
-    )
+    low, high = (values[(cumulative > rank[:, None]).argmax(axis=1)] for rank in ((total - 1) // 2, total // 2))
     return _interval((low + high) / 2, confidence)
 
 

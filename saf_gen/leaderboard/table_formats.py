@@ -9,17 +9,6 @@ from saf_gen.leaderboard.columns import WIDE_TERMINAL_WIDTH, Column, format_perc
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.statistics import MIN_SCENES
 
-__all__ = [
-    "compose_notes",
-    "count_noun",
-    "escape_latex",
-    "explain_columns",
-    "format_axis_markdown",
-    "format_bin",
-    "format_latex",
-    "format_markdown",
-]
-
 _LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
     "\\": r"\textbackslash{}",
@@ -104,9 +93,7 @@ def compose_notes(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> 
         )
     machines = sorted({r.machine for r in records if r.machine})
     if len(machines) > 1:
-        notes.append(
-            f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}."
-        )
+        notes.append(f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}.")
     return notes
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import parse_method, split_plugin_options, split_region
+from saf_gen.benchmark.method_spec import parse_method, split_method_region, split_plugin_options
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
@@ -21,8 +21,6 @@ from saf_gen.stream.manifest import read_manifest
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-
-__all__ = ["MAX_COMBINATIONS", "expand_parameter_grid", "tune"]
 
 MAX_COMBINATIONS = 1000
 """Most combinations in one run."""
@@ -43,7 +41,7 @@ def expand_parameter_grid(method: str, values: ParameterGrid) -> list[str]:
         Another key, no value, more than MAX_COMBINATIONS combinations, or a key or value that the measure or
         the search refuses.
     """
-    name, region = split_region(parse_method(method).name)  # the method itself must be right first
+    name, region = split_method_region(parse_method(method).name)  # the method itself must be right first
     halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
     for key, choices in values.items():
         half, dot, option = key.partition(".")
@@ -115,9 +113,7 @@ def tune(
     splits = {entry.split for entry in read_manifest(dataset).sequences}
     if split not in splits:
         raise unknown("split", split, allowed=splits, where=str(dataset))
-    result = evaluate(
-        dataset, methods=specs, split=split, region=region, protocol=protocol, progress=progress
-    )
+    result = evaluate(dataset, methods=specs, split=split, region=region, protocol=protocol, progress=progress)
     if result.failures:
         raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
     rows = sorted(rank_methods(result.records), key=_sort_key)

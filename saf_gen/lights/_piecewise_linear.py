@@ -10,8 +10,7 @@ def integrate_piecewise_linear(seconds: np.ndarray, *, times: np.ndarray, gains:
     """
     seconds = np.asarray(seconds, dtype=np.float64)
     return (
-        _antiderivative(seconds, times=times, gains=gains)
-        - _antiderivative(np.zeros(1), times=times, gains=gains)[0]
+        _antiderivative(seconds, times=times, gains=gains) - _antiderivative(np.zeros(1), times=times, gains=gains)[0]
     )
 
 

@@ -73,19 +73,19 @@ def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) 
             raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.locate("lights"))
 
 
-def read_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
+def read_light_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
     """Return the schedule at these keys of a recipe, checked, and with the text of its files.
 
     Raises BadInput with file and line where something does not fit.
     """
-    by_group = split_by_group(schedule, where=document.locate(*keys))
+    by_group = split_schedule_by_light_group(schedule, where=document.locate(*keys))
     if "" in by_group:
         return _read(schedule, document, keys=keys)
     return {group: _read(component, document, keys=(*keys, group)) for group, component in by_group.items()}
 
 
 def _read(component: Component, document: Document, *, keys: tuple[str, ...]) -> Component:
-    return components.read_component(
+    return components.read_config_component(
         "lights", component, document=document, keys=keys, common=COMMON_KEYS, build=_build_without_scene
     )
 
@@ -97,7 +97,7 @@ def _build_without_scene(kind: str, /, **options: Any) -> Light:
     return get_light(kind, **options)
 
 
-def split_by_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
+def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
     """Return a light schedule as {light group: component}; the key '' stands for all groups at once."""
     if "kind" in schedule or is_range(schedule):
         return {"": schedule}
@@ -112,7 +112,7 @@ def split_by_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Co
     return schedule
 
 
-def draw_schedule(
+def draw_light_schedule(
     schedule: dict[str, Any], name: tuple[str | int, ...], *, illuminance_lux: Mapping[str, float]
 ) -> dict[str, Component]:
     """Return the schedule of one recording by light group, with all open numbers drawn.
@@ -121,10 +121,8 @@ def draw_schedule(
     by light group, from the scene's card.
     """
     drawn = {}
-    for group, component in split_by_group(schedule).items():
-        drawn[group] = one = components.draw_component(
-            "lights", component, name=name, purpose=("lights", group)
-        )
+    for group, component in split_schedule_by_light_group(schedule).items():
+        drawn[group] = one = components.draw_config_component("lights", component, name=name, purpose=("lights", group))
         lux = illuminance_lux.get(group) if group else sum(illuminance_lux.values())
         if lux and one.get("unit") == "lux":
             one.setdefault("lux_at_gain_1", lux)
@@ -132,13 +130,7 @@ def draw_schedule(
 
 
 def get_light(
-    name: str,
-    /,
-    *,
-    offset: float = 0.0,
-    unit: str = "ratio",
-    lux_at_gain_1: float | None = None,
-    **options: Any,
+    name: str, /, *, offset: float = 0.0, unit: str = "ratio", lux_at_gain_1: float | None = None, **options: Any
 ) -> Light:
     """Return a light schedule; its gain is 1 where the light is as the scene has it.
 
@@ -160,7 +152,7 @@ def get_light(
     for key in options:
         if key not in known:
             raise unknown(f"key of light schedule {name!r}:", key, allowed=(*known, *COMMON_KEYS))
-    light: Light = registry.build("lights", name, **options)
+    light: Light = registry.build_plugin("lights", name, **options)
     if not (isinstance(offset, int | float) and 0 <= offset < inf):
         raise BadInput(f"offset is {offset!r}", allowed="0 or more, added to the gain")
     if unit not in UNITS:
@@ -192,7 +184,7 @@ class _ScaledLight:
         return (self.light.integral(seconds, duration_s) + steady) / self.unit_gain
 
 
-def readout_gains(light: Light, frames: int, *, readout_hz: float) -> np.ndarray:
+def light_gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.ndarray:
     """Return the mean gain of each readout, float32 (frames,).
 
     It is the mean over the readout, not a sample in it: a lamp that flickers at 100 Hz then gives the same
@@ -213,7 +205,7 @@ def group_gains(
 ) -> np.ndarray:
     """Return the mean gain of each readout for each light group, float32 (frame, light).
 
-    ``schedule`` is by light group, as :func:`draw_schedule` returns it; a group that is not in it has gain 1.
+    ``schedule`` is by light group, as :func:`draw_light_schedule` returns it; a group that is not in it has gain 1.
 
     Raises BadInput for a group that the scene does not have, and for a gain that float32 cannot hold.
     """
@@ -226,7 +218,7 @@ def group_gains(
         if component is not None:
             light = get_light(component["kind"], **{k: v for k, v in component.items() if k != "kind"})
             with np.errstate(over="ignore", invalid="ignore"):  # an overflow is an error of one line below
-                gains[:, g] = readout_gains(light, frames, readout_hz=readout_hz)
+                gains[:, g] = light_gains_at_readouts(light, frames, readout_hz=readout_hz)
             if not np.isfinite(gains[:, g]).all():
                 raise BadInput(
                     f"the gain of {light!r} is too large to be recorded",

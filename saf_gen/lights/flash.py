@@ -27,9 +27,7 @@ class Flash:
         if not 0 <= self.at_s < inf:
             raise BadInput(f"at_s is {self.at_s!r}", allowed="seconds from the beginning, 0 or more")
         if not 0 <= self.base <= self.peak < inf:
-            raise BadInput(
-                f"base is {self.base!r}, peak {self.peak!r}", allowed="gains with 0 <= base <= peak"
-            )
+            raise BadInput(f"base is {self.base!r}, peak {self.peak!r}", allowed="gains with 0 <= base <= peak")
         for key in ("rise_s", "decay_s"):
             if not 1e-7 <= getattr(self, key) <= 10:
                 raise BadInput(f"{key} is {getattr(self, key)!r}", allowed="1e-7 to 10 seconds")

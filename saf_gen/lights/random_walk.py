@@ -54,9 +54,7 @@ class RandomWalk:
         else:
             walk = self.sd * _stationary_walk(draws, float(np.exp(-STEP_S / self.return_s)))
             variance = np.full_like(times, self.sd**2)
-        return integrate_piecewise_linear(
-            seconds, times=times, gains=self.level * np.exp(walk - variance / 2)
-        )
+        return integrate_piecewise_linear(seconds, times=times, gains=self.level * np.exp(walk - variance / 2))
 
 
 def _stationary_walk(draws: np.ndarray, kept: float) -> np.ndarray:

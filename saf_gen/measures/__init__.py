@@ -13,9 +13,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from saf_gen.core.config.registry import PLUGIN_KINDS, build, names, plugin_class
+from saf_gen.core.config.registry import PLUGIN_KINDS, build_plugin, names, plugin_class
 from saf_gen.errors import BadInput, unknown
-from saf_gen.measures._counts import as_numbers
+from saf_gen.measures._counts import counts_as_integers
 from saf_gen.parts import Measure, cite_source, wants_halves, wants_intervals
 
 __all__ = ["BrightnessNormalised", "IntervalTexture", "get_measure", "measure_names"]
@@ -59,7 +59,7 @@ class BrightnessNormalised:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts as the measure takes them. Raise BadInput as the measure does."""
-        numbers, degree = as_numbers(counts, halves=self.halves), self.measure.degree
+        numbers, degree = counts_as_integers(counts, halves=self.halves), self.measure.degree
         total = numbers.sum().item()  # an exact int for whole numbers, so that equal windows stay equal
         return self.measure(counts) * numbers.size**degree / total**degree if total else 0.0
 
@@ -128,7 +128,7 @@ def _grows_with_brightness(name: str) -> bool:
     """Return whether a measure's degree is above 0, as its class states it or it does without options."""
     degree = getattr(plugin_class(KIND, name), "degree", 0)
     if isinstance(degree, property):
-        degree = getattr(build(KIND, name), "degree", 0)
+        degree = getattr(build_plugin(KIND, name), "degree", 0)
     return isinstance(degree, int) and degree > 0
 
 
@@ -153,13 +153,13 @@ def get_measure(name: str, **options: Any) -> Measure:
         not grow with brightness, and for ``_tfi`` where the measure does not take counts of whole windows.
     """
     if name in names(KIND) or (":" in name and not name.endswith((NORMALISED_SUFFIX, INTERVAL_SUFFIX))):
-        return build(KIND, name, **options)
+        return build_plugin(KIND, name, **options)
     if name.endswith(INTERVAL_SUFFIX):
         return _interval_texture(name.removesuffix(INTERVAL_SUFFIX), options)
     base = name.removesuffix(NORMALISED_SUFFIX)
     if base == name or (base not in names(KIND) and ":" not in base):
         raise unknown(PLUGIN_KINDS[KIND], name, allowed=measure_names())
-    measure = build(KIND, base, **options)
+    measure = build_plugin(KIND, base, **options)
     if getattr(measure, "degree", 0) <= 0:
         raise BadInput(
             f"{PLUGIN_KINDS[KIND]} {base!r} has no form {name!r}: its score does not grow with brightness",

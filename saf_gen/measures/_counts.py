@@ -4,8 +4,6 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["as_floats", "as_numbers", "subtract_dark"]
-
 MIN_LIGHT_OVER_DARK = 0.1
 """Smallest ratio of mean light to mean dark counts at which light is told from night."""
 
@@ -13,7 +11,7 @@ GROWTH = 512
 """No measure of this package gives more than this many sums of squared counts (weight 20, squared)."""
 
 
-def as_numbers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
+def counts_as_integers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
     """Return counts as int64 where sums of their squares stay exact in it, else as float64.
 
     Rows lie one after the other in memory, so that sums of floats do not depend on the input's layout.
@@ -48,9 +46,9 @@ def as_numbers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
     return given.astype(np.int64 if fits else np.float64, order="C")
 
 
-def as_floats(counts: np.ndarray) -> np.ndarray:
-    """Return counts (row, col) as float64, for sums that are not exact anyway. Raise as as_numbers does."""
-    return as_numbers(counts).astype(np.float64)
+def counts_as_floats(counts: np.ndarray) -> np.ndarray:
+    """Return counts (row, col) as float64, for sums that are not exact anyway. Raise as counts_as_integers does."""
+    return counts_as_integers(counts).astype(np.float64)
 
 
 def subtract_dark(

@@ -3,8 +3,6 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["correlate_separable"]
-
 
 @njit(nogil=True, cache=True)
 def correlate_separable(image: np.ndarray, down: np.ndarray, across: np.ndarray, stride: int) -> np.ndarray:

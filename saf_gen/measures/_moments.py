@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from saf_gen.measures._counts import as_numbers
-
-__all__ = ["mean_square", "squared_contrast", "sum_of_squares", "variance"]
+from saf_gen.measures._counts import counts_as_integers
 
 
 def sum_of_squares(numbers: np.ndarray) -> int | float:
@@ -20,7 +18,7 @@ def mean_square(numbers: np.ndarray) -> float:
 def variance(numbers: np.ndarray) -> float:
     """Return the mean square of the deviations from the mean, 0.0 for an empty array.
 
-    ``numbers`` are the result of as_numbers or whole-number sums of it. Whole numbers go through
+    ``numbers`` are the result of counts_as_integers or whole-number sums of it. Whole numbers go through
     N·Σc² − (Σc)² in Python integers, as in squared_contrast.
     """
     if not numbers.size:
@@ -37,7 +35,7 @@ def squared_contrast(counts: np.ndarray, *, pixels: bool = False) -> float:
     Whole numbers go through N·Σc² − (Σc)² in Python integers: exact up to the one rounding of the quotient,
     where deviations from a mean in floats would leave a constant image a little above 0.
     """
-    numbers = as_numbers(counts)
+    numbers = counts_as_integers(counts)
     size, total = numbers.size, numbers.sum().item()
     if total == 0:
         return 0.0

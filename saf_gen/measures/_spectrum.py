@@ -7,9 +7,7 @@ import numpy as np
 from scipy.fft import rfft2
 
 from saf_gen.errors import BadInput
-from saf_gen.measures._counts import as_floats
-
-__all__ = ["FFT_COST", "check_band", "power_in_band"]
+from saf_gen.measures._counts import counts_as_floats
 
 FFT_COST = 2.5 * log2(400 * 250)
 """Operations per pixel of a real fast Fourier transform, 2.5 log2 N, at 400 x 250 pixels."""
@@ -36,7 +34,7 @@ def power_in_band(counts: np.ndarray, lowest: float, *, highest: float) -> tuple
     outside ``lowest`` <= radius <= ``highest`` is 0. Over all frequencies the power sums up to the variance.
     The radius is shared between calls and read-only.
     """
-    image = as_floats(counts)
+    image = counts_as_floats(counts)
     weight, radius = _band(image.shape, lowest, highest=highest)
     image -= image.sum() / image.size
     wave = rfft2(image)[:, : weight.shape[1]]

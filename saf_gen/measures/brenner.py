@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.measures._counts import as_numbers
+from saf_gen.measures._counts import counts_as_integers
 from saf_gen.measures._moments import mean_square
 
 
@@ -31,5 +31,5 @@ class Brenner:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts."""
-        c = as_numbers(counts)
+        c = counts_as_integers(counts)
         return mean_square(c[:, 2:] - c[:, :-2])

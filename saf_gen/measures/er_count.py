@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.measures._counts import as_numbers
+from saf_gen.measures._counts import counts_as_integers
 
 
 @dataclass(frozen=True)
@@ -27,4 +27,4 @@ class EventRateCount:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type."""
-        return float(as_numbers(counts).sum())
+        return float(counts_as_integers(counts).sum())

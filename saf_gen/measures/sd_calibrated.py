@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.measures._counts import as_numbers, subtract_dark
-from saf_gen.measures._options import check_dark
+from saf_gen.measures._counts import counts_as_integers, subtract_dark
+from saf_gen.measures._options import check_measure_dark_options
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class SpikeDispersionCalibrated:
     score_range: ClassVar[str] = "0 expected for no contrast; about the squared contrast of the light"
 
     def __post_init__(self) -> None:
-        check_dark(self.dark, self.dark_rms)
+        check_measure_dark_options(self.dark, self.dark_rms)
 
     def __call__(self, counts: np.ndarray, frames: int | None = None) -> float:
         """Return the score of counts (2, row, col) of any number type; ``frames`` counts both halves."""
-        first, second = as_numbers(counts, halves=True)
+        first, second = counts_as_integers(counts, halves=True)
         means = first.sum().item() / first.size, second.sum().item() / second.size
         split = subtract_dark(means, self.dark, frames=frames or 0)
         if split is None:

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.measures._counts import as_numbers
+from saf_gen.measures._counts import counts_as_integers
 from saf_gen.measures._moments import variance
 
 
@@ -27,4 +27,4 @@ class Variance:
 
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts."""
-        return variance(as_numbers(counts))
+        return variance(counts_as_integers(counts))

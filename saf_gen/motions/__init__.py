@@ -12,7 +12,7 @@ from saf_gen.core.config import registry
 from saf_gen.errors import BadInput
 from saf_gen.parts import Motion
 
-__all__ = ["get_motion", "readout_positions"]
+__all__ = ["get_motion", "lens_motion_at_readouts"]
 
 BLOCK_FRAMES = 1 << 19  # positions worked out at a time, so that long recordings need little memory
 POSITION_GRID = 2.0**-24
@@ -34,11 +34,11 @@ def get_motion(name: str, /, **options: Any) -> Motion:
     BadInput
         For an unknown name or key, and for a value that is not allowed.
     """
-    motion: Motion = registry.build("motions", name, **options)
+    motion: Motion = registry.build_plugin("motions", name, **options)
     return motion
 
 
-def readout_positions(motion: Motion | Mapping[str, Any], frames: int, *, readout_hz: float) -> np.ndarray:
+def lens_motion_at_readouts(motion: Motion | Mapping[str, Any], frames: int, *, readout_hz: float) -> np.ndarray:
     """Return the position of the lens at the middle of each readout.
 
     Parameters
@@ -62,9 +62,7 @@ def readout_positions(motion: Motion | Mapping[str, Any], frames: int, *, readou
     for begin in range(0, frames, BLOCK_FRAMES):
         block = slice(begin, min(begin + BLOCK_FRAMES, frames))
         seconds = (np.arange(block.start, block.stop) + 0.5) / readout_hz
-        position[block] = registry.sample(
-            motion, motion.positions, seconds=seconds, duration_s=frames / readout_hz
-        )
+        position[block] = registry.sample(motion, motion.positions, seconds=seconds, duration_s=frames / readout_hz)
     slack = POSITION_GRID / 2
     if not (position.min() >= -slack and position.max() <= 1 + slack):  # also false where a NaN is
         raise BadInput(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.motions._option_checks import check_position
+from saf_gen.motions._option_checks import check_motion_position
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Hold:
     position: float
 
     def __post_init__(self) -> None:
-        check_position("position", self.position)
+        check_motion_position("position", self.position)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time, a fraction of the travel."""

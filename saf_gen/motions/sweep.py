@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.motions._option_checks import check_endpoints
+from saf_gen.motions._option_checks import check_motion_endpoints
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Sweep:
     to: float = 1.0
 
     def __post_init__(self) -> None:
-        check_endpoints(self.from_, self.to)
+        check_motion_endpoints(self.from_, self.to)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time, a fraction of the travel."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.motions._option_checks import check_duration, check_endpoints
+from saf_gen.motions._option_checks import check_motion_duration, check_motion_endpoints
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,8 @@ class SweepAndReturn:
     dwell_s: float = 0.0
 
     def __post_init__(self) -> None:
-        check_endpoints(self.from_, self.to)
-        check_duration("dwell_s", self.dwell_s)
+        check_motion_endpoints(self.from_, self.to)
+        check_motion_duration("dwell_s", self.dwell_s)
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time; raises BadInput where the rest leaves no time to move."""

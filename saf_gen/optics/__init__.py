@@ -13,9 +13,7 @@ from saf_gen.optics.microscope_stage import Stage
 
 __all__ = ["DRIVES", "Drive", "FocalLengthDrive", "ImageDistanceDrive", "Stage", "drive_from_dict"]
 
-DRIVES: dict[str, type[Drive]] = {
-    drive.kind: drive for drive in (ImageDistanceDrive, FocalLengthDrive, Stage)
-}
+DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in (ImageDistanceDrive, FocalLengthDrive, Stage)}
 """The class of each kind of drive."""
 
 

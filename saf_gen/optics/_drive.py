@@ -13,8 +13,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-__all__ = ["Drive"]
-
 Positions = np.ndarray | float
 
 

@@ -8,8 +8,6 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
 
-__all__ = ["FocalLengthDrive"]
-
 
 @dataclass(frozen=True)
 class FocalLengthDrive(Drive):
@@ -41,9 +39,7 @@ class FocalLengthDrive(Drive):
     def __post_init__(self) -> None:
         for distance in self.focus_range_m:
             if not distance > 0:
-                raise BadInput(
-                    f"the lens cannot focus at {distance:g} m", allowed="object distances in front of it"
-                )
+                raise BadInput(f"the lens cannot focus at {distance:g} m", allowed="object distances in front of it")
         if self.focus_range_m[0] == self.focus_range_m[1]:
             raise BadInput(f"the lens does not change: both ends focus at {self.focus_range_m[0]:g} m")
 

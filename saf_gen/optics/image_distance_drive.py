@@ -8,8 +8,6 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
 
-__all__ = ["ImageDistanceDrive"]
-
 
 @dataclass(frozen=True)
 class ImageDistanceDrive(Drive):

@@ -11,8 +11,6 @@ from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
 from saf_gen.optics.microscope_stage import Stage
 
-__all__ = ["LensCard"]
-
 FocalLengthMm = Annotated[float, Field(gt=0, le=2000)]
 
 

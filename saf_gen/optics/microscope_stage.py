@@ -9,8 +9,6 @@ from scipy.optimize import brentq
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
 
-__all__ = ["Stage"]
-
 
 @dataclass(frozen=True)
 class Stage(Drive):

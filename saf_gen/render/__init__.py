@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core import seeds
-from saf_gen.render import _import_mitsuba, backend, depth_and_target, mitsuba_scene
+from saf_gen.render import _import_mitsuba, backend, depth_and_target, mitsuba_scene, posed_shapes
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.scene_renderer import stack_renderer
 from saf_gen.scene.scene_folder import Scene
@@ -48,9 +48,9 @@ def render_missing(
     todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
     if not todo:
         return []
-    backend.activate_backend(backend_name, threads=threads)
+    backend.activate_render_backend(backend_name, threads=threads)
     described = mitsuba_scene.build_scene_dict(scene)
-    motions = mitsuba_scene.read_motions(scene, described)
+    motions = mitsuba_scene.mitsuba_shape_motions(scene, described)
     remaining = Counter(name for _, name in todo)
     total = dict(remaining)
     loaded, lit = None, None  # Mitsuba's scene with its integrator; the moment and light group that it shows
@@ -66,9 +66,7 @@ def render_missing(
             # The scene before is released first. The new one then gets the same indices in Dr.Jit's registry,
             # which are part of a kernel's code, and finds its kernels in the cache: this saves 0.2 to 0.6 s.
             loaded = None
-            moment = mitsuba_scene.pose_shapes(
-                described, motions, time_s=spec.time_s, unit_m=scene.card.unit_m
-            )
+            moment = posed_shapes.pose_shapes(described, motions, time_s=spec.time_s, unit_m=scene.card.unit_m)
             loaded = mitsuba_scene.load_lit_scene(moment, scene.card.lights[group], max_depth=spec.max_depth)
             lit = spec.time_s, group
         _render_piece(

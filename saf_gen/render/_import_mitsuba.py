@@ -25,8 +25,5 @@ def _silent_stderr() -> Iterator[None]:
 
 with _silent_stderr():
     import drjit
-    import mitsuba
 
     drjit.detail.llvm_version()
-
-__all__ = ["drjit", "mitsuba"]

@@ -13,8 +13,6 @@ import numba
 from saf_gen.core.cores import usable_cores
 from saf_gen.errors import BadInput, unknown
 
-__all__ = ["OLDEST_LLVM", "BackendProbe", "activate_backend", "choose_backend", "probe_backends"]
-
 OLDEST_LLVM = 17
 MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
 ADVICE = "install LLVM 17 or newer (Debian, Ubuntu: apt install libllvm19) to render many times faster"
@@ -41,14 +39,14 @@ class BackendProbe:
         return f"LLVM {version} is too old: Mitsuba needs {OLDEST_LLVM} or newer and would abort"
 
 
-def probe_backends() -> BackendProbe:
+def probe_render_backends() -> BackendProbe:
     """Look for LLVM and CUDA without starting a kernel."""
     major, minor, patch = (int(n) for n in dr.detail.llvm_version())
     cuda = bool(dr.has_backend(dr.JitBackend.CUDA))
     return BackendProbe((major, minor, patch) if major > 0 else None, cuda)
 
 
-def choose_backend(requested: str = "auto", machine: BackendProbe | None = None) -> str:
+def choose_render_backend(requested: str = "auto", machine: BackendProbe | None = None) -> str:
     """Return the backend to use: 'cuda', 'llvm' or 'scalar'.
 
     Parameters
@@ -60,7 +58,7 @@ def choose_backend(requested: str = "auto", machine: BackendProbe | None = None)
     ------
     BadInput : for an unknown name, and for a backend that the machine cannot run.
     """
-    machine = machine or probe_backends()
+    machine = machine or probe_render_backends()
     if requested == "auto":
         return "cuda" if machine.cuda else "llvm" if machine.llvm_usable else "scalar"
     if requested not in MITSUBA_VARIANTS:
@@ -75,7 +73,7 @@ def choose_backend(requested: str = "auto", machine: BackendProbe | None = None)
     return requested
 
 
-def activate_backend(name: str, *, threads: int | None = None) -> None:
+def activate_render_backend(name: str, *, threads: int | None = None) -> None:
     """Switch Mitsuba to a backend and its number of threads, by default the cores this process may use.
 
     Must be called before a scene is loaded, because loading starts the thread pool.

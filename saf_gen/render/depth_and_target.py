@@ -11,8 +11,6 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.render.render_setup import RenderSetup, SensorGrid, make_camera_dict, make_film_dict
 
-__all__ = ["DepthAndTarget", "trace_at", "trace_depth_and_target"]
-
 APERTURE_RAYS = 64  # per side, across the aperture, that look for a surface the lens would run into
 
 
@@ -99,9 +97,7 @@ def trace_at(setup: RenderSetup, target_shapes: tuple[str, ...], *, position: fl
     forward = float(setup.drive.shift(position))
     axial, shape = _first_surfaces(setup, sensor, forward_m=forward)
     depth = (axial + forward).astype(np.float32)
-    wanted = [
-        _shape_index(s, i) for i, s in enumerate(setup.mitsuba_scene.shapes()) if s.id() in target_shapes
-    ]
+    wanted = [_shape_index(s, i) for i, s in enumerate(setup.mitsuba_scene.shapes()) if s.id() in target_shapes]
     return DepthAndTarget(depth, np.isin(shape, wanted))
 
 
@@ -114,8 +110,7 @@ def _check_lens_travel(setup: RenderSetup) -> None:
     # Mitsuba's own near clip, 0.01, would hide a specimen.
     sensor = {
         "type": "orthographic",
-        "to_world": setup.to_world_at(start)
-        @ mi.ScalarTransform4f().scale([radius / setup.unit_m] * 2 + [1]),
+        "to_world": setup.to_world_at(start) @ mi.ScalarTransform4f().scale([radius / setup.unit_m] * 2 + [1]),
         "near_clip": 1e-4 * radius / setup.unit_m,
         "film": make_film_dict(SensorGrid(APERTURE_RAYS, APERTURE_RAYS, 1.0)),
     }
@@ -128,9 +123,7 @@ def _check_lens_travel(setup: RenderSetup) -> None:
         )
 
 
-def _first_surfaces(
-    setup: RenderSetup, sensor: dict[str, Any], *, forward_m: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the axial distance (m) of the first surface through each pixel's centre, and its shape index.
 
     float64 and int64 (row, col). Distances are from the lens moved by ``forward_m``, inf where there is

@@ -20,8 +20,6 @@ import numpy as np
 
 from saf_gen.render.host_splat import COUNT_BITS, NEVER, TracedPaths
 
-__all__ = ["DeviceAccumulator"]
-
 ACCUMULATOR_BYTES = 1 << 31  # and half as much again for the stack
 
 
@@ -32,9 +30,7 @@ class DeviceAccumulator:
     scale, most : as :func:`saf_gen.render.host_splat.splat_paths` takes them.
     """
 
-    def __init__(
-        self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float
-    ) -> None:
+    def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float) -> None:
         self.focus, _, self.columns = shape
         self.top, self.rows = band[0], band[1] - band[0]
         self.scale, self.most = scale, most
@@ -57,9 +53,7 @@ class DeviceAccumulator:
         twice = mi.Int64(dr.select(bright, most, radiance) * dr.opaque(mi.Float64, 2 * self.scale))
         word = (((twice + 1) >> 1) << COUNT_BITS) + 1
         # As opaque values rather than constants of the kernel, these can change without a new kernel.
-        focus, rows, columns, top = (
-            dr.opaque(mi.Int32, n) for n in (self.focus, self.rows, self.columns, self.top)
-        )
+        focus, rows, columns, top = (dr.opaque(mi.Int32, n) for n in (self.focus, self.rows, self.columns, self.top))
         begin, stop = mi.Int32(0), focus
         if paths.begin is not None:
             begin, stop = mi.Int32(paths.begin), dr.minimum(paths.end, focus)
@@ -80,7 +74,7 @@ class DeviceAccumulator:
         return int(clipped[0])
 
     def mean_radiance(self) -> np.ndarray:
-        """Return the band's mean radiance, float32 (focus, row, col); see ``host_splat.resolve_means``."""
+        """Return the band's mean radiance, float32 (focus, row, col); see ``host_splat.mean_radiance_of_paths``."""
         shape = (self.focus, self.rows, self.columns)
         means = dr.empty(mi.Float, self.focus * self.rows * self.columns)
         _resolve(self.sums, means, self.focus, self.rows * self.columns, dr.opaque(mi.Float64, self.scale))
@@ -117,9 +111,7 @@ def _walk(sums: Any, shape: Any, path: Any, across: Any, along: Any) -> None:
         inside = runs & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         pixel = (row * columns + column) * focus
         dr.scatter_add(sums, word, mi.UInt32(pixel + k), inside, dr.ReduceMode.Direct)
-        dr.scatter_add(
-            sums, -word, mi.UInt32(pixel + run_end), inside & (run_end < focus), dr.ReduceMode.Direct
-        )
+        dr.scatter_add(sums, -word, mi.UInt32(pixel + run_end), inside & (run_end < focus), dr.ReduceMode.Direct)
         k = dr.select(runs, run_end, k)
         first = to_x < to_y
         column = dr.select(first, column + right, column)

@@ -10,20 +10,14 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene, xml_scene
 from saf_gen.render.render_setup import SensorGrid, make_film_dict
-from saf_gen.scene.scene_folder import RESERVED_GROUP_NAMES
 from saf_gen.scene.xml import SceneXml
-
-__all__ = ["ExportedCamera", "read_exported_camera"]
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
 SENSOR_WIDTH_M = REFERENCE_GRID.columns * REFERENCE_GRID.pitch_m
-MIN_F_NUMBER, PINHOLE_F_NUMBER, MAX_F_NUMBER = (
-    1.0,
-    2.0,
-    64.0,
-)  # a pinhole states no aperture; a card allows 64
+MIN_F_NUMBER, PINHOLE_F_NUMBER, MAX_F_NUMBER = (1.0, 2.0, 64.0)  # a pinhole states no aperture; a card allows 64
 
 
 @dataclass(frozen=True)
@@ -51,7 +45,7 @@ class ExportedCamera:
     distance_m: float
 
 
-def read_exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
+def mitsuba_camera_of_export(read: SceneXml, path: Path) -> ExportedCamera:
     """Return the first perspective camera of a scene; units are taken as metres.
 
     The f-number is that of the file's aperture, or 2 for a pinhole. ``path`` names the scene in messages.
@@ -59,9 +53,9 @@ def read_exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
     Raises BadInput for a scene without such a camera, without a lamp, or with nothing in the middle of the
     image; and for a camera that Mitsuba does not understand, or whose aperture no card can have.
     """
-    backend.activate_backend("scalar")
-    described = xml_scene.parse_scene_dict(read.text, path)
-    lamps = mitsuba_scene.emitter_names(described)
+    backend.activate_render_backend("scalar")
+    described = xml_scene.parse_mitsuba_scene_dict(read.text, path)
+    lamps = mitsuba_scene.mitsuba_emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add one")
     props = _first_camera(read.cameras, path)
@@ -110,9 +104,7 @@ def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     matrix = np.array(getattr(to_world, "matrix", np.full((4, 4), np.nan)), dtype=np.float64)
     lengths = np.linalg.norm(matrix[:3, 1:3], axis=0)
     if not (np.isfinite(matrix).all() and (lengths > 0).all()):
-        raise BadInput(
-            "to_world of the camera gives it no direction", where=str(path), hint="export the scene again"
-        )
+        raise BadInput("to_world of the camera gives it no direction", where=str(path), hint="export the scene again")
     up, ahead = (matrix[:3, 1:3] / lengths).T
     return matrix[:3, 3], ahead, up
 

@@ -17,17 +17,6 @@ from typing import Any, NamedTuple
 import numba as nb
 import numpy as np
 
-__all__ = [
-    "COUNT_BITS",
-    "NEVER",
-    "VALUE_BITS",
-    "HostAccumulator",
-    "TracedPaths",
-    "allocate_accumulators",
-    "resolve_means",
-    "splat_paths",
-]
-
 COUNT_BITS = 20
 VALUE_BITS = 63 - COUNT_BITS
 ACCUMULATOR_BYTES = 1 << 30
@@ -65,10 +54,8 @@ class HostAccumulator:
     scale, most : as :func:`splat_paths` takes them.
     """
 
-    def __init__(
-        self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float
-    ) -> None:
-        self.sums = allocate_accumulators(nb.get_num_threads(), shape)
+    def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float) -> None:
+        self.sums = allocate_path_accumulators(nb.get_num_threads(), shape)
         self.scale, self.most = scale, most
 
     @staticmethod
@@ -84,10 +71,10 @@ class HostAccumulator:
 
     def mean_radiance(self) -> np.ndarray:
         """Return the mean radiance, float32 (focus, row, col)."""
-        return resolve_means(self.sums, self.scale)
+        return mean_radiance_of_paths(self.sums, self.scale)
 
 
-def allocate_accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
+def allocate_path_accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
     """Return empty accumulators, one per worker: int64 (worker, row, col, focus).
 
     There are fewer than ``workers`` where they would take more than ACCUMULATOR_BYTES, but at least one.
@@ -177,7 +164,7 @@ def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begi
 
 
 @nb.njit(parallel=True, cache=True)
-def resolve_means(sums, scale):
+def mean_radiance_of_paths(sums, scale):
     """Return the mean radiance, float32 (focus, row, col), of the accumulators.
 
     Sums are divided by the samples that fell into the pixel rather than by those sent, so that the scatter of

@@ -8,8 +8,6 @@ import numpy as np
 
 from saf_gen.render.render_setup import RenderSetup, make_camera_dict
 
-__all__ = ["estimate_irradiance"]
-
 RUNS = 4  # independent estimates, whose scatter gives the standard error
 JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # most points of the target; samples per point and run
 

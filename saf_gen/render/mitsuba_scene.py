@@ -7,20 +7,11 @@ import mitsuba as mi
 
 from saf_gen.errors import BadInput, unknown
 from saf_gen.render import xml_scene
-from saf_gen.render.posed_shapes import pose_shapes, validate_motions
+from saf_gen.render.posed_shapes import validate_motions
 from saf_gen.render.scene_script import call_script
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
-
-__all__ = [
-    "build_scene_dict",
-    "camera_to_world",
-    "emitter_names",
-    "load_lit_scene",
-    "pose_shapes",
-    "read_motions",
-]
 
 
 def build_scene_dict(scene: Scene) -> dict[str, Any]:
@@ -31,7 +22,7 @@ def build_scene_dict(scene: Scene) -> dict[str, Any]:
     Raises BadInput where the geometry fails, and where a name on the card is missing from it.
     """
     described = _read_geometry(scene)
-    lamps = emitter_names(described)
+    lamps = mitsuba_emitter_names(described)
     shapes = [name for name, entry in described.items() if _is_shape(entry)]
     card = str(scene.folder / "scene.yaml")
     for group, names in scene.card.lights.items():
@@ -44,18 +35,16 @@ def build_scene_dict(scene: Scene) -> dict[str, Any]:
     listed = {name for names in scene.card.lights.values() for name in names}
     for name in lamps:
         if name not in listed:
-            raise BadInput(
-                f"the emitter {name!r} belongs to no light group", where=card, hint="name it under lights"
-            )
+            raise BadInput(f"the emitter {name!r} belongs to no light group", where=card, hint="name it under lights")
     return described
 
 
-def emitter_names(described: Mapping[str, Any]) -> list[str]:
+def mitsuba_emitter_names(described: Mapping[str, Any]) -> list[str]:
     """Return the names of the entries that emit light: lamps, and shapes with a lamp in them."""
     return [name for name, entry in described.items() if _emits(entry)]
 
 
-def read_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
+def mitsuba_shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
     """Return the motions of a scene's shapes, from the card and from ``motion(params)`` of its script.
 
     ``described`` is what :func:`build_scene_dict` returned. A scene that stands still has no motions.
@@ -67,9 +56,7 @@ def read_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidM
     own = call_script(scene, "motion", default={}) if scene.has_script else {}
     for name, motion in validate_motions(own, script).items():
         if name in moving:
-            raise BadInput(
-                f"{name!r} moves by the card and by motion()", where=script, hint="keep one of the two"
-            )
+            raise BadInput(f"{name!r} moves by the card and by motion()", where=script, hint="keep one of the two")
         moving[name] = (motion, script)
     for name, (_, where) in moving.items():
         if name not in described:
@@ -77,9 +64,7 @@ def read_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidM
     return {name: motion for name, (motion, _) in moving.items()}
 
 
-def load_lit_scene(
-    described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int
-) -> tuple[Any, Any]:
+def load_lit_scene(described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int) -> tuple[Any, Any]:
     """Return the Mitsuba scene with only these emitters, and the integrator that traces it.
 
     The other emitters are left out rather than dimmed, so that no sample is spent on a dark lamp. Their
@@ -110,7 +95,7 @@ def camera_to_world(scene: Scene) -> Any:
 def _read_geometry(scene: Scene) -> dict[str, Any]:
     if not scene.has_script:
         path = scene.folder / "scene.xml"
-        return xml_scene.parse_scene_dict(read_scene_xml(path, scene.params).text, path)
+        return xml_scene.parse_mitsuba_scene_dict(read_scene_xml(path, scene.params).text, path)
     described = call_script(scene, "build")
     if not isinstance(described, dict):
         script = scene.folder / "scene.py"

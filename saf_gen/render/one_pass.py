@@ -2,7 +2,7 @@
 
 A ray that meets sensor and lens at (x, a) at the middle position meets them at M(p)·(x, a) at position p,
 with M the drive's transfer, linear in p. Rays are spread evenly over sensor and lens, and over a border round
-both that is wide enough that no position lacks rays (:func:`saf_gen.render.ray_sampling.compute_coverage`). M
+both that is wide enough that no position lacks rays (:func:`saf_gen.render.ray_sampling.compute_ray_coverage`). M
 keeps them evenly spread. Where the lens moves through the rays, a path counts only at the positions that have
 it inside the aperture. The paths that fall into a pixel are thus an even sample of pixel and aperture at
 every position, and their mean is unbiased.
@@ -20,10 +20,8 @@ import numpy as np
 from saf_gen.core import seeds
 from saf_gen.render.device_splat import DeviceAccumulator
 from saf_gen.render.host_splat import NEVER, VALUE_BITS, HostAccumulator, TracedPaths
-from saf_gen.render.ray_sampling import compute_coverage, place_samples
-from saf_gen.render.render_setup import RenderSetup, rendered_positions
-
-__all__ = ["aperture_window", "choose_accumulator", "render_stack", "trace_paths"]
+from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
+from saf_gen.render.render_setup import RenderSetup, positions_to_render
 
 PATHS_PER_PASS = 1 << 22
 
@@ -58,7 +56,7 @@ def render_stack(
     The stack, float32 (focus, row, col), and the number of paths, of all traced, that were clipped as
     fireflies.
     """
-    focus = rendered_positions(positions, window)
+    focus = positions_to_render(positions, window)
     traced = trace_paths(setup, focus, samples=samples, seed=seed)
     first = next(traced)
     whole = first[0] >= 1
@@ -118,7 +116,7 @@ def trace_paths(
     """
     drive, grid, units = setup.drive, setup.grid, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
-    covered = compute_coverage(drive, grid, ends=(float(focus[0]), float(focus[-1])))
+    covered = compute_ray_coverage(drive, grid, ends=(float(focus[0]), float(focus[-1])))
     # Each position still gets the requested samples through the part of the lens disc that is its aperture.
     samples = math.ceil(samples * (covered.radius_m / drive.aperture_radius_m) ** 2 - 1e-9)
     rows, columns = grid.rows + 2 * covered.rows, grid.columns + 2 * covered.columns
@@ -146,16 +144,14 @@ def trace_paths(
         # The band is traced column by column, so that the pixels that neighbours add to stay in the cache.
         height = dr.opaque(mi.UInt32, count)
         row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
-        across, down, lens = place_samples(row * row_length + column, sample, seed=seed)
+        across, down, lens = place_ray_samples(row * row_length + column, sample, seed=seed)
         x = (mi.Float(column) + across - half_columns) * grid.pitch_m
         y = (mi.Float(row) + down - half_rows) * grid.pitch_m
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
         # Slope in object space. The equal (a - x)/v - a/f would lose digits where u is much larger than f.
         slope_x, slope_y = -(x * inverse_v + a.x * inverse_u), -(y * inverse_v + a.y * inverse_u)
         origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
-        ray = mi.RayDifferential3f(
-            transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1))
-        )
+        ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
         radiance, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, ray)
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
         first_x, step_x, first_a, step_a = _sensor_and_lens_line(setup, focus, x=x, a=a.x)
@@ -170,9 +166,7 @@ def trace_paths(
         ]
         if moves:
             first_lens, step_lens = mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b)
-            paths += aperture_window(
-                first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size
-            )
+            paths += aperture_window(first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size)
         dr.eval(*paths)
         yield (begin + count) / rows, TracedPaths(*paths)
 
@@ -182,9 +176,7 @@ def _opaque(value: Any) -> Any:
     return dr.opaque(mi.Float, float(value))
 
 
-def _sensor_and_lens_line(
-    setup: RenderSetup, focus: np.ndarray, *, x: Any, a: Any
-) -> tuple[Any, Any, Any, Any]:
+def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
     """Return where rays meet the sensor at the first position, their step per position, and both on the lens.
 
     All are in metres.

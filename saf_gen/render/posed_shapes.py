@@ -10,8 +10,6 @@ from pydantic import ValidationError
 from saf_gen.errors import BadInput, unknown
 from saf_gen.scene.keyframes import RigidMotion
 
-__all__ = ["pose_shapes", "validate_motions"]
-
 UNPOSABLE_TYPES = ("constant", "shapegroup")  # entries that a pose would leave as they are
 
 
@@ -94,10 +92,7 @@ def _move_mesh(mesh: Any, pose: np.ndarray) -> Any:
     for key, value in properties.items():
         if value is not None:
             props[key] = value
-    flags = {
-        "has_vertex_normals": mesh.has_vertex_normals(),
-        "has_vertex_texcoords": mesh.has_vertex_texcoords(),
-    }
+    flags = {"has_vertex_normals": mesh.has_vertex_normals(), "has_vertex_texcoords": mesh.has_vertex_texcoords()}
     counts = {"vertex": mesh.vertex_count(), "face": mesh.face_count()}
     copy = mi.Mesh(mesh.id(), counts["vertex"], counts["face"], props=props, **flags)
     copy.set_id(mesh.id())

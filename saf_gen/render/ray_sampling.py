@@ -11,8 +11,6 @@ import numpy as np
 from saf_gen.optics import Drive
 from saf_gen.stack.focal_stack import PixelGrid
 
-__all__ = ["RayCoverage", "compute_coverage", "place_samples"]
-
 # Kronecker sequence over pixel and lens (4 dimensions): powers of the root of x^5 = x + 1, in 0.32 fixed
 # point. Any number of samples is spread well, where orthogonal arrays need the square of a prime.
 # M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
@@ -35,7 +33,7 @@ class RayCoverage:
     radius_m: float
 
 
-def compute_coverage(drive: Drive, grid: PixelGrid, *, ends: tuple[float, float] = (0.0, 1.0)) -> RayCoverage:
+def compute_ray_coverage(drive: Drive, grid: PixelGrid, *, ends: tuple[float, float] = (0.0, 1.0)) -> RayCoverage:
     """Return what to sample evenly at the middle of two positions so that all positions between are covered.
 
     The rays of a position (sensor × aperture) are traced back to the middle by the inverse of the drive's
@@ -56,7 +54,7 @@ def compute_coverage(drive: Drive, grid: PixelGrid, *, ends: tuple[float, float]
     return RayCoverage(guards[0], guards[1], float(lens.max()))
 
 
-def place_samples(pixel: Any, sample: Any, *, seed: int) -> tuple[Any, Any, Any]:
+def place_ray_samples(pixel: Any, sample: Any, *, seed: int) -> tuple[Any, Any, Any]:
     """Return each sample's offsets in its pixel (two, in 0...1) and its point on the unit square of the lens.
 
     Every pixel shifts the same sequence by offsets of its own.

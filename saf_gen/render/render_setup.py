@@ -11,8 +11,6 @@ from saf_gen.core.region import Region
 from saf_gen.optics import Drive
 from saf_gen.stack.focal_stack import PixelGrid
 
-__all__ = ["RenderSetup", "SensorGrid", "make_camera_dict", "make_film_dict", "rendered_positions"]
-
 
 @dataclass(frozen=True)
 class SensorGrid:
@@ -48,7 +46,7 @@ class RenderSetup:
         return self.to_world @ mi.ScalarTransform4f().translate([0, 0, forward_m / self.unit_m])
 
 
-def rendered_positions(positions: int, window: tuple[int, int] | None) -> np.ndarray:
+def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.ndarray:
     """Return the focus positions to render, float64 (focus,).
 
     They are ``positions`` evenly spaced ones over the whole travel, or of these the first to the last index

@@ -9,15 +9,13 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.core.region import Region
-from saf_gen.render import backend, depth_and_target, irradiance, mitsuba_scene, one_pass, thin_lens
+from saf_gen.render import backend, depth_and_target, irradiance, mitsuba_scene, one_pass, posed_shapes, thin_lens
 from saf_gen.render import texel_footprints as texels
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, PixelGrid, StackSpec
-
-__all__ = ["SceneRenderer", "stack_renderer"]
 
 PINHOLE_F_NUMBER = 64.0  # the smallest stop a card may have: no blur is as wide as a pixel
 
@@ -50,10 +48,10 @@ class SceneRenderer:
 
     def __init__(self, scene: Scene, grid: PixelGrid, *, backend_name: str, max_depth: int = 6) -> None:
         self.scene, self.grid, self.max_depth = scene, grid, max_depth
-        self.backend_name = backend.choose_backend(backend_name)
-        backend.activate_backend(self.backend_name)
+        self.backend_name = backend.choose_render_backend(backend_name)
+        backend.activate_render_backend(self.backend_name)
         self._described = mitsuba_scene.build_scene_dict(scene)
-        self.motions = mitsuba_scene.read_motions(scene, self._described)
+        self.motions = mitsuba_scene.mitsuba_shape_motions(scene, self._described)
         self._loaded = lru_cache(maxsize=4)(self._load)
 
     @property
@@ -165,9 +163,7 @@ class SceneRenderer:
 
     def texel_footprints(self, position: float, target: np.ndarray) -> np.ndarray:
         """Measure the target's texels; see :func:`saf_gen.render.texel_footprints.texel_footprints`."""
-        return texels.texel_footprints(
-            self.prepare(), self.scene.card.target, position=position, target=target
-        )
+        return texels.texel_footprints(self.prepare(), self.scene.card.target, position=position, target=target)
 
     def _moment(self, time_s: float | None) -> float:
         return self.scene.card.still_s if time_s is None and self.motions else time_s or 0.0
@@ -176,7 +172,7 @@ class SceneRenderer:
         """Load the scene at a time, or with every shape where its geometry places it (None)."""
         card, moment = self.scene.card, self._described
         if time_s is not None:
-            moment = mitsuba_scene.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
+            moment = posed_shapes.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
         emitters = tuple(emitter for group in groups for emitter in card.lights[group])
         return mitsuba_scene.load_lit_scene(moment, emitters, max_depth=self.max_depth)
 

@@ -14,8 +14,6 @@ from typing import Any
 from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import Scene
 
-__all__ = ["call_script"]
-
 
 def call_script(scene: Scene, function: str, *, default: Any = None) -> Any:
     """Return what a function of the scene's script gives for its parameters.

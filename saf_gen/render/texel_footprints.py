@@ -7,8 +7,6 @@ import numpy as np
 
 from saf_gen.render.render_setup import RenderSetup, make_camera_dict
 
-__all__ = ["texel_footprints"]
-
 
 def texel_footprints(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, target: np.ndarray

@@ -12,18 +12,11 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.core.region import Region
-from saf_gen.render.render_setup import RenderSetup, make_camera_dict, make_film_dict, rendered_positions
-
-__all__ = ["render_position", "render_stack"]
+from saf_gen.render.render_setup import RenderSetup, make_camera_dict, make_film_dict, positions_to_render
 
 
 def render_position(
-    setup: RenderSetup,
-    *,
-    position: float,
-    samples: int,
-    seed: int,
-    region: Region | None = None,
+    setup: RenderSetup, *, position: float, samples: int, seed: int, region: Region | None = None
 ) -> np.ndarray:
     """Render the mean radiance at one focus position, of all pixels or of a region: float32 (row, col)."""
     drive = setup.drive
@@ -39,9 +32,7 @@ def render_position(
         }
     )
     seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba accepts an int, but its stubs want an array
-    image = mi.render(
-        setup.mitsuba_scene, sensor=sensor, integrator=setup.integrator, spp=samples, seed=seed_word
-    )
+    image = mi.render(setup.mitsuba_scene, sensor=sensor, integrator=setup.integrator, spp=samples, seed=seed_word)
     return np.array(image, dtype=np.float32).reshape(film["crop_height"], film["crop_width"])
 
 
@@ -62,7 +53,7 @@ def render_stack(
     -------
     The stack, float32 (focus, row, col), and 0, the number of paths clipped as fireflies.
     """
-    focus = rendered_positions(positions, window)
+    focus = positions_to_render(positions, window)
     out = np.empty((focus.size, setup.grid.rows, setup.grid.columns), dtype=np.float32)
     for k, position in enumerate(focus):
         out[k] = render_position(

@@ -9,10 +9,8 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 
-__all__ = ["mitsuba_refusal", "parse_scene_dict"]
 
-
-def parse_scene_dict(text: str, path: Path) -> dict[str, Any]:
+def parse_mitsuba_scene_dict(text: str, path: Path) -> dict[str, Any]:
     """Return the Mitsuba dictionary of a scene from :func:`saf_gen.scene.xml.read_scene_xml`, by id.
 
     A lamp is copied to every shape that refers to it; surfaces, textures and the like stay shared. ``path``
@@ -36,9 +34,7 @@ def mitsuba_refusal(error: Exception, path: Path) -> BadInput:
     message = re.sub(r"^\[[\w.]+:\d+\] ", "", str(error))
     line = re.search(r"line (\d+)", message)
     message = re.sub(r"^Error while loading string \(.*?\): ", "", message)
-    return BadInput(
-        f"Mitsuba does not understand this: {message}", where=f"{path}:{line[1]}" if line else str(path)
-    )
+    return BadInput(f"Mitsuba does not understand this: {message}", where=f"{path}:{line[1]}" if line else str(path))
 
 
 def _entry(state: Any, index: int, *, shared: frozenset[int]) -> dict[str, Any]:

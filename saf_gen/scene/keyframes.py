@@ -9,8 +9,6 @@ from pydantic import Field, model_validator
 
 from saf_gen.core.config.document import FrozenModel
 
-__all__ = ["Keyframe", "RigidMotion", "Vector", "motion_end_s"]
-
 Vector = tuple[float, float, float]
 
 

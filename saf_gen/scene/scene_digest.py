@@ -7,13 +7,8 @@ from pathlib import Path
 
 from saf_gen.errors import BadInput
 
-__all__ = ["folder_digest"]
-
 MAX_FILES = 100_000  # files and folders of a scene; a link to a whole disk would lead to more
-PROSE, OWN_PREVIEW = (
-    ".md",
-    "preview.png",
-)  # files without effect on a rendered pixel; the preview at the top only
+PROSE, OWN_PREVIEW = (".md", "preview.png")  # files without effect on a rendered pixel; the preview at the top only
 
 
 def folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_links: bool) -> str:
@@ -50,9 +45,7 @@ def _list_files(folder: Path, allow_outside_links: bool) -> list[Path]:
         for path in current.iterdir():
             seen += 1
             if seen > MAX_FILES:
-                raise BadInput(
-                    f"{folder} holds more than {MAX_FILES:,} files", hint="remove what is not the scene's"
-                )
+                raise BadInput(f"{folder} holds more than {MAX_FILES:,} files", hint="remove what is not the scene's")
             if path.is_file():
                 found.append(path)
             elif path.is_dir() and path.name != "__pycache__":

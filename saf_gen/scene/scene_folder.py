@@ -16,25 +16,15 @@ from pydantic import Field, model_validator
 
 from saf_gen.core import seeds
 from saf_gen.core.config.document import FrozenModel, validate
-from saf_gen.core.config.ranges import check_parameter, draw_value
+from saf_gen.core.config.ranges import check_parameter, draw_from_range
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
-from saf_gen.lights import RESERVED_GROUP_NAMES, check_light_groups
+from saf_gen.lights import check_light_groups
 from saf_gen.optics import Drive
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.scene.keyframes import RigidMotion, Vector
-from saf_gen.scene.library import find_library_module
+from saf_gen.scene.library import find_scene_library_module
 from saf_gen.scene.scene_digest import folder_digest
-
-__all__ = [
-    "RESERVED_GROUP_NAMES",
-    "Scene",
-    "SceneCard",
-    "find_scene",
-    "load_scene_folder",
-    "scene_names",
-    "scene_roots",
-]
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
@@ -146,7 +136,7 @@ class Scene:
     def draw_member(self, *stream: str | int) -> "Scene":
         """Return the member of the family that the random streams of this name draw."""
         params = {
-            key: draw_value(value, seeds.make_generator(*stream, "param", key))
+            key: draw_from_range(value, seeds.make_generator(*stream, "param", key))
             for key, value in self.card.params.items()
         }
         return replace(self, params=params)
@@ -160,7 +150,7 @@ class Scene:
 
     def library_files(self) -> dict[str, Path]:
         """Return the library modules that the script imports: file by the name under which it is imported."""
-        return {name: find_library_module(module) for name, module in self.card.library.items()}
+        return {name: find_scene_library_module(module) for name, module in self.card.library.items()}
 
 
 def scene_roots() -> list[Path]:
@@ -214,9 +204,7 @@ def _read(folder: Path) -> Scene:
     document = read_yaml(path)
     card = validate(SceneCard, document)
     if card.id != folder.name:
-        raise BadInput(
-            f"id is {card.id!r}", where=document.locate("id"), allowed=f"{folder.name}, as the folder"
-        )
+        raise BadInput(f"id is {card.id!r}", where=document.locate("id"), allowed=f"{folder.name}, as the folder")
     geometry = [name for name in (SCRIPT_FILE, "scene.xml") if (folder / name).is_file()]
     if not geometry:
         raise BadInput(
@@ -230,7 +218,7 @@ def _read(folder: Path) -> Scene:
         check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
     for name, module in card.library.items():
         where = document.locate("library", name)
-        find_library_module(module, where=where)
+        find_scene_library_module(module, where=where)
         if not name.isidentifier() or (folder / f"{name}.py").exists() or geometry != [SCRIPT_FILE]:
             raise BadInput(
                 f"library has the name {name!r}",
@@ -254,8 +242,6 @@ def _digest(folder: Path, card: SceneCard) -> str:
     """
     values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
-    contents |= {
-        f"{name}.py": find_library_module(module).read_bytes() for name, module in card.library.items()
-    }
+    contents |= {f"{name}.py": find_scene_library_module(module).read_bytes() for name, module in card.library.items()}
     # Only a script can read files outside of its folder: those that an XML scene names must lie within.
     return folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())

@@ -7,7 +7,7 @@ Files whose names begin with an underscore hold what searches share.
 
 from typing import Any
 
-from saf_gen.core.config.registry import build, names
+from saf_gen.core.config.registry import build_plugin, names
 from saf_gen.parts import Search
 
 __all__ = ["get_search", "search_names"]
@@ -38,4 +38,4 @@ def get_search(name: str, **options: Any) -> Search:
     BadInput
         For an unknown name or option, and for a value that the search refuses.
     """
-    return build(KIND, name, **options)
+    return build_plugin(KIND, name, **options)

@@ -1,7 +1,8 @@
 """Golden search on a recording: as the released code of Su et al. runs it, and without its conventions.
 
-``narrow_as_released`` follows the code: frames are 1-based and inclusive, and the ends of an interval may be
-fractional. ``narrow_to_centre`` is this project's: whole frames from 0, windows first <= t < stop, centres.
+``narrow_golden_interval_as_released`` follows the code: frames are 1-based and inclusive, and the ends of an
+interval may be fractional. ``narrow_golden_interval_to_centre`` is this project's: whole frames from 0, windows
+first <= t < stop, centres.
 """
 
 import math
@@ -9,29 +10,16 @@ import math
 from saf_gen.errors import BadInput
 from saf_gen.parts import View
 
-__all__ = [
-    "RATIO",
-    "THRESHOLD",
-    "check_narrowing",
-    "check_recording_length",
-    "count_blocks",
-    "half_score_difference",
-    "narrow_as_released",
-    "narrow_to_centre",
-]
-
 RATIO = 0.618
 THRESHOLD = 10.0
 
 
-def check_narrowing(threshold: float, ratio: float) -> None:
+def check_golden_search_options(threshold: float, ratio: float) -> None:
     """Raise BadInput for a threshold below one frame, and for a ratio with which windows leave a gap."""
     if not (math.isfinite(threshold) and threshold >= 1):
         raise BadInput(f"threshold is {threshold!r}", allowed="frames, a number of at least 1")
     if not 0.5 <= ratio < 1:
-        raise BadInput(
-            f"ratio is {ratio!r}", allowed="0.5 up to but not 1, so that the two windows cover the interval"
-        )
+        raise BadInput(f"ratio is {ratio!r}", allowed="0.5 up to but not 1, so that the two windows cover the interval")
 
 
 def check_recording_length(view: View, threshold: float, *, longest_refused: float) -> None:
@@ -61,7 +49,7 @@ def count_blocks(view: View, dt: int) -> tuple[int, int]:
     return first, blocks
 
 
-def half_score_difference(view: View, end: int) -> float:
+def golden_search_feedback(view: View, end: int) -> float:
     """Return the score of the later half of the first ``end`` frames less that of the earlier half.
 
     The windows are those of the released code, 1-based and inclusive: h−1 ... end and 1 ... h−1 with
@@ -71,7 +59,7 @@ def half_score_difference(view: View, end: int) -> float:
     return view.score(half - 2, end) - view.score(0, half - 1)
 
 
-def narrow_as_released(
+def narrow_golden_interval_as_released(
     view: View, left: float, *, right: float, threshold: float = THRESHOLD, ratio: float = RATIO
 ) -> tuple[int, ...]:
     """Narrow the interval ``left`` ... ``right`` until it is no wider than ``threshold``.
@@ -91,7 +79,7 @@ def narrow_as_released(
     return tuple(trace)
 
 
-def narrow_to_centre(
+def narrow_golden_interval_to_centre(
     view: View, first: int, *, stop: int, threshold: float = THRESHOLD, ratio: float = RATIO
 ) -> tuple[float, ...]:
     """Narrow the frames ``first <= t < stop`` until no more than ``threshold`` are left.

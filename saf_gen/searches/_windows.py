@@ -5,10 +5,8 @@ from numbers import Integral
 from saf_gen.errors import BadInput
 from saf_gen.parts import View
 
-__all__ = ["check_frame_count", "check_recording_holds", "score_windows"]
 
-
-def check_frame_count(key: str, value: object) -> None:
+def check_search_frame_count(key: str, value: object) -> None:
     """Raise BadInput unless ``value`` is a whole number of at least 1."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
         raise BadInput(f"{key} is {value!r}", allowed="a whole number of frames, at least 1")

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput, closest
 from saf_gen.parts import Answer, View
-from saf_gen.searches._windows import check_frame_count, check_recording_holds, score_windows
+from saf_gen.searches._windows import check_recording_holds, check_search_frame_count, score_windows
 
 REFINE = ("no", "parabola", "centroid")
 
@@ -42,16 +42,14 @@ class Argmax:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_frame_count("window", self.window)
+        check_search_frame_count("window", self.window)
         if self.refine not in REFINE:
             renamed = {"True": "parabola", "False": "no"}  # refine was a switch once
             nearest = renamed.get(str(self.refine)) or closest(self.refine, REFINE)
             raise BadInput(f"refine is {self.refine!r}", allowed=", ".join(REFINE), nearest=nearest)
         number = isinstance(self.near, int | float) and not isinstance(self.near, bool)
         if not (number and 0 < self.near <= 1):
-            raise BadInput(
-                f"near is {self.near!r}", allowed="a fraction of the curve's range, above 0, at most 1"
-            )
+            raise BadInput(f"near is {self.near!r}", allowed="a fraction of the curve's range, above 0, at most 1")
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is shorter than one block."""

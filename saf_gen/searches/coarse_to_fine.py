@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from saf_gen.errors import BadInput
 from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_steps, divide_evenly
-from saf_gen.searches._windows import check_frame_count
+from saf_gen.searches._windows import check_search_frame_count
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class CoarseToFine(LensCommandingSearch):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_steps(self.coarse, self.fine)
-        check_frame_count("far_dt", self.far_dt)
+        check_search_frame_count("far_dt", self.far_dt)
         if not (isinstance(self.far, str) and self.far):
             raise BadInput(f"far is {self.far!r}", allowed="the name of a focus measure, or own")
 

@@ -7,9 +7,9 @@ from saf_gen.parts import Answer, View
 from saf_gen.searches._golden_narrowing import (
     RATIO,
     THRESHOLD,
-    check_narrowing,
+    check_golden_search_options,
     check_recording_length,
-    narrow_to_centre,
+    narrow_golden_interval_to_centre,
 )
 
 
@@ -34,10 +34,10 @@ class GoldenSearch:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_narrowing(self.threshold, self.ratio)
+        check_golden_search_options(self.threshold, self.ratio)
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is no longer than the threshold."""
         check_recording_length(view, self.threshold, longest_refused=self.threshold)
-        trace = narrow_to_centre(view, 0, stop=view.frames, threshold=self.threshold, ratio=self.ratio)
+        trace = narrow_golden_interval_to_centre(view, 0, stop=view.frames, threshold=self.threshold, ratio=self.ratio)
         return Answer(trace[-1], trace)

@@ -7,9 +7,9 @@ from saf_gen.parts import Answer, View
 from saf_gen.searches._golden_narrowing import (
     RATIO,
     THRESHOLD,
-    check_narrowing,
+    check_golden_search_options,
     check_recording_length,
-    narrow_as_released,
+    narrow_golden_interval_as_released,
 )
 
 
@@ -34,10 +34,12 @@ class GoldenSearchCode:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_narrowing(self.threshold, self.ratio)
+        check_golden_search_options(self.threshold, self.ratio)
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where its interval is no wider than the threshold."""
         check_recording_length(view, self.threshold, longest_refused=self.threshold + 1)
-        trace = narrow_as_released(view, 1, right=view.frames, threshold=self.threshold, ratio=self.ratio)
+        trace = narrow_golden_interval_as_released(
+            view, 1, right=view.frames, threshold=self.threshold, ratio=self.ratio
+        )
         return Answer(float(trace[-1] - 1), trace)

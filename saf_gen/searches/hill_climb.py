@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_steps
-from saf_gen.searches._windows import check_frame_count
+from saf_gen.searches._windows import check_search_frame_count
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class HillClimb(LensCommandingSearch):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_steps(self.coarse, self.fine)
-        check_frame_count("falls", self.falls)
+        check_search_frame_count("falls", self.falls)
 
     def seek_focus(self, sample: FocusSampler) -> str:
         here = sample.read_start()
@@ -48,9 +48,7 @@ class HillClimb(LensCommandingSearch):
             step, falls = max(step / 2, self.fine), 1
 
 
-def _climb(
-    sample: FocusSampler, start: float, *, score: float, step: float, falls: int
-) -> tuple[float, float]:
+def _climb(sample: FocusSampler, start: float, *, score: float, step: float, falls: int) -> tuple[float, float]:
     """Return the best position from ``start`` on and its score, ended by ``falls`` samples no better."""
     top, best, worse, position = start, score, 0, start
     while worse < falls:

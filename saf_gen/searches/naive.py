@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.parts import Answer, View
-from saf_gen.searches._windows import check_frame_count, check_recording_holds, score_windows
+from saf_gen.searches._windows import check_recording_holds, check_search_frame_count, score_windows
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Naive:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_frame_count("dt", self.dt)
-        check_frame_count("step", self.step)
+        check_search_frame_count("dt", self.dt)
+        check_search_frame_count("step", self.step)
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is shorter than one window."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._windows import check_frame_count
+from saf_gen.searches._windows import check_search_frame_count
 
 BROAD = "sd_calibrated"
 
@@ -52,7 +52,7 @@ class PhotonAware:
     measures: ClassVar[tuple[str, ...]] = ("er_count", "er_count_n", BROAD)
 
     def __post_init__(self) -> None:
-        check_frame_count("steps", self.steps)
+        check_search_frame_count("steps", self.steps)
         highest = {"longest": 1, "until": 1, "least": 1, "fall": 1, "smooth": 100, "counts": 1e6}
         for key, most in highest.items():
             value = getattr(self, key)

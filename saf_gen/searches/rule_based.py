@@ -5,12 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from saf_gen.errors import BadInput
-from saf_gen.searches._lens_commanding import (
-    FocusSampler,
-    LensCommandingSearch,
-    check_fraction,
-    divide_evenly,
-)
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_search_fraction, divide_evenly
 
 
 @dataclass(frozen=True)
@@ -43,11 +38,10 @@ class RuleBased(LensCommandingSearch):
     def __post_init__(self) -> None:
         super().__post_init__()
         for key in ("coarse", "middle", "fine", "drop"):
-            check_fraction(key, getattr(self, key))
+            check_search_fraction(key, getattr(self, key))
         if not self.fine <= self.middle <= self.coarse:
             raise BadInput(
-                f"steps are {self.coarse!r}, {self.middle!r}, {self.fine!r}",
-                allowed="coarse >= middle >= fine",
+                f"steps are {self.coarse!r}, {self.middle!r}, {self.fine!r}", allowed="coarse >= middle >= fine"
             )
         if not 0 < self.gentle <= self.steep:
             raise BadInput(

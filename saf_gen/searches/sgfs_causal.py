@@ -5,8 +5,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden_narrowing import RATIO, count_blocks, half_score_difference, narrow_to_centre
-from saf_gen.searches._windows import check_frame_count
+from saf_gen.searches._golden_narrowing import (
+    RATIO,
+    count_blocks,
+    golden_search_feedback,
+    narrow_golden_interval_to_centre,
+)
+from saf_gen.searches._windows import check_search_frame_count
 
 
 @dataclass(frozen=True)
@@ -31,14 +36,14 @@ class GoldenFastSearchCausal:
     causal: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_frame_count("dt", self.dt)
-        check_frame_count("falls", self.falls)
+        check_search_frame_count("dt", self.dt)
+        check_search_frame_count("falls", self.falls)
 
     def __call__(self, view: View) -> Answer:
         """Search until s falls. Raise BadInput where it is too short for blocks of ``dt`` frames."""
         stop = self._find_stop(view)
         begin = math.floor((1 - RATIO) * stop)
-        trace = narrow_to_centre(view, begin, stop=stop)
+        trace = narrow_golden_interval_to_centre(view, begin, stop=stop)
         return Answer(trace[-1], trace, f"stopped after {stop} of {view.frames} frames")
 
     def _find_stop(self, view: View) -> int:
@@ -46,7 +51,7 @@ class GoldenFastSearchCausal:
         first, blocks = count_blocks(view, self.dt)
         before, fallen = math.inf, -1  # the first s, which has none before it, is no fall
         for k in range(first, blocks + 1):
-            now = half_score_difference(view, k * self.dt)
+            now = golden_search_feedback(view, k * self.dt)
             fallen = fallen + 1 if now < before else 0
             if fallen == self.falls:
                 return k * self.dt

@@ -5,8 +5,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden_narrowing import RATIO, count_blocks, half_score_difference, narrow_as_released
-from saf_gen.searches._windows import check_frame_count
+from saf_gen.searches._golden_narrowing import (
+    RATIO,
+    count_blocks,
+    golden_search_feedback,
+    narrow_golden_interval_as_released,
+)
+from saf_gen.searches._windows import check_search_frame_count
 
 
 @dataclass(frozen=True)
@@ -29,18 +34,16 @@ class GoldenFastSearchCode:
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_frame_count("dt", self.dt)
+        check_search_frame_count("dt", self.dt)
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is too short for blocks of ``dt`` frames."""
         first, blocks = count_blocks(view, self.dt)
-        differences = [
-            half_score_difference(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)
-        ]
+        differences = [golden_search_feedback(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)]
         earliest = max(blocks // 4, 1)
         # Where blocks do not divide by four, the earliest stop has no s but the 0 that the code begins with.
         stop = max(range(earliest, blocks + 1), key=lambda k: differences[k - 1])
         right = stop * self.dt
         left = math.floor(right - RATIO * (right - 1))
-        trace = narrow_as_released(view, left, right=right)
+        trace = narrow_golden_interval_as_released(view, left, right=right)
         return Answer(float(trace[-1] - 1), trace, f"stopped after {right} of {view.frames} frames")

@@ -5,8 +5,13 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
-from saf_gen.searches._golden_narrowing import RATIO, THRESHOLD, check_narrowing, narrow_to_centre
-from saf_gen.searches._windows import check_frame_count, check_recording_holds
+from saf_gen.searches._golden_narrowing import (
+    RATIO,
+    THRESHOLD,
+    check_golden_search_options,
+    narrow_golden_interval_to_centre,
+)
+from saf_gen.searches._windows import check_recording_holds, check_search_frame_count
 
 
 @dataclass(frozen=True)
@@ -34,8 +39,8 @@ class GoldenFastSearchPrinted:
     causal: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_frame_count("control_period", self.control_period)
-        check_narrowing(self.threshold, self.ratio)
+        check_search_frame_count("control_period", self.control_period)
+        check_golden_search_options(self.threshold, self.ratio)
         if not isinstance(self.turned, bool):
             raise BadInput(f"turned is {self.turned!r}", allowed="true, false")
 
@@ -47,6 +52,8 @@ class GoldenFastSearchPrinted:
             earlier, later = view.score(0, window), view.score(so_far - window, so_far)
             if (earlier > later) if self.turned else (earlier < later):
                 begin = so_far - max(round(self.ratio * so_far / 2), 1)
-                trace = narrow_to_centre(view, begin, stop=so_far, threshold=self.threshold, ratio=self.ratio)
+                trace = narrow_golden_interval_to_centre(
+                    view, begin, stop=so_far, threshold=self.threshold, ratio=self.ratio
+                )
                 return Answer(trace[-1], trace, f"stopped after {so_far} of {view.frames} frames")
         return Answer(None, (), "the sweep ended before the algorithm stopped")

@@ -12,10 +12,8 @@ from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core import seeds
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.speed import synthetic_recording
-from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_shape
+from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
 from saf_gen.speed.fresh_process import run_in_fresh_process, time_call
-
-__all__ = ["load_public_encoders", "run_bench"]
 
 RUNS = 3
 LONGER = 10
@@ -26,7 +24,7 @@ MAX_GROWTH = 1.1  # of the time per frame
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
     """Yield the encoder's rate, that of public encoders, and its time and memory at ten times the length."""
     sensor = get_sensor(size.sensor)
-    charge = synthetic_recording.make_charge(sensor, size.positions[0])
+    charge = synthetic_recording.make_bench_charge(sensor, size.positions[0])
     _encode(sensor, charge, frames=16)  # compiles
     times = []
     for done in range(RUNS):
@@ -36,12 +34,10 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     usual = float(np.median(times))
     pixels = sensor.rows * sensor.columns
     rate = pixels * size.frames / usual
-    shape = format_shape((sensor.rows, sensor.columns))
+    shape = format_bench_shape((sensor.rows, sensor.columns))
     what = f"{shape}, {size.frames:,} frames, all noise on, median of {RUNS}"
     yield BenchFigure("encode", what, rate / 1e9, "10⁹ pixel·frames/s", 2.5)
-    yield BenchFigure(
-        "encode", "times as fast as a camera of 40 kHz", rate / pixels / FAST_CAMERA_HZ, "×", 1.0
-    )
+    yield BenchFigure("encode", "times as fast as a camera of 40 kHz", rate / pixels / FAST_CAMERA_HZ, "×", 1.0)
     yield from _bench_public(size, sensor, our_rate=rate, report=report)
     report(f"{LONGER} times the length", 0.0)
     _, longer = time_call(_encode, sensor, charge, frames=LONGER * size.frames)
@@ -63,7 +59,7 @@ def load_public_encoders() -> ModuleType | None:
 
 
 def _encode(sensor: Sensor, charge: np.ndarray, *, frames: int) -> None:
-    for _ in synthetic_recording.encode_blocks(sensor, charge, frames=frames):
+    for _ in synthetic_recording.encode_bench_blocks(sensor, charge, frames=frames):
         pass  # one block in memory at a time, as in a recording
 
 
@@ -76,9 +72,7 @@ def _bench_public(
         yield "encode: the public encoders are left out: benchmarks/ is not beside the package"
         return
     shape = (sensor.rows, sensor.columns)
-    grey = np.rint(255 * synthetic_recording.MEAN_RATE * synthetic_recording.make_texture(shape)).astype(
-        np.uint8
-    )
+    grey = np.rint(255 * synthetic_recording.MEAN_RATE * synthetic_recording.make_bench_texture(shape)).astype(np.uint8)
     random = seeds.make_generator("bench", "public encoders")
     for done, encoder in enumerate(public.ENCODERS):
         report("public encoders", done / len(public.ENCODERS))
@@ -86,9 +80,7 @@ def _bench_public(
         video = np.broadcast_to(grey, (frames, *shape))
         _, seconds = time_call(encoder.run, video, random)
         rate = frames / seconds
-        yield BenchFigure(
-            "encode", f"{encoder.name}: {format_shape(shape)}, {frames} frames", rate, "frames/s"
-        )
+        yield BenchFigure("encode", f"{encoder.name}: {format_bench_shape(shape)}, {frames} frames", rate, "frames/s")
         times_faster = our_rate / (rate * grey.size)
         yield BenchFigure("encode", f"times faster, all noise on, than {encoder.name}", times_faster, "×")
     report("public encoders", 1.0)
@@ -98,17 +90,11 @@ def _bench_memory(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigu
     """Yield the peak memory of a recording and of one ten times as long, each in a fresh process."""
     short, long = (
         run_in_fresh_process(
-            synthetic_recording.measure_recording_memory,
-            size.sensor,
-            size.positions[0],
-            frames=frames,
-            report=report,
+            synthetic_recording.measure_recording_memory, size.sensor, size.positions[0], frames=frames, report=report
         )
         for frames in (size.frames, LONGER * size.frames)
     )
-    yield BenchFigure(
-        "encode", f"peak memory, {size.frames:,} frames recorded", short, "GiB", 2.0, at_most=True
-    )
+    yield BenchFigure("encode", f"peak memory, {size.frames:,} frames recorded", short, "GiB", 2.0, at_most=True)
     what = f"peak memory, {LONGER * size.frames:,} frames recorded"
     yield BenchFigure("encode", what, long, "GiB", 2.0, at_most=True)
     yield BenchFigure("encode", "difference of the two", 100 * abs(long / short - 1), "%", 10.0, at_most=True)

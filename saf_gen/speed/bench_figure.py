@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-__all__ = ["BenchFigure", "BenchSize", "format_shape"]
-
 
 @dataclass(frozen=True)
 class BenchFigure:
@@ -56,6 +54,6 @@ class BenchSize:
     recipe: str = ""
 
 
-def format_shape(shape: tuple[int, int]) -> str:
+def format_bench_shape(shape: tuple[int, int]) -> str:
     """Return (rows, columns) as width × height: '400×250'."""
     return f"{shape[1]}×{shape[0]}"

@@ -10,10 +10,8 @@ from saf_gen.camera import get_sensor
 from saf_gen.errors import SafGenError
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.speed import synthetic_recording
-from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_shape
+from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
 from saf_gen.speed.fresh_process import time_call
-
-__all__ = ["METHODS", "run_bench"]
 
 METHODS = (
     *(f"{measure}+argmax" for measure in ("sd", "sd_code", "gradient_code", "mfdct_code")),
@@ -29,13 +27,13 @@ MAX_S = 30.0
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
     """Yield the time of all methods on recordings under three lights, over the whole frame."""
     sensor = get_sensor(size.sensor)
-    charge = synthetic_recording.make_charge(sensor, size.positions[0])
+    charge = synthetic_recording.make_bench_charge(sensor, size.positions[0])
     with TemporaryDirectory() as folder:
         paths = [Path(folder) / f"{number}.h5" for number in range(size.sequences)]
         for number, path in enumerate(paths):
             report("sequences to score", number / len(paths))
             light = synthetic_recording.LIGHT_KINDS[number % len(synthetic_recording.LIGHT_KINDS)]
-            synthetic_recording.record_sweep(
+            synthetic_recording.record_bench_sweep(
                 path, sensor, charge=charge, frames=size.frames, light=light, number=number
             )
         report("sequences to score", 1.0)
@@ -51,7 +49,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     for record in records:
         if record.status == "failed":
             raise SafGenError(f"{record.method} failed on {record.sequence}: {record.note}")
-    shape = format_shape((sensor.rows, sensor.columns))
+    shape = format_bench_shape((sensor.rows, sensor.columns))
     what = f"{len(METHODS)} methods, {len(paths)} sequences of {size.frames:,} frames, {shape}"
     yield BenchFigure("score", what, total, "s", MAX_S, at_most=True)
     measures = sum(record.seconds for record in records)

@@ -17,19 +17,8 @@ from saf_gen.core import seeds
 from saf_gen.errors import BadInput
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.scene.scene_folder import find_scene
-from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_shape
+from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
 from saf_gen.speed.fresh_process import time_call
-
-__all__ = [
-    "POSITIONS",
-    "ReferenceRender",
-    "nearest_positions",
-    "render_one_pass",
-    "render_reference",
-    "render_thin_lens",
-    "run_bench",
-    "set_up_scene",
-]
 
 POSITIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
 SCENE = "usaf_target"  # cheap to trace, so the ratio is at its lowest
@@ -51,7 +40,7 @@ class ReferenceRender:
         return math.sqrt(max(square, 0.0)) / float(self.radiance.mean())
 
 
-def set_up_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
+def set_up_timed_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     """Return the RenderSetup of a scene with all lamps on, and the active backend, 'llvm' or 'cuda'.
 
     Raises BadInput if this machine has neither.
@@ -59,10 +48,10 @@ def set_up_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     from saf_gen.render import backend, mitsuba_scene
     from saf_gen.render.render_setup import RenderSetup
 
-    chosen = backend.choose_backend("auto")
+    chosen = backend.choose_render_backend("auto")
     if chosen == "scalar":
         raise BadInput("the focal stack in one pass needs the variant llvm or cuda", hint=backend.ADVICE)
-    backend.activate_backend(chosen)
+    backend.activate_render_backend(chosen)
     found, camera = find_scene(scene), get_sensor(sensor)
     lamps = tuple(emitter for group in found.card.lights.values() for emitter in group)
     described = mitsuba_scene.build_scene_dict(found)
@@ -71,7 +60,7 @@ def set_up_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     return RenderSetup(loaded, integrator, pose, found.build_drive(), camera, unit_m), chosen
 
 
-def nearest_positions(positions: int) -> list[float]:
+def nearest_bench_positions(positions: int) -> list[float]:
     """Return the positions of a stack that are nearest to POSITIONS."""
     return [round(position * (positions - 1)) / (positions - 1) for position in POSITIONS]
 
@@ -91,7 +80,7 @@ def render_thin_lens(setup: Any, position: float, *, samples: int, seed: int) ->
     return thin_lens.render_position(setup, position=position, samples=samples, seed=derived)
 
 
-def render_reference(
+def render_bench_reference(
     setup: Any, position: float, *, samples: int, batch: int
 ) -> tuple[ReferenceRender, list[float]]:
     """Return a reference of ``samples`` samples per pixel, and the seconds of each of its renders.
@@ -99,8 +88,7 @@ def render_reference(
     It is the mean of at least two renders of ``batch`` samples, which need less memory than one of all.
     """
     timed = [
-        time_call(render_thin_lens, setup, position, samples=batch, seed=1 + n)
-        for n in range(max(2, samples // batch))
+        time_call(render_thin_lens, setup, position, samples=batch, seed=1 + n) for n in range(max(2, samples // batch))
     ]
     renders = np.stack([image for image, _ in timed]).astype(np.float64)
     noise = float(renders.var(axis=0, ddof=1).mean()) / len(renders)
@@ -109,20 +97,20 @@ def render_reference(
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
     """Yield the time of one pass, of as many thin-lens renders, and the errors of both at equal samples."""
-    setup, chosen = set_up_scene(size.sensor)
+    setup, chosen = set_up_timed_scene(size.sensor)
     render_thin_lens(setup, 0.5, samples=size.samples, seed=0)  # compiles
     usual, _ = size.positions
     render_seconds: list[float] = []
     references: list[ReferenceRender] = []
-    for done, position in enumerate(nearest_positions(usual)):
+    for done, position in enumerate(nearest_bench_positions(usual)):
         report(f"reference of {size.reference} samples", done / len(POSITIONS))
-        found, seconds = render_reference(setup, position, samples=size.reference, batch=size.samples)
+        found, seconds = render_bench_reference(setup, position, samples=size.reference, batch=size.samples)
         references.append(found)
         render_seconds += seconds
     report(f"reference of {size.reference} samples", 1.0)
     one_render = float(np.median(render_seconds))
     workload = (
-        f"{format_shape((setup.grid.rows, setup.grid.columns))}, {size.samples} samples per pixel, {chosen}"
+        f"{format_bench_shape((setup.grid.rows, setup.grid.columns))}, {size.samples} samples per pixel, {chosen}"
     )
     yield BenchFigure("stack", f"one thin-lens render, {workload}", one_render, "s")
     for positions, target in zip(size.positions, TARGETS, strict=True):
@@ -133,9 +121,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
         report(f"one pass, {positions} positions", 1.0)
         yield BenchFigure("stack", f"one pass, {positions} positions, {workload}", one_pass_seconds, "s")
         times_faster = positions * one_render / one_pass_seconds
-        yield BenchFigure(
-            "stack", f"times faster than {positions} thin-lens renders", times_faster, "×", target
-        )
+        yield BenchFigure("stack", f"times faster than {positions} thin-lens renders", times_faster, "×", target)
         if positions == usual:
             rate = setup.grid.rows * setup.grid.columns * size.samples / one_pass_seconds / 1e6
             yield BenchFigure("stack", f"light paths, each at {positions} positions", rate, "10⁶ samples/s")
@@ -146,17 +132,13 @@ def _compare_errors(
     size: BenchSize, setup: Any, *, references: list[ReferenceRender], stack: np.ndarray
 ) -> Iterator[BenchFigure]:
     ours, theirs = [], []
-    for position, found in zip(nearest_positions(len(stack)), references, strict=True):
+    for position, found in zip(nearest_bench_positions(len(stack)), references, strict=True):
         ours.append(found.relative_rms_error(stack[round(position * (len(stack) - 1))]))
         image = render_thin_lens(setup, position, samples=size.samples, seed=0)
         theirs.append(found.relative_rms_error(image))
     at = f"at {size.samples} samples, {len(POSITIONS)} positions"
     yield BenchFigure("stack", f"error of one pass {at}", 100 * float(np.mean(ours)), "% of mean radiance")
-    yield BenchFigure(
-        "stack", f"error of the thin lens {at}", 100 * float(np.mean(theirs)), "% of mean radiance"
-    )
-    worst = max(
-        20 * math.log10(max(a, MIN_ERROR) / max(b, MIN_ERROR)) for a, b in zip(ours, theirs, strict=True)
-    )
+    yield BenchFigure("stack", f"error of the thin lens {at}", 100 * float(np.mean(theirs)), "% of mean radiance")
+    worst = max(20 * math.log10(max(a, MIN_ERROR) / max(b, MIN_ERROR)) for a, b in zip(ours, theirs, strict=True))
     what = "error of one pass over the thin lens's at equal samples, worst position"
     yield BenchFigure("stack", what, worst, "dB", MAX_ERROR_DB, at_most=True)

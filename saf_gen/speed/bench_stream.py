@@ -13,12 +13,10 @@ from saf_gen.camera import get_sensor
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.measures import get_measure
 from saf_gen.speed import synthetic_recording
-from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_shape
+from saf_gen.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
 from saf_gen.speed.fresh_process import bytes_read, time_call
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.stream_writer import StreamWriter
-
-__all__ = ["run_bench"]
 
 WINDOWS = 200
 BOX = 64  # largest side of the region in pixels
@@ -29,8 +27,8 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     sensor = get_sensor(size.sensor)
     shape = (sensor.rows, sensor.columns)
     report("spikes to write", 0.0)
-    charge = synthetic_recording.make_charge(sensor, size.positions[0])
-    spikes = list(synthetic_recording.encode_blocks(sensor, charge, frames=size.frames))
+    charge = synthetic_recording.make_bench_charge(sensor, size.positions[0])
+    spikes = list(synthetic_recording.encode_bench_blocks(sensor, charge, frames=size.frames))
     report("spikes to write", 1.0)
     work = size.frames * shape[0] * shape[1]
     with TemporaryDirectory() as folder:
@@ -41,13 +39,11 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
                 for block in spikes:
                     writer.write(block)
 
-        workload = f"{format_shape(shape)}, {size.frames:,} frames, mean rate {synthetic_recording.MEAN_RATE}"
+        workload = f"{format_bench_shape(shape)}, {size.frames:,} frames, mean rate {synthetic_recording.MEAN_RATE}"
         rate = work / time_call(write)[1] / 1e9
         yield BenchFigure("stream", f"write, verified: {workload}", rate, "10⁹ pixel·frames/s", 3.0)
         bits = path.stat().st_size * 8 / work
-        yield BenchFigure(
-            "stream", f"size: {workload}, all noise", bits, "bit/pixel·frame", 0.32, at_most=True
-        )
+        yield BenchFigure("stream", f"size: {workload}, all noise", bits, "bit/pixel·frame", 0.32, at_most=True)
         spikes.clear()
         report("read", 0.0)
         yield from _bench_reading(path)
@@ -80,7 +76,7 @@ def _bench_reading(path: Path) -> Iterator[BenchFigure | str]:
     seconds, _ = _time_read(path, score_windows)
     what = f"SD of {frames // window} windows of all pixels, file to scores"
     yield BenchFigure("stream", what, seconds, "s", 0.5, at_most=True)
-    side = format_shape((box[0].stop - box[0].start, box[1].stop - box[1].start))
+    side = format_bench_shape((box[0].stop - box[0].start, box[1].stop - box[1].start))
     patterns = (
         (f"counts of {frames // window} windows, all pixels", count_windows),
         (f"counts of one window of {window} frames, all pixels", count_one_window),

@@ -10,8 +10,6 @@ from typing import Any, TypeVar
 
 from saf_gen.generate.executor import ReportProgress, run_jobs
 
-__all__ = ["bytes_read", "peak_memory_gib", "run_in_fresh_process", "time_call"]
-
 T = TypeVar("T")
 
 _STATUS, _IO = Path("/proc/self/status"), Path("/proc/self/io")
@@ -33,10 +31,7 @@ class _Call:
 
 
 def run_in_fresh_process(
-    function: Callable[..., T],
-    *arguments: Any,
-    report: ReportProgress = lambda stage, done: None,
-    **options: Any,
+    function: Callable[..., T], *arguments: Any, report: ReportProgress = lambda stage, done: None, **options: Any
 ) -> T:
     """Return ``function(*arguments, **options, report=report)``, called in a spawned process.
 

@@ -6,8 +6,6 @@ from importlib.metadata import PackageNotFoundError, version
 
 from saf_gen.core.cores import usable_cores
 
-__all__ = ["describe_installation"]
-
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib")
 
 
@@ -24,8 +22,8 @@ def describe_installation() -> tuple[dict[str, str], list[str]]:
         facts["variant"] = f"none: {error}; streams can still be evaluated"
         advice.append("install the renderer: pip install saf-gen")
     else:
-        found = backend.probe_backends()
-        facts["variant"] = backend.choose_backend("auto", found)
+        found = backend.probe_render_backends()
+        facts["variant"] = backend.choose_render_backend("auto", found)
         facts["LLVM"] = found.llvm_description
         facts["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
         if not found.llvm_usable and not found.cuda:

@@ -10,50 +10,40 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from saf_gen.camera import Encoder, Sensor, get_sensor, knot_weights
+from saf_gen.camera import Encoder, Sensor, charge_knot_weights, get_sensor
 from saf_gen.core import seeds
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.speed.fresh_process import peak_memory_gib
 from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.stream_writer import StreamWriter
 
-__all__ = [
-    "LIGHT_KINDS",
-    "MEAN_RATE",
-    "encode_blocks",
-    "make_charge",
-    "make_texture",
-    "measure_recording_memory",
-    "record_sweep",
-]
-
 MEAN_RATE = 0.2
 BLOCK = 2000  # frames at a time, as in the recorder
 LIGHT_KINDS = ("constant", "continuous", "sudden")
 
 
-def make_texture(shape: tuple[int, int]) -> np.ndarray:
+def make_bench_texture(shape: tuple[int, int]) -> np.ndarray:
     """Return a white texture, uniform between 0.5 and 1.5, float32 (row, col)."""
     return 0.5 + seeds.make_generator("bench", "texture").random(shape, dtype=np.float32)
 
 
-def make_charge(sensor: Sensor, positions: int) -> np.ndarray:
+def make_bench_charge(sensor: Sensor, positions: int) -> np.ndarray:
     """Return photo-electrons per readout at evenly spaced positions, float32 (1, focus, row, col)."""
     contrast = np.exp(-(np.linspace(-2, 2, positions, dtype=np.float32) ** 2))[:, None, None]
-    stack = (make_texture((sensor.rows, sensor.columns)) - 1) * contrast
+    stack = (make_bench_texture((sensor.rows, sensor.columns)) - 1) * contrast
     stack += 1
     stack *= np.float32(MEAN_RATE * sensor.threshold_e)
     return stack[None]
 
 
-def encode_blocks(
+def encode_bench_blocks(
     sensor: Sensor, charge: np.ndarray, *, frames: int, light: str = "constant", number: int = 0
 ) -> Iterator[np.ndarray]:
     """Yield the spikes of a sweep in consecutive blocks, uint8 (row, col, bytes).
 
     Recordings of different ``number`` have independent noise.
     """
-    index, fraction = knot_weights(_sweep(frames), charge.shape[1])
+    index, fraction = charge_knot_weights(_sweep(frames), charge.shape[1])
     gain = _gain(light, frames)
     encoder = Encoder(sensor, charge.shape[2:], seed=seeds.derive_seed("bench", "encoder", number))
     for begin in range(0, frames, BLOCK):
@@ -61,14 +51,8 @@ def encode_blocks(
         yield encoder.encode(charge, index=index[block], fraction=fraction[block], gain=gain[block])
 
 
-def record_sweep(
-    path: Path,
-    sensor: Sensor,
-    *,
-    charge: np.ndarray,
-    frames: int,
-    light: str = "constant",
-    number: int = 0,
+def record_bench_sweep(
+    path: Path, sensor: Sensor, *, charge: np.ndarray, frames: int, light: str = "constant", number: int = 0
 ) -> None:
     """Encode a sweep into a stream file block by block, as ``saf-gen generate`` does."""
     metadata = Metadata(
@@ -76,7 +60,7 @@ def record_sweep(
     )
     shape = (frames, *charge.shape[2:])
     with StreamWriter(path, shape=shape, readout_hz=sensor.readout_hz, metadata=metadata) as writer:
-        for block in encode_blocks(sensor, charge, frames=frames, light=light, number=number):
+        for block in encode_bench_blocks(sensor, charge, frames=frames, light=light, number=number):
             writer.write(block)
 
 
@@ -85,7 +69,9 @@ def measure_recording_memory(sensor: str, positions: int, *, frames: int, report
     camera, stage = get_sensor(sensor), f"memory of a recording of {frames:,} frames"
     report(stage, 0.0)
     with TemporaryDirectory() as folder:
-        record_sweep(Path(folder) / "bench.h5", camera, charge=make_charge(camera, positions), frames=frames)
+        record_bench_sweep(
+            Path(folder) / "bench.h5", camera, charge=make_bench_charge(camera, positions), frames=frames
+        )
     report(stage, 1.0)
     return peak_memory_gib()
 

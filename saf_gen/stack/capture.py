@@ -19,8 +19,6 @@ from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolv
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import SpikeStream
 
-__all__ = ["Capture"]
-
 KEEP_BYTES = 1 << 30  # for a moving scene: methods read it one after the other, most in the same sweep
 
 
@@ -106,6 +104,4 @@ class Capture:
     def create_encoder(self, rows: slice | None = None, *, threads: int | None = None) -> Encoder:
         """Return the camera before its first readout, with the noise of the recording."""
         shape = self.sensor.rows, self.sensor.columns
-        return Encoder(
-            self.sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads
-        )
+        return Encoder(self.sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads)

@@ -6,10 +6,8 @@ lens visits are read, and by default those of at most three stacks are held in m
 
 import numpy as np
 
-from saf_gen.camera import Sensor, charge_stack, knot_weights
+from saf_gen.camera import Sensor, charge_knot_weights, charge_stack
 from saf_gen.stack.time_resolved import FrameRun, PlaneSource
-
-__all__ = ["ChargeSource"]
 
 
 class ChargeSource:
@@ -45,16 +43,14 @@ class ChargeSource:
             before = before + np.float32(weight) * (self._charge_at(j + 1, position) - before)
         return before * np.float32(self.scale)
 
-    def encoder_inputs(
-        self, run: FrameRun, *, position: np.ndarray, gain: np.ndarray
-    ) -> dict[str, np.ndarray]:
+    def encoder_inputs(self, run: FrameRun, *, position: np.ndarray, gain: np.ndarray) -> dict[str, np.ndarray]:
         """Return the arguments of :meth:`saf_gen.camera.Encoder.encode` for a run of frames.
 
         ``position`` (T,) and ``gain`` (T, G) are those of the whole recording. Light groups that share one
         gain are summed: the camera cannot tell them apart.
         """
         spec = self.time_stack.specs[0]
-        index, fraction = knot_weights(position[run.begin : run.end], spec.positions)
+        index, fraction = charge_knot_weights(position[run.begin : run.end], spec.positions)
         summed = bool((gain == gain[:, :1]).all())
         gain = (gain[:, :1] if summed else gain)[run.begin : run.end] * self.scale
         if not self.time_stack.is_moving:

@@ -10,8 +10,6 @@ import OpenEXR
 
 from saf_gen.errors import BadInput
 
-__all__ = ["read_planes", "write_planes"]
-
 STORED = {"FLOAT": "<f4", "HALF": "<f2"}
 
 
@@ -21,11 +19,7 @@ def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Ma
     The file is not compressed: ZIP saves 1 % of a render and takes nine times as long, and single
     planes could no longer be read alone.
     """
-    header: dict[str, object] = {
-        "compression": OpenEXR.NO_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        **attributes,
-    }
+    header: dict[str, object] = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
     channels = {
         name: np.ascontiguousarray(plane, dtype=np.float16 if plane.dtype == np.float16 else np.float32)
         for name, plane in planes.items()
@@ -33,9 +27,7 @@ def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Ma
     OpenEXR.File(header, channels).write(str(path))
 
 
-def read_planes(
-    path: Path, names: Iterable[str] | None = None
-) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+def read_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Return the planes and the text attributes, by name, of a file that :func:`write_planes` wrote.
 
     With ``names`` only these planes are read, and little else of the file.
@@ -49,9 +41,7 @@ def read_planes(
         planes = {name: np.array(rows[name]) for name in (header["channels"] if names is None else names)}
         attributes = {key: value.decode() for key, value in header.items() if isinstance(value, bytes)}
     except (RuntimeError, OSError, ValueError, TypeError, KeyError) as error:
-        raise BadInput(
-            f"{path} is not a whole OpenEXR file: {error}", hint="delete it, generate again"
-        ) from error
+        raise BadInput(f"{path} is not a whole OpenEXR file: {error}", hint="delete it, generate again") from error
     return planes, attributes
 
 

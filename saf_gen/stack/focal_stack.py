@@ -24,8 +24,6 @@ from saf_gen.optics import Drive, drive_from_dict
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack import exr
 
-__all__ = ["FocalStack", "StackSpec", "StackStore"]
-
 FORMAT = "saf-gen focal stack 1"
 UNIT = "W m^-2 sr^-1 at gain 1"
 HALF_BITS = 15  # the largest half float is just below 2^16
@@ -217,9 +215,7 @@ class StackStore:
         if missing := self.missing_pieces():
             raise BadInput(f"{self.folder} lacks {', '.join(missing)}", hint="run saf-gen generate again")
         names = [f"focus.{self.spec.first_index + k:04d}" for k in range(first, stop)]
-        radiance = np.empty(
-            (len(self.spec.groups), len(names), self.spec.rows, self.spec.columns), np.float32
-        )
+        radiance = np.empty((len(self.spec.groups), len(names), self.spec.rows, self.spec.columns), np.float32)
         for g, group in enumerate(self.spec.groups):
             planes, facts = exr.read_planes(self.folder / f"{group}.exr", names)
             for k, name in enumerate(names):

@@ -17,8 +17,6 @@ import numpy as np
 
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 
-__all__ = ["FrameRun", "PlaneSource", "TimeResolvedStack", "needed_focus_windows", "time_slice_frames"]
-
 FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two
 
 
@@ -125,7 +123,7 @@ class PlaneSource:
         )
 
 
-def time_slice_frames(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
+def frames_of_time_slices(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
     """Return the frames at which a moving scene is rendered, from 0 to the first one at or after the end.
 
     They are multiples of 8 frames and give ``slices_per_s`` slices per second, or a few more.
@@ -134,7 +132,7 @@ def time_slice_frames(frames: int, *, readout_hz: float, slices_per_s: float) ->
     return tuple(range(0, frames + step, step))
 
 
-def needed_focus_windows(
+def focus_windows_of_time_slices(
     position: np.ndarray, slice_frames: tuple[int, ...], *, positions: int
 ) -> list[tuple[int, int]]:
     """Return the first and last focus position that a recording needs of each time slice, at least two each.

@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.core.region import target_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
-
-__all__ = ["find_true_focus", "noise_free_sharpness"]
 
 
 def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
@@ -27,7 +25,7 @@ def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
     if not time_stack.is_moving:
         depth, target = plane_source.load_geometry(0)
         best = time_stack.specs[0].drive.true_focus(depth[target])
-        return _truth_at(plane_source, 0, position=best, frame=_first(find_crossings(position, best)))
+        return _truth_at(plane_source, 0, position=best, frame=_first(find_focus_crossings(position, best)))
     seen_frames, best_positions, seen = [], [], []
     for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         depth, target = plane_source.load_geometry(j)
@@ -43,7 +41,7 @@ def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
     track = np.interp(np.arange(position.size) + 0.5, seen_frames, best_positions)
     in_sight = _in_sight(time_stack, np.array(seen), frames=position.size)
     off = position - track
-    crossings = find_crossings(off, 0.0)
+    crossings = find_focus_crossings(off, 0.0)
     frame = _first(crossings[in_sight[np.clip(np.rint(crossings).astype(int), 0, position.size - 1)]])
     met = frame if np.isfinite(frame) else float(np.argmin(np.where(in_sight, np.abs(off), np.inf)))
     nearest = seen_frames[int(np.argmin(np.abs(np.asarray(seen_frames) - met - 0.5)))]
@@ -94,7 +92,7 @@ def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position:
         if charge_source.time_stack.is_moving:
             reached = float(np.clip(knot, lowest, highest))
             near = abs(reached - knot) <= stride
-            crossings = find_crossings(position, reached) if near else crossings[:0]
+            crossings = find_focus_crossings(position, reached) if near else crossings[:0]
         if crossings.size:
             image = charge_source.charge_image(float(crossings[0]), float(knot)).sum(axis=0)[rows, columns]
             sharpness[k] = image.var(dtype=np.float64) / image.mean(dtype=np.float64) ** 2

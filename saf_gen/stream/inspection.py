@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import read_manifest, verify_entry
 from saf_gen.stream.stream_file import SpikeStream
-
-__all__ = ["describe_stream", "verify_dataset"]
 
 
 def describe_stream(stream: SpikeStream) -> dict[str, str]:
@@ -64,7 +62,7 @@ def _describe_crossings(stream: SpikeStream) -> str:
     if not math.isfinite(first):
         return "never passed"
     truth = stream.truth.position if track is None else track
-    times = 1 if lens is None else len(find_crossings(lens.astype(np.float64) - truth, 0.0))
+    times = 1 if lens is None else len(find_focus_crossings(lens.astype(np.float64) - truth, 0.0))
     return f"at frame {first:.1f}" + (f", the first of {times} times" if times > 1 else "")
 
 

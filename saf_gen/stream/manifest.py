@@ -19,8 +19,6 @@ from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.stream_file import open_stream
 
-__all__ = ["MANIFEST_NAME", "Manifest", "SequenceEntry", "read_manifest", "verify_entry", "write_manifest"]
-
 MANIFEST_NAME = "manifest.json"
 FORMAT = "saf-gen dataset"
 LAYOUT = 1
@@ -89,16 +87,12 @@ def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
         raise BadInput("there is no such folder", where=str(folder), nearest=closest(where.name, others))
     path = where / MANIFEST_NAME
     if not path.is_file():
-        raise BadInput(
-            f"has no {MANIFEST_NAME}", where=str(folder), hint="make the dataset with saf-gen generate"
-        )
+        raise BadInput(f"has no {MANIFEST_NAME}", where=str(folder), hint="make the dataset with saf-gen generate")
     document = read_json(path, hint=HINT)
     if not isinstance(document.data, dict) or document.data.pop("format", None) != FORMAT:
         raise BadInput("is not the manifest of a dataset", where=str(path), allowed=f'"format": "{FORMAT}"')
     if (layout := document.data.pop("layout", None)) != LAYOUT:
-        raise BadInput(
-            f"has layout {layout}", where=str(path), allowed=f"layout {LAYOUT}", hint="update saf_gen"
-        )
+        raise BadInput(f"has layout {layout}", where=str(path), allowed=f"layout {LAYOUT}", hint="update saf_gen")
     manifest = validate(Manifest, document, hint=HINT)
     for i, entry in enumerate(manifest.sequences):
         if not _is_inside(entry.file):

@@ -18,20 +18,6 @@ import numpy as np
 
 from saf_gen.errors import BadInput, unknown
 
-__all__ = [
-    "ARRAY_DATASETS",
-    "FORMAT",
-    "LAYOUT",
-    "Metadata",
-    "Truth",
-    "content_digest",
-    "digest_line",
-    "format_digest_line",
-    "metadata_from_datasets",
-    "metadata_from_options",
-    "metadata_to_datasets",
-]
-
 FORMAT = "saf-gen stream"
 LAYOUT = 1
 
@@ -144,9 +130,7 @@ def metadata_to_datasets(
     held = {f: getattr(truth if hasattr(truth, f) else metadata, f) for f in ARRAY_DATASETS}
     if all(np.isnan(np.asarray(held[f], float)).all() for f in _SCALARS):
         held |= dict.fromkeys(_SCALARS)
-    out: dict[str, Any] = {
-        ARRAY_DATASETS[f][0]: _shaped(f, v, shape=shape) for f, v in held.items() if v is not None
-    }
+    out: dict[str, Any] = {ARRAY_DATASETS[f][0]: _shaped(f, v, shape=shape) for f, v in held.items() if v is not None}
     for f in _IN_EVERY_FRAME:
         if ARRAY_DATASETS[f][0] in out:
             _check_finite(f, out[ARRAY_DATASETS[f][0]])
@@ -155,14 +139,10 @@ def metadata_to_datasets(
         out["/light/names"] = lights
     gain = out.get("/light/gain")
     if gain is not None and lights and gain.shape[1] != len(lights):
-        raise BadInput(
-            f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="the same number of both"
-        )
+        raise BadInput(f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="the same number of both")
     for name, text in metadata.provenance.items():
         if not name or "/" in name or name.startswith("."):
-            raise BadInput(
-                f"provenance has the name {name!r}", allowed="names without '/', not starting with '.'"
-            )
+            raise BadInput(f"provenance has the name {name!r}", allowed="names without '/', not starting with '.'")
         out[f"/provenance/{name}"] = _checked_text(f"provenance/{name}", text)
     return out
 
@@ -173,7 +153,7 @@ def _checked_text(name: str, text: object) -> str:
     return text
 
 
-def digest_line(name: str, value: Any) -> str:
+def stream_digest_line(name: str, value: Any) -> str:
     """Return the line of the digest for a small dataset."""
     array = np.asarray(value)
     if array.dtype.kind in "OSU":
@@ -189,7 +169,7 @@ def format_digest_line(name: str, dtype: str, *, shape: tuple[int, ...], sha256:
     return f"{name} {dtype} {'x'.join(map(str, shape)) or 'scalar'} {sha256}"
 
 
-def content_digest(lines: list[str], *, readout_hz: float, frames: int) -> str:
+def stream_content_digest(lines: list[str], *, readout_hz: float, frames: int) -> str:
     """Return ``content_sha256`` from the lines of all datasets."""
     text = "\n".join([f"readout_hz {float(readout_hz)!r}", f"frames {frames}", *sorted(lines)])
     return hashlib.sha256(text.encode()).hexdigest()
@@ -226,9 +206,7 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
     if "depth_of_focus" in truth:
         near, far = truth["depth_of_focus"]
         truth["depth_of_focus"] = (float(near), float(far))
-    provenance = {
-        n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")
-    }
+    provenance = {n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")}
     return Metadata(
         **found,
         light_names=tuple(str(name) for name in values.get("/light/names", ())),

@@ -26,14 +26,12 @@ from saf_gen.stream import time_blocks
 from saf_gen.stream.metadata import (
     FORMAT,
     LAYOUT,
-    content_digest,
-    digest_line,
     format_digest_line,
     metadata_from_datasets,
+    stream_content_digest,
+    stream_digest_line,
 )
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
-
-__all__ = ["SpikeStream", "open_stream", "read_small_datasets"]
 
 
 def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
@@ -57,18 +55,14 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
         if where.is_dir():
             raise BadInput("this is a folder", where=str(path), allowed="a stream file (.h5)")
         others = [p.name for p in where.parent.iterdir()] if where.parent.is_dir() else []
-        missing = (
-            "there is no such file" if where.parent.is_dir() else f"there is no folder {str(where.parent)!r}"
-        )
+        missing = "there is no such file" if where.parent.is_dir() else f"there is no folder {str(where.parent)!r}"
         raise BadInput(missing, where=str(path), nearest=closest(where.name, others))
     try:
         with where.open("rb") as raw:
             start = raw.read(8)
         if start != b"\x89HDF\r\n\x1a\n":
             problem = "is empty" if not start else "is not an HDF5 file"
-            raise BadInput(
-                problem, where=str(path), allowed="a saf-gen stream", hint="import foreign files first"
-            )
+            raise BadInput(problem, where=str(path), allowed="a saf-gen stream", hint="import foreign files first")
         file = h5py.File(where, "r")
     except OSError as error:
         raise _damaged(where, error) from error
@@ -81,9 +75,7 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
 
 def _damaged(path: Path, error: Exception) -> BadInput:
     reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
-    return BadInput(
-        f"is truncated, damaged or cannot be read: {reason}", where=str(path), hint="make it again"
-    )
+    return BadInput(f"is truncated, damaged or cannot be read: {reason}", where=str(path), hint="make it again")
 
 
 class SpikeStream:
@@ -110,9 +102,7 @@ class SpikeStream:
                 "is HDF5, but not a saf-gen stream", where=str(path), allowed=f"attribute format = {FORMAT!r}"
             )
         if layout != LAYOUT:
-            raise BadInput(
-                f"has layout {layout}", where=str(path), allowed=f"layout {LAYOUT}", hint="update saf_gen"
-            )
+            raise BadInput(f"has layout {layout}", where=str(path), allowed=f"layout {LAYOUT}", hint="update saf_gen")
         try:
             self._spikes = file["spikes"]
             rows, columns, length = self._spikes.shape
@@ -154,7 +144,7 @@ class SpikeStream:
         out = np.empty((len(window), *region_shape(part)), np.uint8)
         for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
             begin = 8 * start + low - window.start
-            bits.unpack(self._planes(start, part), out[begin : begin + high - low], first=low)
+            bits.unpack_bits(self._planes(start, part), out[begin : begin + high - low], first=low)
         return out
 
     def counts(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
@@ -165,7 +155,7 @@ class SpikeStream:
         window, part = self._validated(first, stop, region=region)
         out = np.zeros(region_shape(part), np.uint32)
         for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
-            bits.add_counts(self._planes(start, part), out, first=low, stop=high)
+            bits.add_bit_counts(self._planes(start, part), out, first=low, stop=high)
         return out
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
@@ -184,10 +174,10 @@ class SpikeStream:
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)
         lines = [
-            digest_line(n, v) for n, v in read_small_datasets(self._file) if not n.startswith("/provenance/")
+            stream_digest_line(n, v) for n, v in read_small_datasets(self._file) if not n.startswith("/provenance/")
         ]
         lines.append(format_digest_line("/spikes", "uint8", shape=self._spikes.shape, sha256=sha.hexdigest()))
-        found = content_digest(lines, readout_hz=self.readout_hz, frames=self.shape[0])
+        found = stream_content_digest(lines, readout_hz=self.readout_hz, frames=self.shape[0])
         if found != self.content_sha256:
             raise BadInput(
                 f"the content has SHA-256 {found[:12]}...",

@@ -20,16 +20,14 @@ from saf_gen.stream.metadata import (
     FORMAT,
     LAYOUT,
     Metadata,
-    content_digest,
-    digest_line,
     format_digest_line,
     metadata_from_options,
     metadata_to_datasets,
+    stream_content_digest,
+    stream_digest_line,
 )
 from saf_gen.stream.stream_file import read_small_datasets
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
-
-__all__ = ["StreamWriter", "write_stream"]
 
 
 class _WriteAborted(Exception):
@@ -98,7 +96,7 @@ class StreamWriter:
             for name, value in self._datasets.items():
                 text = isinstance(value, str | tuple)
                 self._file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
-            self._pool = undo.enter_context(time_blocks.make_thread_pool("deflate", self._threads))
+            self._pool = undo.enter_context(time_blocks.make_stream_thread_pool("deflate", self._threads))
             self._undo = undo.pop_all()
         return self
 
@@ -146,24 +144,22 @@ class StreamWriter:
         self._assembler.check_complete()
         shape, readout_hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
         spikes = format_digest_line("/spikes", "uint8", shape=shape, sha256=self._sha.hexdigest())
-        lines = [digest_line(n, v) for n, v in self._datasets.items() if not n.startswith("/provenance/")]
-        sha256 = content_digest([*lines, spikes], readout_hz=readout_hz, frames=frames)
+        lines = [stream_digest_line(n, v) for n, v in self._datasets.items() if not n.startswith("/provenance/")]
+        sha256 = stream_content_digest([*lines, spikes], readout_hz=readout_hz, frames=frames)
         if self._file is not None:
             self._file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=sha256)
             self._file.close()
         with h5py.File(self._part, "r") as file:
             stored = [
-                digest_line(n, v) for n, v in read_small_datasets(file) if not n.startswith("/provenance/")
+                stream_digest_line(n, v) for n, v in read_small_datasets(file) if not n.startswith("/provenance/")
             ]
             chunks = file["spikes"].id
             same = all(
                 time_blocks.checksum(chunks.read_direct_chunk((row, 0, at))[1]) == crc
                 for (row, at), crc in self._crcs.items()
             )
-        if not same or content_digest([*stored, spikes], readout_hz=readout_hz, frames=frames) != sha256:
-            raise BadInput(
-                "what was read back is not what was written", where=str(self.path), hint="check the disk"
-            )
+        if not same or stream_content_digest([*stored, spikes], readout_hz=readout_hz, frames=frames) != sha256:
+            raise BadInput("what was read back is not what was written", where=str(self.path), hint="check the disk")
         return sha256
 
     def _close(self) -> None:
@@ -174,9 +170,7 @@ class StreamWriter:
         self._file = None
 
 
-def write_stream(
-    path: str | os.PathLike[str], frames: Any, *, readout_hz: float = 20_000, **optional: Any
-) -> str:
+def write_stream(path: str | os.PathLike[str], frames: Any, *, readout_hz: float = 20_000, **optional: Any) -> str:
     """Write frames of any origin as a stream file.
 
     Parameters
@@ -198,9 +192,7 @@ def write_stream(
     if not hasattr(frames, "shape"):
         frames = np.asarray(frames)
     if len(frames.shape) != 3 or min(frames.shape) < 1:
-        raise BadInput(
-            f"frames have shape {tuple(frames.shape)}", where=str(path), allowed="(T, H, W), T at least 1"
-        )
+        raise BadInput(f"frames have shape {tuple(frames.shape)}", where=str(path), allowed="(T, H, W), T at least 1")
     total = int(frames.shape[0])
     metadata = metadata_from_options(optional)
     with StreamWriter(path, shape=tuple(frames.shape), readout_hz=readout_hz, metadata=metadata) as writer:
@@ -209,8 +201,6 @@ def write_stream(
             wrong = time_block[(time_block != 0) & (time_block != 1)]
             if time_block.dtype.kind not in "buif" or wrong.size:
                 value = f"value {wrong[0]!s}" if wrong.size else f"dtype {time_block.dtype}"
-                raise BadInput(
-                    f"frames {first} and on hold the {value}", where=str(path), allowed="0 and 1, or bool"
-                )
-            writer.write(bits.pack(time_block))
+                raise BadInput(f"frames {first} and on hold the {value}", where=str(path), allowed="0 and 1, or bool")
+            writer.write(bits.pack_bits(time_block))
     return writer.content_sha256

@@ -17,17 +17,6 @@ from saf_gen.core.cores import usable_cores
 from saf_gen.core.region import Region, region_shape
 from saf_gen.errors import BadInput
 
-__all__ = [
-    "TIME_BLOCK_BYTES",
-    "DamagedChunk",
-    "TimeBlockAssembler",
-    "TimeBlocks",
-    "checksum",
-    "chunk_shape",
-    "deflate_chunk",
-    "make_thread_pool",
-]
-
 TIME_BLOCK_BYTES = 250
 _CHUNK_BYTES = 1_000_000  # bytes in a chunk before deflate: 10 rows of 400 columns
 _CACHE_BYTES = 1 << 30  # bytes of planes that a reader keeps, and three time blocks at least
@@ -39,7 +28,7 @@ class DamagedChunk(ValueError):
     """Stored bytes that do not inflate to a chunk."""
 
 
-def make_thread_pool(name: str, count: int | None = None) -> ThreadPoolExecutor:
+def make_stream_thread_pool(name: str, count: int | None = None) -> ThreadPoolExecutor:
     """Return a pool of ``count`` threads; by default one per core this process may use, eight at most."""
     return ThreadPoolExecutor(count or min(8, usable_cores()), thread_name_prefix=name)
 
@@ -143,16 +132,12 @@ class TimeBlocks:
     """
 
     def __init__(
-        self,
-        shape: tuple[int, int, int],
-        *,
-        read: Callable[[int, int], bytes | np.ndarray],
-        count: int | None = None,
+        self, shape: tuple[int, int, int], *, read: Callable[[int, int], bytes | np.ndarray], count: int | None = None
     ) -> None:
         self.shape, self.chunk, self._read = shape, chunk_shape(shape), read
         self._kept: OrderedDict[int, tuple[np.ndarray, dict[int, Future]]] = OrderedDict()
         self._last = -1
-        self._pool = make_thread_pool("inflate", count)
+        self._pool = make_stream_thread_pool("inflate", count)
 
     def close(self) -> None:
         """Stop the threads and free the memory."""
@@ -172,10 +157,7 @@ class TimeBlocks:
         def block(top: int, data: bytes | np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(_inflated(data, self.chunk)[: self.shape[0] - top, :, :length])
 
-        waiting = [
-            self._pool.submit(block, top, self._read(top, start))
-            for top in self._tops(slice(0, self.shape[0]))
-        ]
+        waiting = [self._pool.submit(block, top, self._read(top, start)) for top in self._tops(slice(0, self.shape[0]))]
         for future in waiting:
             yield future.result()
 

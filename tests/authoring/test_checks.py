@@ -54,9 +54,7 @@ def sensor():
 def sensor_file(tmp_path, small_sensor):
     """The middle of the vidar_400x250 as a file."""
     text = re.sub(
-        r"rows: \d+\ncolumns: \d+\npitch_m: .*",
-        "rows: 64\ncolumns: 100\npitch_m: 2.0e-5",
-        small_sensor.read_text(),
+        r"rows: \d+\ncolumns: \d+\npitch_m: .*", "rows: 64\ncolumns: 100\npitch_m: 2.0e-5", small_sensor.read_text()
     )
     path = tmp_path / "crop.yaml"
     path.write_text(text)
@@ -215,9 +213,7 @@ def test_a_member_of_the_family_out_of_reach_is_named(skeleton, sensor):
     """0.66 to 0.69 m away, where the lens reaches 0.65 m."""
     script = ("t.rotate([0, 1, 0], params", 't.translate([0, 0, params["z"]]).rotate([0, 1, 0], params')
     scene = skeleton(script, ("square_mm: 2", "square_mm: 2\n  z: {uniform: [-0.19, -0.16]}"))
-    told = [
-        text for level, text in found(scene.with_params({"z": 0.0}), sensor, "family") if level == "error"
-    ]
+    told = [text for level, text in found(scene.with_params({"z": 0.0}), sensor, "family") if level == "error"]
     assert len(told) == 3
     assert re.match(r"with z -0\.1\d+: the target is .* out of the lens's reach.*narrow the ranges", told[0])
 
@@ -226,10 +222,7 @@ def test_a_member_of_the_family_out_of_reach_is_named(skeleton, sensor):
 
 
 def test_a_light_group_that_does_not_reach_the_target_is_told(skeleton, sensor):
-    turned = (
-        "look_at(origin=[0.3, 0.3, 0.6], target=[0, 0, 0]",
-        "look_at(origin=[0.3, 0.3, 0.6], target=[9, 9, 9]",
-    )
+    turned = ("look_at(origin=[0.3, 0.3, 0.6], target=[0, 0, 0]", "look_at(origin=[0.3, 0.3, 0.6], target=[9, 9, 9]")
     wall = ("translate([0, 0, -0.2]).scale(0.5)", "translate([0, 0, -0.2]).scale(0.01)")
     text = next(text for level, text in found(skeleton(turned, wall), sensor, "exposure") if level == "error")
     assert "light group 'lamp' does not reach the target: move its lamps, or remove it" in text
@@ -258,9 +251,7 @@ def test_light_that_no_lamp_gives_is_told(skeleton, sensor):
 
 
 def test_every_scene_here_states_its_light_and_how_well_slices_go_over():
-    cards = [
-        find_scene(p.parent.name).card for p in sorted((SCENES.parent.parent / "scenes").glob("*/scene.yaml"))
-    ]
+    cards = [find_scene(p.parent.name).card for p in sorted((SCENES.parent.parent / "scenes").glob("*/scene.yaml"))]
     assert [card.id for card in cards if not card.illuminance_lux] == []
     assert [card.id for card in cards if card.slices_per_s and not card.interpolation_error] == []
 
@@ -326,9 +317,7 @@ def test_the_loss_of_stripes_is_that_of_the_discs_transfer(tmp_path, monkeypatch
         " 'sky': {'type': 'constant', 'radiance': 1.0}}"
     )
     lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
-    scene = write_scene(
-        tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="plane"
-    )
+    scene = write_scene(tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="plane")
     subject = SceneUnderTest(scene, sensor, backend="llvm")
     loss = measure_detail(
         *subject.near_stacks, truth=subject.true_focus, aside=3 * subject.half_depth_of_focus
@@ -396,9 +385,7 @@ def test_the_speed_of_a_turn_is_that_of_the_corners(skeleton, sensor):
     ],
 )
 def test_motion_is_told(skeleton, sensor, path, slices, level, told):
-    assert any(
-        f[0] == level and told in f[1] for f in found(moving(skeleton, path, slices), sensor, "motion")
-    )
+    assert any(f[0] == level and told in f[1] for f in found(moving(skeleton, path, slices), sensor, "motion"))
 
 
 def test_a_target_that_is_never_there_is_an_error(skeleton, sensor):
@@ -414,9 +401,7 @@ def test_a_motion_without_slices_and_slices_without_motion_are_told(skeleton, se
     card = scene.folder / "scene.yaml"
     text = card.read_text()
     card.write_text(text.replace("slices_per_s: 500\n", ""))
-    assert (
-        "recordings show it at rest: with slices_per_s: 26" in only(find_scene("mine"), sensor, "motion")[1]
-    )
+    assert "recordings show it at rest: with slices_per_s: 26" in only(find_scene("mine"), sensor, "motion")[1]
     card.write_text(re.sub(r"motion: .*\n", "", text))
     assert "nothing moves: remove it, or add motion" in only(find_scene("mine"), sensor, "motion")[1]
 
@@ -454,10 +439,7 @@ def lit_by(tmp_path, monkeypatch):
 def test_a_lamp_without_a_body_may_move(lit_by, sensor, kind):
     lamp = f"'type': '{kind}', {LAMPS[kind]}"
     scene = lit_by(lamp, GLIDES % "lamp" + "slices_per_s: 40\n")
-    assert found(scene, sensor, "motion")[1] == (
-        "ok",
-        "no shape moves, only 'lamp'; slices_per_s: 40",
-    )
+    assert found(scene, sensor, "motion")[1] == ("ok", "no shape moves, only 'lamp'; slices_per_s: 40")
 
 
 def test_a_lamp_that_moves_is_told_where_recordings_stand_still(lit_by, sensor):
@@ -472,10 +454,7 @@ def test_the_fastest_of_a_lamp_and_a_shape_is_the_shape(lit_by, sensor):
     moves = "[{time_s: 0}, {time_s: 1, translate_m: [%s, 0, 0]}]"
     scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", both % (moves % 3, moves % 0.01))
     subject = SceneUnderTest(scene, sensor, backend=VARIANT)
-    assert find_fastest_shape(subject, [0.5]) == (
-        "plane",
-        pytest.approx(0.01 / subject.pixel_footprint_m, rel=1e-3),
-    )
+    assert find_fastest_shape(subject, [0.5]) == ("plane", pytest.approx(0.01 / subject.pixel_footprint_m, rel=1e-3))
 
 
 def test_a_scene_in_the_dark_goes_through_all_checks(lit_by, sensor):
@@ -547,9 +526,7 @@ def test_a_scene_that_is_not_there_is_bad_input(call, skeleton):
 @pytest.mark.slow
 def test_a_folder_may_be_named_and_its_script_is_not_run(call, tmp_path, sensor_file):
     shutil.copytree(SCENES / "workbench", tmp_path / "x/workbench")
-    code, _, err = call(
-        "scenes", "check", tmp_path / "x/workbench", "--sensor", sensor_file, "--variant", VARIANT
-    )
+    code, _, err = call("scenes", "check", tmp_path / "x/workbench", "--sensor", sensor_file, "--variant", VARIANT)
     assert (code, err) == (0, "")
     shutil.copytree(SCENES / "plane", tmp_path / "x/plane")
     code, _, err = call("scenes", "check", tmp_path / "x/plane")

@@ -11,11 +11,11 @@ from written_scenes import VARIANT
 from saf_gen.authoring.preview import (
     ContactSheet,
     draw_contact_sheet,
-    encode_gamma,
+    encode_preview_gamma,
     make_contact_sheet,
     preview_scene,
-    save_image_grid,
-    white_level,
+    preview_white_level,
+    save_preview_image_grid,
     write_preview,
 )
 from saf_gen.authoring.template import create_scene
@@ -81,17 +81,15 @@ def test_small_images_get_a_row_of_their_own(tmp_path):
 
 def test_white_and_grey_are_for_the_eye():
     image = np.linspace(0, 2, 1001).reshape(7, 143)
-    white = white_level(image)
+    white = preview_white_level(image)
     assert white == pytest.approx(1.99, abs=0.005)
-    assert encode_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx(
-        [0, 0.5 ** (1 / 2.2), 1, 1]
-    )
-    assert white_level(np.zeros((3, 3))) == 1
+    assert encode_preview_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
+    assert preview_white_level(np.zeros((3, 3))) == 1
 
 
 def test_a_grid_is_as_small_as_asked_for(tmp_path):
     noise = 0.3 + 0.4 * np.random.default_rng(0).random((250, 400))
-    save_image_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", max_bytes=150_000)
+    save_preview_image_grid([[noise, noise, noise], [noise]], tmp_path / "it.jpg", max_bytes=150_000)
     assert (tmp_path / "it.jpg").stat().st_size < 150_000
     picture, size = grey(tmp_path / "it.jpg")
     assert size == (3 * 400 + 8, 2 * 250 + 4)

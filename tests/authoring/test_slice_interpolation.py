@@ -34,9 +34,7 @@ def stripes(tmp_path, monkeypatch):
         f" 'filter_type': 'nearest', 'bitmap': {texture}}}}}}}, 'sky': {{'type': 'constant'}}}}"
     )
     lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
-    scene = write_scene(
-        tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="plane"
-    )
+    scene = write_scene(tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="plane")
     card = scene.folder / "scene.yaml"
     still = card.read_text()
 
@@ -44,9 +42,7 @@ def stripes(tmp_path, monkeypatch):
         half = step * SLICES * FOOTPRINT_M / 2
         ends = [f"[{x}, 0, 0]" for x in (-half, half)] if key == "translate_m" else (0, step)
         keyframes = f"[{{time_s: 0, {key}: {ends[0]}}}, {{time_s: 1, {key}: {ends[1]}}}]"
-        card.write_text(
-            f"{still}motion: {{plane: {{keyframes: {keyframes}}}}}\nslices_per_s: {slices}\n{more}"
-        )
+        card.write_text(f"{still}motion: {{plane: {{keyframes: {keyframes}}}}}\nslices_per_s: {slices}\n{more}")
         return SceneUnderTest(find_scene("made"), SENSOR, backend=VARIANT)
 
     return moved

@@ -46,9 +46,7 @@ def test_every_key_of_the_skeletons_is_explained(here):
         assert sum("#" in line for line in lines) > 12
 
 
-@pytest.mark.parametrize(
-    ("name", "nearest"), [("My Scene", "my_scene"), ("../up", "up"), ("", ""), ("camel", "")]
-)
+@pytest.mark.parametrize(("name", "nearest"), [("My Scene", "my_scene"), ("../up", "up"), ("", ""), ("camel", "")])
 def test_a_name_that_cannot_be_is_refused(here, name, nearest):
     error = refusal(create_scene, name, here / "scenes")
     assert repr(name) in error.problem
@@ -56,9 +54,7 @@ def test_a_name_that_cannot_be_is_refused(here, name, nearest):
     assert not (here / "scenes").exists()
 
 
-@pytest.mark.parametrize(
-    "begin", [create_scene, lambda name, root: import_exported_scene(EXPORTED, name, root=root)]
-)
+@pytest.mark.parametrize("begin", [create_scene, lambda name, root: import_exported_scene(EXPORTED, name, root=root)])
 def test_nothing_is_overwritten(here, begin):
     folder = here / "scenes/mine"
     folder.mkdir(parents=True)
@@ -79,9 +75,7 @@ def test_an_exported_scene_gets_a_card_with_its_own_camera(here):
     assert card.target == ("mesh-Crate.001",)
     assert {g: tuple(e) for g, e in card.lights.items()} == {"world": ("World",), "lamp": ("emit-Lamp",)}
     image = float(
-        scene.build_drive().image_distance(
-            scene.build_drive().best_position(0.55 / np.cos(np.arctan(0.26875)))
-        )
+        scene.build_drive().image_distance(scene.build_drive().best_position(0.55 / np.cos(np.arctan(0.26875))))
     )
     assert 2 * np.degrees(np.arctan(4e-3 / image)) == pytest.approx(18.180556, rel=2e-3)
     assert scene.build_drive().focusing_range_m[0] < 0.57 < scene.build_drive().focusing_range_m[1]
@@ -119,17 +113,11 @@ def thin(radius):
 @pytest.mark.parametrize(
     ("pairs", "told"),
     [
-        (
-            [('<sensor type="perspective"', '<sensor type="orthographic"')],
-            "no perspective camera",
-        ),
+        ([('<sensor type="perspective"', '<sensor type="orthographic"')], "no perspective camera"),
         ([('target="0.000000, 0.157000', 'target="0.000000, 9.157000')], "nothing lies in the middle"),
         ([("meshes/Ball.ply", "../Ball.ply")], "lies outside of the scene's folder"),
         ([(FOV, "wide")], "scene.xml:16: Mitsuba does not understand this"),
-        (
-            [(FOV, "0.1")],
-            "no card can have this camera: the lens of 506.6 mm cannot focus at 0.4271 m; allowed",
-        ),
+        ([(FOV, "0.1")], "no card can have this camera: the lens of 506.6 mm cannot focus at 0.4271 m; allowed"),
         ([(FOV, "180")], "the camera's field of view: "),
         ([(FOV, "nan")], "the camera's field of view is nan degrees; allowed: above 0, below 180"),
         ([('name="fov_axis" value="x"', 'name="fov_axis" value="longest"')], "The 'fov_axis' parameter"),
@@ -213,17 +201,11 @@ def test_the_f_number_is_that_of_the_files_aperture(here, edited, radius, f_numb
 
 @pytest.mark.parametrize(
     ("words", "focal_mm"),
-    [
-        ('<string name="focal_length" value="85mm"/>', 85),
-        ('<string name="focal_length" value="35"/>', 35),
-        ("", 50),
-    ],
+    [('<string name="focal_length" value="85mm"/>', 85), ('<string name="focal_length" value="35"/>', 35), ("", 50)],
 )
 def test_a_focal_length_is_that_of_36_by_24_mm_with_the_same_diagonal_field(here, edited, words, focal_mm):
     """Half the diagonal over the focal length, of which 1.6/√(1.6² + 1) lie across our sensor of 8:5."""
-    path = edited(
-        ('<string name="fov_axis" value="x"/>', ""), ('<float name="fov" value="18.180556"/>', words)
-    )
+    path = edited(('<string name="fov_axis" value="x"/>', ""), ('<float name="fov" value="18.180556"/>', words))
     import_exported_scene(path, "bench", root=here / "scenes")
     scene = find_scene("bench")
     image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
@@ -263,7 +245,5 @@ def test_a_lamp_called_as_no_group_may_be_gets_another(here, edited, word):
 
 
 def test_a_lamp_whose_name_yaml_takes_for_a_truth_is_quoted(here, edited):
-    import_exported_scene(
-        edited(('id="World" name="World"', 'id="On" name="World"')), "bench", root=here / "scenes"
-    )
+    import_exported_scene(edited(('id="World" name="World"', 'id="On" name="World"')), "bench", root=here / "scenes")
     assert find_scene("bench").card.lights["on"] == ("On",)

@@ -11,10 +11,10 @@ from refusals import refusal
 import saf_gen
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop_judgement import count_reversals, judge_closed_loop_run
+from saf_gen.benchmark.tracks.closed_loop_judgement import count_reversals_of_closed_loop_run, judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_to_encode
+from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_method_view
 from saf_gen.benchmark.view.running_camera import BudgetSpentError, RunningCamera
 from saf_gen.benchmark.view.sweep_view import SweepView
 from saf_gen.errors import BadInput
@@ -44,7 +44,7 @@ def capture(dataset):
 
 
 def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
-    charge_source = capture.open_charge_source(rows_to_encode(capture, WHOLE))
+    charge_source = capture.open_charge_source(rows_in_method_view(capture, WHOLE))
     return RunningCamera(
         CapturedFrames(capture, charge_source, region=WHOLE), get_measure("sd"), actuator=actuator,
         start=at, seed=1, budget=budget, readout_hz=capture.sensor.readout_hz,
@@ -178,9 +178,7 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(captur
     assert done.answer_frame < 450
     assert (np.sign(moves[begin + 60 :]) != -np.sign(moves[begin + 60 :].sum())).all()
     swept = (frame + 0.5) / 320
-    assert done.path[-1] == pytest.approx(swept, abs=0.03) or done.path[-1] == pytest.approx(
-        1 - swept, abs=0.03
-    )
+    assert done.path[-1] == pytest.approx(swept, abs=0.03) or done.path[-1] == pytest.approx(1 - swept, abs=0.03)
 
 
 @pytest.mark.parametrize(
@@ -200,10 +198,7 @@ def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(captur
         (lambda view: Answer(math.nan), "it answers frame nan; give a finite number, or None to abstain"),
         (lambda view: Answer(5, trace=None), "its trace is None; give a tuple of finite numbers"),
         (lambda view: Answer(5, note="one\ntwo"), r"its note is 'one\ntwo'; give one line of text"),
-        (
-            lambda view: Answer(position=0.5),
-            "it answers with a position, but does not command the lens; answer",
-        ),
+        (lambda view: Answer(position=0.5), "it answers with a position, but does not command the lens; answer"),
         (GoTo(math.nan), "it answers position nan; give a finite number, or None to abstain"),
         (Commands(lambda view: Answer(5.0)), "it answers with a frame, but commands the lens; answer"),
         (Commands(lambda view: None), "it answers with NoneType None; return"),
@@ -250,9 +245,7 @@ def test_broken_methods_take_no_other_along(dataset, monkeypatch):
         "sd+sound": GoTo(0.5),
         "sd+disk": Raises(OSError("no weights")),
     }
-    monkeypatch.setattr(
-        evaluate_module, "parse_method", lambda name: replace(method(searches[name]), name=name)
-    )
+    monkeypatch.setattr(evaluate_module, "parse_method", lambda name: replace(method(searches[name]), name=name))
     result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)
@@ -433,11 +426,10 @@ def test_without_a_truth_nothing_is_said_of_it():
 
 
 @pytest.mark.parametrize(
-    ("positions", "turns"),
-    [([], 0), ([0.5], 0), ([0.5, 0.0, 0.2, 1.0, 1.0, 0.6], 2), ([0.1, 0.1, 0.3, 0.2], 1)],
+    ("positions", "turns"), [([], 0), ([0.5], 0), ([0.5, 0.0, 0.2, 1.0, 1.0, 0.6], 2), ([0.1, 0.1, 0.3, 0.2], 1)]
 )
 def test_reversals_are_those_of_the_commands_and_not_the_ringing_of_the_lens(positions, turns):
-    assert count_reversals(positions) == turns
+    assert count_reversals_of_closed_loop_run(positions) == turns
 
 
 @pytest.mark.parametrize(
@@ -466,6 +458,4 @@ def test_a_protocol_that_no_sequence_can_keep_writes_nothing(dataset, tmp_path, 
 
 
 def test_the_protocol_is_described_in_one_line(capture):
-    assert (
-        ClosedLoopProtocol(get_actuator("voice_coil")).describe(capture) == "voice_coil, 40 ms, sweep 10 ms"
-    )
+    assert ClosedLoopProtocol(get_actuator("voice_coil")).describe(capture) == "voice_coil, 40 ms, sweep 10 ms"

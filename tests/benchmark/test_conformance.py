@@ -21,10 +21,10 @@ from saf_gen import get_measure, get_motion, get_search
 from saf_gen.benchmark.conformance import check_measure, check_search
 from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.benchmark.conformance._declaration_checks import check_class
-from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, gaussian_curve
+from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, conformance_bell_curve
 from saf_gen.core.config import registry
 from saf_gen.measures import measure_names
-from saf_gen.motions import readout_positions
+from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.parts import commands, wants_halves
 from saf_gen.searches import search_names
 
@@ -50,16 +50,14 @@ def check_motion(motion, *, first=None):
         assert np.isfinite(position).all(), "its positions are not finite"
         assert position.min() >= 0, "it leaves the travel"
         assert position.max() <= 1, "it leaves the travel"
-        assert np.array_equal(motion.positions(times, duration), position), (
-            "the same times get another motion"
-        )
+        assert np.array_equal(motion.positions(times, duration), position), "the same times get another motion"
         few = motion.positions(times[5::7], duration)
         assert few == pytest.approx(position[5::7], abs=1e-12), "other readouts see another motion"
         if first is not None:
             assert position[0] == pytest.approx(first, abs=1e-9), "it does not begin where it says"
         widest, half = (np.abs(np.diff(position[::step])).max() for step in (2, 1))
         assert half <= 0.75 * widest + 1e-12, "it jumps"  # twice as many readouts: steps half as wide
-        assert readout_positions(motion, 800, readout_hz=800 / duration).shape == (800,)
+        assert lens_motion_at_readouts(motion, 800, readout_hz=800 / duration).shape == (800,)
 
 
 MOTIONS = {
@@ -121,9 +119,7 @@ def test_the_paper_s_measures_and_searches_are_registered():
 
 
 def shown(language):
-    return re.findall(
-        rf"^```{language}\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
-    )
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture
@@ -164,7 +160,7 @@ def test_the_files_shown_are_complete_short_and_conform(package_of_the_page):
     for name in ("my_search", "my_lens_search"):
         assert faults(check_search(get_search(name))) == []
     assert (
-        abs(get_search("my_search", window=50)(SyntheticRecording(gaussian_curve(5000, 0.3))).frame - 1500)
+        abs(get_search("my_search", window=50)(SyntheticRecording(conformance_bell_curve(5000, 0.3))).frame - 1500)
         <= 25
     )
 

@@ -15,9 +15,9 @@ from refusals import refusal
 
 from saf_gen import get_measure, get_search
 from saf_gen.benchmark.conformance import CheckLimits, check_measure, check_method, check_named, check_search
-from saf_gen.benchmark.conformance._sample_counts import natural_texture
-from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, gaussian_curve
-from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, TARGET_RATE, write_recordings
+from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
+from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, conformance_bell_curve
+from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, TARGET_RATE, write_conformance_recordings
 from saf_gen.benchmark.conformance.name_resolution import resolve_name
 from saf_gen.benchmark.method_spec import Method, parse_method
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method
@@ -73,9 +73,7 @@ def with_a_memory(self, counts):
 
 
 def plug_in_of(members, *, frozen=True):
-    return dataclass(frozen=frozen)(
-        type("Broken", (), {"__doc__": "Broken.", "source": "this test"} | members)
-    )()
+    return dataclass(frozen=frozen)(type("Broken", (), {"__doc__": "Broken.", "source": "this test"} | members))()
 
 
 def measure_of(call=sum_of_squares, *, frozen=True, **members):
@@ -252,12 +250,7 @@ def test_a_broken_search_is_caught(name, words, plug_in):
 @pytest.mark.parametrize(
     ("check", "name", "words", "plug_in"),
     [
-        (
-            check_measure,
-            "sharp over blurred",
-            "above the",
-            measure_of(lambda s, c: -sum_of_squares(s, c)),
-        ),
+        (check_measure, "sharp over blurred", "above the", measure_of(lambda s, c: -sum_of_squares(s, c))),
         (check_measure, "speed", "RuntimeWarning: it is late", measure_of(warning)),
         (check_search, "finds a bell", "0.3 as 0.500", answering(lambda a, view: Answer(view.frames // 2))),
         (check_search, "finds a bell", "0.3 as nothing", search_of(lambda s, v: Answer(None))),
@@ -340,16 +333,8 @@ def minding_the_unit(self, view):
 IN_TIME = "stays in travel and budget"
 BROKEN_LENS_SEARCHES = [
     ("not on a recording", "it answers Answer", commanding(lambda s, v: Answer(position=0.5))),
-    (
-        IN_TIME,
-        "sent to 1.2; .*with hand and 40,000",
-        commanding(lambda s, v: sent(s, v, positions=(0.5, 1.2))),
-    ),
-    (
-        IN_TIME,
-        "over the budget",
-        commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)]),
-    ),
+    (IN_TIME, "sent to 1.2; .*with hand and 40,000", commanding(lambda s, v: sent(s, v, positions=(0.5, 1.2)))),
+    (IN_TIME, "over the budget", commanding(lambda s, v: [v.move(0.5), v.wait(40_008), Answer(position=0.5)])),
     (IN_TIME, "it answers with a frame", moving(lambda answer: Answer(1.0, position=0.5))),
     (IN_TIME, "position 1.5", moving(lambda answer: Answer(position=1.5))),
     (IN_TIME, "its trace is", moving(lambda answer: Answer(None, (math.inf,), position=0.5))),
@@ -430,9 +415,7 @@ def tenth(view):
 
 @pytest.mark.slow
 def test_a_method_that_misses_the_focus_of_a_sweep_is_warned_of():
-    plug_in = search_of(
-        lambda s, v: best_block(s, v, answer=Answer if isinstance(v, SyntheticRecording) else tenth(v))
-    )
+    plug_in = search_of(lambda s, v: best_block(s, v, answer=Answer if isinstance(v, SyntheticRecording) else tenth(v)))
     found = assert_caught(check_method(method_of(plug_in)), "recordings", "warn", "swept 0.100; focus at 0.4")
     assert_caught(found, "running camera", "warn", "ends at a usual light: 0.(09|10)")
 
@@ -442,9 +425,7 @@ def test_a_method_is_not_tried_where_a_half_of_it_fails():
     assert [(f.check, f.level) for f in found if f.part == "method"] == [("whole", "warn")]
 
 
-@pytest.mark.parametrize(
-    "name", ["sd+argmax", "gradient_code_n_tfi+sgfs_causal", "sd_debiased+coarse_to_fine"]
-)
+@pytest.mark.parametrize("name", ["sd+argmax", "gradient_code_n_tfi+sgfs_causal", "sd_debiased+coarse_to_fine"])
 @pytest.mark.slow
 def test_methods_of_ours_conform(name):
     found = list(check_named(name))
@@ -457,7 +438,7 @@ def test_methods_of_ours_conform(name):
 
 def test_recordings_of_the_test_scene_show_what_they_are_named_for(tmp_path):
     rates = {}
-    for name, path in write_recordings(tmp_path, 2001).items():
+    for name, path in write_conformance_recordings(tmp_path, 2001).items():
         with open_stream(path) as stream:
             assert stream.shape[0] == 2001
             rates[name] = stream.counts(0, 2001).mean() / 2001
@@ -474,7 +455,7 @@ def test_recordings_of_the_test_scene_show_what_they_are_named_for(tmp_path):
 
 
 def test_amplitudes_of_the_texture_fall_as_one_over_frequency():
-    picture = natural_texture(256, 256)
+    picture = make_conformance_texture(256, 256)
     assert picture.mean() == pytest.approx(1, abs=0.01)
     assert picture.min() >= 0.05
     frequency = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256))
@@ -485,8 +466,8 @@ def test_amplitudes_of_the_texture_fall_as_one_over_frequency():
 
 
 def test_a_synthetic_recording_scores_the_mean_of_its_curve_and_named_measures_by_a_texture():
-    view = SyntheticRecording(gaussian_curve(1000, 0.4), unit=2.0)
-    assert view.score(100, 500) == pytest.approx(2 * gaussian_curve(1000, 0.4)[100:500].mean(), rel=1e-12)
+    view = SyntheticRecording(conformance_bell_curve(1000, 0.4), unit=2.0)
+    assert view.score(100, 500) == pytest.approx(2 * conformance_bell_curve(1000, 0.4)[100:500].mean(), rel=1e-12)
     assert (view.now, view.scores) == (500, 1)
     assert view.score(350, 450, "sd") > 5 * view.score(600, 700, "sd")
     assert view.score(0, 200, "er_count") == pytest.approx(2 * view.score(0, 100, "er_count"), rel=0.01)
@@ -537,9 +518,7 @@ def test_a_name_is_a_method_or_a_half_of_one(tmp_path):
     tuned = tmp_path / "best.json"
     trial = TuningTrial("sd+argmax:window=50", 1.0, 0.1)
     tuned.write_text(
-        format_tuned_method(
-            TunedMethod(trial.method, "d", "train", "recorded", "", "target", 1, "0", "0", (trial,))
-        )
+        format_tuned_method(TunedMethod(trial.method, "d", "train", "recorded", "", "target", 1, "0", "0", (trial,)))
     )
     assert resolve_name(f"@{tuned}").search.window == 50
 

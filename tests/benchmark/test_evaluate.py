@@ -10,12 +10,12 @@ from refusals import refusal
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
-from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard import rank_methods
 from saf_gen.measures import get_measure
-from saf_gen.motions import readout_positions
+from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.parts import Answer, View
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
@@ -61,19 +61,12 @@ def test_a_method_is_a_measure_a_search_and_their_options():
 
 
 def test_every_default_method_exists():
-    assert (
-        len({parse_method(spec).name for spec in DEFAULT_RECORDED_METHODS})
-        == len(DEFAULT_RECORDED_METHODS)
-        == 21
-    )
+    assert len({parse_method(spec).name for spec in DEFAULT_RECORDED_METHODS}) == len(DEFAULT_RECORDED_METHODS) == 21
 
 
 def test_the_code_digest_follows_options_and_parts_and_nothing_else():
     assert parse_method("sd+argmax").code == parse_method("sd+argmax").code
-    codes = {
-        parse_method(spec).code
-        for spec in ("sd+argmax", "sd+argmax:window=50", "sd_code+argmax", "sd+egs_code")
-    }
+    codes = {parse_method(spec).code for spec in ("sd+argmax", "sd+argmax:window=50", "sd_code+argmax", "sd+egs_code")}
     assert len(codes) == 4
 
 
@@ -138,7 +131,7 @@ def moving(path, lens, *, dof=0.1):
     rate = 0.25 * (1 + contrast[:, None, None] * board)
     phase = make_generator("moving").random((48, 64))
     frames = np.diff(np.floor(phase + np.cumsum(rate, axis=0)), axis=0, prepend=0.0).astype(np.uint8)
-    passed = find_crossings(lens, 0.4)
+    passed = find_focus_crossings(lens, 0.4)
     frame = passed[0] if passed.size else float("nan")
     truth = {"position": 0.4, "depth_of_focus": (0.4 - dof / 2, 0.4 + dof / 2), "frame": frame}
     write_stream(path, frames, focus_position=lens, truth=truth)
@@ -148,10 +141,7 @@ MOVED = {
     "there and back": ({"kind": "sweep_and_return", "dwell_s": 0.005}, True),
     "backwards": ({"kind": "sweep", "from": 1.0, "to": 0.0}, True),
     "steps": ({"kind": "steps", "count": 10, "natural_hz": 1500.0, "damping": 0.2}, True),
-    "hand": (
-        {"kind": "hand", "reversals": True, "bandwidth_hz": 150.0, "irregularity": 1.0, "seed": 1},
-        True,
-    ),
+    "hand": ({"kind": "hand", "reversals": True, "bandwidth_hz": 150.0, "irregularity": 1.0, "seed": 1}, True),
     "hold, sharp": ({"kind": "hold", "position": 0.42}, True),
     "hold, blurred": ({"kind": "hold", "position": 0.8}, False),
 }
@@ -163,12 +153,10 @@ def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, i
 
     Ours may say of a lens that rests that its curve has no top.
     """
-    lens = readout_positions(motion, 800, readout_hz=20_000).astype(np.float32)
+    lens = lens_motion_at_readouts(motion, 800, readout_hz=20_000).astype(np.float32)
     moving(tmp_path / "s.h5", lens)
-    (*records,) = evaluate(
-        tmp_path / "s.h5", methods=[*DEFAULT_RECORDED_METHODS, "sd+argmax:window=20"]
-    ).records
-    when = find_crossings(lens, 0.4)
+    (*records,) = evaluate(tmp_path / "s.h5", methods=[*DEFAULT_RECORDED_METHODS, "sd+argmax:window=20"]).records
+    when = find_focus_crossings(lens, 0.4)
     for record in records:
         if record.method.endswith("photon_aware") and motion["kind"] == "hold" and record.frame is None:
             continue
@@ -280,9 +268,7 @@ def test_an_at_elsewhere_in_a_method_is_no_region(tmp_path):
 
 def test_steps_are_counted_once_whatever_the_regions(two_depths):
     steps = []
-    evaluate(
-        two_depths, methods=["sd+argmax", "cen+argmax"], region="both", progress=lambda *s: steps.append(s)
-    )
+    evaluate(two_depths, methods=["sd+argmax", "cen+argmax"], region="both", progress=lambda *s: steps.append(s))
     assert [(done, total) for done, total, _ in steps] == [(n, 4) for n in (1, 2, 3, 4)]
 
 
@@ -315,9 +301,7 @@ def raising(error):
 
 def with_search(monkeypatch, search, **more):
     spec = parse_method("sd+argmax")
-    monkeypatch.setattr(
-        evaluate_module, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more)
-    )
+    monkeypatch.setattr(evaluate_module, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more))
 
 
 def test_an_abstention_is_recorded_apart_from_errors(stream_file, monkeypatch):
@@ -359,10 +343,7 @@ def test_an_answer_that_is_no_frame_of_the_recording_is_a_failure(stream_file, m
         (lambda view: Answer(np.nan), "it answers frame nan; give a finite number, or None to abstain"),
         (lambda view: Answer(True), "it answers frame True; give a finite number, or None to abstain"),
         (lambda view: Answer(10**400), "OverflowError: int too large to convert to float"),
-        (
-            lambda view: Answer(position=0.5),
-            "it answers with a position, but does not command the lens; answer",
-        ),
+        (lambda view: Answer(position=0.5), "it answers with a position, but does not command the lens; answer"),
     ],
 )
 def test_whatever_a_method_raises_or_answers_is_its_failure_alone(dataset, monkeypatch, search, note):
@@ -396,9 +377,7 @@ def test_any_kind_of_number_is_an_answer(stream_file, monkeypatch):
     assert (record.status, record.frame, record.trace) == ("answered", 300.5, (0.5, 1.0))
 
 
-def test_a_recording_that_is_damaged_where_only_a_method_looks_is_no_fault_of_the_method(
-    tmp_path, monkeypatch
-):
+def test_a_recording_that_is_damaged_where_only_a_method_looks_is_no_fault_of_the_method(tmp_path, monkeypatch):
     """The last chunk, 50 frames, is too short for the light to be read in it; no pictures are kept of it."""
     monkeypatch.setattr(evaluate_module, "THUMBNAIL_SEQUENCES", 0)
     path = tmp_path / "torn.h5"
@@ -448,9 +427,7 @@ def test_two_windows_too_long_for_a_recording_fail_by_name(tmp_path):
 
 def test_every_method_meets_every_sequence_in_order(dataset):
     steps = []
-    out = evaluate(
-        dataset, methods=["sd+argmax", "er_count+argmax"], progress=lambda *step: steps.append(step)
-    )
+    out = evaluate(dataset, methods=["sd+argmax", "er_count+argmax"], progress=lambda *step: steps.append(step))
     assert [(r.sequence, r.method) for r in out.records] == [
         (sequence, method)
         for sequence in ("board-constant-0", "board2-constant-0", "board2-ramp-0")

@@ -11,13 +11,9 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge_answer
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
-from saf_gen.benchmark.tracks.focus_location import (
-    locate_focus_in_recording,
-    locate_focus_in_travel,
-    truncate_truth,
-)
-from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, list_sequence_tasks
-from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.benchmark.tracks.focus_location import locate_focus_in_recording, locate_focus_in_travel, truncate_truth
+from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, list_sequence_tasks
+from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import tabulate_by_axis
 from saf_gen.parts import Answer
@@ -34,7 +30,7 @@ THERE_AND_BACK = np.concatenate([UP[::2], UP[::-2]]) * np.float32(0.5)
 def truth(best, dof=0.02, *, lens=None, track=None):
     passed = math.nan
     if lens is not None:
-        found = find_crossings(lens - (best if track is None else track), 0.0)
+        found = find_focus_crossings(lens - (best if track is None else track), 0.0)
         passed = float(found[0]) if found.size else math.nan
     return Truth(position=best, depth_of_focus=(best - dof / 2, best + dof / 2), frame=passed, track=track)
 
@@ -138,9 +134,7 @@ def test_where_nobody_knows_nothing_is_said(known, lens):
 
 def test_without_a_truth_nothing_is_said_of_the_travel_either():
     assert (
-        locate_focus_in_travel(Truth())
-        == locate_focus_in_travel(truth(0.5, track=np.full(9, np.nan)))
-        == (None, None)
+        locate_focus_in_travel(Truth()) == locate_focus_in_travel(truth(0.5, track=np.full(9, np.nan))) == (None, None)
     )
 
 
@@ -180,7 +174,7 @@ def test_both_tracks_say_it_of_a_sequence(tmp_path):
     (task,) = list_sequence_tasks(tmp_path / "a.h5")
     with open_stream(task.path) as stream:
         recorded, closed_loop = (
-            describe_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), track=t)
+            describe_evaluated_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), track=t)
             for t in ("recorded", "closed_loop")
         )
     assert recorded["focus_place"] == pytest.approx(0.04, abs=2e-3)
@@ -200,7 +194,7 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
     light = np.arange(FRAMES) + 0.5, ramp / 10
     with open_stream(task.path) as stream:
         said, first = (
-            describe_sequence(task, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200)
+            describe_evaluated_sequence(task, stream, rate=light, track="closed_loop", frames=n) for n in (None, 200)
         )
     assert (said["focus_place"], said["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
     assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later

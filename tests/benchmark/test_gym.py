@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
-from saf_gen.benchmark.gym.observation_images import average_areas, render_grey
+from saf_gen.benchmark.gym.observation_images import average_observation_areas, draw_observation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop_method
@@ -67,8 +67,7 @@ def play(env, *positions, **reset):
 
 def are_equal(rows, others):
     return len(rows) == len(others) and all(
-        all(a[key].tobytes() == b[key].tobytes() for key in a)
-        and (reward, info) == (other_reward, other_info)
+        all(a[key].tobytes() == b[key].tobytes() for key in a) and (reward, info) == (other_reward, other_info)
         for (a, reward, info), (b, other_reward, other_info) in zip(rows, others, strict=True)
     )
 
@@ -91,9 +90,7 @@ def with_truth(env, **changes):
 @pytest.mark.slow
 def test_gymnasiums_own_checker_has_nothing_to_say(dataset):
     """Warnings are errors here, so its recommendations count too."""
-    check_env(
-        gymnasium.make(ENVIRONMENT_ID, dataset=dataset, protocol=PROTOCOL, render_mode="rgb_array").unwrapped
-    )
+    check_env(gymnasium.make(ENVIRONMENT_ID, dataset=dataset, protocol=PROTOCOL, render_mode="rgb_array").unwrapped)
 
 
 def test_a_seed_names_an_episode_bit_for_bit(dataset):
@@ -189,7 +186,7 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answer_frame == run.answer_frame
     for (seen, _, _), counts in zip(rows, search.counts, strict=False):
-        expected = (average_areas(counts, 16, columns=16) / STILL).astype(np.float32)
+        expected = (average_observation_areas(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
     record = sequence.make_record(run, PROTOCOL, method="m", code="", parameters="", common={})
@@ -238,11 +235,7 @@ def test_the_picture_shows_the_box_as_it_was_seen(dataset):
 
 
 def test_grey_values_are_those_of_the_rate():
-    assert render_grey(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [
-        0,
-        round(255 * 0.2 ** (1 / 2.2)),
-        255,
-    ]
+    assert draw_observation(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [0, round(255 * 0.2 ** (1 / 2.2)), 255]
 
 
 @pytest.mark.parametrize("shape", [(6, 9), (5, 7), (2, 3), (40, 31)])
@@ -252,10 +245,10 @@ def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
     image = np.random.default_rng(1).integers(0, 105, shape)
     fine = np.repeat(np.repeat(image, rows, axis=0), columns, axis=1)
     twin = fine.reshape(rows, shape[0], columns, shape[1]).mean(axis=(1, 3))
-    found = average_areas(image, rows, columns=columns)
+    found = average_observation_areas(image, rows, columns=columns)
     assert found == pytest.approx(twin, abs=1e-9)
     assert found.mean() == pytest.approx(image.mean(), abs=1e-9)
-    assert (average_areas(np.full(shape, 7), rows, columns=columns) == 7).all()
+    assert (average_observation_areas(np.full(shape, 7), rows, columns=columns) == 7).all()
 
 
 # --- what it earns ----------------------------------------------------------------------------------
@@ -392,9 +385,7 @@ def test_what_a_policy_sees_is_part_of_its_code(dataset, folders):
     (finer, *_) = evaluate_policy(make_env(dataset, pixels=24), climber, method="climber")
     (usual, *_) = read_records(folders[1])
     assert finer.code != usual.code
-    (named, *_) = evaluate_policy(
-        make_env(dataset, sequences=[PLANE]), climber, method="climber", code="epoch 12"
-    )
+    (named, *_) = evaluate_policy(make_env(dataset, sequences=[PLANE]), climber, method="climber", code="epoch 12")
     assert named.code == "epoch 12"
 
 
@@ -431,9 +422,7 @@ def test_a_policy_sees_and_acts_through_wrappers(dataset):
 )
 def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, policy, status, note):
     with np.errstate(invalid="ignore"):
-        (record,) = evaluate_policy(
-            make_env(dataset, sequences=[PLANE]), lambda: policy, method="m", code="1"
-        )
+        (record,) = evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: policy, method="m", code="1")
     assert record.status == status
     assert note in record.note
     assert record.position is None
@@ -441,9 +430,7 @@ def test_a_policy_that_breaks_fails_and_one_that_abstains_abstains(dataset, poli
 
 def test_an_exit_of_a_policy_ends_the_evaluation(dataset):
     with pytest.raises(SystemExit):
-        evaluate_policy(
-            make_env(dataset, sequences=[PLANE]), lambda: lambda seen: sys.exit(3), method="m", code="1"
-        )
+        evaluate_policy(make_env(dataset, sequences=[PLANE]), lambda: lambda seen: sys.exit(3), method="m", code="1")
 
 
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):

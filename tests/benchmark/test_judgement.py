@@ -6,10 +6,10 @@ import pytest
 from saf_gen.benchmark.judgement import (
     SUCCESS_LIMITS_DOF,
     depth_of_focus,
-    interpolate_position,
     judge_answer,
     lens_travel,
     light_ratio,
+    position_of_method_answer,
 )
 
 SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
@@ -21,9 +21,9 @@ def judged(frame, **given):
 
 
 def test_the_position_is_linear_between_readouts_and_held_beyond_the_ends():
-    assert interpolate_position(400.5, SWEEP) == pytest.approx(400.5 / 800)
-    assert interpolate_position(-3, SWEEP) == 0
-    assert interpolate_position(900, SWEEP) == 1
+    assert position_of_method_answer(400.5, SWEEP) == pytest.approx(400.5 / 800)
+    assert position_of_method_answer(-3, SWEEP) == 0
+    assert position_of_method_answer(900, SWEEP) == 1
 
 
 def test_an_error_is_answer_minus_truth_in_every_unit():
@@ -51,12 +51,7 @@ def test_the_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus():
 
 @pytest.mark.parametrize(
     ("frame", "success"),
-    [
-        (400.0, (True, True, True)),
-        (460.0, (False, True, True)),
-        (520.0, (False, False, True)),
-        (600.0, (False,) * 3),
-    ],
+    [(400.0, (True, True, True)), (460.0, (False, True, True)), (520.0, (False, False, True)), (600.0, (False,) * 3)],
 )
 def test_success_is_judged_within_half_one_and_two_depths_of_focus(frame, success):
     assert SUCCESS_LIMITS_DOF == (0.5, 1.0, 2.0)
@@ -113,14 +108,12 @@ def test_a_full_sweep_with_the_focus_half_way_costs_one_and_a_half_travels():
 THERE_AND_BACK = np.concatenate([SWEEP, SWEEP[-2::-1]])  # frame t stands at t/800, then at (1600 - t)/800
 
 
-@pytest.mark.parametrize(
-    ("frame", "passed"), [(430.0, 400.0), (799.0, 400.0), (801.0, 1200.0), (1150.0, 1200.0)]
-)
+@pytest.mark.parametrize(("frame", "passed"), [(430.0, 400.0), (799.0, 400.0), (801.0, 1200.0), (1150.0, 1200.0)])
 def test_an_error_in_frames_is_to_the_pass_nearest_to_the_answer(frame, passed):
     verdict = judged(frame, focus_position=THERE_AND_BACK)
     assert verdict.truth_frame == passed
     assert verdict.error_frames == frame - passed
-    assert verdict.error == pytest.approx(interpolate_position(frame, THERE_AND_BACK) - 0.5)
+    assert verdict.error == pytest.approx(position_of_method_answer(frame, THERE_AND_BACK) - 0.5)
 
 
 def test_an_answer_on_the_way_back_is_as_good_as_one_on_the_way_there():

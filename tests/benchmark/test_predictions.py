@@ -43,25 +43,14 @@ def test_predictions_are_judged_like_the_answers_of_methods(dataset, tmp_path):
     theirs = [r for r in records if r.method == "my_net"]
     assert [r.sequence for r in theirs] == ["one", "two"]
     for mine, other in zip(ours, theirs, strict=True):
-        for key in (
-            "frame",
-            "position",
-            "error",
-            "error_dof",
-            "success_1dof",
-            "truth",
-            "trace",
-            "lens_travel",
-        ):
+        for key in ("frame", "position", "error", "error_dof", "success_1dof", "truth", "trace", "lens_travel"):
             assert getattr(mine, key) == getattr(other, key)
         assert (other.seconds, other.note, other.frames_seen) == (0.25, "by hand", 800)
     assert len({r.code for r in theirs}) == 1
 
 
 def test_frames_seen_count_for_the_way_of_the_lens(dataset, tmp_path):
-    path = written(
-        tmp_path / "p.jsonl", line("one", 300, frames_seen=400), line("two", None, frames_seen=800)
-    )
+    path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=400), line("two", None, frames_seen=800))
     one, two = evaluate(dataset, methods=[], predictions=path).records
     assert one.lens_travel == pytest.approx((399 + 99) / 799, abs=1e-3)
     assert (two.status, two.error) == ("abstained", None)
@@ -150,9 +139,7 @@ def test_predictions_of_other_data_are_refused_before_anything_runs(dataset, tmp
     assert error.where.endswith("p.jsonl, method my_net")
     assert steps == []
     with pytest.raises(SystemExit) as ended:
-        main(
-            ["evaluate", str(dataset), "--predictions", str(path), "--method", "sd+argmax", "--out", str(out)]
-        )
+        main(["evaluate", str(dataset), "--predictions", str(path), "--method", "sd+argmax", "--out", str(out)])
     assert ended.value.code == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not out.exists()
@@ -167,9 +154,7 @@ def test_predictions_of_one_stream_are_held_to_the_stream_itself(dataset, tmp_pa
     steps = []
     for wrong, problem in ({"data": "f" * 64}, "ffffffffffff"), ({"frames_seen": 801}, "frames_seen is 801"):
         path = written(tmp_path / "wrong.jsonl", line("one", 300, **wrong))
-        error = refusal(
-            evaluate, stream, methods=["sd+argmax"], predictions=path, progress=lambda *s: steps.append(s)
-        )
+        error = refusal(evaluate, stream, methods=["sd+argmax"], predictions=path, progress=lambda *s: steps.append(s))
         assert problem in error.problem
     assert steps == []
 

@@ -144,9 +144,7 @@ def test_two_hundred_blocks_and_a_fast_search_take_the_time_they_may(tmp_path):
 
     The aim is 0.5 s for argmax with two free cores; the limits leave room for others on them.
     """
-    packed = (
-        make_generator("test_rig", "speed").integers(0, 256, (250, 400, 250), dtype=np.uint8) & 0b0001_0001
-    )
+    packed = make_generator("test_rig", "speed").integers(0, 256, (250, 400, 250), dtype=np.uint8) & 0b0001_0001
     with StreamWriter(tmp_path / "a.h5", shape=(20_000, 250, 400)) as writer:
         for _ in range(10):
             writer.write(packed)

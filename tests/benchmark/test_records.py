@@ -39,10 +39,7 @@ FULL = replace(
     machine="x86_64, 2 cores",
 )
 EMPTY = replace(
-    BLANK,
-    **{f.name: None for f in fields(Record) if NoneType in get_args(f.type)},
-    status="abstained",
-    trace=(),
+    BLANK, **{f.name: None for f in fields(Record) if NoneType in get_args(f.type)}, status="abstained", trace=()
 )
 
 
@@ -134,8 +131,7 @@ def test_keys_that_are_unknown_or_missing_are_named(read):
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
-    [({"format": "saf-gen record 3"}, "'saf-gen record 3'"), ({"a": 1}, "no format"), ([1], "[1]")],
+    ("line", "said"), [({"format": "saf-gen record 3"}, "'saf-gen record 3'"), ({"a": 1}, "no format"), ([1], "[1]")]
 )
 def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, said):
     error = refusal(read, line)
@@ -160,11 +156,7 @@ ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | di
         ({"status": "failed"}, "failed, with position 0.5", "null where there is no answer"),
         ({**ABSTAINED, "status": "failed"}, "failed, with success", "null where the truth is unknown"),
         ({**ABSTAINED, "error_dof": 0.0}, "abstained, with error_dof 0", "null where there is no answer"),
-        (
-            {**ABSTAINED, "success_half_dof": False},
-            "abstained, right within a larger limit",
-            "other way round",
-        ),
+        ({**ABSTAINED, "success_half_dof": False}, "abstained, right within a larger limit", "other way round"),
         ({**ABSTAINED, "frame": 3.0}, "abstained, with frame 3.0", "a frame where there is an answer"),
         ({"frame": None}, "answered, with frame None", "a frame where there is an answer"),
         ({"frame": 900.0}, "frame is 900 of 800 frames", "-0.5 to 800"),
@@ -229,11 +221,7 @@ def test_whatever_the_closed_loop_judges_is_read_back(read):
         none = dict.fromkeys(
             ("position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "truth_frame")
         )
-        said = {
-            "frame": None if problem else float(run.answer_frame),
-            "frames": 80,
-            "frames_seen": run.answer_frame,
-        }
+        said = {"frame": None if problem else float(run.answer_frame), "frames": 80, "frames_seen": run.answer_frame}
         record = replace(BLANK, track="closed_loop", **{**none, **said, **verdict})
         records.append(record)
         seen.add((record.status, record.success_half_dof, record.success_2dof))

@@ -219,7 +219,7 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
             return done
 
     Search.commands = commands
-    monkeypatch.setattr(closed_loop_run, "start_camera", lambda *given, **more: camera)
+    monkeypatch.setattr(closed_loop_run, "start_closed_loop_camera", lambda *given, **more: camera)
     protocol = SimpleNamespace(count_frames=lambda capture: (800, 320))
     run = closed_loop_run.run_closed_loop_method(
         None, Method("a+b", np.mean, Search(), "c"), protocol=protocol, charge_source=None, region=None

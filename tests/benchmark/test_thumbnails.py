@@ -4,7 +4,7 @@ import saf_gen
 from saf_gen.benchmark.thumbnails import (
     MAX_WIDTH_PX,
     THUMBNAIL_COUNT,
-    make_thumbnails,
+    make_recording_thumbnails,
     select_sequences_to_show,
 )
 
@@ -17,7 +17,7 @@ def stream_of(frames, tmp_path):
 def test_pictures_count_the_spikes_of_windows_side_by_side(tmp_path):
     frames = (np.random.default_rng(1).random((500, 12, 16)) < 0.3).astype(np.uint8)
     with stream_of(frames, tmp_path) as stream:
-        made = make_thumbnails(stream, (slice(3, 9), slice(4, 16)))
+        made = make_recording_thumbnails(stream, (slice(3, 9), slice(4, 16)))
     assert made.images.shape == (THUMBNAIL_COUNT, 12, 16)
     assert made.window == 500 // THUMBNAIL_COUNT == 10
     np.testing.assert_array_equal(made.images[1], frames[10:20].sum(axis=0))
@@ -29,7 +29,7 @@ def test_pictures_count_the_spikes_of_windows_side_by_side(tmp_path):
 def test_a_short_recording_has_fewer_pictures_and_a_wide_sensor_smaller_ones(tmp_path):
     frames = (np.random.default_rng(2).random((5, 7, 2 * MAX_WIDTH_PX + 1)) < 0.5).astype(np.uint8)
     with stream_of(frames, tmp_path) as stream:
-        made = make_thumbnails(stream, None)
+        made = make_recording_thumbnails(stream, None)
     assert made.images.shape == (5, 2, 267)
     assert made.binning == 3
     assert made.images[3, 1, 2] == frames[3, 3:6, 6:9].sum()

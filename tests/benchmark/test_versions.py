@@ -17,7 +17,7 @@ from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop_method
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
-from saf_gen.benchmark.view.captured_frames import rows_to_encode
+from saf_gen.benchmark.view.captured_frames import rows_in_method_view
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 from saf_gen.optics import ImageDistanceDrive
@@ -83,14 +83,10 @@ def write_recording(path: Path) -> None:
     target = np.zeros((ROWS, COLUMNS), bool)
     target[3:20, 5:30] = True
     position = PEAK / FRAMES
-    truth = Truth(
-        position=position, depth_of_focus=(position - 0.05, position + 0.05), frame=PEAK, target=target
-    )
+    truth = Truth(position=position, depth_of_focus=(position - 0.05, position + 0.05), frame=PEAK, target=target)
     lens = (frame / FRAMES).astype(np.float32)
     gain = (light / 8000).astype(np.float32)[:, None]
-    write_stream(
-        path, spikes.astype(np.uint8), focus_position=lens, truth=truth, gain=gain, light_names=("lamp",)
-    )
+    write_stream(path, spikes.astype(np.uint8), focus_position=lens, truth=truth, gain=gain, light_names=("lamp",))
 
 
 def make_capture() -> Capture:
@@ -114,7 +110,7 @@ def make_sequence() -> ClosedLoopSequence:
     """The board before a running camera, and a box in it where methods look."""
     capture, box = make_capture(), (slice(4, 20), slice(2, 28))
     task = SequenceTask("a", "test", "board", "ramp", Path("a.h5"), None)
-    charge_source = capture.open_charge_source(rows_to_encode(capture, box))
+    charge_source = capture.open_charge_source(rows_in_method_view(capture, box))
     return ClosedLoopSequence(task, capture, box, "target", charge_source, "")
 
 
@@ -127,9 +123,7 @@ def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
         '{"method": "early", "sequence": "a", "frame": 250.5, "frames_seen": 400}\n'
         '{"method": "none", "sequence": "a", "frame": null}\n'
     )
-    found = evaluate(
-        tmp_path / "a.h5", methods=RECORDED_METHODS, region="both", predictions=tmp_path / "p.jsonl"
-    )
+    found = evaluate(tmp_path / "a.h5", methods=RECORDED_METHODS, region="both", predictions=tmp_path / "p.jsonl")
     assert digest(numbers(found.records)) == RECORDED
 
 
@@ -143,15 +137,9 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop_method(
-                sequence.capture,
-                method,
-                protocol=protocol,
-                charge_source=sequence.charge_source,
-                region=sequence.box,
+                sequence.capture, method, protocol=protocol, charge_source=sequence.charge_source, region=sequence.box
             )
-            records.append(
-                sequence.make_record(run, protocol, method=method.name, code="", parameters="", common={})
-            )
+            records.append(sequence.make_record(run, protocol, method=method.name, code="", parameters="", common={}))
     assert digest(numbers(records)) == CLOSED_LOOP
 
 

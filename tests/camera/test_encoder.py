@@ -12,7 +12,7 @@ from reference_encoder import encode_reference
 from refusals import refusal
 from scipy import stats
 
-from saf_gen.camera import Encoder, encode, get_sensor, knot_weights
+from saf_gen.camera import Encoder, charge_knot_weights, encode, get_sensor
 
 THETA = 29_900.0
 QUIET = {"shot": False, "dark": False, "response": False, "threshold_spread": False, "threshold_noise": False}
@@ -40,7 +40,7 @@ def schedule(frames=404, shape=(5, 30), groups=2, seed=3):
     """Inputs of an encoder: a stack of light groups swept over its knots, with changing gains."""
     random = np.random.default_rng(seed)
     stack = random.uniform(0, 12_000, (groups, 4, *shape)).astype(np.float32)
-    index, fraction = knot_weights((np.arange(frames) + 0.5) / frames, 4)
+    index, fraction = charge_knot_weights((np.arange(frames) + 0.5) / frames, 4)
     gain = random.uniform(0.2, 2, (frames, groups))
     return {"stack": stack, "index": index, "fraction": fraction, "gain": gain}
 
@@ -77,13 +77,9 @@ def test_intervals_are_distributed_as_with_normal_noise():
     sensor = vidar(on=("shot", "threshold_noise"), threshold_e=40)
     stack = np.full((1, 1, 10, 100), 10.0, np.float32)
     index, fraction, gain = np.zeros(124, int), np.zeros(124), np.ones((124, 1))
-    fast = unpacked(
-        Encoder(sensor, (10, 100), seed=5).encode(stack, index=index, fraction=fraction, gain=gain), 124
-    )
+    fast = unpacked(Encoder(sensor, (10, 100), seed=5).encode(stack, index=index, fraction=fraction, gain=gain), 124)
     random = np.random.default_rng(5)
-    slow = encode_reference(
-        stack, index, fraction, gain, sensor=sensor, seed=6, normal=random.standard_normal
-    )
+    slow = encode_reference(stack, index, fraction, gain, sensor=sensor, seed=6, normal=random.standard_normal)
     found = []
     for frames in (fast, slow):
         pixels, times = np.nonzero(frames.reshape(124, -1).T)
@@ -140,9 +136,7 @@ def test_overload_fires_every_readout_and_echoes_at_most_once():
     stack = np.stack([uniform(50 * THETA), uniform(0.0)], axis=1)
     index = np.repeat([0, 1], 80)
     spikes = unpacked(
-        Encoder(vidar(), (40, 50), seed=1).encode(
-            stack, index=index, fraction=np.zeros(160), gain=np.ones((160, 1))
-        )
+        Encoder(vidar(), (40, 50), seed=1).encode(stack, index=index, fraction=np.zeros(160), gain=np.ones((160, 1)))
     )
     assert spikes[:80].all()
     assert spikes[80:].sum(axis=0).max() <= 1
@@ -181,9 +175,7 @@ def test_threshold_noise_alone_has_its_own_variance():
 
 def test_intervals_are_independent_in_time_and_between_pixels():
     """Correlation of thousands of pairs each, significance 1e-4 two-sided, seed 4."""
-    spikes = unpacked(
-        encode(uniform(1.0, (40, 250)), vidar(on=("shot",), threshold_e=100), frames=460, seed=4)
-    )
+    spikes = unpacked(encode(uniform(1.0, (40, 250)), vidar(on=("shot",), threshold_e=100), frames=460, seed=4))
     order = np.argsort(~spikes.astype(bool), axis=0, kind="stable")[:4].reshape(4, -1)
     first, second, third = np.diff(order, axis=0)
     # Whole steps of 1 e- correlate neighbouring intervals by -1/1200 here, far below the limit.
@@ -259,10 +251,7 @@ def test_the_number_of_threads_does_not_matter(threads):
     inputs = schedule(shape=(23, 31))
     sensor = get_sensor("vidar_400x250")
     one = Encoder(sensor, (23, 31), seed=11, threads=1).encode(**inputs)
-    assert np.array_equal(
-        one,
-        Encoder(sensor, (23, 31), seed=11, threads=threads).encode(**inputs),
-    )
+    assert np.array_equal(one, Encoder(sensor, (23, 31), seed=11, threads=threads).encode(**inputs))
 
 
 @pytest.mark.parametrize("rows", [slice(0, 5), slice(4, 9), slice(20, None), slice(None)])
@@ -281,9 +270,7 @@ def test_some_rows_fire_as_they_do_in_the_whole(rows):
 
 @pytest.mark.parametrize("rows", [slice(3, 9), slice(5, 5)])
 def test_rows_begin_where_a_block_of_noise_does(rows):
-    assert "a multiple of 4" in str(
-        refusal(Encoder, get_sensor("vidar_400x250"), (23, 48), seed=11, rows=rows)
-    )
+    assert "a multiple of 4" in str(refusal(Encoder, get_sensor("vidar_400x250"), (23, 48), seed=11, rows=rows))
 
 
 DIGEST = "8a755ee72ea28a462ef0cffdc2717821a6eae923cb5fac8cd8e0745d97b4ab15"
@@ -316,18 +303,11 @@ def test_the_bits_are_the_same_on_a_processor_without_vector_extensions(tmp_path
 
 def test_seeds_name_recordings_and_devices():
     sensor = get_sensor("vidar_400x250")
-    one, two = (
-        Encoder(sensor, (20, 30), seed=1, device_seed=5),
-        Encoder(sensor, (20, 30), seed=2, device_seed=5),
-    )
+    one, two = (Encoder(sensor, (20, 30), seed=1, device_seed=5), Encoder(sensor, (20, 30), seed=2, device_seed=5))
     assert np.array_equal(one.pattern.response, two.pattern.response)
     charge = uniform(0.2 * THETA)
-    assert np.array_equal(
-        encode(charge, sensor, frames=64, seed=1), encode(charge, "vidar_400x250", frames=64, seed=1)
-    )
-    assert not np.array_equal(
-        encode(charge, sensor, frames=64, seed=1), encode(charge, sensor, frames=64, seed=2)
-    )
+    assert np.array_equal(encode(charge, sensor, frames=64, seed=1), encode(charge, "vidar_400x250", frames=64, seed=1))
+    assert not np.array_equal(encode(charge, sensor, frames=64, seed=1), encode(charge, sensor, frames=64, seed=2))
 
 
 def test_the_last_byte_is_filled_with_zeros():

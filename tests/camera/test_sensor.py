@@ -7,7 +7,7 @@ import pytest
 from refusals import refusal
 from small_dataset import SMALL_RECIPE
 
-from saf_gen.camera import electrons_per_irradiance, encode, get_sensor, sensor_names
+from saf_gen.camera import encode, get_sensor, photoelectrons_per_irradiance, sensor_names
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 
@@ -33,7 +33,7 @@ def test_every_sensor_that_comes_along_is_in_that_list():
 def test_the_fast_mode_is_the_same_chip_read_twice_as_often():
     """What is a matter of seconds keeps its seconds: light, dark current, the time of a reset."""
     slow, fast = get_sensor("vidar_400x250"), get_sensor("vidar_400x250_40khz")
-    assert electrons_per_irradiance(fast) == pytest.approx(electrons_per_irradiance(slow) / 2)
+    assert photoelectrons_per_irradiance(fast) == pytest.approx(photoelectrons_per_irradiance(slow) / 2)
     assert fast.mean_dark_e * fast.readout_hz == pytest.approx(slow.mean_dark_e * slow.readout_hz)
     assert fast.reset_loss / fast.readout_hz == pytest.approx(slow.reset_loss / slow.readout_hz)
     per_readout = ("name", "readout_hz", "dark_rate", "reset_loss", "sources")
@@ -96,7 +96,7 @@ def test_the_threshold_is_capacitance_times_voltage():
 
 def test_the_fill_factor_gives_rate_one_half_at_1700_lux():
     vidar = get_sensor("vidar_400x250")
-    assert electrons_per_irradiance(vidar) * 1_700 / 683 == pytest.approx(vidar.threshold_e, rel=0.002)
+    assert photoelectrons_per_irradiance(vidar) * 1_700 / 683 == pytest.approx(vidar.threshold_e, rel=0.002)
 
 
 def test_the_white_spread_of_rates_is_counted_once():
@@ -156,20 +156,14 @@ def test_the_content_of_a_sensor_file_decides_and_not_its_name(recipe):
     text = renamed.read_text()
     for key in ("dark_rate: 0.0045", "threshold_e: 29900", "readout_hz: 20000", "{shot: true"):
         assert key in text
-        renamed.write_text(
-            text.replace(key, key.replace("5", "6").replace("2", "3").replace("true", "false"))
-        )
+        renamed.write_text(text.replace(key, key.replace("5", "6").replace("2", "3").replace("true", "false")))
         assert not set(fingerprints()) & set(before), key
 
 
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        (
-            "cameras/mine.yaml",
-            "cameras/mein.yaml",
-            r"cameras/mein.yaml does not exist; did you mean .*mine.yaml",
-        ),
+        ("cameras/mine.yaml", "cameras/mein.yaml", r"cameras/mein.yaml does not exist; did you mean .*mine.yaml"),
         ("cameras/mine.yaml", "mine.yaml", r"recipes/mine.yaml does not exist"),
         ("cameras/mine.yaml", "vidar", r"unknown sensor 'vidar'.*or give the path of a .yaml file"),
     ],

@@ -23,7 +23,7 @@ from saf_gen.core.files import write_atomically
 from saf_gen.render import backend
 from saf_gen.stream.manifest import read_manifest, write_manifest
 
-VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
 STREAM = "test/plane-constant-00.h5"
 # A test run started in the background inherits "ignore Ctrl-C", and would hand it on.
 ENTRY = """
@@ -382,10 +382,7 @@ WRONG = {
     "missing argument": (("generate",), ["recipe", "--help"]),
     "missing option": (("score", "STREAM", "--window", "9"), ["--measure", "--help"]),
     "shard above its count": (("generate", "RECIPE", "--shard", "3/2"), ["'3/2'", "I/N", "2/8"]),
-    "no such split": (
-        ("generate", "RECIPE", "--split", "tset"),
-        ["unknown split 'tset'", "did you mean 'test'"],
-    ),
+    "no such split": (("generate", "RECIPE", "--split", "tset"), ["unknown split 'tset'", "did you mean 'test'"]),
     "shard of words": (("generate", "RECIPE", "--shard", "one"), ["'one'", "I/N"]),
     "no workers": (("generate", "RECIPE", "--workers", "0"), ["--workers", "1"]),
     "variant": (("generate", "RECIPE", "--variant", "lvm", *OUT), ["'lvm'", "auto, cuda", "'llvm'"]),
@@ -403,26 +400,17 @@ WRONG = {
         ["focus measure 'sdd'", "er_sumsq", "did you mean 'sd'?"],
     ),
     "window of nothing": (("score", "STREAM", "--measure", "sd", "--window", "0"), ["--window", "1"]),
-    "window too long": (
-        ("score", "STREAM", "--measure", "sd", "--window", "401"),
-        ["401", "400"],
-    ),
+    "window too long": (("score", "STREAM", "--measure", "sd", "--window", "401"), ["401", "400"]),
     "score's region": (
         ("score", "STREAM", "--measure", "sd", "--window", "9", "--region", "fram"),
         ["'fram'", "frame, target", "did you mean 'frame'?"],
     ),
-    "measure of a method": (
-        ("evaluate", "DATASET", "--method", "sdc+argmax"),
-        ["'sdc'", "sd_code", "saf-gen methods"],
-    ),
+    "measure of a method": (("evaluate", "DATASET", "--method", "sdc+argmax"), ["'sdc'", "sd_code", "saf-gen methods"]),
     "search of a method": (
         ("evaluate", "DATASET", "--method", "sd+argmx"),
         ["search 'argmx'", "egs_code", "did you mean 'argmax'?"],
     ),
-    "method without a search": (
-        ("evaluate", "DATASET", "--method", "sd"),
-        ["'sd'", "MEASURE+SEARCH", "try sd+argmax"],
-    ),
+    "method without a search": (("evaluate", "DATASET", "--method", "sd"), ["'sd'", "MEASURE+SEARCH", "try sd+argmax"]),
     "option of a method": (
         ("evaluate", "DATASET", "--method", "sd+sgfs_code:dtt=9"),
         ["'dtt'", "dt", "did you mean 'dt'?"],
@@ -439,25 +427,16 @@ WRONG = {
         ("evaluate", "STREAM", "--method", "sd+argmax", "--out", "TEXT/x"),
         ["cannot be written", "another folder"],
     ),
-    "dataset below a file": (
-        ("generate", "RECIPE", "--out", "TEXT/x"),
-        ["cannot be written", "another folder"],
-    ),
+    "dataset below a file": (("generate", "RECIPE", "--out", "TEXT/x"), ["cannot be written", "another folder"]),
     "scores below a file": (
         ("score", "STREAM", "--measure", "sd", "--window", "9", "--out", "TEXT/x.csv"),
         ["cannot be written", "another folder"],
     ),
     "file of another layout": (("import", "TEXT", *OUT), ["13000", "416", "no known layout fits"]),
-    "unknown layout": (
-        ("import", "TEXT", *OUT, "--layout", "4l6"),
-        ["'4l6'", "dense", "did you mean '416'?"],
-    ),
+    "unknown layout": (("import", "TEXT", *OUT, "--layout", "4l6"), ["'4l6'", "dense", "did you mean '416'?"]),
     "foreign file that is nowhere": (("import", "FOLDER/a.dat", *OUT), ["a.dat", "cannot be read"]),
     "foreign folder": (("import", "FOLDER", *OUT), ["is a folder", "file of raw frames"]),
-    "import below a file": (
-        ("import", "FRAME", "--out", "TEXT/a.h5"),
-        ["cannot be written", "another folder"],
-    ),
+    "import below a file": (("import", "FRAME", "--out", "TEXT/a.h5"), ["cannot be written", "another folder"]),
     "import of too many frames": (("import", "FRAME", *OUT, "--frames", "2"), ["2 frames", "1 to 1"]),
     "import at no rate": (("import", "FRAME", *OUT, "--rate", "0"), ["readout_hz is 0", "above 0"]),
     "export of another size": (("export", "STREAM", *OUT), ["40 x 64", "250 x 400"]),
@@ -465,9 +444,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_bad_input_is_one_line_with_what_is_allowed(
-    refused, dataset, small_recipe, test_scenes, tmp_path, what
-):
+def test_bad_input_is_one_line_with_what_is_allowed(refused, dataset, small_recipe, test_scenes, tmp_path, what):
     (tmp_path / "folder").mkdir()
     (tmp_path / "text").write_text("hello")
     (tmp_path / "frame").write_bytes(bytes(13_000))
@@ -483,8 +460,7 @@ def test_bad_input_is_one_line_with_what_is_allowed(
     }
     arguments, told = WRONG[what]
     filled = [
-        str(places[head]) + arg[len(head) :] if (head := arg.split("/")[0]) in places else arg
-        for arg in arguments
+        str(places[head]) + arg[len(head) :] if (head := arg.split("/")[0]) in places else arg for arg in arguments
     ]
     line = refused(*filled)
     for part in told:
@@ -496,11 +472,7 @@ def test_bad_input_is_one_line_with_what_is_allowed(
 SLIPS = {
     "key": ("over_s", "ovr_s", ["'ovr_s'", "over_s", "recipe.yaml:"]),
     "required key": ("frames: 400", "fames: 400", ["'fames'", "did you mean 'frames'?", "recipe.yaml:"]),
-    "light kind": (
-        "kind: ramp",
-        "kind: rmap",
-        ["'rmap'", "constant, flash", "did you mean 'ramp'?", "recipe.yaml:"],
-    ),
+    "light kind": ("kind: ramp", "kind: rmap", ["'rmap'", "constant, flash", "did you mean 'ramp'?", "recipe.yaml:"]),
     "light's key": ("from: 0.5", "frm: 0.5", ["'frm'", "from", "recipe.yaml:"]),
     "light's name": ("[constant,", "[constnt,", ["'constnt'", "did you mean 'constant'?", "recipe.yaml:"]),
     "light group": ("lamp: {kind", "lmap: {kind", ["'lmap'", "lamp, room"]),
@@ -566,12 +538,7 @@ NO_STREAM = {
 
 @pytest.mark.parametrize(
     "command",
-    [
-        ("inspect",),
-        ("evaluate",),
-        ("score", "--measure", "sd", "--window", "9"),
-        ("export", "--out", "x.dat"),
-    ],
+    [("inspect",), ("evaluate",), ("score", "--measure", "sd", "--window", "9"), ("export", "--out", "x.dat")],
     ids=lambda c: c[0],
 )
 @pytest.mark.parametrize("what", NO_STREAM)
@@ -644,9 +611,7 @@ def test_where_every_sequence_is_damaged_evaluate_says_so(call, copy, tmp_path):
     assert "Traceback" not in err
 
 
-def test_a_sequence_that_cannot_be_written_is_named_and_the_others_are_made(
-    call, copy, small_recipe, test_scenes
-):
+def test_a_sequence_that_cannot_be_written_is_named_and_the_others_are_made(call, copy, small_recipe, test_scenes):
     (copy / STREAM).unlink()
     (copy / STREAM).mkdir()
     code, out, err = call("generate", small_recipe, "--out", copy)
@@ -682,11 +647,7 @@ def test_a_pipe_that_closes_early_is_no_error(dataset, arguments):
     read, write = os.pipe()
     os.close(read)
     run = subprocess.run(
-        [sys.executable, "-m", "saf_gen", *filled],
-        stdout=write,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
+        [sys.executable, "-m", "saf_gen", *filled], stdout=write, stderr=subprocess.PIPE, text=True, check=False
     )
     os.close(write)
     assert (run.returncode, run.stderr) == (0, "")

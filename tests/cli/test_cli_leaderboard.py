@@ -98,9 +98,7 @@ def test_a_method_that_ran_later_joins_the_table(call, runs, tmp_path):
     assert {row["method"] for row in document["rows"]} == methods
     places = next(a for a in document["axes"] if a["axis"] == "focus_position")
     assert [b["bin"] for b in places["bins"]] == ["first 10 %", "middle"]
-    assert sorted(map(str, read_records(out))) == sorted(
-        str(record) for run in runs for record in read_records(run)
-    )
+    assert sorted(map(str, read_records(out))) == sorted(str(record) for run in runs for record in read_records(run))
 
 
 def test_without_out_it_prints_and_writes_nothing(call, runs, tmp_path):
@@ -161,12 +159,7 @@ def test_an_evaluation_replaces_the_earlier_one_as_a_whole_and_says_so(call, dat
     assert printed.splitlines()[-1] == "replaced the earlier evaluation of 2 methods"
     assert {r.method for r in read_records(out)} == {"sd+egs"}
     names = {p.name for p in out.iterdir()}
-    assert names == {
-        *FILES,
-        "records.jsonl",
-        "figures",
-        "notes.txt",
-    }  # no curves of argmax, nothing half done
+    assert names == {*FILES, "records.jsonl", "figures", "notes.txt"}  # no curves of argmax, nothing half done
     assert not list(out.glob("figures/curves-*"))
 
 

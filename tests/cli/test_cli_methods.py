@@ -144,7 +144,7 @@ def test_every_part_of_ours_is_shown_with_its_options_and_its_source(call, name)
     code, out, err = call("methods", "show", name)
     assert (code, err) == (0, "")
     page, room = things(out), "measures" if name in registry.names("measures") else "searches"
-    part = registry.build(room, name)
+    part = registry.build_plugin(room, name)
     assert [line.partition("=")[0] for line in page["options"].splitlines()] == (
         list(registry.option_fields(room, name)) or ["none"]
     )

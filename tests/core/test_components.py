@@ -14,7 +14,7 @@ def read_part(tmp_path, text):
     path = tmp_path / "r.yaml"
     path.write_text(f"motion: {text}\n")
     document = read_yaml(path)
-    return components.read_component("motions", document.data["motion"], document=document, keys=("motion",))
+    return components.read_config_component("motions", document.data["motion"], document=document, keys=("motion",))
 
 
 def test_a_part_is_read_as_it_was_written_but_for_its_files(tmp_path):
@@ -33,34 +33,31 @@ def test_a_part_is_read_as_it_was_written_but_for_its_files(tmp_path):
 
 def test_a_corner_that_no_draw_may_hit_is_found(tmp_path):
     assert_says(
-        refusal(
-            read_part, tmp_path, "{kind: sweep, from: {uniform: [0, 0.1]}, to: {choice: [0.5, 1.5, 0.7]}}"
-        ),
+        refusal(read_part, tmp_path, "{kind: sweep, from: {uniform: [0, 0.1]}, to: {choice: [0.5, 1.5, 0.7]}}"),
         "r.yaml:1: to is 1.5 | 0 to 1",
     )
 
 
 def test_a_part_is_resolved_by_the_names_of_recording_and_purpose():
     part = {"kind": "hand", "irregularity": {"uniform": [0.1, 0.9]}, "bandwidth_hz": {"uniform": [5, 9]}}
-    one = components.draw_component("motions", part, name=NAME, purpose=("motion",))
-    assert one == components.draw_component("motions", part, name=NAME, purpose=("motion",))
+    one = components.draw_config_component("motions", part, name=NAME, purpose=("motion",))
+    assert one == components.draw_config_component("motions", part, name=NAME, purpose=("motion",))
     assert 0.1 <= one["irregularity"] <= 0.9
     others = [
-        components.draw_component("motions", part, name=NAME, purpose=("another",)),
-        components.draw_component("motions", part, name=(8, *NAME[1:]), purpose=("motion",)),
+        components.draw_config_component("motions", part, name=NAME, purpose=("another",)),
+        components.draw_config_component("motions", part, name=(8, *NAME[1:]), purpose=("motion",)),
     ]
     for other in others:
         assert other["seed"] != one["seed"]
         assert other["irregularity"] != one["irregularity"]
-    fixed = components.draw_component("motions", part | {"irregularity": 0.5}, name=NAME, purpose=("motion",))
+    fixed = components.draw_config_component("motions", part | {"irregularity": 0.5}, name=NAME, purpose=("motion",))
     assert fixed == one | {"irregularity": 0.5}  # one key's draw moves no other
 
 
 def test_a_choice_among_parts_draws_a_part_and_then_its_numbers():
     among = {"choice": [{"kind": "hold", "position": {"uniform": [0.1, 0.9]}}, {"kind": "sweep"}]}
     drawn = [
-        components.draw_component("motions", among, name=(seed, "a"), purpose=("motion",))
-        for seed in range(40)
+        components.draw_config_component("motions", among, name=(seed, "a"), purpose=("motion",)) for seed in range(40)
     ]
     held = [part["position"] for part in drawn if part["kind"] == "hold"]
     assert 5 < len(held) < 35  # a fair coin leaves this range with a chance of 1.4·10⁻⁶

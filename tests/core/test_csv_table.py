@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
-from saf_gen.core.csv_table import parse_columns, read_text_beside
+from saf_gen.core.csv_table import parse_csv_columns, read_text_beside
 from saf_gen.errors import BadInput
 
 NAMES = ("time_s", "gain")
@@ -22,7 +22,7 @@ def folder(tmp_path):
 
 
 def test_a_table_is_its_columns():
-    times, gains = parse_columns("time_s, gain\n0, 1\n\n# a pause\n0.5, 1e-3\n", NAMES, name="t.csv")
+    times, gains = parse_csv_columns("time_s, gain\n0, 1\n\n# a pause\n0.5, 1e-3\n", NAMES, name="t.csv")
     assert times.dtype == gains.dtype == np.float64
     assert times.tolist() == [0, 0.5]
     assert gains.tolist() == [1, 1e-3]
@@ -31,7 +31,7 @@ def test_a_table_is_its_columns():
 
 def test_the_ways_of_spreadsheets_are_read(folder):
     (folder / "excel.csv").write_bytes(b"\xef\xbb\xbftime_s,gain\r\n0,1\r\n1,2\r\n")
-    assert parse_columns(read_text_beside(folder, "excel.csv"), NAMES, name="excel.csv")[1].tolist() == [1, 2]
+    assert parse_csv_columns(read_text_beside(folder, "excel.csv"), NAMES, name="excel.csv")[1].tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("name", ["lamp.csv", "./lamp.csv", "curves/dusk.csv", "curves/../lamp.csv"])
@@ -44,14 +44,10 @@ def test_the_folder_itself_may_be_reached_by_a_link(folder, tmp_path):
     assert read_text_beside(tmp_path / "link", "lamp.csv").startswith("time_s")
 
 
-@pytest.mark.parametrize(
-    "name", ["../outside.csv", "/etc/hostname", "curves/../../outside.csv", "link.csv", ".."]
-)
+@pytest.mark.parametrize("name", ["../outside.csv", "/etc/hostname", "curves/../../outside.csv", "link.csv", ".."])
 def test_a_path_that_leads_out_is_refused(folder, name):
     (folder / "link.csv").symlink_to(folder.parent / "outside.csv")
-    with pytest.raises(
-        BadInput, match=r"r.yaml:3: '.*' lies outside the folder.*; allowed: a file in"
-    ) as caught:
+    with pytest.raises(BadInput, match=r"r.yaml:3: '.*' lies outside the folder.*; allowed: a file in") as caught:
         read_text_beside(folder, name, where="r.yaml:3")
     assert "secret" not in str(caught.value)
 
@@ -66,9 +62,7 @@ def test_a_file_that_is_no_text_or_too_large_is_refused(folder):
     assert_says(refusal(read_text_beside, folder, "picture.csv"), "'picture.csv' cannot be read")
     assert_says(refusal(read_text_beside, folder, "curves"), "'curves' cannot be read")
     (folder / "long.csv").write_bytes(b"0" * ((4 << 20) + 1))
-    assert_says(
-        refusal(read_text_beside, folder, "long.csv"), "'long.csv' has 4194305 bytes | at most 4194304"
-    )
+    assert_says(refusal(read_text_beside, folder, "long.csv"), "'long.csv' has 4194305 bytes | at most 4194304")
 
 
 @pytest.mark.parametrize(
@@ -90,7 +84,7 @@ def test_a_file_that_is_no_text_or_too_large_is_refused(folder):
     ],
 )
 def test_a_table_that_does_not_fit_is_told_by_line(text, told):
-    assert_says(refusal(parse_columns, text, NAMES, name="t.csv"), told)
+    assert_says(refusal(parse_csv_columns, text, NAMES, name="t.csv"), told)
 
 
 def test_a_link_in_a_circle_is_told(folder):

@@ -84,9 +84,7 @@ def test_a_device_names_its_sources(presets, name, sources, tmp_path):
         ("sources:\n", "sources: []\nother:\n", "", "unknown key 'other'", ""),
     ],
 )
-def test_a_sensor_file_that_does_not_fit_is_refused_with_its_line(
-    write_copy, old, new, where, problem, expected
-):
+def test_a_sensor_file_that_does_not_fit_is_refused_with_its_line(write_copy, old, new, where, problem, expected):
     error = refusal(get_sensor, write_copy(SENSORS, "vidar_400x250", old, new))
     assert error.problem == problem
     assert f"mine.yaml{where}" in error.where
@@ -107,9 +105,7 @@ def test_a_sensor_file_that_does_not_fit_is_refused_with_its_line(
         ("reads: motor ", "reads: [lens] ", ":14", "reads is ['lens']", "lens, motor"),
     ],
 )
-def test_an_actuator_file_that_does_not_fit_is_refused_with_its_line(
-    write_copy, old, new, where, problem, expected
-):
+def test_an_actuator_file_that_does_not_fit_is_refused_with_its_line(write_copy, old, new, where, problem, expected):
     error = refusal(get_actuator, write_copy(ACTUATORS, "voice_coil", old, new))
     assert error.problem == problem
     assert f"mine.yaml{where}" in error.where
@@ -155,9 +151,7 @@ def test_the_name_of_a_changed_field_is_checked():
     assert refusal(get_actuator, "ideal", dampng=0.2).nearest == "damping"
 
 
-@pytest.mark.parametrize(
-    ("device", "field"), [(get_sensor("ideal"), "reset"), (get_actuator("ideal"), "reads")]
-)
+@pytest.mark.parametrize(("device", "field"), [(get_sensor("ideal"), "reset"), (get_actuator("ideal"), "reads")])
 def test_a_replaced_value_is_checked_too(device, field):
     with pytest.raises(ValueError, match=f"{field}\n.*Input should be"):
         replace(device, **{field: "hrd"})

@@ -30,9 +30,7 @@ def test_a_window_comes_back_in_plain_numbers():
 @pytest.mark.parametrize("window", [(0, 0), (5, 5), (6, 5), (-1, 4), (0, 101), (0.0, 4), (0, 4.5), (None, 4)])
 def test_a_window_that_is_empty_outside_or_fractional_is_refused(window):
     first, stop = window
-    message = (
-        f"a.h5: bytes {first} to {stop} were asked for; allowed: whole numbers, 0 <= first < stop <= 100"
-    )
+    message = f"a.h5: bytes {first} to {stop} were asked for; allowed: whole numbers, 0 <= first < stop <= 100"
     with pytest.raises(BadInput, match=message):
         validate_window(first, stop, total=100, what="bytes", where="a.h5")
 
@@ -44,12 +42,7 @@ def test_open_ends_of_a_region_are_filled_in():
 
 @pytest.mark.parametrize(
     "region",
-    [
-        (slice(5, 5), slice(None)),
-        (slice(None), slice(9, 12)),
-        (slice(-2, None), slice(None)),
-        (slice(0, 4, 2),) * 2,
-    ],
+    [(slice(5, 5), slice(None)), (slice(None), slice(9, 12)), (slice(-2, None), slice(None)), (slice(0, 4, 2),) * 2],
 )
 def test_a_region_that_is_empty_outside_or_with_gaps_is_refused(region):
     with pytest.raises(BadInput, match=r"the region's (rows|columns) are slice\(.*; allowed: .*, step 1"):

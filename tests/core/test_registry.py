@@ -27,18 +27,16 @@ def test_a_trailing_underscore_is_no_part_of_a_key():
 
 
 def test_an_unknown_part_is_told_with_the_nearest():
-    assert_says(refusal(registry.build, "lights", "rampp"), "'rampp' | mean 'ramp")
+    assert_says(refusal(registry.build_plugin, "lights", "rampp"), "'rampp' | mean 'ramp")
 
 
 def test_an_unknown_key_is_told_with_the_nearest():
-    assert_says(
-        refusal(registry.build, "lights", "ramp", form=1), "'ramp': 'form' | from, over_s, to | 'from'"
-    )
+    assert_says(refusal(registry.build_plugin, "lights", "ramp", form=1), "'ramp': 'form' | from, over_s, to | 'from'")
 
 
 def test_a_missing_key_is_told_with_the_keys():
     assert_says(
-        refusal(registry.build, "lights", "ramp", to=2), "light schedule 'ramp' | missing | from, to, over_s"
+        refusal(registry.build_plugin, "lights", "ramp", to=2), "light schedule 'ramp' | missing | from, to, over_s"
     )
 
 
@@ -71,8 +69,8 @@ def test_a_value_that_somebodys_part_refuses_is_told_in_one_line(tmp_path, optio
     (tmp_path / "fussy.py").write_text(REFUSES)
     name = f"{tmp_path / 'fussy.py'}:Fussy"
     with pytest.raises(BadInput, match=rf"search '.*fussy\.py:Fussy' {told}"):
-        registry.build("searches", name, **options)
-    assert registry.build("searches", name).count == 1
+        registry.build_plugin("searches", name, **options)
+    assert registry.build_plugin("searches", name).count == 1
 
 
 @pytest.mark.parametrize(
@@ -91,9 +89,7 @@ def test_a_package_that_breaks_as_it_is_loaded_hides_no_other(tmp_path, monkeypa
     offered = {"theirs": EntryPoint("theirs", "theirs_of_a_test:Part", "saf_gen.searches")}
     monkeypatch.setattr(registry, "_offered", lambda room: offered if room == "searches" else {})
     try:
-        with pytest.raises(
-            BadInput, match=rf"search 'theirs' of the entry point .* cannot be loaded: {told}"
-        ):
+        with pytest.raises(BadInput, match=rf"search 'theirs' of the entry point .* cannot be loaded: {told}"):
             registry.plugin_class("searches", "theirs")
         with pytest.raises(SystemExit) as ended:
             main(["methods"])

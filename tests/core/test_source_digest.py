@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.core.config.source_digest import source_digests
+from saf_gen.core.config.source_digest import plugin_source_digests
 from saf_gen.measures import get_measure
 from saf_gen.searches import get_search
 
@@ -53,7 +53,7 @@ def mine(imports: str, scale: str = "1", late: str = "pass") -> str:
 
 
 def names(*plugins: object) -> list[str]:
-    return [name for name, _ in source_digests(map(type, plugins))]
+    return [name for name, _ in plugin_source_digests(map(type, plugins))]
 
 
 @pytest.fixture
@@ -85,13 +85,7 @@ def test_private_modules_beside_a_file_are_behind_it_wherever_it_imports_them(fo
     "imports", ["from ._util import SCALE", "from . import _util", "from {package}.one._util import SCALE"]
 )
 def test_private_modules_of_a_package_are_behind_its_plugins(folder, imports):
-    files = {
-        "__init__.py": "",
-        "one/__init__.py": "",
-        "one/_util.py": HELPER,
-        "_util.py": "",
-        "_other.py": "",
-    }
+    files = {"__init__.py": "", "one/__init__.py": "", "one/_util.py": HELPER, "_util.py": "", "_other.py": ""}
     package = f"src_pkg_{len(imports)}"
     files["one/measure.py"] = mine(f"{imports.format(package=package)}\nfrom .. import _other")
     write_files(folder / package, files)
@@ -139,5 +133,5 @@ def test_behind_our_plugins_are_the_private_modules_of_their_folder():
 def test_a_class_without_a_file_is_named_by_its_module():
     made: dict[str, object] = {"__name__": "src_nowhere"}
     exec("class Part: pass", made)
-    assert source_digests([made["Part"]]) == [["src_nowhere", ""]]
+    assert plugin_source_digests([made["Part"]]) == [["src_nowhere", ""]]
     assert parse_method("sd+argmax").code == parse_method("sd+argmax").code

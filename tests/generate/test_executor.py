@@ -107,9 +107,7 @@ def test_no_jobs_start_no_process():
 
 def test_each_job_gives_its_result_from_another_process():
     results = done([Square(n) for n in range(4)])
-    assert {name: result[0] for name, (result, _) in results.items()} == {
-        f"square {n}": n * n for n in range(4)
-    }
+    assert {name: result[0] for name, (result, _) in results.items()} == {f"square {n}": n * n for n in range(4)}
     assert {error for _, error in results.values()} == {""}
     assert os.getpid() not in {result[1] for result, _ in results.values()}
 
@@ -169,10 +167,7 @@ def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_anot
 def test_a_job_that_follows_a_dead_process_fails_with_that_cause():
     """Its pool is broken by then: what should run next is named too, nothing hangs."""
     ended = run_jobs(
-        [Heavy(), Dies()],
-        workers=1,
-        report=lambda name, done: None,
-        follow_up=lambda job, result: [Square(2)],
+        [Heavy(), Dies()], workers=1, report=lambda name, done: None, follow_up=lambda job, result: [Square(2)]
     )
     results = {job.name: error for job, _, error in ended}
     assert results["heavy"] is None

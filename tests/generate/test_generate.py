@@ -25,7 +25,7 @@ from saf_gen.stack.exr import read_planes
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stream.manifest import read_manifest
 
-VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
 
 
 def digests(folder):
@@ -172,9 +172,7 @@ def test_a_killed_generation_goes_on_where_it_was(work, small_recipe, made, tmp_
     command = [sys.executable, "-m", "saf_gen", "generate", str(small_recipe), "--out", str(folder)]
     command += ["--variant", VARIANT]
     wanted = "stacks/*/lamp.exr" if "stack" in when else "test/*.h5"
-    run = subprocess.Popen(
-        command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    run = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 60
     while not list(folder.glob(wanted)) and run.poll() is None and time.monotonic() < deadline:
         time.sleep(0.001)
@@ -200,17 +198,13 @@ def test_a_scene_that_is_nowhere_is_told(small_recipe, test_scenes):
 
 def test_a_folder_that_cannot_be_written_is_told(work, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    assert_says(
-        refusal(generate, work, tmp_path / "file" / "ds", variant=VARIANT), "file/ds cannot be written"
-    )
+    assert_says(refusal(generate, work, tmp_path / "file" / "ds", variant=VARIANT), "file/ds cannot be written")
 
 
 def test_the_folder_of_another_dataset_is_not_touched(work, made, small_recipe):
     small_recipe.write_text(small_recipe.read_text().replace("name: small", "name: other"))
     before = sorted(made.folder.rglob("*"))
-    assert_says(
-        refusal(generate, resolve_recipe(small_recipe), made.folder, variant=VARIANT), "'small' | 'other'"
-    )
+    assert_says(refusal(generate, resolve_recipe(small_recipe), made.folder, variant=VARIANT), "'small' | 'other'")
     assert sorted(made.folder.rglob("*")) == before
 
 
@@ -221,9 +215,7 @@ def test_a_disk_too_small_is_told_before_anything_is_made(work, tmp_path, monkey
     assert not list((tmp_path / "ds").iterdir())
 
 
-def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(
-    small_recipe, tmp_path, monkeypatch, test_scenes
-):
+def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(small_recipe, tmp_path, monkeypatch, test_scenes):
     shutil.copytree(test_scenes / "plane", tmp_path / "scenes" / "plane")
     script = tmp_path / "scenes" / "plane" / "scene.py"
     script.write_text(script.read_text().replace("return {", "return 1/0, {"))
@@ -237,8 +229,6 @@ def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(
 
 
 def test_a_group_without_a_schedule_stays_at_gain_one():
-    gains = group_gains(
-        {"lamp": {"kind": "constant", "level": 0.5}}, ("lamp", "room"), frames=20, readout_hz=1000.0
-    )
+    gains = group_gains({"lamp": {"kind": "constant", "level": 0.5}}, ("lamp", "room"), frames=20, readout_hz=1000.0)
     assert gains[:, 0] == pytest.approx(0.5)
     assert gains[:, 1] == pytest.approx(1.0)

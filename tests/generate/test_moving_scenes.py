@@ -22,7 +22,7 @@ from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.manifest import read_manifest
 
 pytestmark = pytest.mark.slow
-VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.60, 0.42))
 COMES_NEARER = 2.0  # m/s
 CARD = """
@@ -138,9 +138,7 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     j, position = 5, 0.5
     frame = (time_stack.slice_frames[j] + time_stack.slice_frames[j + 1]) / 2 - 0.5
     blended = ChargeSource(plane_source, work.sensor).charge_image(frame, position)
-    middle = replace(
-        time_stack.specs[j], time_s=(time_stack.specs[j].time_s + time_stack.specs[j + 1].time_s) / 2
-    )
+    middle = replace(time_stack.specs[j], time_s=(time_stack.specs[j].time_s + time_stack.specs[j + 1].time_s) / 2)
     render_missing(sequence.scene, [middle], root=tmp_path, backend_name=VARIANT)
     stack = StackStore(tmp_path, middle).load()
     rendered = ChargeSource(PlaneSource.from_stack(stack), work.sensor).charge_image(0, position)
@@ -175,9 +173,9 @@ def test_more_variants_than_repeats_are_refused(recipe):
 def test_a_recipe_may_choose_parameters_by_name(recipe):
     text = recipe.read_text()
     recipe.write_text(text + "scene_params: {plane: {contrast: 0.5}}\n")
-    assert {
-        s.planned.params["contrast"] for s in resolve_recipe(recipe).sequences if s.planned.scene == "plane"
-    } == {0.5}
+    assert {s.planned.params["contrast"] for s in resolve_recipe(recipe).sequences if s.planned.scene == "plane"} == {
+        0.5
+    }
     recipe.write_text(text + "scene_params: {plane: {contrats: 0.5}}\n")
     assert_says(refusal(resolve_recipe, recipe), "'contrats' | 'contrast'")
     recipe.write_text(text + "scene_params: {plain: {contrast: 0.5}}\n")

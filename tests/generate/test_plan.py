@@ -14,10 +14,7 @@ BASE = {
     "camera": {"sensor": "vidar_400x250", "frames": 100, "exposure": {"mean_rate": {"uniform": [0.1, 0.3]}}},
     "focus": {"positions": 5},
     "render": {"samples": 4},
-    "lights": {
-        "fixed": {"kind": "constant"},
-        "open": {"kind": "ramp", "from": 0.5, "to": {"uniform": [1, 2]}},
-    },
+    "lights": {"fixed": {"kind": "constant"}, "open": {"kind": "ramp", "from": 0.5, "to": {"uniform": [1, 2]}}},
     "splits": {
         "train": {"scenes": ["camel"], "lights": ["open"], "repeats": 2},
         "test": {"scenes": ["usaf_target"], "lights": ["fixed", "open"]},

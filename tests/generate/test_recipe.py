@@ -110,9 +110,7 @@ def test_a_wrong_recipe_is_told_in_one_line(tmp_path, old, new, told):
 )
 def test_a_wrong_lens_motion_is_told_in_one_line(tmp_path, motion, told):
     (tmp_path / "lens.csv").write_text("time_s,position\n0,0\n0,1\n")
-    assert_says(
-        refusal(read, tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}")), told
-    )
+    assert_says(refusal(read, tmp_path, GOOD.replace("positions: 5", f"positions: 5, motion: {motion}")), told)
 
 
 @pytest.mark.parametrize(
@@ -130,10 +128,7 @@ def test_a_motion_that_does_not_fit_the_recording_is_told_before_anything_is_mad
     path.write_text(GOOD.replace("positions: 5", f"positions: 5, motion: {motion}"))
     error = refusal(resolve_recipe, path)
     assert_says(error, told)
-    assert (error.where, error.problem.split(": ")[0]) == (
-        str(path),
-        "the lens motion of usaf_target-constant-00",
-    )
+    assert (error.where, error.problem.split(": ")[0]) == (str(path), "the lens motion of usaf_target-constant-00")
 
 
 def test_a_scene_in_two_splits_is_refused(tmp_path):
@@ -173,9 +168,7 @@ def test_a_value_that_the_card_s_choice_does_not_have_is_told_before_anything_is
 def test_a_gain_that_cannot_be_recorded_is_told_before_anything_is_made(tmp_path, light):
     path = tmp_path / "r.yaml"
     path.write_text(GOOD.replace("{kind: constant}", light))
-    with pytest.raises(
-        BadInput, match=r"light 'constant' on usaf_target: the gain of .* is too large"
-    ) as caught:
+    with pytest.raises(BadInput, match=r"light 'constant' on usaf_target: the gain of .* is too large") as caught:
         resolve_recipe(path)
     assert "\n" not in str(caught.value)
 
@@ -188,9 +181,7 @@ def test_a_gain_is_tried_over_the_whole_recording(tmp_path):
     assert_says(refusal(resolve_recipe, path), "light 'constant' on usaf_target: | too large")
 
 
-@pytest.mark.parametrize(
-    ("said", "seconds"), [("false", 0), ("true", math.inf), ("0.3", 0.3), ("1", 1), ("1.0", 1)]
-)
+@pytest.mark.parametrize(("said", "seconds"), [("false", 0), ("true", math.inf), ("0.3", 0.3), ("1", 1), ("1.0", 1)])
 def test_whole_slices_from_the_beginning_for_so_long(tmp_path, said, seconds):
     text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {said}}}")
     assert read(tmp_path, text).render.all_positions_s == seconds

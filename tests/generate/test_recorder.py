@@ -7,9 +7,9 @@ from small_dataset import DRIVE, SPEC, make_sequence
 
 import saf_gen
 from saf_gen.camera import get_sensor
-from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.generate.recorder import Recorder
-from saf_gen.motions import readout_positions
+from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
 
@@ -19,8 +19,7 @@ SWITCHED_OFF = {name: False for name in ("shot", "dark", "response", "threshold_
 def stack(depth=0.5, radiance=1.0):
     """An even field at one depth, a quarter of its light from the lamp."""
     field = (
-        np.full((2, 9, 16, 24), radiance, dtype=np.float32)
-        * np.array([0.25, 0.75], np.float32)[:, None, None, None]
+        np.full((2, 9, 16, 24), radiance, dtype=np.float32) * np.array([0.25, 0.75], np.float32)[:, None, None, None]
     )
     target = np.ones((16, 24), dtype=bool)
     return FocalStack(SPEC, field, np.full((16, 24), depth, np.float32), target, "llvm")
@@ -34,9 +33,7 @@ def record(tmp_path, schedule, *, motion=SWEEP, mean_rate=0.2, frames=2000, give
     sensor = get_sensor("vidar_400x250", rows=16, columns=24, pitch_m=60e-6, reset_loss=0.0, **laws)
     recorder = Recorder(sensor.with_noise(**SWITCHED_OFF), frames, device_seed=1, provenance={})
     sequence = make_sequence(schedule=schedule, motion=motion, mean_rate=mean_rate)
-    recorder.record(
-        sequence, PlaneSource.from_stack(given or stack()), path=tmp_path / "s.h5", fingerprint="f"
-    )
+    recorder.record(sequence, PlaneSource.from_stack(given or stack()), path=tmp_path / "s.h5", fingerprint="f")
     return saf_gen.open_stream(tmp_path / "s.h5")
 
 
@@ -119,7 +116,7 @@ MOTIONS = {
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_the_lens_is_where_its_motion_says(tmp_path, motion):
     """In the file, and in the spikes: of a field that grows brighter over the travel, every 200 readouts."""
-    expected = readout_positions(motion, 2000, readout_hz=20_000)
+    expected = lens_motion_at_readouts(motion, 2000, readout_hz=20_000)
     given = stack()
     given.radiance[:] *= np.linspace(0.5, 1.5, 9, dtype=np.float32)[:, None, None]
     with record(tmp_path, CONSTANT, motion=motion, given=given) as stream:
@@ -137,7 +134,7 @@ def test_the_lens_is_where_its_motion_says(tmp_path, motion):
 def test_the_frame_of_truth_is_the_first_pass(tmp_path):
     with record(tmp_path, CONSTANT, motion=MOTIONS["there and back"]) as stream:
         truth, lens = stream.truth, stream.focus_position
-    assert find_crossings(lens, truth.position) == pytest.approx([truth.frame, 1999 - truth.frame], abs=1e-2)
+    assert find_focus_crossings(lens, truth.position) == pytest.approx([truth.frame, 1999 - truth.frame], abs=1e-2)
     assert truth.frame == pytest.approx(truth.position * 800 - 0.5, abs=1e-2)  # 0.04 s there at 20 kHz
     assert np.interp(truth.frame, np.arange(2000), lens) == pytest.approx(truth.position, abs=1e-6)
 
@@ -168,13 +165,7 @@ def test_a_rate_below_the_dark_current_is_refused(tmp_path):
     recorder = Recorder(sensor, 200, device_seed=1, provenance={})
     sequence = make_sequence(mean_rate=0.002)
     assert_says(
-        refusal(
-            recorder.record,
-            sequence,
-            PlaneSource.from_stack(stack()),
-            path=tmp_path / "s.h5",
-            fingerprint="f",
-        ),
+        refusal(recorder.record, sequence, PlaneSource.from_stack(stack()), path=tmp_path / "s.h5", fingerprint="f"),
         "mean_rate",
     )
     assert not (tmp_path / "s.h5").exists()

@@ -69,11 +69,7 @@ def run_chromium(*options: str, profile: Path) -> str:
         f"--user-data-dir={profile}",
     ]
     done = subprocess.run(
-        [CHROMIUM or NAMES[0], *always, *options],
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-        check=True,
+        [CHROMIUM or NAMES[0], *always, *options], capture_output=True, text=True, timeout=SECONDS, check=True
     )
     return done.stdout
 
@@ -92,9 +88,7 @@ def run_in_page(
     with serve_folder(folder) as server:
         address = f"http://127.0.0.1:{server.server_address[1]}/outer.html"
         size = f"--window-size={max(width, 500)},1000"
-        shown = run_chromium(
-            "--dump-dom", "--virtual-time-budget=20000", size, *flags, address, profile=profile
-        )
+        shown = run_chromium("--dump-dom", "--virtual-time-budget=20000", size, *flags, address, profile=profile)
         asked = [path for path in server.asked if path != "/favicon.ico"]
     found = re.search(r'<pre id="told">(.*?)</pre>', shown, flags=re.DOTALL)
     assert found is not None, shown[-2000:]

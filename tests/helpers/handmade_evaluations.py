@@ -14,13 +14,7 @@ LIGHTS = {"constant": 1.0, "ramp": 4.0, "steps": 2.5}
 
 
 def make_sweep(
-    light="constant",
-    *,
-    scene="camel",
-    split="test",
-    lens=LENS,
-    measures=("sd", "sd_code", "er_count"),
-    **more,
+    light="constant", *, scene="camel", split="test", lens=LENS, measures=("sd", "sd_code", "er_count"), **more
 ):
     bump = np.exp(-(((CENTRES - 300) / 90) ** 2))
     scores = {"sd": bump, "sd_code": 1e5 * bump, "er_count": np.linspace(1, 2, CENTRES.size)}

@@ -80,15 +80,11 @@ class IdealCamera:
         curve = self._curve if measure is None else self._others[measure]
         positions = self.positions[first:stop]
         self.scored.append((first, stop, measure))
-        return (
-            math.fsum(curve(p) for p in positions) / len(positions)
-            + self._noise * self._noise_source.normal()
-        )
+        return math.fsum(curve(p) for p in positions) / len(positions) + self._noise * self._noise_source.normal()
 
 
 def bell_curve(peak, *, width=0.1, floor=0.3):
     """Return a focus curve, 1 at ``peak`` over a floor, ``width`` to 1/e, whose tails still fall a little."""
     return lambda p: (
-        floor
-        + (1 - floor) * (0.9 * math.exp(-(((p - peak) / width) ** 2)) + 0.1 / (1 + ((p - peak) / 0.3) ** 2))
+        floor + (1 - floor) * (0.9 * math.exp(-(((p - peak) / width) ** 2)) + 0.1 / (1 + ((p - peak) / 0.3) ** 2))
     )

@@ -23,4 +23,4 @@ class InMemory:
 
     def packed(self, first_byte, stop_byte, region):
         self.read.append((first_byte, stop_byte))
-        return bits.pack(self.spikes[:, *region])[:, :, first_byte:stop_byte]
+        return bits.pack_bits(self.spikes[:, *region])[:, :, first_byte:stop_byte]

@@ -13,9 +13,7 @@ from saf_gen.stream.stream_writer import write_stream
 SHAPE = (800, 48, 64)
 
 
-def make_spikes(
-    peak: float, *, gain: np.ndarray | float = 1.0, shape: tuple[int, int, int] = SHAPE
-) -> np.ndarray:
+def make_spikes(peak: float, *, gain: np.ndarray | float = 1.0, shape: tuple[int, int, int] = SHAPE) -> np.ndarray:
     """Frames uint8 (T, H, W): a checkerboard whose contrast is largest at frame ``peak``.
 
     Pixels integrate without noise from random phases, so counts differ from the light by less than one spike.
@@ -33,9 +31,7 @@ def make_spikes(
 def make_truth(peak: float, *, frames: int = SHAPE[0], dof: float = 0.1, **more) -> Truth:
     """The truth of a sweep whose lens stands at t / (frames - 1)."""
     position = peak / (frames - 1)
-    return Truth(
-        position=position, depth_of_focus=(position - dof / 2, position + dof / 2), frame=peak, **more
-    )
+    return Truth(position=position, depth_of_focus=(position - dof / 2, position + dof / 2), frame=peak, **more)
 
 
 def write_sweep(path: Path, peak: float, *, known: bool = True, gain: np.ndarray | float = 1.0) -> str:
@@ -50,13 +46,7 @@ def list_streams(folder: Path, *sequences: dict[str, Any]) -> Path:
     """Write the manifest of streams in ``folder/SPLIT/ID.h5``, with these fields and otherwise usual ones."""
     entries = []
     for fields in sequences:
-        usual = {
-            "split": "test",
-            "scene": "board",
-            "variant": 0,
-            "scene_motion": "static",
-            "lens_motion": "sweep",
-        }
+        usual = {"split": "test", "scene": "board", "variant": 0, "scene_motion": "static", "lens_motion": "sweep"}
         usual |= {"light": "constant", "repeat": 0, "seed": 1, "fingerprint": "f"} | fields
         file = f"{usual['split']}/{usual['id']}.h5"
         with open_stream(folder / file) as stream:

@@ -7,19 +7,17 @@ from saf_gen.render import backend, mitsuba_scene, one_pass
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 
-VARIANT = "llvm" if backend.probe_backends().llvm_usable else "scalar"
+VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
 SENSOR_GRID = SensorGrid(rows=40, columns=64, pitch_m=60e-6)
 needs_llvm = pytest.mark.skipif(
-    not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description
+    not backend.probe_render_backends().llvm_usable, reason=backend.probe_render_backends().llvm_description
 )
 
 
 def load_setup(scene, burning=("lamp", "room"), *, name="llvm", grid=SENSOR_GRID, drive=None):
     """A scene ready to render, with its own drive or another."""
-    backend.activate_backend(name)
-    lit, integrator = mitsuba_scene.load_lit_scene(
-        mitsuba_scene.build_scene_dict(scene), burning, max_depth=3
-    )
+    backend.activate_render_backend(name)
+    lit, integrator = mitsuba_scene.load_lit_scene(mitsuba_scene.build_scene_dict(scene), burning, max_depth=3)
     to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
     return RenderSetup(lit, integrator, to_world, drive or scene.build_drive(), grid, unit)
 
@@ -63,14 +61,7 @@ def write_edge_scene(folder, monkeypatch, *, lens, distance_m, edge_m=0.0, unit_
         " 'emitter': {'type': 'area', 'radiance': {'type': 'rgb', 'value': 1.0}}}}"
     )
     return write_scene(
-        folder,
-        monkeypatch,
-        lens=lens,
-        distance_m=distance_m,
-        shapes=shapes,
-        light="glow",
-        target="glow",
-        unit_m=unit_m,
+        folder, monkeypatch, lens=lens, distance_m=distance_m, shapes=shapes, light="glow", target="glow", unit_m=unit_m
     )
 
 

@@ -37,11 +37,7 @@ def one(number, error=0.0, *, method="a+s", **more):
             "mean_rate",
             {0.0099: "below 1", 0.01: "1 to 3", 0.05: "3 to 10", 0.2: "10 to 30", 0.3: "30 and more"},
         ),
-        (
-            "light_ratio",
-            "light_ratio",
-            {1.0: "up to 1.1", 1.1: "1.1 to 2", 4.0: "2 to 5", 1000.0: "5 and more"},
-        ),
+        ("light_ratio", "light_ratio", {1.0: "up to 1.1", 1.1: "1.1 to 2", 4.0: "2 to 5", 1000.0: "5 and more"}),
     ],
 )
 def test_numbers_fall_into_their_bins(name, field, bins):
@@ -99,10 +95,7 @@ def test_bins_of_light_agree_with_the_columns_of_light():
 
 
 def test_every_method_meets_the_same_sequences_in_a_bin_and_no_answer_is_counted():
-    some = [
-        one(0, scene_motion="static"),
-        failed("b+s", "s0", "abstained", scene_motion="static"),
-    ]
+    some = [one(0, scene_motion="static"), failed("b+s", "s0", "abstained", scene_motion="static")]
     found = axis(some, "scene_motion", ["a+s", "b+s"])
     assert found.sequences == (1,)
     assert (found.cells["b+s"][0].abstained, found.cells["b+s"][0].median_error_dof) == (1, None)
@@ -127,9 +120,7 @@ def test_the_focus_lies_where_the_lens_meets_it_or_outside_whatever_was_answered
 
 def test_where_nobody_knows_the_focus_it_has_no_bin():
     known = one(0, focus_place=0.5)
-    assert axis([known, one(1, truth_first=0.5), one(2, focus_off_dof=0.5)], "focus_position").sequences == (
-        1,
-    )
+    assert axis([known, one(1, truth_first=0.5), one(2, focus_off_dof=0.5)], "focus_position").sequences == (1,)
 
 
 def test_the_files_tell_every_axis(tmp_path):
@@ -148,11 +139,7 @@ def test_the_files_tell_every_axis(tmp_path):
         lines = list(csv.DictReader(file))
     assert len(lines) == sum(len(a["bins"]) for a in document["axes"]) * 2
     (outside,) = (line for line in lines if line["bin"] == "outside" and line["method"] == "a+s")
-    assert (outside["axis"], outside["success_1dof"], outside["median_error_dof"]) == (
-        "focus_position",
-        "0.0",
-        "3.0",
-    )
+    assert (outside["axis"], outside["success_1dof"], outside["median_error_dof"]) == ("focus_position", "0.0", "3.0")
     text = (tmp_path / "leaderboard.md").read_text()
     assert "## Focus position" in text
     assert "| a+s | 100% (0.00) | 100% (0.40) | 0% (3.00) |" in text

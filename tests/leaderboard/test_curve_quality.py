@@ -111,12 +111,7 @@ def test_a_rise_of_just_less_than_the_limit_is_passed_over():
 
 @pytest.mark.parametrize(
     ("position", "scores"),
-    [
-        ([0, 1], [1, 2]),
-        ([0, 0.5, 1], [1, 1, 1]),
-        ([0, 0.5, 0.5], [1, 2, 1]),
-        ([0, 0.5, 0.2], [1, 2, 1]),
-    ],
+    [([0, 1], [1, 2]), ([0, 0.5, 1], [1, 1, 1]), ([0, 0.5, 0.5], [1, 2, 1]), ([0, 0.5, 0.2], [1, 2, 1])],
     ids=["short", "flat", "at rest", "comes back"],
 )
 def test_where_there_is_no_curve_there_is_no_quality(position, scores):

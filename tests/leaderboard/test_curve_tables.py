@@ -36,9 +36,7 @@ def test_of_a_truth_that_moves_that_of_the_peak_counts():
     peak = np.exp(-(((CENTRES - 400) / 90) ** 2))
     (row,) = assess_curves([with_scores(peak, track=track)])
     at = CENTRES[peak.argmax()]
-    assert row.quality.accuracy == pytest.approx(
-        abs(at / 799 - np.interp(at, np.arange(800), track)), abs=1e-6
-    )
+    assert row.quality.accuracy == pytest.approx(abs(at / 799 - np.interp(at, np.arange(800), track)), abs=1e-6)
 
 
 def test_a_lens_that_comes_back_or_is_not_recorded_gives_no_quality_and_is_counted():
@@ -70,11 +68,7 @@ def test_the_files_tell_curves_and_measures(tmp_path):
     assert [p.name for p in paths] == ["curves.csv", "measures.csv"]
     curves, measures = map(lines_of, paths)
     assert len(curves) == 6
-    assert (curves[0]["measure"], curves[0]["sequence"], curves[0]["light"]) == (
-        "sd",
-        "camel-constant",
-        "constant",
-    )
+    assert (curves[0]["measure"], curves[0]["sequence"], curves[0]["light"]) == ("sd", "camel-constant", "constant")
     assert float(curves[0]["truth"]) == 0.375
     assert float(curves[0]["depth_of_focus"]) == pytest.approx(0.09)
     assert curves[3]["range"] == curves[3]["peak"] == ""

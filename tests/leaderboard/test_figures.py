@@ -26,11 +26,11 @@ from saf_gen.leaderboard.figures import (
     plot_focus_curves,
     plot_lens_paths,
     plot_search_steps,
-    split_method,
+    split_method_label,
     to_svg,
 )
-from saf_gen.leaderboard.figures._style import VARIABLES, describe_omissions, shorten_middle
-from saf_gen.leaderboard.figures.condition_figure import bin_sequences
+from saf_gen.leaderboard.figures._style import VARIABLES, describe_figure_omissions, shorten_middle
+from saf_gen.leaderboard.figures.condition_figure import bin_sequences_for_figure
 
 pytestmark = pytest.mark.slow
 
@@ -111,8 +111,8 @@ def test_looks_differ_and_are_the_same_in_every_figure():
 
 
 def test_a_method_is_a_measure_and_a_search_or_a_name_alone():
-    assert split_method("sd:a=1+egs:b=2") == ("sd:a=1", "egs:b=2")
-    assert split_method("my_net") == ("my_net", "")
+    assert split_method_label("sd:a=1+egs:b=2") == ("sd:a=1", "egs:b=2")
+    assert split_method_label("my_net") == ("my_net", "")
 
 
 def test_curves_run_over_the_focus_position_with_the_truth_among_them():
@@ -194,24 +194,20 @@ def test_a_measure_that_has_an_answer_and_no_curve_has_its_mark():
 
 
 def test_what_a_figure_leaves_out_it_says():
-    assert describe_omissions((9, 14, "searches"), (8, 20, "measures")) == (
+    assert describe_figure_omissions((9, 14, "searches"), (8, 20, "measures")) == (
         "Drawn: the first 9 of 14 searches, the first 8 of 20 measures"
     )
-    assert describe_omissions((2, 2, "searches")) == ""
+    assert describe_figure_omissions((2, 2, "searches")) == ""
     names = [f"m{i}" for i in range(MAX_MEASURES + 3)]
     styles = assign_styles(names)
     searches = [f"s{i}" for i in range(11)]
-    answered = [
-        record(f"{m}+{s}", "x", 0.1, frame=300.0, trace=(1.0, 9.0, 300.0)) for s in searches for m in names
-    ]
+    answered = [record(f"{m}+{s}", "x", 0.1, frame=300.0, trace=(1.0, 9.0, 300.0)) for s in searches for m in names]
     both = "Drawn: the first {} of 11 searches, the first 8 of 11 measures"
     assert note(curves(make_sweep(measures=()), answered, styles)) == both.format(6)
     assert note(plot_search_steps(make_sweep(), answered, styles=styles, title="t")) == both.format(9)
     ways = [make_lens_path(r.method) for r in answered]
     assert note(plot_lens_paths(ways, styles=styles, title="t")) == both.format(9)
-    against = [
-        record(f"{m}+s", f"{ratio}", 0.1, light_ratio=float(ratio)) for m in names for ratio in (1, 2, 4)
-    ]
+    against = [record(f"{m}+s", f"{ratio}", 0.1, light_ratio=float(ratio)) for m in names for ratio in (1, 2, 4)]
     said = note(plot_condition(against, RATIO, styles=styles, title="t"))
     assert said == "Drawn: the first 8 of 11 measures"
     few = [r for r in answered if r.method in ("m0+s0", "m1+s0")]
@@ -320,14 +316,14 @@ def test_errors_show_every_method_and_light_and_mark_what_gave_no_answer():
 
 
 def test_few_values_of_a_condition_are_each_on_their_own():
-    found = bin_sequences(make_records(), RATIO)
+    found = bin_sequences_for_figure(make_records(), RATIO)
     assert [round(value, 6) for value, _ in found] == [1, 2.5, 4]
     assert [len(names) for _, names in found] == [3, 3, 6]
 
 
 def test_many_values_make_bins_of_about_as_many_sequences():
     records = [record("sd+argmax", f"s{i}", 0.1, mean_rate=0.01 * 1.1**i) for i in range(36)]
-    found = bin_sequences(records, BUDGET)
+    found = bin_sequences_for_figure(records, BUDGET)
     assert [len(names) for _, names in found] == [6] * 6
     assert found[0][0] == pytest.approx(1.1**2.5)
 
@@ -378,10 +374,7 @@ def test_steps_over_frames_have_every_pass_of_the_truth():
 
 
 def test_the_way_of_the_lens_ends_with_a_mark_or_a_cross():
-    paths = [
-        make_lens_path("sd+hill_climb"),
-        make_lens_path("er_count+hill_climb", problem="the budget was spent"),
-    ]
+    paths = [make_lens_path("sd+hill_climb"), make_lens_path("er_count+hill_climb", problem="the budget was spent")]
     (axes,) = plot_lens_paths(paths, styles=LOOKS, title="t").axes
     ends = {line.get_marker() for line in axes.get_lines() if len(line.get_xdata()) == 1}
     assert ends == {"o", "x"}
@@ -400,6 +393,4 @@ def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():
     noise = np.random.default_rng(1).integers(0, 9, (48, 175, 280)).astype(np.uint32)
     noisy = replace(make_thumbnails(48), images=noise)
     assert len(build_image_strip(noisy, max_bytes=500_000).jpeg) <= 500_000
-    assert len(build_image_strip(noisy, max_bytes=1).jpeg) < len(
-        build_image_strip(noisy, max_bytes=10**9).jpeg
-    )
+    assert len(build_image_strip(noisy, max_bytes=1).jpeg) < len(build_image_strip(noisy, max_bytes=10**9).jpeg)

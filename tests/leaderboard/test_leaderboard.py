@@ -89,12 +89,7 @@ def test_lights_of_a_scene_weigh_the_same_however_many_repeats_they_have():
 
 def test_ties_share_a_rank_are_named_and_the_next_rank_counts_them():
     rows = rank_methods(
-        [
-            record("a+s", "x", 0.9),
-            record("b+s", "x", 0.1),
-            record("c+s", "x", 0.4),
-            record("d+s", "x", 5.0),
-        ]
+        [record("a+s", "x", 0.9), record("b+s", "x", 0.1), record("c+s", "x", 0.4), record("d+s", "x", 5.0)]
     )
     assert [(r.rank, r.method) for r in rows] == [(1, "b+s"), (1, "c+s"), (1, "a+s"), (4, "d+s")]
     assert rows[0].tied == ("a+s", "c+s")
@@ -128,9 +123,7 @@ def test_no_record_gives_an_empty_table(tmp_path):
 
 def test_the_files_agree(tmp_path, records):
     rows = rank_methods(records)
-    paths = write_leaderboard(
-        tmp_path, rows=rows, records=records, failures=[SequenceFailure("bad", "truncated")]
-    )
+    paths = write_leaderboard(tmp_path, rows=rows, records=records, failures=[SequenceFailure("bad", "truncated")])
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(p.name for p in paths)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     with (tmp_path / "leaderboard.csv").open(newline="") as file:
@@ -231,10 +224,7 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
     assert rows[0].missing_reason == "2 of at least 3 scenes"
     assert "rank_best" not in {c.name for c in list_shown_columns(rows)}
-    assert any(
-        note.startswith("There are no intervals: 2 of at least 3 scenes")
-        for note in compose_notes(rows, some)
-    )
+    assert any(note.startswith("There are no intervals: 2 of at least 3 scenes") for note in compose_notes(rows, some))
     write_leaderboard(tmp_path, rows=rows, records=some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["intervals"]["unknown"] == "2 of at least 3 scenes"
@@ -245,10 +235,7 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
 def test_few_scenes_and_two_machines_are_said(twelve):
     assert any("over 12 scenes." in note for note in compose_notes(rank_methods(twelve), twelve))
     few = over("a+s", [0, 0, 0])
-    assert any(
-        "over 3 scenes; so few make them too narrow." in note
-        for note in compose_notes(rank_methods(few), few)
-    )
+    assert any("over 3 scenes; so few make them too narrow." in note for note in compose_notes(rank_methods(few), few))
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
     assert "Seconds do not compare, they come from 2 machines: x, 2 cores; y, 9 cores." in compose_notes(
         rank_methods(mixed), mixed
@@ -332,8 +319,7 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("share", "text"),
-    [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")],
+    ("share", "text"), [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")]
 )
 def test_a_share_that_ends_in_a_half_goes_up(share, text):
     assert format_percent(share) == format_percent(share - 1e-16) == text

@@ -69,15 +69,9 @@ def test_what_two_runs_share_is_kept_once_the_first():
         (ONE[:3], ("b+s has no record of y",)),
         ([ONE[0], record("b+s", "x", 0, data="other")], ("data digest of x", "sha-x in a+s, other in b+s")),
         ([ONE[0], record("b+s", "x", 0, region="frame")], ("region of x", "target in a+s, frame in b+s")),
-        (
-            [ONE[0], record("b+s", "x", 0, track="closed_loop")],
-            ("track", "recorded in a+s, closed_loop in b+s"),
-        ),
+        ([ONE[0], record("b+s", "x", 0, track="closed_loop")], ("track", "recorded in a+s, closed_loop in b+s")),
         ([ONE[0], record("b+s", "x", 0, rig="other")], ("evaluator version", "r0 in a+s, other in b+s")),
-        (
-            [ONE[0], record("b+s", "x", 0, terms="stepper")],
-            ("protocol of x", "no protocol in a+s, stepper in b+s"),
-        ),
+        ([ONE[0], record("b+s", "x", 0, terms="stepper")], ("protocol of x", "no protocol in a+s, stepper in b+s")),
         ([ONE[0], record("a+s", "y", 0, code="other")], ("code digest of a+s", "code-a+s in x, other in y")),
     ],
 )

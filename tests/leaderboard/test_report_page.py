@@ -5,14 +5,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from handmade_evaluations import (
-    LIGHTS,
-    make_evaluation,
-    make_lens_path,
-    make_records,
-    make_sweep,
-    make_thumbnails,
-)
+from handmade_evaluations import LIGHTS, make_evaluation, make_lens_path, make_records, make_sweep, make_thumbnails
 from handmade_records import failed, record
 from markupsafe import escape
 from refusals import refusal
@@ -124,9 +117,7 @@ def test_the_page_asks_the_network_for_nothing(whole):
     assert "@import" not in styles
     assert "url(" not in styles
     (policy,) = (m["content"] for m in reader.of("meta") if "http-equiv" in m)
-    assert policy.startswith(
-        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-"
-    )
+    assert policy.startswith("default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-")
 
 
 def test_links_within_the_page_lead_somewhere_and_names_are_there_once(whole):
@@ -207,10 +198,7 @@ def without_curves():
         for light in ("constant", "ramp")
         for m in ("sd+egs_code", "my_net")
     ]
-    sweeps = (
-        make_sweep("constant", measures=(), thumbnails=make_thumbnails()),
-        make_sweep("ramp", measures=()),
-    )
+    sweeps = (make_sweep("constant", measures=(), thumbnails=make_thumbnails()), make_sweep("ramp", measures=()))
     return Evaluation(tuple(records), sweeps, ())
 
 
@@ -258,9 +246,7 @@ def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
 
 def test_ways_of_the_lens_come_in_the_leaderboards_order():
     methods = ("sd+bad", "sd+good")
-    records = [
-        record(m, "camel-constant", e, track="closed_loop") for m, e in zip(methods, (9.0, 0.0), strict=True)
-    ]
+    records = [record(m, "camel-constant", e, track="closed_loop") for m, e in zip(methods, (9.0, 0.0), strict=True)]
     made = Evaluation(tuple(records), (), (), tuple(make_lens_path(m) for m in methods))
     (lens,) = (p for p in plot_report_figures(made, rank_methods(records)) if p.kind == "lens")
     assert lens.svg.index(">good<") < lens.svg.index(">bad<")
@@ -361,9 +347,7 @@ def test_of_many_sequences_some_of_every_scene_are_drawn(monkeypatch):
 def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
     records = [
         record("sd+hill_climb", "camel-constant", 0.1, track="closed_loop", terms="voice_coil, 200 ms"),
-        record(
-            "er_count+hill_climb", "camel-constant", None, track="closed_loop", terms="voice_coil, 200 ms"
-        ),
+        record("er_count+hill_climb", "camel-constant", None, track="closed_loop", terms="voice_coil, 200 ms"),
     ]
     made = Evaluation(tuple(records), (), (), tuple(make_lens_path(r.method) for r in records))
     write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="loop")
@@ -434,6 +418,4 @@ def test_a_page_whose_methods_lead_together_names_four():
     records = [record(f"m{i}+s", "x", 0.0) for i in range(6)]
     text = build_page(rank_methods(records), title="x", records=records)
     lead = re.sub("<.*?>", "", text.split('<p class="lead">')[1].split("</p>")[0])
-    assert lead.startswith(
-        "m0+s, m1+s, m2+s, m3+s and 2 more lead together: within one depth of focus on 100%"
-    )
+    assert lead.startswith("m0+s, m1+s, m2+s, m3+s and 2 more lead together: within one depth of focus on 100%")

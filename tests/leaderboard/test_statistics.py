@@ -4,13 +4,7 @@ from scipy import stats
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import statistics
-from saf_gen.leaderboard.statistics import (
-    CONFIDENCE,
-    MIN_SCENES,
-    RESAMPLES,
-    BootstrapIntervals,
-    bootstrap_intervals,
-)
+from saf_gen.leaderboard.statistics import CONFIDENCE, MIN_SCENES, RESAMPLES, BootstrapIntervals, bootstrap_intervals
 
 
 def cells(values):
@@ -111,9 +105,7 @@ def test_among_several_best_the_nearest_counts():
     both = bootstrap_intervals(some, {})
     assert bootstrap_intervals({m: some[m] for m in "ac"}, {})["c"].level_with_best is False
     assert both["c"].level_with_best is True
-    assert (
-        both["c"].deficit_to_best == bootstrap_intervals({m: some[m] for m in "bc"}, {})["c"].deficit_to_best
-    )
+    assert both["c"].deficit_to_best == bootstrap_intervals({m: some[m] for m in "bc"}, {})["c"].deficit_to_best
     assert both["a"].level_with_best is both["b"].level_with_best is True
 
 
@@ -139,9 +131,7 @@ def test_answers_in_too_few_scenes_have_no_interval_of_error():
 
 @pytest.mark.parametrize("scenes", range(MIN_SCENES))
 def test_with_fewer_than_three_scenes_nothing_is_made_up(scenes):
-    out = bootstrap_intervals(
-        {"m": cells(np.ones(scenes)), "n": cells(np.zeros(scenes))}, {"m": [("scene000", 1.0)]}
-    )
+    out = bootstrap_intervals({"m": cells(np.ones(scenes)), "n": cells(np.zeros(scenes))}, {"m": [("scene000", 1.0)]})
     assert out["m"] == out["n"] == BootstrapIntervals(missing_reason=f"{scenes} of at least 3 scenes")
 
 

@@ -26,9 +26,7 @@ def dataset(tmp_path_factory):
 
 
 def test_variants_are_every_combination_beside_the_options_that_stay():
-    assert expand_parameter_grid(
-        "cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}
-    ) == [
+    assert expand_parameter_grid("cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}) == [
         "cen:highest=0.1+argmax:window=50,refine=parabola",
         "cen:highest=0.1+argmax:window=50,refine=no",
     ]
@@ -157,18 +155,7 @@ def test_a_file_that_is_not_there_is_told_with_the_nearest(tmp_path):
 def test_the_command_line_tunes_and_says_what_is_next(dataset, tmp_path, capsys):
     path = tmp_path / "found.json"
     with pytest.raises(SystemExit) as ended:
-        main(
-            [
-                "tune",
-                str(dataset),
-                "--method",
-                "sd+argmax",
-                "--try",
-                "search.window=100,200",
-                "--out",
-                str(path),
-            ]
-        )
+        main(["tune", str(dataset), "--method", "sd+argmax", "--try", "search.window=100,200", "--out", str(path)])
     assert ended.value.code == 0
     out = capsys.readouterr().out
     assert "best: sd+argmax:window=200" in out

@@ -15,7 +15,7 @@ from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.generate.recorder import Recorder
-from saf_gen.lights import group_gains, readout_gains
+from saf_gen.lights import group_gains, light_gains_at_readouts
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
 
@@ -82,13 +82,13 @@ def test_a_longer_recording_begins_like_a_shorter_one(name):
 def test_gains_are_means_over_readouts_however_finely_time_is_cut(name):
     """Four readouts average to the one that spans them: a point sample would not."""
     light = light_of(name)
-    fine = readout_gains(light, 4000, readout_hz=4000.0).reshape(-1, 4).mean(axis=1)
-    assert np.allclose(fine, readout_gains(light, 1000, readout_hz=1000.0), rtol=1e-5, atol=2e-6)
+    fine = light_gains_at_readouts(light, 4000, readout_hz=4000.0).reshape(-1, 4).mean(axis=1)
+    assert np.allclose(fine, light_gains_at_readouts(light, 1000, readout_hz=1000.0), rtol=1e-5, atol=2e-6)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_gains_are_finite_and_not_negative(name):
-    gains = readout_gains(light_of(name), 2000, readout_hz=2000.0)
+    gains = light_gains_at_readouts(light_of(name), 2000, readout_hz=2000.0)
     assert gains.dtype == np.float32
     assert np.isfinite(gains).all()
     assert gains.min() >= 0
@@ -105,23 +105,23 @@ def test_light_without_switches_is_continuous(name):
 
 
 def test_a_ramp_runs_from_one_end_of_the_recording_to_the_other():
-    gains = readout_gains(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=20_000)
+    gains = light_gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=20_000)
     assert np.allclose(gains, 0.5 + 1.5 * (np.arange(1000) + 0.5) / 1000, rtol=1e-5)
 
 
 def test_a_ramp_with_a_length_stays_at_its_end():
-    gains = readout_gains(get_light("ramp", **{"from": 1, "to": 3, "over_s": 0.5}), 100, readout_hz=100)
+    gains = light_gains_at_readouts(get_light("ramp", **{"from": 1, "to": 3, "over_s": 0.5}), 100, readout_hz=100)
     assert gains[:50] == pytest.approx(1 + 4 * (np.arange(50) + 0.5) / 100, rel=1e-5)
     assert gains[50:] == pytest.approx(3)
 
 
 def test_steps_take_their_levels_in_turn():
-    gains = readout_gains(get_light("steps", every_s=0.1, levels=[1.0, 0.4, 2.0]), 20, readout_hz=20.0)
+    gains = light_gains_at_readouts(get_light("steps", every_s=0.1, levels=[1.0, 0.4, 2.0]), 20, readout_hz=20.0)
     assert gains == pytest.approx([1, 1, 0.4, 0.4, 2, 2] * 3 + [1, 1], rel=1e-5)
 
 
 def test_a_step_within_a_readout_counts_by_its_share():
-    gains = readout_gains(get_light("steps", every_s=0.15, levels=[0.0, 1.0]), 2, readout_hz=10.0)
+    gains = light_gains_at_readouts(get_light("steps", every_s=0.15, levels=[0.0, 1.0]), 2, readout_hz=10.0)
     assert gains == pytest.approx([0, 0.5], abs=1e-6)
 
 
@@ -140,7 +140,7 @@ def test_a_sine_is_the_integral_of_what_its_docstring_says():
 def test_mains_flicker_sums_to_nothing_in_whole_periods(hz, frames, harmonics, depth):
     """100 Hz at 20 kHz in 200 frames, 120 Hz in 500: the mean is the level asked for, exactly."""
     light = get_light("flicker", hz=hz, depth=depth, harmonics=harmonics, level=0.8, phase=0.7)
-    gains = readout_gains(light, 20 * frames, readout_hz=20_000).astype(float)
+    gains = light_gains_at_readouts(light, 20 * frames, readout_hz=20_000).astype(float)
     assert gains.reshape(20, frames).mean(axis=1) == pytest.approx(0.8, abs=1e-6)
     assert np.ptp(gains) > 0.1
     edges = np.arange(21) * frames / 20_000
@@ -148,13 +148,11 @@ def test_mains_flicker_sums_to_nothing_in_whole_periods(hz, frames, harmonics, d
 
 
 def test_120_hz_does_not_vanish_in_the_windows_of_100_hz():
-    gains = readout_gains(get_light("flicker", hz=120.0, depth=0.5), 2000, readout_hz=20_000)
+    gains = light_gains_at_readouts(get_light("flicker", hz=120.0, depth=0.5), 2000, readout_hz=20_000)
     assert np.ptp(gains.reshape(10, 200).mean(axis=1)) > 0.05
 
 
-@pytest.mark.parametrize(
-    "harmonics", [[1.0], [-2.0], [1.0, -0.2, 0.0857], RECTIFIED, [0.0, 0.0, 1.0], [1, 1, 1]]
-)
+@pytest.mark.parametrize("harmonics", [[1.0], [-2.0], [1.0, -0.2, 0.0857], RECTIFIED, [0.0, 0.0, 1.0], [1, 1, 1]])
 @pytest.mark.parametrize("depth", [0.0, 0.35, 1.0])
 def test_the_modulation_depth_is_the_one_asked_for(harmonics, depth):
     """(highest - lowest)/(highest + lowest), on a grid of 20,001 phases that holds the extremes to 1e-7."""
@@ -167,7 +165,7 @@ def test_the_modulation_depth_is_the_one_asked_for(harmonics, depth):
 def test_the_spectrum_of_flicker_is_its_harmonics_and_nothing_else():
     """A readout of length 1/F takes a harmonic of f to sinc(f/F) of its height; 0.1 s of 100 Hz at 20 kHz."""
     harmonics = np.array([1.0, -0.2, 0.0857])
-    gains = readout_gains(
+    gains = light_gains_at_readouts(
         get_light("flicker", hz=100.0, depth=1.0, harmonics=list(harmonics)), 2000, readout_hz=20_000
     )
     line = np.fft.rfft(gains.astype(float)) / 1000
@@ -202,19 +200,19 @@ def test_phase_shifts_the_whole_wave():
 def test_the_mean_of_pwm_is_its_duty(duty, phase):
     """400 Hz at 20 kHz: 50 readouts a period."""
     light = get_light("pwm", hz=400.0, duty=duty, low=0.2, high=1.2, phase=phase)
-    gains = readout_gains(light, 2000, readout_hz=20_000)
+    gains = light_gains_at_readouts(light, 2000, readout_hz=20_000)
     assert gains.reshape(40, 50).mean(axis=1) == pytest.approx(0.2 + duty, abs=1e-6)
 
 
 def test_a_readout_of_pwm_is_a_mean_and_not_a_point():
     """Period 2.5 readouts, on for 1: edges fall inside readouts and count by their shares."""
-    gains = readout_gains(get_light("pwm", hz=8_000.0, duty=0.4), 10, readout_hz=20_000)
+    gains = light_gains_at_readouts(get_light("pwm", hz=8_000.0, duty=0.4), 10, readout_hz=20_000)
     assert gains == pytest.approx([1, 0, 0.5, 0.5, 0] * 2, abs=1e-6)
 
 
 @pytest.mark.parametrize("hz", [20_000.0, 60_000.0])
 def test_pwm_as_fast_as_the_readout_is_steady(hz):
-    gains = readout_gains(get_light("pwm", hz=hz, duty=0.3, phase=1.0), 100, readout_hz=20_000)
+    gains = light_gains_at_readouts(get_light("pwm", hz=hz, duty=0.3, phase=1.0), 100, readout_hz=20_000)
     assert gains == pytest.approx(0.3, abs=1e-6)
 
 
@@ -245,7 +243,7 @@ def test_a_flash_is_the_integral_of_what_its_docstring_says():
 
 
 def test_before_a_flash_and_long_after_it_the_base_is_left():
-    gains = readout_gains(get_light("flash", at_s=0.02, peak=30.0, base=0.25), 2000, readout_hz=20_000)
+    gains = light_gains_at_readouts(get_light("flash", at_s=0.02, peak=30.0, base=0.25), 2000, readout_hz=20_000)
     assert (gains[:400] == 0.25).all()
     assert gains[400] > 0.25
     assert gains[1000:] == pytest.approx(0.25, abs=1e-5)
@@ -295,7 +293,7 @@ def test_the_expected_gain_of_a_walk_is_its_level(return_s):
 
 def test_a_walk_is_its_seed():
     one, same, other = (
-        readout_gains(light_of("random_walk", seed=s), 400, readout_hz=2000.0) for s in (1, 1, 2)
+        light_gains_at_readouts(light_of("random_walk", seed=s), 400, readout_hz=2000.0) for s in (1, 1, 2)
     )
     assert np.array_equal(one, same)
     assert abs(np.corrcoef(one, other)[0, 1]) < 0.9
@@ -310,7 +308,7 @@ def test_a_walk_takes_its_numbers_from_its_own_named_stream():
 
 
 def test_a_walk_without_spread_is_constant():
-    assert (readout_gains(get_light("random_walk", sd=0.0, level=0.75), 100, readout_hz=1000.0) == 0.75).all()
+    assert (light_gains_at_readouts(get_light("random_walk", sd=0.0, level=0.75), 100, readout_hz=1000.0) == 0.75).all()
 
 
 # --- from_csv ----------------------------------------------------------------------------------------
@@ -332,18 +330,18 @@ def test_the_integral_of_a_table_is_that_of_trapezia():
 
 
 def test_a_table_of_two_points_is_a_ramp_and_of_one_a_constant():
-    ramp = readout_gains(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=1000.0)
+    ramp = light_gains_at_readouts(get_light("ramp", **{"from": 0.5, "to": 2.0}), 1000, readout_hz=1000.0)
     assert np.array_equal(
-        readout_gains(get_light("from_csv", file=table((0, 0.5), (1, 2.0))), 1000, readout_hz=1000.0), ramp
+        light_gains_at_readouts(get_light("from_csv", file=table((0, 0.5), (1, 2.0))), 1000, readout_hz=1000.0), ramp
     )
     assert (
-        readout_gains(get_light("from_csv", file=table((0.3, 0.25))), 100, readout_hz=100.0) == 0.25
+        light_gains_at_readouts(get_light("from_csv", file=table((0.3, 0.25))), 100, readout_hz=100.0) == 0.25
     ).all()
 
 
 def test_a_table_may_begin_before_the_recording_and_end_after_it():
     light = get_light("from_csv", file=table((-1, 0.0), (3, 4.0)))
-    assert readout_gains(light, 100, readout_hz=100.0) == pytest.approx(
+    assert light_gains_at_readouts(light, 100, readout_hz=100.0) == pytest.approx(
         1 + (np.arange(100) + 0.5) / 100, rel=1e-5
     )
 
@@ -377,9 +375,7 @@ def test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp(tmp
     recorder = Recorder(sensor, 400, device_seed=1, provenance={})
 
     def spikes(name, schedule, radiance):
-        stack = FocalStack(
-            SPEC, radiance, np.full((16, 24), 0.5, np.float32), np.ones((16, 24), bool), "llvm"
-        )
+        stack = FocalStack(SPEC, radiance, np.full((16, 24), 0.5, np.float32), np.ones((16, 24), bool), "llvm")
         sequence = make_sequence(schedule=schedule, mean_rate=None)
         recorder.record(sequence, PlaneSource.from_stack(stack), path=tmp_path / name, fingerprint="")
         with saf_gen.open_stream(tmp_path / name) as stream:
@@ -475,5 +471,5 @@ def test_a_gain_that_float32_cannot_hold_is_told_in_one_line(part):
 
 
 def test_the_shortest_steps_are_those_of_a_readout_at_1_mhz():
-    gains = readout_gains(get_light("steps", every_s=1e-6, levels=[0.0, 1.0]), 4, readout_hz=1e6)
+    gains = light_gains_at_readouts(get_light("steps", every_s=1e-6, levels=[0.0, 1.0]), 4, readout_hz=1e6)
     assert gains.tolist() == pytest.approx([0, 1, 0, 1], abs=1e-6)

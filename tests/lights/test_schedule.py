@@ -26,8 +26,7 @@ def recipe_of(tmp_path, test_scenes):
         head, rest = SMALL_RECIPE.split("lights:\n")
         path = folder / "small.yaml"
         path.write_text(
-            f"{head}lights:\n  it: {light}\nsplits:\n"
-            f"  test: {{scenes: [plane], lights: [it], repeats: {repeats}}}\n"
+            f"{head}lights:\n  it: {light}\nsplits:\n  test: {{scenes: [plane], lights: [it], repeats: {repeats}}}\n"
         )
         assert "splits:" in rest
         return path
@@ -203,9 +202,7 @@ def test_the_card_s_illuminance_reaches_the_sequence(recipe_of, tmp_path, test_s
         ("{lamp: 300, rom: 10}", "illuminance_lux above 0 for each of lamp, room"),
     ],
 )
-def test_a_card_states_the_illuminance_of_all_groups_or_of_none(
-    tmp_path, test_scenes, monkeypatch, lux, told
-):
+def test_a_card_states_the_illuminance_of_all_groups_or_of_none(tmp_path, test_scenes, monkeypatch, lux, told):
     from saf_gen.scene.scene_folder import find_scene
 
     folder = tmp_path / "plane"

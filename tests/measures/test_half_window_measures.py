@@ -107,9 +107,7 @@ def test_at_three_counts_a_window_it_is_unbiased_where_raw_dispersion_is_not(rec
     (debiased, raw, odd_even), (error, *_) = errors(record, 200)
     assert abs(debiased) < 4 * error
     assert raw > 100 * error
-    assert raw == pytest.approx(
-        (1 / 6) / (2 * RATE.mean()) ** 2, rel=0.05
-    )  # counting adds f(1 − f), mean 1/6
+    assert raw == pytest.approx((1 / 6) / (2 * RATE.mean()) ** 2, rel=0.05)  # counting adds f(1 − f), mean 1/6
     assert odd_even < -1000 * error  # they are no halves
 
 

@@ -11,14 +11,7 @@ import pytest
 from saf_gen import get_measure
 from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
-from saf_gen.measures import (
-    BrightnessNormalised,
-    IntervalTexture,
-    _filters,
-    _spectrum,
-    gradient_code,
-    measure_names,
-)
+from saf_gen.measures import BrightnessNormalised, IntervalTexture, _filters, _spectrum, gradient_code, measure_names
 from saf_gen.parts import wants_halves
 
 OWN = sorted(registry._own("measures"))
@@ -54,9 +47,7 @@ def counting(kind):
     def free(name):  # a quotient is made once a window, or once a tile
         return lambda self, *other: numbers[float](getattr(float, name)(float(self), *map(float, other)))
 
-    members = {
-        name: counted(name) for name in ("__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul__")
-    }
+    members = {name: counted(name) for name in ("__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul__")}
     members |= {name: free(name) for name in ("__truediv__", "__rtruediv__")}
     members["__abs__"] = lambda self: type(self)(kind.__abs__(self))
     members["item"] = lambda self: self
@@ -95,7 +86,7 @@ def bare(monkeypatch):
     """The measures' modules, taking arrays as they are; their kernels as plain Python."""
     for name, module in list(sys.modules.items()):
         if name.startswith("saf_gen.measures."):
-            for checked in ("as_numbers", "as_floats"):
+            for checked in ("counts_as_integers", "counts_as_floats"):
                 if hasattr(module, checked):
                     monkeypatch.setattr(module, checked, lambda counts, halves=False: counts)
             if hasattr(module, "correlate_separable"):
@@ -166,7 +157,7 @@ def test_a_spectrum_costs_its_transform_the_mean_and_what_is_done_with_the_frequ
 
 @pytest.mark.parametrize("name", [name for name in measure_names() if name.endswith("_n")])
 def test_a_normalised_measure_costs_the_sum_of_the_counts_more(bare, monkeypatch, name):
-    monkeypatch.setattr("saf_gen.measures.as_numbers", lambda counts, halves=False: counts)
+    monkeypatch.setattr("saf_gen.measures.counts_as_integers", lambda counts, halves=False: counts)
     measure, normalised = get_measure(name.removesuffix("_n")), get_measure(name)
     assert normalised.cost == measure.cost + 1
     if name.removesuffix("_n") not in BEYOND | KERNELS:

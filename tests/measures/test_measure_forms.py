@@ -116,9 +116,7 @@ OF_A_BOARD = {
 IMAGES = {"ramp": (RAMP, OF_A_RAMP), "spike": (SPIKE, OF_A_SPIKE), "board": (BOARD, OF_A_BOARD)}
 
 
-@pytest.mark.parametrize(
-    ("image", "name"), [(i, name) for i, (_, scores) in IMAGES.items() for name in scores]
-)
+@pytest.mark.parametrize(("image", "name"), [(i, name) for i, (_, scores) in IMAGES.items() for name in scores])
 def test_a_simple_image_scores_as_worked_out(image, name):
     counts, scores = IMAGES[image]
     assert score(name, counts) == pytest.approx(scores[name], rel=1e-12, abs=1e-24)
@@ -195,10 +193,7 @@ def slow_tenengrad(c):
 
 
 def slow_modified_laplacian(c):
-    across, down = (
-        valid(c, [[0, 0, 0], [-1, 2, -1], [0, 0, 0]]),
-        valid(c, [[0, -1, 0], [0, 2, 0], [0, -1, 0]]),
-    )
+    across, down = (valid(c, [[0, 0, 0], [-1, 2, -1], [0, 0, 0]]), valid(c, [[0, -1, 0], [0, 2, 0], [0, -1, 0]]))
     return mean(np.abs(across) + np.abs(down))
 
 
@@ -255,9 +250,7 @@ def slow_mid_band_power(c):
 def slow_wavelet_ratio(c):
     low = wavelet_ratio.LOW
     high = np.array([(-1) ** k * low[5 - k] for k in range(6)])
-    details = sum(
-        mean(valid(c, np.outer(*taps))[::2, ::2] ** 2) for taps in [(low, high), (high, low), (high, high)]
-    )
+    details = sum(mean(valid(c, np.outer(*taps))[::2, ::2] ** 2) for taps in [(low, high), (high, low), (high, high)])
     left = mean(valid(c, np.outer(low, low))[::2, ::2] ** 2)
     return details / left if left else 0.0
 

@@ -81,11 +81,7 @@ def test_gradient_of_a_ramp_has_the_gain_of_an_unnormalised_sobel():
 @pytest.mark.parametrize("shape", SHAPES)
 def test_mfdct_code_convolves_each_whole_tile_alone_and_in_full(shape):
     c = counts_of(shape).astype(np.int64)
-    tiles = [
-        c[y : y + 4, x : x + 4]
-        for y in range(0, shape[0] // 4 * 4, 4)
-        for x in range(0, shape[1] // 4 * 4, 4)
-    ]
+    tiles = [c[y : y + 4, x : x + 4] for y in range(0, shape[0] // 4 * 4, 4) for x in range(0, shape[1] // 4 * 4, 4)]
     expected = sum(int((convolve2d(tile, KERNEL, mode="full") ** 2).sum()) for tile in tiles)
     assert get_measure("mfdct_code")(c) == expected
 
@@ -266,11 +262,7 @@ def test_any_measure_of_a_whole_window_takes_textures_by_its_name():
     for name in ("sd", "tenengrad", "tenengrad_n", "entropy"):
         inner, measure = get_measure(name), get_measure(f"{name}_tfi")
         assert isinstance(measure, IntervalTexture)
-        assert (measure(c), measure.degree, measure.score_range) == (
-            inner(c),
-            inner.degree,
-            inner.score_range,
-        )
+        assert (measure(c), measure.degree, measure.score_range) == (inner(c), inner.degree, inner.score_range)
         assert wants_intervals(measure)
         assert not wants_intervals(inner)
         assert cite_source(measure).startswith(cite_source(inner))

@@ -95,8 +95,6 @@ def test_blur_takes_more_of_it_than_of_the_variance():
     left = {}
     for name in ("structure_calibrated", "sd_calibrated"):
         measure = get_measure(name, dark=0.0)
-        left[name] = measure(np.stack([gaussian_filter(scene, 2, mode="wrap")] * 2)) / measure(
-            np.stack([scene] * 2)
-        )
+        left[name] = measure(np.stack([gaussian_filter(scene, 2, mode="wrap")] * 2)) / measure(np.stack([scene] * 2))
     assert left["structure_calibrated"] < 0.15
     assert left["sd_calibrated"] > 0.4

@@ -11,14 +11,14 @@ from scipy.stats import norm
 
 from saf_gen import get_motion, motions
 from saf_gen.core.config import registry
-from saf_gen.motions import readout_positions
+from saf_gen.motions import lens_motion_at_readouts
 
 HZ = 20_000.0
 TABLE = "time_s,position\n0,0.2\n0.05,0.8\n0.1,0.5\n"
 
 
 def lens(kind, *, frames=20_000, hz=HZ, **options):
-    return readout_positions({"kind": kind, **options}, frames, readout_hz=hz)
+    return lens_motion_at_readouts({"kind": kind, **options}, frames, readout_hz=hz)
 
 
 def csv(text, path="lens.csv"):
@@ -141,9 +141,7 @@ def test_a_hand_goes_from_one_end_to_the_other_and_never_back_unless_told():
 
 def test_a_hand_that_may_goes_back_for_about_the_share_that_it_states():
     """Φ(-1/σ) = 0.106 at σ = 0.8: 200 seeds of 40 waves each, sd of their mean 0.0009 (measured); 4 sd."""
-    share = np.mean(
-        [(speeds(s, reversals=True, irregularity=0.8, bandwidth_hz=20.0) < 0).mean() for s in range(200)]
-    )
+    share = np.mean([(speeds(s, reversals=True, irregularity=0.8, bandwidth_hz=20.0) < 0).mean() for s in range(200)])
     assert share == pytest.approx(norm.cdf(-1 / 0.8), abs=0.004)
 
 
@@ -184,9 +182,7 @@ def test_a_table_of_the_readouts_themselves_reaches_far_enough():
     times = (np.arange(200) + 0.5) / HZ
     places = np.linspace(0.1, 0.9, 200)
     rows = "".join(f"{t:.6f},{p:.9f}\n" for t, p in zip(times, places, strict=True))
-    assert lens("from_csv", frames=200, file=csv("time_s,position\n" + rows)) == pytest.approx(
-        places, abs=1e-7
-    )
+    assert lens("from_csv", frames=200, file=csv("time_s,position\n" + rows)) == pytest.approx(places, abs=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -247,7 +243,7 @@ class TooFar:
 
 def test_a_motion_that_leaves_the_travel_is_refused():
     assert_says(
-        refusal(readout_positions, TooFar(), 2000, readout_hz=HZ),
+        refusal(lens_motion_at_readouts, TooFar(), 2000, readout_hz=HZ),
         "TooFar() brings the lens to | 1.5 | 0 to 1 of the travel",
     )
 
@@ -262,11 +258,9 @@ class Broken:
         return seconds[:5] if self.answer == "short" else self.answer / 0
 
 
-@pytest.mark.parametrize(
-    ("answer", "told"), [("short", "Broken | (5,) | one number per time"), (1, "ZeroDiv")]
-)
+@pytest.mark.parametrize(("answer", "told"), [("short", "Broken | (5,) | one number per time"), (1, "ZeroDiv")])
 def test_a_motion_that_fails_is_told_in_one_line(answer, told):
-    assert_says(refusal(readout_positions, Broken(answer), 2000, readout_hz=HZ), told)
+    assert_says(refusal(lens_motion_at_readouts, Broken(answer), 2000, readout_hz=HZ), told)
 
 
 @pytest.mark.parametrize("kind", ["sweep_and_return", "hand"])

@@ -5,7 +5,7 @@ import pytest
 from refusals import refusal
 from scipy.optimize import minimize_scalar
 
-from saf_gen.camera.exposure import irradiance_per_radiance
+from saf_gen.camera.exposure import sensor_irradiance_per_radiance
 from saf_gen.optics import DRIVES, FocalLengthDrive, ImageDistanceDrive, Stage
 
 MACRO = ImageDistanceDrive(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
@@ -177,7 +177,7 @@ def test_all_rays_from_a_point_on_the_stage_meet_where_it_is_in_focus(lens):
 def test_the_light_that_the_lens_collects_changes_with_v_alone(lens):
     """E/L = π·R²/v² on the axis, at the aperture that stays as it is."""
     v = lens.image_distance(P)
-    seen = irradiance_per_radiance((1, 1), v, pitch_m=PITCH, aperture_radius_m=lens.aperture_radius_m)
+    seen = sensor_irradiance_per_radiance((1, 1), v, pitch_m=PITCH, aperture_radius_m=lens.aperture_radius_m)
     assert seen[:, 0, 0] == pytest.approx(np.pi * (lens.aperture_radius_m / v) ** 2, rel=1e-12)
     assert (float(np.ptp(seen)) > 0) == (lens is MACRO)
 
@@ -201,18 +201,9 @@ def test_a_drive_as_plain_data_makes_the_drive_again(lens):
             "cannot focus at -0.1 m; allowed: object distances in front of it",
         ),
         (lambda: FocalLengthDrive(0.035, 2.0, (0.5, 0.5)), "does not change: both ends focus at 0.5 m"),
-        (
-            lambda: Stage(0.004, 1.1, 20, (1e-5, 1e-5)),
-            "stage does not move: both ends of the travel are 1e-05 m",
-        ),
-        (
-            lambda: Stage(0.004, 1.1, 20, (-0.003, 0.002)),
-            "less than 0.0042",
-        ),
-        (
-            lambda: Stage(0.004, 1.1, 20, (-0.005, -0.0045)),
-            "a travel above -0.0042 m",
-        ),
+        (lambda: Stage(0.004, 1.1, 20, (1e-5, 1e-5)), "stage does not move: both ends of the travel are 1e-05 m"),
+        (lambda: Stage(0.004, 1.1, 20, (-0.003, 0.002)), "less than 0.0042"),
+        (lambda: Stage(0.004, 1.1, 20, (-0.005, -0.0045)), "a travel above -0.0042 m"),
     ],
 )
 def test_a_drive_that_cannot_be_is_refused_in_one_line(make, told):

@@ -31,16 +31,12 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
     scatters by 0.3 %.
     """
     height_m, grid = 8e-6, SensorGrid(rows=16, columns=96, pitch_m=PITCH)
-    scene = write_edge_scene(
-        tmp_path, monkeypatch, lens=OBJECTIVE, distance_m=FOCUS_M, edge_m=height_m, unit_m=0.001
-    )
+    scene = write_edge_scene(tmp_path, monkeypatch, lens=OBJECTIVE, distance_m=FOCUS_M, edge_m=height_m, unit_m=0.001)
     setup = load_setup(scene, ("glow",), grid=grid)
     drive = setup.drive
     seen = depth_and_target.trace_depth_and_target(setup, ("glow",))
     assert seen.depth[seen.target] == pytest.approx(FOCUS_M, abs=1e-9)
-    assert 60e-6 * np.diff(drive.depth_of_focus(seen.depth[seen.target], PITCH)) == pytest.approx(
-        2.31e-6, abs=1e-8
-    )
+    assert 60e-6 * np.diff(drive.depth_of_focus(seen.depth[seen.target], PITCH)) == pytest.approx(2.31e-6, abs=1e-8)
 
     stack = render_stack_once(setup, positions=21, samples=500, seed=2)
     edges = [measure_edge(image, PITCH) for image in stack]

@@ -7,16 +7,16 @@ import sys
 import pytest
 from refusals import refusal
 
-from saf_gen.render.backend import BackendProbe, choose_backend
+from saf_gen.render.backend import BackendProbe, choose_render_backend
 
 NEW, OLD, NONE = BackendProbe((19, 1, 7), False), BackendProbe((15, 0, 6), False), BackendProbe(None, False)
 
 
 def test_cuda_comes_before_llvm_before_scalar():
-    assert choose_backend("auto", BackendProbe((19, 1, 7), True)) == "cuda"
-    assert choose_backend("auto", NEW) == "llvm"
-    assert choose_backend("auto", OLD) == "scalar"
-    assert choose_backend("auto", NONE) == "scalar"
+    assert choose_render_backend("auto", BackendProbe((19, 1, 7), True)) == "cuda"
+    assert choose_render_backend("auto", NEW) == "llvm"
+    assert choose_render_backend("auto", OLD) == "scalar"
+    assert choose_render_backend("auto", NONE) == "scalar"
 
 
 @pytest.mark.parametrize(
@@ -29,24 +29,20 @@ def test_cuda_comes_before_llvm_before_scalar():
     ],
 )
 def test_a_backend_that_cannot_run_here_is_told(requested, machine, told):
-    error = refusal(choose_backend, requested, machine)
+    error = refusal(choose_render_backend, requested, machine)
     assert told in error.problem
     assert ("libllvm19" in error.hint) == (requested == "llvm")
     assert error.nearest == ("llvm" if requested == "lvm" else "")
 
 
 def test_scalar_runs_everywhere():
-    assert choose_backend("scalar", NONE) == "scalar"
+    assert choose_render_backend("scalar", NONE) == "scalar"
 
 
 def test_doctor_works_without_any_llvm_and_says_what_to_install(tmp_path):
     environment = os.environ | {"DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so")}
     run = subprocess.run(
-        [sys.executable, "-m", "saf_gen", "doctor"],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-m", "saf_gen", "doctor"], env=environment, capture_output=True, text=True, check=False
     )
     assert run.returncode == 0, run.stderr
     assert "no LLVM library was found" in run.stdout

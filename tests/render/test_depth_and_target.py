@@ -118,9 +118,7 @@ def test_a_target_with_an_id_of_its_own_is_told_by_the_checks(tmp_path, monkeypa
     """And no unit is guessed for it: nobody knows its size."""
     lens = "{focal_length_mm: 25, f_number: 2, focus_range_m: [0.6, 0.42]}"
     shapes = "{'card': {'type': 'rectangle', 'id': 'printed'}, 'sky': {'type': 'constant'}}"
-    scene = write_scene(
-        tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="card"
-    )
+    scene = write_scene(tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="card")
     last = list(check_scene(scene, get_sensor(str(small_sensor)), backend="scalar"))[-1]
     assert (last.check, last.level) == ("reach", "error")
     assert "(card) is not visible" in last.text

@@ -21,7 +21,7 @@ SCALE, MOST = 1.2345e9, 0.9  # no power of two, so that products round; a tenth 
 
 @pytest.fixture
 def llvm():
-    backend.activate_backend("llvm")
+    backend.activate_render_backend("llvm")
 
 
 def traced(arrays, window=()):
@@ -182,7 +182,7 @@ def test_the_cores_splat_what_they_traced_and_a_card_what_it_traced(llvm, monkey
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not backend.probe_backends().cuda, reason="no NVIDIA card that Mitsuba can use")
+@pytest.mark.skipif(not backend.probe_render_backends().cuda, reason="no NVIDIA card that Mitsuba can use")
 @pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 def test_a_card_makes_the_stack_that_cores_make_of_its_paths(test_scenes, drive):
     setup = load_setup(find_scene("plane"), name="cuda", drive=drive)

@@ -27,12 +27,12 @@ def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=N
 def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
     arrays = paths(5, 3000, shape)
     window = windows(8, 3000, shape) if windowed else ()
-    sums = host_splat.allocate_accumulators(2, shape)
+    sums = host_splat.allocate_path_accumulators(2, shape)
     assert host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9, *window) == 0
     total, count = one_by_one(*arrays, shape, *window)
     seen = count > 0
     # float32 points may fall on the other side of a pixel's border in the reference's order of rounding
-    agree = np.isclose(host_splat.resolve_means(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
+    agree = np.isclose(host_splat.mean_radiance_of_paths(sums, 2.0**30)[seen], (total[seen] / count[seen]), atol=1e-5)
     assert agree.mean() > 0.9995
 
 
@@ -40,7 +40,7 @@ def test_a_window_of_all_positions_changes_no_bit():
     shape = (17, 9, 13)
     arrays = paths(6, 5000, shape)
     whole = np.zeros(5000, dtype=np.int32), np.full(5000, 17, dtype=np.int32)
-    plain, windowed = host_splat.allocate_accumulators(2, shape), host_splat.allocate_accumulators(2, shape)
+    plain, windowed = (host_splat.allocate_path_accumulators(2, shape), host_splat.allocate_path_accumulators(2, shape))
     host_splat.splat_paths(plain, *arrays, 2.0**30, 1e9)
     host_splat.splat_paths(windowed, *arrays, 2.0**30, 1e9, *whole)
     assert np.array_equal(plain, windowed)
@@ -51,23 +51,23 @@ def test_the_number_of_workers_changes_no_bit():
     arrays = paths(6, 5000, shape)
     stacks = []
     for workers in (1, 2, 5):
-        sums = host_splat.allocate_accumulators(workers, shape)
+        sums = host_splat.allocate_path_accumulators(workers, shape)
         host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9)
-        stacks.append(host_splat.resolve_means(sums, 2.0**30))
+        stacks.append(host_splat.mean_radiance_of_paths(sums, 2.0**30))
     assert np.array_equal(stacks[0], stacks[1])
     assert np.array_equal(stacks[0], stacks[2])
 
 
 def test_a_path_that_stays_in_its_pixel_is_seen_at_every_position():
     one = np.ones(1, dtype=np.float32)
-    sums = host_splat.allocate_accumulators(1, (9, 3, 3))
+    sums = host_splat.allocate_path_accumulators(1, (9, 3, 3))
     host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, 0.25 * one, 2.0**30, 1e9)
-    assert host_splat.resolve_means(sums, 2.0**30)[:, 1, 1] == pytest.approx(0.25)
+    assert host_splat.mean_radiance_of_paths(sums, 2.0**30)[:, 1, 1] == pytest.approx(0.25)
 
 
 def test_fireflies_are_clipped_and_counted():
     one = np.ones(3, dtype=np.float32)
-    sums = host_splat.allocate_accumulators(1, (2, 3, 3))
+    sums = host_splat.allocate_path_accumulators(1, (2, 3, 3))
     value = np.array([1, 2, 500], dtype=np.float32)
     assert host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, value, 2.0**20, 100.0) == 1
-    assert host_splat.resolve_means(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)
+    assert host_splat.mean_radiance_of_paths(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)

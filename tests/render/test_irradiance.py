@@ -22,9 +22,7 @@ def received(shapes, *, depth=4, target=WHOLE, position=0.5):
     down = mi.ScalarTransform4f().look_at(origin=[0, 0, 0.5], target=[0, 0, 0], up=[0, 1, 0])
     loaded = mi.load_dict({"type": "scene", **shapes}, optimize=False)
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
-    return estimate_irradiance(
-        RenderSetup(loaded, integrator, down, DRIVE, GRID), position=position, target=target
-    )
+    return estimate_irradiance(RenderSetup(loaded, integrator, down, DRIVE, GRID), position=position, target=target)
 
 
 def plane(**more):

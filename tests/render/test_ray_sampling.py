@@ -9,7 +9,7 @@ from written_scenes import needs_llvm
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import backend, one_pass
-from saf_gen.render.ray_sampling import compute_coverage
+from saf_gen.render.ray_sampling import compute_ray_coverage
 from saf_gen.render.render_setup import SensorGrid
 
 GRID = SensorGrid(rows=12, columns=20, pitch_m=100e-6)
@@ -36,7 +36,7 @@ def transfer(drive, position, x, a):
 def test_every_ray_of_a_position_is_covered(drive, position):
     """20,000 rays over sensor and aperture, traced back to the reference: none is outside at any position."""
     random = np.random.default_rng(2)
-    covered = compute_coverage(drive, GRID)
+    covered = compute_ray_coverage(drive, GRID)
     half_x, half_y = GRID.columns / 2 * GRID.pitch_m, GRID.rows / 2 * GRID.pitch_m
     x, y = random.uniform(-half_x, half_x, 20_000), random.uniform(-half_y, half_y, 20_000)
     a, b = on_a_disc(random, 20_000, drive.aperture_radius_m)
@@ -48,12 +48,9 @@ def test_every_ray_of_a_position_is_covered(drive, position):
 
 
 def test_a_lens_that_stays_in_the_rays_needs_no_more_than_its_aperture():
-    assert (
-        compute_coverage(DRIVES["image_distance"], GRID).radius_m
-        == DRIVES["image_distance"].aperture_radius_m
-    )
-    assert compute_coverage(DRIVES["focal_length"], GRID).radius_m == DRIVES["focal_length"].aperture_radius_m
-    assert compute_coverage(DRIVES["stage"], GRID).radius_m > DRIVES["stage"].aperture_radius_m
+    assert compute_ray_coverage(DRIVES["image_distance"], GRID).radius_m == DRIVES["image_distance"].aperture_radius_m
+    assert compute_ray_coverage(DRIVES["focal_length"], GRID).radius_m == DRIVES["focal_length"].aperture_radius_m
+    assert compute_ray_coverage(DRIVES["stage"], GRID).radius_m > DRIVES["stage"].aperture_radius_m
 
 
 @every_drive
@@ -65,7 +62,7 @@ def test_what_a_position_sees_is_even_over_sensor_and_aperture(drive, position):
     would differ by tens of percent; 1 % in one row of cells would be found.
     """
     random = np.random.default_rng(7)
-    covered, count = compute_coverage(drive, GRID), 600_000
+    covered, count = compute_ray_coverage(drive, GRID), 600_000
     half_x = (GRID.columns / 2 + covered.columns) * GRID.pitch_m
     half_y = (GRID.rows / 2 + covered.rows) * GRID.pitch_m
     x, y = random.uniform(-half_x, half_x, count), random.uniform(-half_y, half_y, count)
@@ -84,7 +81,7 @@ def test_what_a_position_sees_is_even_over_sensor_and_aperture(drive, position):
 @needs_llvm
 def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
     """4,000 lines across the lens against asking each of 33 positions; a border may round to either side."""
-    backend.activate_backend("llvm")
+    backend.activate_render_backend("llvm")
     drive, random = DRIVES["stage"], np.random.default_rng(3)
     radius = drive.aperture_radius_m
     first, step = random.normal(0, radius, (2, 4000)), random.normal(0, radius / 12, (2, 4000))

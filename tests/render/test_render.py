@@ -251,9 +251,7 @@ def test_a_stage_that_runs_into_the_lens_is_told(plane, name):
 
 @pytest.mark.parametrize("name", ["scalar", pytest.param("llvm", marks=needs_llvm)])
 def test_depth_counts_from_the_lens_of_the_card_wherever_the_stage_is(plane, name):
-    seen = depth_and_target.trace_depth_and_target(
-        load_setup(plane, name=name, drive=DRIVES["stage"]), ("plane",)
-    )
+    seen = depth_and_target.trace_depth_and_target(load_setup(plane, name=name, drive=DRIVES["stage"]), ("plane",))
     assert seen.depth == pytest.approx(0.5, abs=1e-6)
 
 
@@ -264,7 +262,7 @@ def test_the_scalar_variant_renders_the_same_scene(plane, tmp_path):
     """
     means = {}
     spec = StackSpec("plane", plane.digest, ("room",), plane.build_drive(), 40, 64, 60e-6, 3, 64, 3)
-    for name in ("scalar", "llvm") if backend.probe_backends().llvm_usable else ("scalar",):
+    for name in ("scalar", "llvm") if backend.probe_render_backends().llvm_usable else ("scalar",):
         root = tmp_path / name
         assert render_missing(plane, [spec], root=root, backend_name=name) == ["geometry", "room"]
         assert render_missing(plane, [spec], root=root, backend_name=name) == []

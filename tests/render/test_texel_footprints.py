@@ -47,11 +47,7 @@ def test_a_texture_that_is_repeated_has_smaller_texels():
 
 def test_the_finest_of_several_bitmaps_counts():
     shape = sheet(picture(100, 100))
-    shape["bsdf"] = {
-        "type": "principled",
-        "base_color": picture(100, 100),
-        "roughness": picture(10, 10),
-    }
+    shape["bsdf"] = {"type": "principled", "base_color": picture(100, 100), "roughness": picture(10, 10)}
     assert texels(shape) == pytest.approx(np.sqrt(0.002 * 0.004), rel=1e-4)
 
 

@@ -40,9 +40,7 @@ def test_a_turn_is_right_handed():
 
 
 def test_a_turn_comes_before_the_shift():
-    fan = motion(
-        {"time_s": 0}, {"time_s": 1, "rotate_deg": 180, "translate_m": (0, 0, 1)}, centre_m=(1, 0, 0)
-    )
+    fan = motion({"time_s": 0}, {"time_s": 1, "rotate_deg": 180, "translate_m": (0, 0, 1)}, centre_m=(1, 0, 0))
     assert np.allclose(fan.pose_at(1) @ [2, 0, 0, 1], [0, 0, 1, 1])
 
 

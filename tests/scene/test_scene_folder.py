@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from refusals import refusal
 
-from saf_gen.lights import split_by_group
+from saf_gen.lights import RESERVED_GROUP_NAMES, split_schedule_by_light_group
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.scene import library
-from saf_gen.scene.scene_folder import RESERVED_GROUP_NAMES, find_scene, scene_names
+from saf_gen.scene.scene_folder import find_scene, scene_names
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
 
@@ -79,11 +79,7 @@ STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, tr
     ("lens", "drive", "words"),
     [
         (MACRO, ImageDistanceDrive(0.025, 2.0, (0.6, 0.42)), "25 mm f/2"),
-        (
-            MACRO.replace("drive: image_distance, ", ""),
-            ImageDistanceDrive(0.025, 2.0, (0.6, 0.42)),
-            "25 mm f/2",
-        ),
+        (MACRO.replace("drive: image_distance, ", ""), ImageDistanceDrive(0.025, 2.0, (0.6, 0.42)), "25 mm f/2"),
         (LIQUID, FocalLengthDrive(0.026, 2.0, (0.6, 0.42)), "26 mm f/2, varifocal"),
         (STAGE, Stage(0.004, 1.1, 20.0, (-30e-6, 30e-6)), "4 mm f/1.1, 20×, stage"),
     ],
@@ -179,7 +175,7 @@ def test_scenes_that_use_the_library_keep_the_digest_of_their_own_file(name, dig
 @pytest.mark.parametrize("module", sorted(library.MODULES))
 def test_a_library_module_is_the_file_that_the_script_imports(plane, module):
     """The same script and digest with the module as a file of the folder."""
-    backend.activate_backend("scalar")
+    backend.activate_render_backend("scalar")
     script = plane / "scene.py"
     script.write_text(f"import letters\nassert letters.__name__ == 'letters'\n{script.read_text()}")
     (plane / "letters.py").write_bytes(library.MODULES[module].read_bytes())
@@ -260,10 +256,7 @@ def test_a_parameter_of_a_card_that_no_file_could_record_is_told(edited, params,
 
 @pytest.mark.parametrize(
     "name",
-    [
-        *sorted(RESERVED_GROUP_NAMES),
-        *("../../../x", "''", "Lamp", "a b", "lamp.1", "-lamp", "lämp", '"lamp\\n"'),
-    ],
+    [*sorted(RESERVED_GROUP_NAMES), *("../../../x", "''", "Lamp", "a b", "lamp.1", "-lamp", "lämp", '"lamp\\n"')],
 )
 def test_a_light_group_has_a_name_that_can_be_a_file_and_means_nothing_else(edited, name):
     edited("  room: [room]", f"  {name}: [room]")
@@ -277,7 +270,7 @@ def test_the_reserved_names_are_a_stack_s_other_piece_and_what_begins_a_schedule
     spec = StackSpec("plane", "0" * 64, ("lamp",), drive, 2, 2, 60e-6, 2, 1, 2)
     assert set(StackStore(tmp_path, spec).pieces) - {"lamp"} <= RESERVED_GROUP_NAMES
     for name in RESERVED_GROUP_NAMES - {"geometry"}:
-        assert set(split_by_group({name: {"kind": "constant"}})) == {""}
+        assert set(split_schedule_by_light_group({name: {"kind": "constant"}})) == {""}
 
 
 def test_a_light_group_without_emitters_is_refused(edited):
@@ -294,9 +287,7 @@ def test_letters_digits_and_dashes_make_a_light_group(edited, name):
 # --- what the digest sees ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "name", ["preview_card.png", "previews/a.png", "textures/preview.png", "preview.jpg"]
-)
+@pytest.mark.parametrize("name", ["preview_card.png", "previews/a.png", "textures/preview.png", "preview.jpg"])
 def test_a_picture_that_is_called_like_a_preview_is_part_of_the_scene(plane, name):
     path = plane / name
     path.parent.mkdir(exist_ok=True)

@@ -56,7 +56,7 @@ def test_the_exported_folder_is_what_its_script_makes(tmp_path):
 
 
 def seen_of(scene, group):
-    backend.activate_backend("scalar")
+    backend.activate_render_backend("scalar")
     loaded, integrator = mitsuba_scene.load_lit_scene(
         mitsuba_scene.build_scene_dict(scene), scene.card.lights[group], max_depth=3
     )
@@ -74,9 +74,7 @@ def test_an_exported_scene_goes_in_as_it_is(test_scenes):
     axis /= np.linalg.norm(axis)
     assert seen.target[20, 32]
     assert seen.depth[20, 32] == pytest.approx(0.55 / -axis[2], rel=2e-3)
-    assert (
-        scene.build_drive().focusing_range_m[0] < seen.depth[20, 32] < scene.build_drive().focusing_range_m[1]
-    )
+    assert scene.build_drive().focusing_range_m[0] < seen.depth[20, 32] < scene.build_drive().focusing_range_m[1]
 
 
 @pytest.mark.parametrize(("group", "burning"), [("lamp", {"emit-Lamp"}), ("world", {"World"})])
@@ -94,7 +92,7 @@ def test_the_card_says_how_large_a_unit_is(exported):
     text = card.read_text().replace("[0, 0.2, 0.55]", "[0, 0.0004, 0.0011]")
     text = text.replace("[0, 0.157, 0.39]", "[0, 0.000314, 0.00078]")
     card.write_text(text.replace("0.80, 0.42", "1.6, 0.04").replace("25", "0.5"))
-    backend.activate_backend("scalar")
+    backend.activate_render_backend("scalar")
     scene = load_scene_folder(scene.folder)
     loaded, _ = mitsuba_scene.load_lit_scene(
         mitsuba_scene.build_scene_dict(scene), scene.card.lights["lamp"], max_depth=3
@@ -107,20 +105,17 @@ def test_the_card_says_how_large_a_unit_is(exported):
 def test_a_shape_of_a_file_moves_by_its_name(exported):
     scene = exported(
         "target:",
-        "motion:\n  mesh-Crate.001:\n"
-        "    keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0, 0, -0.1]}]\ntarget:",
+        "motion:\n  mesh-Crate.001:\n    keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0, 0, -0.1]}]\ntarget:",
         name="scene.yaml",
     )
-    backend.activate_backend("scalar")
+    backend.activate_render_backend("scalar")
     described = mitsuba_scene.build_scene_dict(scene)
     depths = []
     for time_s in (0.0, 0.5):
         moment = mitsuba_scene.pose_shapes(
-            described, mitsuba_scene.read_motions(scene, described), time_s=time_s
+            described, mitsuba_scene.mitsuba_shape_motions(scene, described), time_s=time_s
         )
-        hit = mi.load_dict(
-            {"type": "scene", "it": moment["mesh-Crate.001"], "mat-Print": moment["mat-Print"]}
-        )
+        hit = mi.load_dict({"type": "scene", "it": moment["mesh-Crate.001"], "mat-Print": moment["mat-Print"]})
         depths.append(hit.ray_intersect(mi.Ray3f([0.01, 0.04, 0.5], [0, 0, -1])).t)
     assert depths == pytest.approx([0.5, 0.55], abs=1e-6)
 
@@ -150,8 +145,8 @@ def test_a_lamp_that_is_shared_burns_in_each_shape_that_names_it(written, tmp_pa
         '<shape type="cube" id="a"><ref id="glow"/><ref id="paint"/></shape>'
         '<shape type="cube" id="b"><ref id="glow"/></shape>'
     )
-    backend.activate_backend("scalar")
-    entries = xml_scene.parse_scene_dict(text, tmp_path / "scene.xml")
+    backend.activate_render_backend("scalar")
+    entries = xml_scene.parse_mitsuba_scene_dict(text, tmp_path / "scene.xml")
     assert set(entries) == {"grey", "a", "b"}
     loaded, _ = mitsuba_scene.load_lit_scene(entries, ("a",), max_depth=2)
     lit = {s.id(): (s.is_emitter(), s.bsdf().id()) for s in loaded.shapes()}
@@ -197,8 +192,7 @@ def test_an_include_within_the_folder_is_put_in_place(written, tmp_path):
         '<rgb name="reflectance" value="$g"/></bsdf></scene>'
     )
     text = written(
-        '<include filename="fragments/materials.xml"/><shape type="cube"><ref id="grey"/></shape>',
-        {"g": 0.25},
+        '<include filename="fragments/materials.xml"/><shape type="cube"><ref id="grey"/></shape>', {"g": 0.25}
     )
     assert text.index('id="grey"') < text.index('id="shape_1"')
     assert 'value="0.25"' in text
@@ -377,8 +371,8 @@ def test_an_encoding_that_python_knows_is_read(tmp_path, name):
     ],
 )
 def test_what_mitsuba_does_not_understand_is_told_with_its_line(written, tmp_path, elements, told):
-    backend.activate_backend("scalar")
-    error = refusal(xml_scene.parse_scene_dict, written(elements), tmp_path / "scene.xml")
+    backend.activate_render_backend("scalar")
+    error = refusal(xml_scene.parse_mitsuba_scene_dict, written(elements), tmp_path / "scene.xml")
     assert error.where.endswith(f"scene.xml:{2 + elements.count(chr(10))}")
     assert told in str(error)
 
@@ -389,7 +383,7 @@ def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
     scene = exported()
     file = scene.folder / name
     file.write_bytes(file.read_bytes()[:kept])
-    backend.activate_backend("scalar")
+    backend.activate_render_backend("scalar")
     described = mitsuba_scene.build_scene_dict(scene)
     assert file.name in refusal(mitsuba_scene.load_lit_scene, described, ("World",), max_depth=3).problem
 
@@ -423,7 +417,7 @@ def test_a_script_elsewhere_is_not_run(scripted, tmp_path, monkeypatch):
 
 def test_a_script_in_a_folder_that_the_user_named_is_run(scripted, tmp_path, monkeypatch):
     monkeypatch.setenv("SAF_GEN_SCENES", str(scripted.parent))
-    backend.activate_backend("scalar")
+    backend.activate_render_backend("scalar")
     mitsuba_scene.build_scene_dict(load_scene_folder(scripted))
     assert (tmp_path / "ran").exists()
 

@@ -20,9 +20,7 @@ def test_by_hand():
 
 def test_without_the_length_of_the_window_it_is_the_debiased_dispersion():
     counts = make_generator("calibrated").poisson(5, (2, 20, 30)).astype(np.uint32)
-    assert get_measure("sd_calibrated")(counts) == pytest.approx(
-        get_measure("sd_debiased")(counts), rel=1e-12
-    )
+    assert get_measure("sd_calibrated")(counts) == pytest.approx(get_measure("sd_debiased")(counts), rel=1e-12)
 
 
 def test_the_score_is_the_contrast_of_the_light_whatever_the_light():

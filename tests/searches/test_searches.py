@@ -42,9 +42,7 @@ class Curve:
 def focus_curve(frames, peak, *, noise=0.0):
     """A bell over a slope, one number a frame; noise from a fixed stream."""
     at = (np.arange(frames) - peak * frames) / (0.15 * frames)
-    return (
-        np.exp(-(at**2)) + 0.1 * at / frames + noise * make_generator("searches", frames).normal(size=frames)
-    )
+    return np.exp(-(at**2)) + 0.1 * at / frames + noise * make_generator("searches", frames).normal(size=frames)
 
 
 # Reference searches of this project's conventions, frame by frame from 0.
@@ -237,9 +235,7 @@ def test_the_centroid_of_a_triangle_is_its_top_wherever_it_lies_between_blocks(p
 
 
 @pytest.mark.parametrize(("left", "right", "near"), [(40, 120, 1.0), (40, 120, 0.5), (80, 20, 0.25)])
-def test_the_centroid_of_a_lopsided_triangle_leans_by_a_third_of_the_difference_of_its_sides(
-    left, right, near
-):
+def test_the_centroid_of_a_lopsided_triangle_leans_by_a_third_of_the_difference_of_its_sides(left, right, near):
     found = centroid(7 + 3 * lopsided(left, right), near=near)
     assert found == pytest.approx(200 + near * (right - left) / 3, rel=1e-12)
 
@@ -409,9 +405,7 @@ def test_with_the_sign_turned_it_stops_at_twice_the_focus_and_looks_behind_it(pe
     assert stop == pytest.approx(2 * peak * frames, abs=101)
     searched = [(a, b) for a, b in view.windows if a > stop / 2]
     assert min(a for a, _ in searched) == pytest.approx(1.38 * peak * frames, rel=0.01, abs=101)
-    assert answer.frame == pytest.approx(
-        1.38 * peak * frames, rel=0.03, abs=101
-    )  # the end nearest to the focus
+    assert answer.frame == pytest.approx(1.38 * peak * frames, rel=0.03, abs=101)  # the end nearest to the focus
     assert answer.frame - peak * frames > 0.3 * peak * frames
 
 

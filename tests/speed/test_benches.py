@@ -76,7 +76,7 @@ PROMISED = {
     },
 }
 needs_llvm = pytest.mark.skipif(
-    not backend.probe_backends().llvm_usable, reason=backend.probe_backends().llvm_description
+    not backend.probe_render_backends().llvm_usable, reason=backend.probe_render_backends().llvm_description
 )
 
 
@@ -84,9 +84,7 @@ def measured(name, size=SMALL):
     """Return what a bench yields, run in this process, and the stages that it reported."""
     stages = []
     found = list(
-        importlib.import_module(f"saf_gen.speed.bench_{name}").run_bench(
-            size, lambda *told: stages.append(told)
-        )
+        importlib.import_module(f"saf_gen.speed.bench_{name}").run_bench(size, lambda *told: stages.append(told))
     )
     return found, stages
 
@@ -135,9 +133,7 @@ def test_benches_run_in_processes_of_their_own_and_one_that_fails_leaves_the_oth
 
 
 def test_an_unknown_bench_is_told_with_the_nearest():
-    with pytest.raises(
-        BadInput, match=r"unknown bench 'steam'; allowed: encode, .*; did you mean 'stream'\?"
-    ):
+    with pytest.raises(BadInput, match=r"unknown bench 'steam'; allowed: encode, .*; did you mean 'stream'\?"):
         run_benches(["encode", "steam"], SMALL)
 
 
@@ -169,9 +165,9 @@ def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
 
 
 def test_without_llvm_the_stack_bench_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(backend, "probe_backends", lambda: backend.BackendProbe(None, False))
+    monkeypatch.setattr(backend, "probe_render_backends", lambda: backend.BackendProbe(None, False))
     with pytest.raises(BadInput, match="install LLVM"):
-        bench_stack.set_up_scene(SMALL.sensor)
+        bench_stack.set_up_timed_scene(SMALL.sensor)
 
 
 RESULTS = BenchResults(
@@ -328,8 +324,8 @@ def test_the_slope_is_the_exponent(script):
 def test_every_chunk_shape_counts_the_same_spikes(script, tmp_path):
     chunks = script("chunks")
     camera = replace(get_sensor("vidar_400x250"), rows=90, columns=90)
-    charge = synthetic_recording.make_charge(camera, 5)
-    spikes = np.concatenate(list(synthetic_recording.encode_blocks(camera, charge, frames=2_080)), axis=2)
+    charge = synthetic_recording.make_bench_charge(camera, 5)
+    spikes = np.concatenate(list(synthetic_recording.encode_bench_blocks(camera, charge, frames=2_080)), axis=2)
     box = (slice(3, 67), slice(20, 84), slice(13, 156))
     ones = np.unpackbits(spikes[box], axis=2)
     expected = ones.reshape(64, 64, -1, 8 * chunks.WINDOW).sum(axis=3).transpose(2, 0, 1)

@@ -73,9 +73,7 @@ def image_bytes(path, plane, compression=OpenEXR.NO_COMPRESSION):
         ),
         (
             lambda path: image_bytes(
-                path,
-                np.random.default_rng(0).random((5, 700), dtype=np.float32),
-                OpenEXR.ZIP_COMPRESSION,
+                path, np.random.default_rng(0).random((5, 700), dtype=np.float32), OpenEXR.ZIP_COMPRESSION
             ),
             "not a whole OpenEXR file",
         ),

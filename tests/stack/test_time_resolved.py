@@ -16,8 +16,8 @@ from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.time_resolved import (
     PlaneSource,
     TimeResolvedStack,
-    needed_focus_windows,
-    time_slice_frames,
+    focus_windows_of_time_slices,
+    frames_of_time_slices,
 )
 from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
 
@@ -34,7 +34,7 @@ def stacks(position=SWEEP, at=AT, depths=(0.5, 0.5, 0.5, 0.5)):
     random = np.random.default_rng(4)
     made = []
     for frame, window, depth in zip(
-        at, needed_focus_windows(position, at, positions=SPEC.positions), depths, strict=True
+        at, focus_windows_of_time_slices(position, at, positions=SPEC.positions), depths, strict=True
     ):
         spec = replace(SPEC, time_s=frame / 20_000, window=window)
         light = random.uniform(0.1, 1, (2, spec.rendered_count, 6, 8)).astype(np.float32)
@@ -68,7 +68,7 @@ def seen(made, frame, position):
     [(20_000, 20_000, 100, 200), (20_000, 20_000, 64, 312), (400, 20_000, 1, 20_000), (100, 20_000, 1e4, 8)],
 )
 def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_s, step):
-    at = time_slice_frames(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    at = frames_of_time_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
     assert set(np.diff(at)) == {step}
     assert at[0] == 0
     assert at[-2] < frames <= at[-1]
@@ -78,14 +78,14 @@ def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_
 def test_windows_hold_every_position_that_the_lens_passes_between_the_moments_beside_them():
     there_and_back = np.abs(1 - 2 * SWEEP)
     for position in (SWEEP, SWEEP[::-1], there_and_back, np.full(FRAMES, 0.25)):
-        found = needed_focus_windows(position, AT, positions=9)
+        found = focus_windows_of_time_slices(position, AT, positions=9)
         for j, (first, last) in enumerate(found):
             around = position[AT[max(j - 1, 0)] : AT[min(j + 1, 3)]] * 8
             assert 0 <= first < last <= 8
             assert first <= around.min()
             assert around.max() <= last
-    assert needed_focus_windows(SWEEP, AT, positions=9)[0][1] < 8  # not the whole travel
-    assert set(needed_focus_windows(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
+    assert focus_windows_of_time_slices(SWEEP, AT, positions=9)[0][1] < 8  # not the whole travel
+    assert set(focus_windows_of_time_slices(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
 
 
 @pytest.mark.parametrize("cut", [400, 160, 96, 8])
@@ -127,9 +127,7 @@ def test_what_the_encoder_gets_is_the_picture_of_every_readout():
     gain = np.stack([np.linspace(1, 2, FRAMES), np.linspace(1, 0, FRAMES)], axis=1)
     for run in charge_source.time_stack.split_at_slices(0, FRAMES):
         begin, end, _ = run
-        stack, index, fraction, weights = charge_source.encoder_inputs(
-            run, position=SWEEP, gain=gain
-        ).values()
+        stack, index, fraction, weights = charge_source.encoder_inputs(run, position=SWEEP, gain=gain).values()
         for t in range(0, end - begin, 37):
             k, f = index[t], fraction[t]
             after = stack[:, min(k + 1, stack.shape[1] - 1)]
@@ -221,9 +219,7 @@ def test_a_scene_that_stands_still_is_recorded_alike_as_one_stack_and_as_many():
     counts = []
     for source in (PlaneSource.from_stack(whole), plane_source(slices)):
         charge_source, encoder = ChargeSource(source, SENSOR), Encoder(SENSOR, (6, 8), seed=3)
-        charge_source.scale = (
-            0.2 * SENSOR.threshold_e / float(charge_source.charge_image(0, 0.0).sum(axis=0).mean())
-        )
+        charge_source.scale = 0.2 * SENSOR.threshold_e / float(charge_source.charge_image(0, 0.0).sum(axis=0).mean())
         gain = np.ones((FRAMES, 2), np.float32)
         blocks = [
             encoder.encode(**charge_source.encoder_inputs(run, position=SWEEP, gain=gain))
@@ -303,9 +299,7 @@ def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
 
 def test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track(tmp_path):
     recorder = Recorder(SENSOR, FRAMES, device_seed=1, provenance={})
-    recorder.record(
-        make_sequence(mean_rate=0.25), plane_source(stacks()), path=tmp_path / "s.h5", fingerprint=""
-    )
+    recorder.record(make_sequence(mean_rate=0.25), plane_source(stacks()), path=tmp_path / "s.h5", fingerprint="")
     with saf_gen.open_stream(tmp_path / "s.h5") as stream:
         frame = round(stream.truth.frame)
         rate = stream.counts(frame - 20, frame + 20).mean() / 40
@@ -317,9 +311,9 @@ def test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track(tmp_pa
 def test_the_stacks_of_the_first_readouts_and_the_one_after_them():
     specs = tuple(replace(SPEC, window=(n, n + 1), time_s=n * 0.008) for n in range(4))
     time_stack = TimeResolvedStack((0, 160, 320, 480), specs)
-    assert [
-        time_stack.truncated_to(frames).slice_frames[-1] for frames in (1, 160, 160.5, 320, 470, 9000)
-    ] == [*(160, 160, 320, 320, 480, 480)]
+    assert [time_stack.truncated_to(frames).slice_frames[-1] for frames in (1, 160, 160.5, 320, 470, 9000)] == [
+        *(160, 160, 320, 320, 480, 480)
+    ]
     assert time_stack.truncated_to(200).specs == specs[:3]
     assert {spec.rendered_count for spec in time_stack.with_full_travel().specs} == {9}
     assert time_stack.with_full_travel().with_full_travel() == time_stack.with_full_travel() != time_stack

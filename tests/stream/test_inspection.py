@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import saf_gen
-from saf_gen.core.focus_crossings import find_crossings
-from saf_gen.motions import readout_positions
+from saf_gen.core.focus_crossings import find_focus_crossings
+from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.stream.inspection import describe_stream
 
 
@@ -46,8 +46,8 @@ def test_a_stream_with_truth_is_described(tmp_path):
     ],
 )
 def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
-    lens = readout_positions(motion, 80, readout_hz=80.0)
-    when = find_crossings(lens, 0.25)
+    lens = lens_motion_at_readouts(motion, 80, readout_hz=80.0)
+    when = find_focus_crossings(lens, 0.25)
     saf_gen.write_stream(
         tmp_path / "a.h5",
         np.zeros((80, 4, 6), dtype=np.uint8),

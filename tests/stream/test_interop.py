@@ -22,9 +22,7 @@ def decoded(raw, layout, t):
         return [[frame[52 * y + x // 8] >> (x % 8) & 1 for x in range(400)] for y in range(250)]
     if layout == "dense":
         frame = raw[12_500 * t : 12_500 * (t + 1)]
-        return [
-            [frame[(400 * y + x) // 8] >> ((400 * y + x) % 8) & 1 for x in range(400)] for y in range(250)
-        ]
+        return [[frame[(400 * y + x) // 8] >> ((400 * y + x) % 8) & 1 for x in range(400)] for y in range(250)]
     frame = raw[128_000 * t : 128_000 * (t + 1)]
     columns = [*range(500), *range(512, 1012)]
     return [[frame[128 * y + c // 8] >> (c % 8) & 1 for c in columns] for y in range(1000)]
@@ -32,11 +30,7 @@ def decoded(raw, layout, t):
 
 def raw_file(path, layout, frames, seed=0):
     """Random bytes, the ignored ones too: a reader that looks at them is found out."""
-    raw = (
-        np.random.default_rng(seed)
-        .integers(0, 256, frames * RAW_LAYOUTS[layout].frame_bytes, np.uint8)
-        .tobytes()
-    )
+    raw = np.random.default_rng(seed).integers(0, 256, frames * RAW_LAYOUTS[layout].frame_bytes, np.uint8).tobytes()
     path.write_bytes(raw)
     return raw
 
@@ -149,9 +143,7 @@ def test_a_file_is_not_written_over_itself(tmp_path):
     assert "choose another name" in message
     assert (tmp_path / "a.dat").read_bytes() == raw
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
-    assert "a.h5: would be written over itself" in str(
-        refusal(export_raw_frames, tmp_path / "a.h5", tmp_path / "a.h5")
-    )
+    assert "a.h5: would be written over itself" in str(refusal(export_raw_frames, tmp_path / "a.h5", tmp_path / "a.h5"))
 
 
 # -- from a foreign file to an answer --------------------------------------------------------------------
@@ -168,9 +160,7 @@ def tiles_in_full(c):
 LITERAL_MEASURES = {
     "sd_code": lambda c: ((c - c.mean()) ** 2).sum() / c.mean() ** 2,
     "er_sumsq": lambda c: (c**2).sum(),
-    "gradient_code": lambda c: np.hypot(
-        *(sobel(c.astype(float), axis=i, mode="nearest") for i in (0, 1))
-    ).sum(),
+    "gradient_code": lambda c: np.hypot(*(sobel(c.astype(float), axis=i, mode="nearest") for i in (0, 1))).sum(),
     "mfdct_code": tiles_in_full,
 }
 
@@ -189,16 +179,12 @@ class LiteralView:
 
 @pytest.mark.parametrize("measure", LITERAL_MEASURES)
 @pytest.mark.slow
-def test_a_foreign_file_is_searched_as_the_released_code_would_to_the_last_frame(
-    tmp_path, monkeypatch, measure
-):
+def test_a_foreign_file_is_searched_as_the_released_code_would_to_the_last_frame(tmp_path, monkeypatch, measure):
     monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 20)  # many seams in a short file
     monkeypatch.setattr(raw_frames, "_FRAMES", 240)
     raw_file(tmp_path / "a.dat", "416", 403)
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
-    egs, sgfs = evaluate(
-        tmp_path / "a.h5", methods=[f"{measure}+egs_code", f"{measure}+sgfs_code:dt=20"]
-    ).records
+    egs, sgfs = evaluate(tmp_path / "a.h5", methods=[f"{measure}+egs_code", f"{measure}+sgfs_code:dt=20"]).records
     view = LiteralView(tmp_path / "a.dat", LITERAL_MEASURES[measure])
     assert list(egs.trace) == literal_egs(view, 1, 403)
     assert list(sgfs.trace) == literal_sgfs(view, 20)

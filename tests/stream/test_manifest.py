@@ -7,23 +7,14 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.stream.manifest import (
-    MANIFEST_NAME,
-    Manifest,
-    SequenceEntry,
-    read_manifest,
-    verify_entry,
-    write_manifest,
-)
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
 from saf_gen.stream.stream_writer import write_stream
 
 ENTRY = SequenceEntry(
     "a-1", "test", "usaf_target", 0, "static", "sweep", "constant", 0, 2**62, "test/a-1.h5", 20_000,
     "f00", "c0ffee"
 )  # fmt: skip
-MANIFEST_ = Manifest(
-    "tiny", "abc", "llvm", (ENTRY, replace(ENTRY, id="a-2", split="train", file="train/a-2.h5"))
-)
+MANIFEST_ = Manifest("tiny", "abc", "llvm", (ENTRY, replace(ENTRY, id="a-2", split="train", file="train/a-2.h5")))
 
 
 def changed(folder, change):

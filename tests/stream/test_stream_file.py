@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.core.bits import pack
+from saf_gen.core.bits import pack_bits
 from saf_gen.errors import BadInput
 from saf_gen.stream import time_blocks
 from saf_gen.stream.metadata import Metadata, Truth
@@ -64,14 +64,14 @@ def test_frames_counts_and_bytes_come_back(tmp_path, count):
         assert stream.frames(0, count).dtype == np.uint8
         assert np.array_equal(stream.counts(0, count), frames.sum(axis=0))
         assert stream.counts(0, count).dtype == np.uint32
-        assert np.array_equal(stream.packed(0, -(-count // 8)), pack(frames))
+        assert np.array_equal(stream.packed(0, -(-count // 8)), pack_bits(frames))
         stream.verify()
 
 
 def test_any_window_and_region_equals_slicing(tmp_path, monkeypatch):
     small_time_blocks(monkeypatch)
     frames = random_frames(333)
-    packed = pack(frames)
+    packed = pack_bits(frames)
     write_stream(tmp_path / "a.h5", frames)
     draw = np.random.default_rng(3)
     with open_stream(tmp_path / "a.h5") as stream:
@@ -99,9 +99,7 @@ def test_a_sweep_of_windows_equals_slicing(tmp_path, monkeypatch):
 def chunks_read(stream, monkeypatch):
     """The chunks that a stream reads from now on: (first row, first byte)."""
     seen, read = [], stream._time_blocks._read
-    monkeypatch.setattr(
-        stream._time_blocks, "_read", lambda top, start: seen.append((top, start)) or read(top, start)
-    )
+    monkeypatch.setattr(stream._time_blocks, "_read", lambda top, start: seen.append((top, start)) or read(top, start))
     return seen
 
 
@@ -156,11 +154,7 @@ def test_metadata_comes_back(tmp_path):
     write_stream(tmp_path / "a.h5", random_frames(21), **given)
     with open_stream(tmp_path / "a.h5") as stream:
         assert stream.truth.known
-        assert (stream.truth.position, stream.truth.depth_of_focus, stream.truth.frame) == (
-            0.4,
-            (0.3, 0.5),
-            12.5,
-        )
+        assert (stream.truth.position, stream.truth.depth_of_focus, stream.truth.frame) == (0.4, (0.3, 0.5), 12.5)
         for name in ("depth", "target", "best_position", "sharpness"):
             assert np.array_equal(getattr(stream.truth, name), getattr(given["truth"], name))
         for name in ("focus_position", "image_distance", "object_distance", "gain"):
@@ -183,7 +177,7 @@ def test_a_stream_without_metadata_has_none(tmp_path):
 
 def test_the_digest_is_over_content_not_over_slabs_or_provenance(tmp_path):
     frames, metadata = random_frames(4_321), full_metadata(4_321)
-    packed, digests = pack(frames), set()
+    packed, digests = pack_bits(frames), set()
     for step in (1, 37, 250, 251, 541):
         described = Metadata(**{**metadata, "provenance": {"step": str(step)}})
         with StreamWriter(tmp_path / "a.h5", shape=frames.shape, metadata=described) as writer:
@@ -235,10 +229,7 @@ def test_the_digest_is_as_documented(tmp_path):
 def test_a_file_of_other_chunks_reads_the_same(tmp_path):
     frames = random_frames(2_345)
     write_stream(tmp_path / "a.h5", frames, truth={"position": 0.25})
-    for name, how in {
-        "plain": {},
-        "other": {"chunks": (3, 4, 100), "compression": "gzip", "shuffle": True},
-    }.items():
+    for name, how in {"plain": {}, "other": {"chunks": (3, 4, 100), "compression": "gzip", "shuffle": True}}.items():
         path = tmp_path / f"{name}.h5"
         with h5py.File(tmp_path / "a.h5") as old, h5py.File(path, "w") as new:
             new.attrs.update(old.attrs)
@@ -319,17 +310,13 @@ def test_a_lens_and_a_track_are_known_in_every_frame_or_refused(tmp_path, field,
 
 def test_lights_and_names_must_agree(tmp_path):
     assert "gain has 2 lights, light_names 1" in str(
-        refusal(
-            write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), gain=np.zeros((3, 2)), light_names=("a",)
-        )
+        refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), gain=np.zeros((3, 2)), light_names=("a",))
     )
 
 
 @pytest.mark.parametrize("readout_hz", [0, -1, np.nan, np.inf])
 def test_the_rate_must_be_above_zero(tmp_path, readout_hz):
-    assert "readout_hz is" in str(
-        refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), readout_hz=readout_hz)
-    )
+    assert "readout_hz is" in str(refusal(write_stream, tmp_path / "a.h5", np.zeros((3, 1, 1)), readout_hz=readout_hz))
 
 
 def written(path, pieces, shape=(20, 2, 3)):
@@ -343,15 +330,9 @@ def written(path, pieces, shape=(20, 2, 3)):
     [
         ([np.zeros((2, 3, 2), np.uint8)], "only 2 bytes along time were written; allowed: 3 for 20 frames"),
         ([np.zeros((2, 3, 2), np.uint8)] * 2, "4 bytes along time were written; allowed: 3 for 20 frames"),
-        (
-            [np.zeros((3, 2, 3), np.uint8)],
-            r"dtype uint8 and shape \(3, 2, 3\); allowed: uint8 \(2, 3, bytes\)",
-        ),
+        ([np.zeros((3, 2, 3), np.uint8)], r"dtype uint8 and shape \(3, 2, 3\); allowed: uint8 \(2, 3, bytes\)"),
         ([np.zeros((2, 3, 3))], "dtype float64"),
-        (
-            [np.full((2, 3, 3), 16, np.uint8)],
-            "spikes after the last frame; allowed: 0 in bits 4 to 7, as T = 20",
-        ),
+        ([np.full((2, 3, 3), 16, np.uint8)], "spikes after the last frame; allowed: 0 in bits 4 to 7, as T = 20"),
     ],
 )
 def test_wrong_pieces_are_refused_and_leave_nothing(tmp_path, pieces, message):
@@ -432,7 +413,7 @@ def test_an_error_of_the_disk_that_the_caller_met_elsewhere_is_not_told_as_ours(
 
 def test_writer_and_reader_use_the_threads_they_are_given(tmp_path):
     with StreamWriter(tmp_path / "a.h5", shape=(4_000, 20, 20), threads=1) as writer:
-        writer.write(pack(random_frames(4_000, 20, 20)))
+        writer.write(pack_bits(random_frames(4_000, 20, 20)))
         assert sum(t.name.startswith("deflate") for t in threading.enumerate()) == 1
     with open_stream(tmp_path / "a.h5", threads=1) as stream:
         stream.verify()
@@ -463,10 +444,7 @@ def test_a_changed_value_is_found_by_verify(tmp_path, where):
     write_stream(tmp_path / "a.h5", random_frames(100), focus_position=np.zeros(100))
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file[where][0] = file[where][0] + 1
-    with (
-        open_stream(tmp_path / "a.h5") as stream,
-        pytest.raises(BadInput, match=r"content has SHA-256 .* as stored"),
-    ):
+    with open_stream(tmp_path / "a.h5") as stream, pytest.raises(BadInput, match=r"content has SHA-256 .* as stored"):
         stream.verify()
 
 
@@ -582,7 +560,7 @@ def test_the_example_in_the_docs_runs(tmp_path, monkeypatch):
 @pytest.mark.parametrize("what", ["write", "count", "verify"])
 def test_memory_does_not_grow_with_time(tmp_path, monkeypatch, what):
     monkeypatch.setattr(time_blocks, "_CACHE_BYTES", 0)
-    time_block = pack(random_frames(2_000, 40, 40))
+    time_block = pack_bits(random_frames(2_000, 40, 40))
     peaks = []
     for count in (10, 40):
         path = tmp_path / f"{count}.h5"

@@ -6,8 +6,8 @@
 
 from collections.abc import Callable, Iterator
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, error, ok
-from saf_gen.authoring.checks.focus_reach import check_family, check_reach, unseen_target_finding
+from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_error, report_scene_ok
+from saf_gen.authoring.checks.focus_reach import check_family, check_reach, report_scene_target_unseen
 from saf_gen.authoring.checks.licence import check_licence
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.scene_units import check_units
@@ -47,11 +47,7 @@ CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]]
 
 
 def check_scene(
-    scene: Scene,
-    sensor: Sensor,
-    *,
-    backend: str = "auto",
-    progress: Callable[[float], None] = lambda done: None,
+    scene: Scene, sensor: Sensor, *, backend: str = "auto", progress: Callable[[float], None] = lambda done: None
 ) -> Iterator[SceneFinding]:
     """Yield the findings of all checks, as they are made.
 
@@ -69,19 +65,19 @@ def check_scene(
     subject = SceneUnderTest(scene, sensor, backend=backend)
     try:
         shapes = subject.renderer.prepare().mitsuba_scene.shapes()
-        yield ok("geometry", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
+        yield report_scene_ok("geometry", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
     except BadInput as problem:
-        yield error("geometry", str(problem))
+        yield report_scene_error("geometry", str(problem))
         return
     progress(0.1)
     try:
         subject.true_focus  # noqa: B018
     except BadInput as problem:
-        yield unseen_target_finding(subject, problem)
+        yield report_scene_target_unseen(subject, problem)
         return
     for n, check in enumerate(CHECKS_OF_BUILT_SCENES, 1):
         try:
             yield from check(subject)
         except BadInput as problem:
-            yield error(check.__name__.removeprefix("check_"), str(problem))
+            yield report_scene_error(check.__name__.removeprefix("check_"), str(problem))
         progress(0.1 + 0.9 * n / len(CHECKS_OF_BUILT_SCENES))

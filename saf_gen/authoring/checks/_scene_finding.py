@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["SceneFinding", "error", "ok", "warning"]
-
 
 @dataclass(frozen=True)
 class SceneFinding:
@@ -15,16 +13,16 @@ class SceneFinding:
     text: str
 
 
-def ok(check: str, text: str) -> SceneFinding:
+def report_scene_ok(check: str, text: str) -> SceneFinding:
     """Return the finding that all is well, with the value that shows it."""
     return SceneFinding(check, "ok", text)
 
 
-def warning(check: str, text: str) -> SceneFinding:
+def report_scene_warning(check: str, text: str) -> SceneFinding:
     """Return the finding that the scene can be used, but not as well as it might."""
     return SceneFinding(check, "warning", text)
 
 
-def error(check: str, text: str) -> SceneFinding:
+def report_scene_error(check: str, text: str) -> SceneFinding:
     """Return the finding that the scene cannot be used as it is."""
     return SceneFinding(check, "error", text)

@@ -5,23 +5,26 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, error, ok, warning
+from saf_gen.authoring.checks._scene_finding import (
+    SceneFinding,
+    report_scene_error,
+    report_scene_ok,
+    report_scene_warning,
+)
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.authoring.checks.scene_units import suggest_unit
+from saf_gen.authoring.checks.scene_units import suggest_scene_unit
 from saf_gen.core.config.ranges import is_range
 from saf_gen.errors import BadInput
-
-__all__ = ["check_family", "check_reach", "unseen_target_finding"]
 
 MARGIN = 0.1  # of the travel, at either end
 MIN_BLUR = 4.0  # pixels; with less at both ends of the travel there is nothing to search for
 MEMBERS = 3
 
 
-def unseen_target_finding(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
+def report_scene_target_unseen(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
     """Return the finding for a target out of sight or reach, with the unit that would explain it."""
-    unit = suggest_unit(subject)
-    return error("reach", f"{problem}; {unit}" if unit else str(problem))
+    unit = suggest_scene_unit(subject)
+    return report_scene_error("reach", f"{problem}; {unit}" if unit else str(problem))
 
 
 def check_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
@@ -29,8 +32,7 @@ def check_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     truth, half = subject.true_focus, subject.half_depth_of_focus
     low, high = subject.depth_of_focus
     ends = [
-        float(np.sqrt(np.mean(subject.drive.blur_diameter(p, subject.target_depths_m) ** 2)))
-        / subject.sensor.pitch_m
+        float(np.sqrt(np.mean(subject.drive.blur_diameter(p, subject.target_depths_m) ** 2))) / subject.sensor.pitch_m
         for p in (0.0, 1.0)
     ]
     text = (
@@ -38,15 +40,15 @@ def check_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         f"blurred over {ends[0]:.0f} and {ends[1]:.0f} pixels at its ends"
     )
     if not MARGIN <= truth <= 1 - MARGIN:
-        yield warning(
+        yield report_scene_warning(
             "reach", f"{text}: the focus lies near an end of the travel, widen {subject.drive.travel_key}"
         )
     elif max(ends) < MIN_BLUR:
-        yield warning(
+        yield report_scene_warning(
             "reach", f"{text}: that is hardly any blur, open the lens or widen {subject.drive.travel_key}"
         )
     else:
-        yield ok("reach", f"{text}; recipes need focus.positions: {_sufficient_positions(half)} or more")
+        yield report_scene_ok("reach", f"{text}; recipes need focus.positions: {_sufficient_positions(half)} or more")
 
 
 def _sufficient_positions(half: float) -> int:
@@ -62,18 +64,17 @@ def check_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     found = []
     for n in range(MEMBERS):
         member = SceneUnderTest(scene.draw_member("check", n), subject.sensor, backend=subject.backend)
-        drawn = ", ".join(
-            f"{k} {v}" for k, v in member.scene.params.items() if is_range(scene.card.params[k])
-        )
+        drawn = ", ".join(f"{k} {v}" for k, v in member.scene.params.items() if is_range(scene.card.params[k]))
         try:
             found.append(member.true_focus)
         except BadInput as problem:
-            yield error("family", f"with {drawn}: {problem}; narrow the ranges of params")
+            yield report_scene_error("family", f"with {drawn}: {problem}; narrow the ranges of params")
             continue
         if not MARGIN / 2 <= member.true_focus <= 1 - MARGIN / 2:
-            yield warning(
-                "family",
-                f"with {drawn} the focus lies at {member.true_focus:.3f} of the travel, close to its end",
+            yield report_scene_warning(
+                "family", f"with {drawn} the focus lies at {member.true_focus:.3f} of the travel, close to its end"
             )
     if found:
-        yield ok("family", f"{len(found)} members drawn, in focus at {', '.join(f'{p:.3f}' for p in found)}")
+        yield report_scene_ok(
+            "family", f"{len(found)} members drawn, in focus at {', '.join(f'{p:.3f}' for p in found)}"
+        )

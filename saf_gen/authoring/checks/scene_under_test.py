@@ -12,8 +12,6 @@ from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack
 
-__all__ = ["SceneUnderTest"]
-
 POSITIONS, SAMPLES = 65, 16  # over the whole travel
 SLOW_POSITIONS, SLOW_SAMPLES = 17, 8
 NEAR = 8  # positions on either side of the true focus, a quarter of the depth of focus apart
@@ -79,9 +77,7 @@ class SceneUnderTest:
         """A coarse focal stack over the whole travel, all lights together."""
         slow = self.renderer.is_slow
         positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if slow else (POSITIONS, SAMPLES)
-        return self.renderer.render_stack(
-            self.depth_and_target, positions=positions, samples=samples, together=True
-        )
+        return self.renderer.render_stack(self.depth_and_target, positions=positions, samples=samples, together=True)
 
     @cached_property
     def near_stacks(self) -> tuple[FocalStack, FocalStack]:

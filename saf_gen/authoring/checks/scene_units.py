@@ -4,10 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, ok, warning
+from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_ok, report_scene_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-
-__all__ = ["check_units", "suggest_unit"]
 
 UNITS = {
     "millimetres": 1e-3,
@@ -32,14 +30,14 @@ def check_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         f"the whole scene {_lengths(np.ptp(subject.renderer.bounds(), axis=0))}"
     )
     if seen.target.sum() < MIN_PIXELS:
-        yield warning(
+        yield report_scene_warning(
             "units", f"{text}: {seen.target.sum()} pixels are too few to focus on, move the camera nearer"
         )
     else:
-        yield ok("units", text)
+        yield report_scene_ok("units", text)
 
 
-def suggest_unit(subject: SceneUnderTest) -> str:
+def suggest_scene_unit(subject: SceneUnderTest) -> str:
     """Return what to write where another unit would bring the target into the lens's reach, else ''."""
     card = subject.scene.card
     box = subject.renderer.bounds(*card.target)

@@ -4,12 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, error, ok, warning
+from saf_gen.authoring.checks._scene_finding import (
+    SceneFinding,
+    report_scene_error,
+    report_scene_ok,
+    report_scene_warning,
+)
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.core.region import target_bounding_box
 from saf_gen.stack.focal_stack import FocalStack
-
-__all__ = ["check_curve", "target_sharpness"]
 
 CLOSE, FAR = 0.5, 1.5  # depths of focus
 RIVAL = 0.8  # of the peak
@@ -20,7 +23,7 @@ def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check how many depths of focus the peak lies from the true focus, and whether there are other peaks."""
     focus, curve = subject.stack.spec.focus, target_sharpness(subject, subject.stack)
     if not curve.max() > 0:
-        yield error("curve", "the target's box has no sharpness: it is dark or uniform")
+        yield report_scene_error("curve", "the target's box has no sharpness: it is dark or uniform")
         return
     half = subject.half_depth_of_focus
     near, fine = subject.near_stacks[0].spec.focus, target_sharpness(subject, subject.near_stacks[0])
@@ -32,15 +35,15 @@ def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     contrast = curve.max() / curve.min()
     other = "something else in the target's box is sharper there: move it, or give the target more contrast"
     if off > FAR:
-        yield error("curve", f"{text}: {other}")
+        yield report_scene_error("curve", f"{text}: {other}")
     elif off > CLOSE:
-        yield warning("curve", f"{text}: {other}")
+        yield report_scene_warning("curve", f"{text}: {other}")
     elif contrast < MIN_CONTRAST:
-        yield warning(
+        yield report_scene_warning(
             "curve", f"{text}, but only {contrast:.2f} times the lowest value: add contrast, or open the lens"
         )
     else:
-        yield ok("curve", f"{text}; the peak is {contrast:.3g} times the lowest value")
+        yield report_scene_ok("curve", f"{text}; the peak is {contrast:.3g} times the lowest value")
     rivals = [
         k
         for k in range(1, len(curve) - 1)
@@ -49,9 +52,8 @@ def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     ]
     if rivals:
         k = max(rivals, key=lambda k: curve[k])
-        yield warning(
-            "curve",
-            f"a second peak at {focus[k]:.3f} of the travel is {curve[k] / curve.max():.0%} as high: {other}",
+        yield report_scene_warning(
+            "curve", f"a second peak at {focus[k]:.3f} of the travel is {curve[k] / curve.max():.0%} as high: {other}"
         )
 
 

@@ -13,15 +13,13 @@ from typing import Self
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, ok, warning
-from saf_gen.authoring.checks._scene_finding import error as error_finding
+from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_ok, report_scene_warning
+from saf_gen.authoring.checks._scene_finding import report_scene_error as error_finding
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.target_motion import RECORDING_S
 from saf_gen.core.region import region_shape, target_bounding_box
 from saf_gen.scene.keyframes import motion_end_s
-from saf_gen.stack.time_resolved import time_slice_frames
-
-__all__ = ["SliceMismatch", "check_slices", "measure_slice_mismatch"]
+from saf_gen.stack.time_resolved import frames_of_time_slices
 
 PATHS, SLOW_PATHS = 1 << 19, 1 << 15  # per image
 MIN_SAMPLES, MAX_SAMPLES = 8, 256  # per pixel
@@ -65,12 +63,10 @@ def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     card = subject.scene.card
     if not subject.renderer.motions or card.slices_per_s is None:
         return
-    found = {
-        time_s: error for time_s in _times(subject) if (error := measure_slice_mismatch(subject, time_s))
-    }
+    found = {time_s: error for time_s in _times(subject) if (error := measure_slice_mismatch(subject, time_s))}
     dark = [time_s for time_s, error in found.items() if np.isnan(error.mean_square)]
     if dark:
-        finding = error_finding if len(dark) == len(found) else warning
+        finding = error_finding if len(dark) == len(found) else report_scene_warning
         yield finding(
             "slices",
             f"the target's box is black at {dark[0]:.3g} s, so slices cannot be compared: turn a lamp to it, "
@@ -85,23 +81,23 @@ def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     stated = card.interpolation_error
     upper = _round_up(error.rms(SIGMAS))
     if stated is None:
-        yield warning("slices", f"{text}: write interpolation_error: {upper:g} on the card")
+        yield report_scene_warning("slices", f"{text}: write interpolation_error: {upper:g} on the card")
     elif error.rms(-SIGMAS) > stated:
         sufficient = card.slices_per_s * (error.rms() / stated) ** (1 / EDGE_POWER)
-        yield warning(
+        yield report_scene_warning(
             "slices",
             f"{text}, the card says {stated:.2%}: write slices_per_s: {np.ceil(sufficient):.0f}, or "
             f"interpolation_error: {upper:g}",
         )
     else:
-        yield ok("slices", f"{text}, the card says {stated:.2%}")
+        yield report_scene_ok("slices", f"{text}, the card says {stated:.2%}")
 
 
 def measure_slice_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
     """Measure the error between the two slices round a moment; None where the target cannot be focused."""
     hz, renderer = subject.sensor.readout_hz, subject.renderer
     slices_per_s = subject.scene.card.slices_per_s or hz
-    step = time_slice_frames(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
+    step = frames_of_time_slices(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
     last = max(int(motion_end_s(renderer.motions, recording_s=RECORDING_S) * hz) // step, 1)
     before = min(int(time_s * hz) // step, last - 1) * step / hz
     between, after = before + step / 2 / hz, before + step / hz

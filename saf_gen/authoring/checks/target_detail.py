@@ -15,11 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, error, ok, warning
+from saf_gen.authoring.checks._scene_finding import (
+    SceneFinding,
+    report_scene_error,
+    report_scene_ok,
+    report_scene_warning,
+)
 from saf_gen.authoring.checks.scene_under_test import NEAR, SceneUnderTest
 from saf_gen.stack.focal_stack import FocalStack
-
-__all__ = ["TargetDetail", "check_detail", "measure_detail"]
 
 BLUR = 3.0  # pixels
 MIN_CONTRAST = 0.01
@@ -57,13 +60,13 @@ def check_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     )
     size = float(np.median(texels)) if texels.size else float("nan")
     if size > MAX_TEXEL:
-        yield warning(
+        yield report_scene_warning(
             "detail",
             f"a texel of the target covers {size:.2g} pixels: use an image with {2 * size:.2g} times the "
             "texels along each side, or repeat it more often",
         )
     elif texels.size:
-        yield ok("detail", f"a texel of the target covers {size:.2g} pixels")
+        yield report_scene_ok("detail", f"a texel of the target covers {size:.2g} pixels")
     yield _check_noise(subject, detail, texel=size)
 
 
@@ -73,26 +76,26 @@ def _check_contrast(subject: SceneUnderTest, detail: TargetDetail, *, blur: floa
     text = f"contrast {detail.contrast:.2g}, {loss}"
     wanted = f"details of {pixel_mm:.3g} to {5 * pixel_mm:.3g} mm; a pixel sees {pixel_mm:.3g} mm"
     if not detail.contrast > MIN_CONTRAST:
-        return error(
+        return report_scene_error(
             "detail", f"the target shows next to nothing (contrast {detail.contrast:.2g}): give it {wanted}"
         )
     if not detail.blur_loss > MIN_LOSS:
-        return error("detail", f"{text}: it shows no defocus, give it {wanted}")
+        return report_scene_error("detail", f"{text}: it shows no defocus, give it {wanted}")
     if detail.blur_loss < WEAK_LOSS:
-        return warning("detail", f"{text}: its focus curve is flat, give it {wanted}")
-    return ok("detail", text)
+        return report_scene_warning("detail", f"{text}: its focus curve is flat, give it {wanted}")
+    return report_scene_ok("detail", text)
 
 
 def _check_noise(subject: SceneUnderTest, detail: TargetDetail, *, texel: float) -> SceneFinding:
     noise = detail.noise * np.sqrt(subject.near_stacks[0].spec.samples / USUAL_SAMPLES)
     text = f"noise is {noise:.2g} of the contrast at {USUAL_SAMPLES} samples per pixel"
     if not noise > MAX_NOISE:
-        return ok("detail", text)
+        return report_scene_ok("detail", text)
     small = texel < MIN_TEXEL
     cause = f"texels of {texel:.2g} pixels" if small else "detail much finer than a pixel, or small lamps"
     samples = USUAL_SAMPLES * (noise / MAX_NOISE) ** 2
     remedy = f"render {samples:,.0f} samples" if np.isfinite(noise) else "give it contrast"
-    return warning("detail", f"{text} ({cause}): use coarser detail or larger lamps, or {remedy}")
+    return report_scene_warning("detail", f"{text} ({cause}): use coarser detail or larger lamps, or {remedy}")
 
 
 def measure_detail(first: FocalStack, second: FocalStack, *, truth: float, aside: float) -> TargetDetail:

@@ -5,11 +5,14 @@ from itertools import product
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, error, ok, warning
+from saf_gen.authoring.checks._scene_finding import (
+    SceneFinding,
+    report_scene_error,
+    report_scene_ok,
+    report_scene_warning,
+)
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.scene.keyframes import motion_end_s
-
-__all__ = ["RECORDING_S", "check_motion", "find_fastest_shape"]
 
 MOMENTS = 9
 RECORDING_S = 1.0  # 20,000 frames
@@ -21,7 +24,9 @@ def check_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     renderer, card = subject.renderer, subject.scene.card
     if not renderer.motions:
         if card.slices_per_s is not None:
-            yield warning("motion", "the card has slices_per_s, but nothing moves: remove it, or add motion")
+            yield report_scene_warning(
+                "motion", "the card has slices_per_s, but nothing moves: remove it, or add motion"
+            )
         return
     times = _times(subject)
     lost, positions = [], []
@@ -32,20 +37,19 @@ def check_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         else:
             lost.append(time_s)
     if not positions:
-        yield error(
+        yield report_scene_error(
             "motion", "the target is never in the frame while it moves: check motion, camera and target"
         )
         return
     text = f"in focus from {min(positions):.3f} to {max(positions):.3f} of the travel"
     if lost:
-        yield warning(
-            "motion",
-            f"the target has left the frame at {lost[0]:.3g} s: shorten its path, or let it turn back",
+        yield report_scene_warning(
+            "motion", f"the target has left the frame at {lost[0]:.3g} s: shorten its path, or let it turn back"
         )
     elif min(positions) < 0 or max(positions) > 1:
-        yield warning("motion", f"{text}: it leaves the lens's reach, shorten its path in depth")
+        yield report_scene_warning("motion", f"{text}: it leaves the lens's reach, shorten its path in depth")
     else:
-        yield ok("motion", text)
+        yield report_scene_ok("motion", text)
     name, pixels_per_s = find_fastest_shape(subject, times)
     yield _check_speed(subject, name, pixels_per_s=pixels_per_s)
 
@@ -57,14 +61,18 @@ def _check_speed(subject: SceneUnderTest, name: str, *, pixels_per_s: float) -> 
         text = f"no shape moves, only {moving}"
         if slices is None:
             how = "write slices_per_s on the card, and the check measures the error of interpolation"
-            return warning("motion", f"{text}, but recordings show it at rest: {how}")
-        return ok("motion", f"{text}; slices_per_s: {slices:g}")
+            return report_scene_warning("motion", f"{text}, but recordings show it at rest: {how}")
+        return report_scene_ok("motion", f"{text}; slices_per_s: {slices:g}")
     write = f"with slices_per_s: {max(1, round(pixels_per_s / PROPOSED_STEP))} it moves a pixel per slice"
     text = f"{name!r} moves at up to {pixels_per_s:,.0f} pixels per second"
     if slices is None:
-        return warning("motion", f"{text}, but recordings show it at rest: {write}")
+        return report_scene_warning("motion", f"{text}, but recordings show it at rest: {write}")
     text += f", {pixels_per_s / slices:.2g} pixels per time slice"
-    return warning("motion", f"{text}: {write}") if pixels_per_s > MAX_STEP * slices else ok("motion", text)
+    return (
+        report_scene_warning("motion", f"{text}: {write}")
+        if pixels_per_s > MAX_STEP * slices
+        else report_scene_ok("motion", text)
+    )
 
 
 def _times(subject: SceneUnderTest) -> list[float]:
@@ -72,9 +80,7 @@ def _times(subject: SceneUnderTest) -> list[float]:
     motions = subject.renderer.motions
     keys = {frame.time_s for motion in motions.values() for frame in motion.keyframes}
     last = motion_end_s(motions, recording_s=RECORDING_S)
-    return sorted(
-        {*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]}
-    )
+    return sorted({*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]})
 
 
 def find_fastest_shape(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:

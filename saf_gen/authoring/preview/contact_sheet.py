@@ -11,13 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from saf_gen.authoring.preview.display_images import encode_gamma, white_level
-from saf_gen.authoring.preview.sheet_plots import draw_curves, draw_histogram
+from saf_gen.authoring.preview.display_images import encode_preview_gamma, preview_white_level
+from saf_gen.authoring.preview.sheet_plots import draw_preview_curves, draw_preview_histogram
 from saf_gen.camera import Sensor
 from saf_gen.core.files import write_atomically
 from saf_gen.stack.focal_stack import FocalStack
-
-__all__ = ["ContactSheet", "draw_contact_sheet", "write_preview"]
 
 STYLE: Any = {"font.size": 9, "axes.titlesize": 9}
 SHEET_WIDTH, ROW_HEIGHT, SMALL_ROW_HEIGHT = 16.0, 3.4, 2.4  # inches
@@ -60,9 +58,7 @@ def draw_contact_sheet(sheet: ContactSheet, path: Path) -> None:
     if sheet.small_images:
         rows.append((["small"], SMALL_ROW_HEIGHT))
     with matplotlib.rc_context(STYLE):
-        figure = Figure(
-            figsize=(SHEET_WIDTH, 0.4 + sum(height for _, height in rows)), dpi=100, layout="constrained"
-        )
+        figure = Figure(figsize=(SHEET_WIDTH, 0.4 + sum(height for _, height in rows)), dpi=100, layout="constrained")
         FigureCanvasAgg(figure)
         figure.suptitle(sheet.title)
         # Each row is a figure of its own, so that labels of plots do not push images together.
@@ -72,8 +68,8 @@ def draw_contact_sheet(sheet: ContactSheet, path: Path) -> None:
             axes |= dict(zip(names, subfigure.subplots(1, len(names), squeeze=False)[0], strict=True))
         _draw_images(axes, sheet)
         _draw_depth(axes["depth"], sheet.stack)
-        draw_histogram(axes["histogram"], sheet.stack, sensor=sheet.sensor, best=_best_index(sheet))
-        draw_curves(axes["curves"], sheet.stack, sensor=sheet.sensor, truth=sheet.true_focus)
+        draw_preview_histogram(axes["histogram"], sheet.stack, sensor=sheet.sensor, best=_best_index(sheet))
+        draw_preview_curves(axes["curves"], sheet.stack, sensor=sheet.sensor, truth=sheet.true_focus)
         with write_atomically(path) as written:
             figure.savefig(written, format="png")
 
@@ -88,7 +84,7 @@ def _draw_images(axes: dict[str, Axes], sheet: ContactSheet) -> None:
     stack, best = sheet.stack, _best_index(sheet)
     spec = stack.spec
     image = stack.radiance.sum(axis=0)
-    white = white_level(image[best])
+    white = preview_white_level(image[best])
     truth = "the target is not in the image" if np.isnan(sheet.true_focus) else "nearest to the true focus"
     for name, k, caption in (
         ("first", 0, "one end of the travel"),
@@ -98,36 +94,28 @@ def _draw_images(axes: dict[str, Axes], sheet: ContactSheet) -> None:
         position = float(spec.focus[k])
         _show(axes[name], image[k], white=white)
         axes[name].set_title(
-            f"{position:.3f} of the travel, in focus {float(spec.drive.focus_depth(position)):.5g} m:\n"
-            f"{caption}"
+            f"{position:.3f} of the travel, in focus {float(spec.drive.focus_depth(position)):.5g} m:\n{caption}"
         )
     if sheet.sharp is not None:
         _show(axes["sharp"], sheet.sharp, white=white)
         axes["sharp"].set_title("everything sharp,\nthrough a pinhole")
     groups = stack.radiance[:, best]
-    _show_row(
-        axes["groups"], list(groups), captions=spec.groups, white=white, size=(SHEET_WIDTH / 4, ROW_HEIGHT)
-    )
+    _show_row(axes["groups"], list(groups), captions=spec.groups, white=white, size=(SHEET_WIDTH / 4, ROW_HEIGHT))
     axes["groups"].set_title("light groups alone, at gain 1")
     if sheet.small_images:
         captions, small = zip(*sheet.small_images, strict=True)
-        white, size = white_level(*small), (SHEET_WIDTH, SMALL_ROW_HEIGHT)
+        white, size = preview_white_level(*small), (SHEET_WIDTH, SMALL_ROW_HEIGHT)
         _show_row(axes["small"], list(small), captions=captions, white=white, size=size)
         axes["small"].set_title("members of the family, and moments")
 
 
 def _show(axes: Axes, image: np.ndarray, *, white: float) -> None:
-    axes.imshow(encode_gamma(image, white), cmap="gray", vmin=0, vmax=1)
+    axes.imshow(encode_preview_gamma(image, white), cmap="gray", vmin=0, vmax=1)
     axes.set_axis_off()
 
 
 def _show_row(
-    axes: Axes,
-    images: list[np.ndarray],
-    *,
-    captions: Sequence[str],
-    white: float,
-    size: tuple[float, float],
+    axes: Axes, images: list[np.ndarray], *, captions: Sequence[str], white: float, size: tuple[float, float]
 ) -> None:
     """Show images with captions in their corners, arranged to fill an area of this width and height."""
     rows, columns = images[0].shape

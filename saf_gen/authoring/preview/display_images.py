@@ -8,25 +8,23 @@ from matplotlib.image import imsave
 
 from saf_gen.core.files import write_atomically
 
-__all__ = ["encode_gamma", "save_image_grid", "white_level"]
-
 WHITE_QUANTILE = 0.995  # of the pixels are below white, so that a glint does not darken the rest
 GAP = 4  # pixels between two images
 
 
-def white_level(*images: np.ndarray) -> float:
+def preview_white_level(*images: np.ndarray) -> float:
     """Return the radiance to display as white in all of these images, above 0."""
     brightest = max(float(np.quantile(image, WHITE_QUANTILE)) for image in images)
     return brightest if brightest > 0 else 1.0
 
 
-def encode_gamma(image: np.ndarray, white: float) -> np.ndarray:
+def encode_preview_gamma(image: np.ndarray, white: float) -> np.ndarray:
     """Return linear radiance as grey values 0...1, encoded with a gamma of 2.2."""
     shown: np.ndarray = np.clip(image / white, 0, 1) ** (1 / 2.2)
     return shown
 
 
-def save_image_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, max_bytes: int) -> None:
+def save_preview_image_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, max_bytes: int) -> None:
     """Write rows of grey images (0...1, of one height per row) as JPEG, below ``max_bytes`` if possible."""
     height = sum(row[0].shape[0] + GAP for row in rows) - GAP
     width = max(sum(image.shape[1] + GAP for image in row) - GAP for row in rows)

@@ -14,8 +14,6 @@ from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.keyframes import motion_end_s
 from saf_gen.scene.scene_folder import Scene
 
-__all__ = ["make_contact_sheet", "preview_scene", "render_small_images"]
-
 POSITIONS, SAMPLES, SHARP_SAMPLES = 33, 8, 12
 SLOW_POSITIONS, SLOW_SAMPLES = 9, 4
 SHRINK, SMALL_IMAGES = 2, 2  # pixels per side that make one of a small image; small images of each kind

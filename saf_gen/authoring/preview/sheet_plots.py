@@ -3,13 +3,11 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from saf_gen.camera import Sensor, charge_stack, exposure_scale
-from saf_gen.camera.exposure import mean_firing_rate
+from saf_gen.camera import Sensor, camera_exposure_scale, charge_stack
+from saf_gen.camera.exposure import sensor_firing_rate
 from saf_gen.core.region import target_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import FocalStack
-
-__all__ = ["draw_curves", "draw_histogram"]
 
 BLUE, ORANGE, YELLOW = "#0072B2", "#D55E00", "#f0d060"
 USUAL_RATE = 0.2  # spikes per readout, the mean_rate of the recipes
@@ -21,7 +19,7 @@ def _charge(stack: FocalStack, sensor: Sensor) -> np.ndarray:
     return charge_stack(stack.radiance, sensor, lens=spec.drive, position=spec.focus).sum(axis=0)
 
 
-def draw_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth: float) -> None:
+def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth: float) -> None:
     """Draw the blur of the target by geometric optics, and the stack's noise-free sharpness in its box."""
     drive, depths = stack.spec.drive, stack.depth[stack.target]
     axes.set(xlabel="focus position, fraction of travel", xlim=(0, 1))
@@ -47,11 +45,11 @@ def draw_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth: float) 
     right.set_ylim(bottom=0)
 
 
-def draw_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) -> None:
+def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) -> None:
     """Draw spikes per readout of target and frame at best focus, when the target fires 0.2 on average."""
     charge = _charge(stack, sensor)[best]
     try:
-        scale = exposure_scale(charge, stack.target, sensor=sensor, mean_rate=USUAL_RATE)
+        scale = camera_exposure_scale(charge, stack.target, sensor=sensor, mean_rate=USUAL_RATE)
         title = f"brightness of the pixels at mean_rate {USUAL_RATE:g}"
     except BadInput:  # part of the target is dark, or it is out of sight
         scale, title = 1.0, "brightness of the pixels, absolute exposure"
@@ -59,10 +57,10 @@ def draw_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) 
     bins = np.geomspace(1e-3, 1, 61)
     for pixels, color, label in ((charge, "grey", "frame"), (charge[stack.target], BLUE, "target")):
         if pixels.size:
-            rate = np.clip(mean_firing_rate(pixels * scale + dark, sensor), bins[0], bins[-1])
+            rate = np.clip(sensor_firing_rate(pixels * scale + dark, sensor), bins[0], bins[-1])
             counts, _ = np.histogram(rate, bins=bins)
             axes.stairs(100 * counts / rate.size, bins, color=color, label=label)
-    absolute = mean_firing_rate(charge[stack.target] + dark, sensor)
+    absolute = sensor_firing_rate(charge[stack.target] + dark, sensor)
     if absolute.size:
         title += f"\n(target with absolute exposure: {absolute.mean():.2g})"
     axes.set(xscale="log", xlim=(bins[0], bins[-1]), xlabel="spikes per readout", ylabel="pixels, %")

@@ -8,7 +8,7 @@ They hold for every registered measure and search; this project's tests run them
 from collections.abc import Iterator
 
 from saf_gen.benchmark.conformance._check_result import CheckResult
-from saf_gen.benchmark.conformance._check_runner import CheckLimits, run_checks
+from saf_gen.benchmark.conformance._check_runner import CheckLimits, run_conformance_checks
 from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks
 from saf_gen.benchmark.conformance.measure_checks import measure_checks
 from saf_gen.benchmark.conformance.method_checks import method_checks
@@ -43,7 +43,7 @@ def check_named(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult
 
 def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a focus measure and yield their results."""
-    return run_checks("measure", measure_checks(measure), limits=limits)
+    return run_conformance_checks("measure", measure_checks(measure), limits=limits)
 
 
 def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
@@ -52,8 +52,8 @@ def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[Check
         # Imported here because it reads OpenEXR files.
         from saf_gen.benchmark.conformance.commanding_search_checks import commanding_checks
 
-        return run_checks("search", commanding_checks(search, limits), limits=limits)
-    return run_checks("search", estimating_checks(search, limits), limits=limits)
+        return run_conformance_checks("search", commanding_checks(search, limits), limits=limits)
+    return run_conformance_checks("search", estimating_checks(search, limits), limits=limits)
 
 
 def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
@@ -66,4 +66,4 @@ def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[Check
     if failed:
         yield CheckResult("method", "whole", "warn", "not run: a half of it fails", "mend that first")
         return
-    yield from run_checks("method", method_checks(method, limits), limits=limits)
+    yield from run_conformance_checks("method", method_checks(method, limits), limits=limits)

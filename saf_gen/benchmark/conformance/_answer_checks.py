@@ -6,8 +6,6 @@ from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.benchmark.tracks.search_run import find_answer_fault
 from saf_gen.parts import Answer
 
-__all__ = ["STATE_HINT", "UNIT_HINT", "check_answer", "check_frame", "check_same"]
-
 STATE_HINT = "draw nothing by chance, and keep nothing between calls"
 UNIT_HINT = "the unit of the scores must not matter: compare them with each other, never with a number"
 
@@ -19,7 +17,7 @@ def check_answer(answer: Any, *, commanding: bool) -> Answer:
     return answer
 
 
-def check_frame(answer: object, frames: int, *, recording: str) -> Answer:
+def check_method_answer_frame(answer: object, frames: int, *, recording: str) -> Answer:
     """Return an estimating search's answer if it lies in the recording; else raise CheckFailure."""
     found = check_answer(answer, commanding=False)
     if found.frame is not None and not 0 <= found.frame <= frames - 1:

@@ -15,8 +15,6 @@ import numpy as np
 
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckResult, CheckWarning
 
-__all__ = ["Check", "CheckLimits", "LimitExceededError", "describe_crash", "run_checks"]
-
 Check = Callable[[], str]
 """Returns what was seen where all is well, and raises CheckFailure or CheckWarning where it is not."""
 
@@ -46,7 +44,7 @@ class LimitExceededError(BaseException):
     """A plug-in exceeded its limits. A BaseException, so that none of its ``except Exception`` catches it."""
 
 
-def run_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
+def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
     """Run checks one after the other and yield their results; end after one that had to be stopped."""
     for name, check in checks.items():
         try:
@@ -58,11 +56,11 @@ def run_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -
             yield CheckResult(part, name, "fail", seen, "let its loops end whatever the scores are")
             return
         except (Exception, SystemExit) as error:  # noqa: BLE001 anybody's plug-in may raise anything
-            seen = describe_crash(error)
+            seen = describe_method_crash(error)
             yield CheckResult(part, name, "fail", seen, "no input of the benchmark may raise this: catch it")
 
 
-def describe_crash(error: BaseException) -> str:
+def describe_method_crash(error: BaseException) -> str:
     """Return an exception as one line, with the file and line of the plug-in that raised it."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _is_plugin_code(Path(frame.filename))]
@@ -82,9 +80,7 @@ def _run_within(check: Check, limits: CheckLimits) -> str:
         warnings.simplefilter("always")
         seen = check()
     if caught:
-        raise CheckWarning(
-            f"{caught[0].category.__name__}: {caught[0].message}", "handle the case that it warns of"
-        )
+        raise CheckWarning(f"{caught[0].category.__name__}: {caught[0].message}", "handle the case that it warns of")
     return seen
 
 

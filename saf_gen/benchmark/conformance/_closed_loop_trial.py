@@ -9,7 +9,7 @@ import numpy as np
 
 from saf_gen.benchmark.conformance._answer_checks import STATE_HINT, check_answer
 from saf_gen.benchmark.conformance._check_result import CheckFailure
-from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_crash
+from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_method_crash
 from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, OVEREXPOSURE, make_test_scene
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
@@ -22,8 +22,6 @@ from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.metadata import Truth
-
-__all__ = ["BUDGET_FRAMES", "LIGHT_FACTORS", "Runner", "describe_run", "run_on_test_scene", "run_twice"]
 
 BUDGET_FRAMES = 40_000  # two seconds
 LIGHT_FACTORS = {"a usual light": 1.0, "no light": 0.0, "50 times too much": OVEREXPOSURE}
@@ -69,7 +67,7 @@ class CheckedSearch:
             ) from error
         except Exception as error:  # anybody's search may raise anything
             raise CheckFailure(
-                f"{describe_crash(error)}, with {self.camera}",
+                f"{describe_method_crash(error)}, with {self.camera}",
                 "no camera may make it raise: move only to 0 ... 1, abstain where there is nothing to see",
             ) from error
         return check_answer(answer, commanding=commands(self.search))
@@ -98,9 +96,7 @@ def run_on_test_scene(
     capture, charge_source = _make_capture(best, light, seed=seed)
     camera = f"{actuator} and {frames:,} frames"
     checked = replace(
-        method,
-        measure=LimitedMeasure(method.measure, unit, limits),
-        search=CheckedSearch(method.search, camera),
+        method, measure=LimitedMeasure(method.measure, unit, limits), search=CheckedSearch(method.search, camera)
     )
     protocol = ClosedLoopProtocol(get_actuator(actuator), budget_s=frames / capture.sensor.readout_hz)
     region = slice(0, capture.sensor.rows), slice(0, capture.sensor.columns)
@@ -124,7 +120,7 @@ def run_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str 
     return first
 
 
-def describe_run(run: ClosedLoopRun) -> str:
+def describe_closed_loop_run(run: ClosedLoopRun) -> str:
     """Return where the lens was at the end, and when the method had its answer."""
     return f"{run.path[-1]:.3f} after {run.answer_frame:,} of {run.budget:,} frames"
 
@@ -134,9 +130,7 @@ def _check_position(run: ClosedLoopRun) -> None:
     if position is None:
         return
     if not 0 <= position <= 1:
-        raise CheckFailure(
-            f"it answers position {position:g}", "the travel is 0 to 1: cut what a noisy sensor reads"
-        )
+        raise CheckFailure(f"it answers position {position:g}", "the travel is 0 to 1: cut what a noisy sensor reads")
     if not run.windows:
         raise CheckFailure("it answers without a score", 'abstain without one: Answer(note="no time")')
 
@@ -163,13 +157,6 @@ def _make_capture(best: float, light: float, *, seed: int) -> tuple[Capture, Cha
     )
     gain = np.full((BUDGET_FRAMES, 1), light, np.float32)
     capture = Capture(
-        PlaneSource.from_stack(stack),
-        scene.sensor,
-        gain,
-        scene.exposure,
-        seed,
-        1,
-        Truth(position=best),
-        len(gain),
+        PlaneSource.from_stack(stack), scene.sensor, gain, scene.exposure, seed, 1, Truth(position=best), len(gain)
     )
     return capture, capture.open_charge_source()

@@ -6,8 +6,6 @@ from dataclasses import is_dataclass
 from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.parts import cite_source
 
-__all__ = ["check_class", "check_description"]
-
 
 def check_class(plug_in: object) -> None:
     """Raise CheckFailure unless the plug-in is a frozen dataclass with a docstring."""
@@ -18,9 +16,7 @@ def check_class(plug_in: object) -> None:
         raise CheckFailure("its dataclass is not frozen", "write @dataclass(frozen=True)")
     docstring = inspect.getdoc(cls) or ""
     if not docstring or docstring.startswith(f"{cls.__name__}("):  # dataclass fills in its fields
-        raise CheckFailure(
-            "its class has no docstring", "write what the plug-in does, its options and its range"
-        )
+        raise CheckFailure("its class has no docstring", "write what the plug-in does, its options and its range")
 
 
 def check_description(plug_in: object) -> str:

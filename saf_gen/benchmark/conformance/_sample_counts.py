@@ -6,10 +6,8 @@ import numpy as np
 
 from saf_gen.core.seeds import make_generator
 
-__all__ = ["EDGE_CASE_COUNTS", "natural_texture", "random_counts"]
 
-
-def random_counts(*shape: int, highest: int = 50) -> np.ndarray:
+def make_conformance_counts(*shape: int, highest: int = 50) -> np.ndarray:
     """Return counts drawn evenly from 0 to below ``highest``, uint32 and read-only."""
     counts = make_generator("conformance", *shape).integers(0, highest, shape, dtype=np.uint32)
     counts.flags.writeable = False
@@ -17,7 +15,7 @@ def random_counts(*shape: int, highest: int = 50) -> np.ndarray:
 
 
 @lru_cache
-def natural_texture(rows: int, columns: int) -> np.ndarray:
+def make_conformance_texture(rows: int, columns: int) -> np.ndarray:
     """Return an image whose amplitudes fall as 1/frequency: float64, read-only, mean about 1, at least 0.05.
 
     That is the average over natural scenes: D. J. Field, "Relations between the statistics of natural images
@@ -34,12 +32,12 @@ def natural_texture(rows: int, columns: int) -> np.ndarray:
 
 
 EDGE_CASE_COUNTS: dict[str, np.ndarray] = {
-    "random": random_counts(37, 52),
+    "random": make_conformance_counts(37, 52),
     "empty": np.zeros((20, 30), np.uint32),
     "saturated": np.full((20, 30), 20_000, np.uint32),
-    "one-pixel": random_counts(1, 1),
-    "one-row": random_counts(1, 40),
-    "one-column": random_counts(40, 1),
+    "one-pixel": make_conformance_counts(1, 1),
+    "one-row": make_conformance_counts(1, 40),
+    "one-column": make_conformance_counts(40, 1),
     "one-spike": np.eye(1, 400, 7, dtype=np.uint32).reshape(20, 20),
 }
 """Counts that any measure must score."""

@@ -5,19 +5,17 @@ from functools import cache
 import numpy as np
 
 from saf_gen.benchmark.conformance._check_runner import CheckLimits
-from saf_gen.benchmark.conformance._sample_counts import natural_texture
+from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
 from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 from saf_gen.parts import wants_frames, wants_halves
 
-__all__ = ["MEAN_RATE", "SyntheticRecording", "gaussian_curve"]
-
 MEAN_RATE = 0.2  # spikes per pixel and readout
 SIZE = 16, 24
 
 
-def gaussian_curve(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
+def conformance_bell_curve(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
     """Return a Gaussian of height 1 at the fraction ``peak`` of a recording; it falls to 1/e in ``width``."""
     return np.exp(-(((np.arange(frames) / frames - peak) / width) ** 2))
 
@@ -34,12 +32,7 @@ class SyntheticRecording:
     lag_s = 0.0
 
     def __init__(
-        self,
-        curve: np.ndarray,
-        *,
-        unit: float = 1.0,
-        light: float = MEAN_RATE,
-        limits: CheckLimits | None = None,
+        self, curve: np.ndarray, *, unit: float = 1.0, light: float = MEAN_RATE, limits: CheckLimits | None = None
     ) -> None:
         self.frames, self._unit, self._light = len(curve), unit, light
         self._sums = np.concatenate([[0.0], np.cumsum(curve, dtype=np.float64)])
@@ -57,9 +50,7 @@ class SyntheticRecording:
         self._limits.check_scores(self.scores)
         self.seen = max(self.seen, window.stop)
         mean = float(self._sums[window.stop] - self._sums[window.start]) / len(window)
-        return (
-            self._unit * mean if measure is None else self._score_texture(measure, mean, frames=len(window))
-        )
+        return self._unit * mean if measure is None else self._score_texture(measure, mean, frames=len(window))
 
     def position(self, frame: int) -> float:
         validate_window(frame, frame + 1, total=self.frames)
@@ -75,7 +66,7 @@ class SyntheticRecording:
     def _score_texture(self, name: str, mean: float, *, frames: int) -> float:
         measure = _measure(name)
         contrast = (mean - self._lowest) / self._range if self._range else 0.0
-        counts = self._light * frames * (1 + contrast * (natural_texture(*SIZE) - 1))
+        counts = self._light * frames * (1 + contrast * (make_conformance_texture(*SIZE) - 1))
         given = np.stack([counts, counts]) / 2 if wants_halves(measure) else counts
         if wants_frames(measure):
             return measure(given, frames=frames)  # type: ignore[call-arg]

@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from saf_gen.benchmark.conformance._sample_counts import natural_texture
-from saf_gen.camera import Sensor, charge_stack, encode, exposure_scale, get_sensor
+from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
+from saf_gen.camera import Sensor, camera_exposure_scale, charge_stack, encode, get_sensor
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_writer import StreamWriter
-
-__all__ = ["BEST_FOCUS", "TARGET_RATE", "TestScene", "make_test_scene", "write_recordings"]
 
 ROWS, COLUMNS, POSITIONS = 32, 48, 33
 BLUR = 8.0  # sigma in pixels, a whole travel from the best focus
@@ -50,23 +48,22 @@ class TestScene:
 def make_test_scene(best: float) -> TestScene:
     """Return the scene with its best focus at this fraction of the travel."""
     sensor = get_sensor("vidar_400x250", rows=ROWS, columns=COLUMNS)
-    sharp = natural_texture(ROWS, COLUMNS)
+    sharp = make_conformance_texture(ROWS, COLUMNS)
     distance = np.abs(np.linspace(0, 1, POSITIONS) - best)
     blurred = [gaussian_filter(sharp, BLUR * d, mode="wrap") for d in distance]
     radiance = np.stack(blurred)[None].astype(np.float32)
     at_best = _charge(radiance, sensor)[0, int(distance.argmin())]
-    exposure = exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor=sensor, mean_rate=TARGET_RATE)
+    exposure = camera_exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor=sensor, mean_rate=TARGET_RATE)
     return TestScene(best, radiance, DRIVE, sensor, exposure)
 
 
-def write_recordings(folder: Path, frames: int) -> dict[str, Path]:
+def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
     """Write recordings of this length and return their paths by name; two do not say where the lens was."""
     scene = make_test_scene(BEST_FOCUS)
     empty = np.zeros((ROWS, COLUMNS, -(-frames // 8)), np.uint8)
     full = np.broadcast_to(np.packbits(np.arange(frames) >= 0, bitorder="little"), empty.shape)
     swept, saturated = (
-        encode(scene.charge() * np.float32(gain), scene.sensor, frames=frames, seed=1)
-        for gain in (1, OVEREXPOSURE)
+        encode(scene.charge() * np.float32(gain), scene.sensor, frames=frames, seed=1) for gain in (1, OVEREXPOSURE)
     )
     lens = ((np.arange(frames) + 0.5) / frames).astype(np.float32)
     known = Metadata(focus_position=lens, truth=Truth(position=BEST_FOCUS, frame=BEST_FOCUS * frames - 0.5))

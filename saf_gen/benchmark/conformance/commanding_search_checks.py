@@ -14,7 +14,7 @@ from saf_gen.benchmark.conformance._closed_loop_trial import (
     BUDGET_FRAMES,
     LIGHT_FACTORS,
     Runner,
-    describe_run,
+    describe_closed_loop_run,
     run_on_test_scene,
     run_twice,
 )
@@ -26,8 +26,6 @@ from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 from saf_gen.optics.actuators import actuator_names
 from saf_gen.parts import Search
-
-__all__ = ["commanding_checks"]
 
 STEADY = "voice_coil_hall"  # its sensor sees the lens, and it rings little
 SMALL_BUDGETS = 32, 64, 160, 1000, 3000
@@ -65,7 +63,7 @@ def check_refuses_recording(search: Search, limits: CheckLimits) -> str:
 
 def check_actuators(run: Runner) -> str:
     """It ends in time with every actuator of saf_gen, and answers with a position of the travel."""
-    return "; ".join(f"{name}: {describe_run(run(name))}" for name in actuator_names())
+    return "; ".join(f"{name}: {describe_closed_loop_run(run(name))}" for name in actuator_names())
 
 
 def check_small_budgets(run: Runner) -> str:
@@ -80,7 +78,7 @@ def check_small_budgets(run: Runner) -> str:
 def check_lights(run: Runner) -> str:
     """It ends without a spike, and with one at every readout."""
     return "; ".join(
-        f"{name}: {describe_run(run(STEADY, light=light))}" for name, light in LIGHT_FACTORS.items()
+        f"{name}: {describe_closed_loop_run(run(STEADY, light=light))}" for name, light in LIGHT_FACTORS.items()
     )
 
 

@@ -5,17 +5,15 @@ from functools import partial
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_frame, check_same
+from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_method_answer_frame, check_same
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
 from saf_gen.benchmark.conformance._declaration_checks import check_description
-from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, gaussian_curve
+from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, conformance_bell_curve
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 from saf_gen.parts import Search, wants_measures
-
-__all__ = ["UNIT", "check_statements", "estimating_checks", "find_accepted_length"]
 
 LENGTHS = 2000, 5000, 20_000, 100_000
 """Frames of the recordings; the first that is not refused as too short is used."""
@@ -68,7 +66,7 @@ def find_accepted_length(search: Search, record: ViewFactory = SyntheticRecordin
     """Return the length in frames of the shortest recording that the search does not refuse."""
     for frames in LENGTHS:
         try:
-            search(record(gaussian_curve(frames, 0.5)))
+            search(record(conformance_bell_curve(frames, 0.5)))
         except BadInput as problem:
             refusal = problem
         else:
@@ -83,7 +81,7 @@ def check_ends(search: Search, record: ViewFactory) -> str:
     """It ends, within a number of scores and of seconds."""
     costs = []
     for frames in (find_accepted_length(search, record), LENGTHS[-1]):
-        view = record(gaussian_curve(frames, 0.5))
+        view = record(conformance_bell_curve(frames, 0.5))
         search(view)
         costs.append(f"{view.scores:,} scores of {frames:,} frames")
     return "; ".join(costs)
@@ -93,7 +91,7 @@ def check_answers(search: Search, record: ViewFactory) -> str:
     """It returns an Answer, with a frame of the recording or none, whatever the curve."""
     curves = _curves(find_accepted_length(search, record))
     for name, curve in curves.items():
-        check_frame(search(record(curve)), len(curve), recording=name)
+        check_method_answer_frame(search(record(curve)), len(curve), recording=name)
     return f"an answer in the recording, on {len(curves)} curves: peaks, noise, scores below 0"
 
 
@@ -104,9 +102,9 @@ def check_flat(search: Search, record: ViewFactory) -> str:
     for name, (curve, light) in {
         "an empty recording": (np.zeros(frames), 0.0),
         "a constant one": (np.ones(frames), MEAN_RATE),
-        "a saturated one": (np.minimum(gaussian_curve(frames, 0.5), 0.5), 1.0),
+        "a saturated one": (np.minimum(conformance_bell_curve(frames, 0.5), 0.5), 1.0),
     }.items():
-        answer = check_frame(search(record(curve, light=light)), frames, recording=name)
+        answer = check_method_answer_frame(search(record(curve, light=light)), frames, recording=name)
         answers.append(f"{name}: {'none' if answer.frame is None else f'frame {answer.frame:g}'}")
     return "; ".join(answers)
 
@@ -130,7 +128,7 @@ def check_any_unit(search: Search, record: ViewFactory) -> str:
 def check_finds_peak(search: Search, record: ViewFactory) -> str:
     """It finds a smooth peak without noise."""
     frames = find_accepted_length(search, record)
-    found = [(peak, search(record(gaussian_curve(frames, peak))).frame) for peak in PEAK_FRACTIONS]
+    found = [(peak, search(record(conformance_bell_curve(frames, peak))).frame) for peak in PEAK_FRACTIONS]
     words = ", ".join(f"{peak} as {'nothing' if at is None else f'{at / frames:.3f}'}" for peak, at in found)
     seen = f"peaks of the curve, fractions of the recording: {words}"
     if any(at is None or abs(at / frames - peak) > TOLERANCE for peak, at in found):
@@ -145,7 +143,7 @@ def check_stops_early(search: Search, record: ViewFactory) -> str:
     then is all that a causal search may need, so its answer lies in it.
     """
     frames = LENGTHS[-1] // 2
-    view = record(gaussian_curve(frames, PEAK_FRACTIONS[0]))
+    view = record(conformance_bell_curve(frames, PEAK_FRACTIONS[0]))
     answer = search(view)
     seen = f"on a peak at {PEAK_FRACTIONS[0]} of the sweep it asked for frames up to {view.seen / frames:.3f}"
     if getattr(search, "causal", False) and view.seen >= frames:
@@ -167,7 +165,7 @@ def check_short(search: Search, record: ViewFactory) -> str:
     for frames in SHORT_LENGTHS:
         try:
             answer = search(record(np.ones(frames)))
-            check_frame(answer, frames, recording=f"a recording of {frames} frames")
+            check_method_answer_frame(answer, frames, recording=f"a recording of {frames} frames")
         except BadInput:
             refused.append(f"{frames}")
     return f"recordings of {', '.join(refused) or 'no'} frames are refused in one line"
@@ -177,7 +175,7 @@ def _curves(frames: int) -> dict[str, np.ndarray]:
     """Return focus curves of two lengths, the second odd, by name."""
     odd = frames * 5 // 2 - 1
     peaks = {
-        f"a peak at {at:g} of {n:,} frames": gaussian_curve(n, at)
+        f"a peak at {at:g} of {n:,} frames": conformance_bell_curve(n, at)
         for n in (frames, odd)
         for at in (0, 0.3, 0.9, 1)
     }
@@ -185,6 +183,6 @@ def _curves(frames: int) -> dict[str, np.ndarray]:
     return {
         **peaks,
         "noise": noise,
-        "scores below 0": -1 - gaussian_curve(frames, 0.4),
+        "scores below 0": -1 - conformance_bell_curve(frames, 0.4),
         "ones": np.ones(frames),
     }

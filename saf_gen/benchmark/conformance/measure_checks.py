@@ -11,12 +11,14 @@ from scipy.ndimage import gaussian_filter
 
 from saf_gen.benchmark.conformance._answer_checks import STATE_HINT
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
-from saf_gen.benchmark.conformance._check_runner import Check, describe_crash
+from saf_gen.benchmark.conformance._check_runner import Check, describe_method_crash
 from saf_gen.benchmark.conformance._declaration_checks import check_description
-from saf_gen.benchmark.conformance._sample_counts import EDGE_CASE_COUNTS, natural_texture, random_counts
+from saf_gen.benchmark.conformance._sample_counts import (
+    EDGE_CASE_COUNTS,
+    make_conformance_counts,
+    make_conformance_texture,
+)
 from saf_gen.parts import Measure, wants_frames, wants_halves
-
-__all__ = ["measure_checks"]
 
 TYPES = (np.uint8, np.uint16, np.int16, np.int64, np.float32, np.float64)
 IMAGE = 250, 400  # 100,000 pixels
@@ -58,9 +60,7 @@ def check_statements(measure: Measure) -> str:
     if cost is None:
         return f"degree {degree}, range {score_range}"
     if isinstance(cost, bool) or not isinstance(cost, int | float) or not 0 < cost < math.inf:
-        raise CheckFailure(
-            f"its cost is {cost!r}", "state operations per pixel, a number above 0, or leave it out"
-        )
+        raise CheckFailure(f"its cost is {cost!r}", "state operations per pixel, a number above 0, or leave it out")
     return f"degree {degree}, range {score_range}, cost {cost:.3g}"
 
 
@@ -71,17 +71,14 @@ def check_finite(measure: Measure) -> str:
             score = _window_scorer(measure)(counts)
         except Exception as error:  # anybody's measure may raise anything
             raise CheckFailure(
-                f"{describe_crash(error)}, for {name} counts {counts.shape}", "score counts of any size"
+                f"{describe_method_crash(error)}, for {name} counts {counts.shape}", "score counts of any size"
             ) from error
         if not isinstance(score, float):
             raise CheckFailure(
-                f"the score of {name} counts is no float: {type(score).__name__} {score!r}",
-                "return float(score)",
+                f"the score of {name} counts is no float: {type(score).__name__} {score!r}", "return float(score)"
             )
         if not math.isfinite(score):
-            raise CheckFailure(
-                f"the score of {name} counts is {score}", "return 0.0 where it would divide by 0"
-            )
+            raise CheckFailure(f"the score of {name} counts is {score}", "return 0.0 where it would divide by 0")
     return f"a finite float for counts that are {', '.join(EDGE_CASE_COUNTS)}"
 
 
@@ -95,7 +92,7 @@ def check_zero_when_empty(measure: Measure) -> str:
 
 def check_number_types(measure: Measure) -> str:
     """It returns the same score for counts of every number type."""
-    scorer, counts = _window_scorer(measure), random_counts(37, 52)
+    scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
     for number_type in TYPES:
         other = scorer(counts.astype(number_type))
@@ -109,7 +106,7 @@ def check_number_types(measure: Measure) -> str:
 
 def check_memory_layout(measure: Measure) -> str:
     """It returns the same score however the counts lie in memory."""
-    scorer, counts = _window_scorer(measure), random_counts(37, 52)
+    scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
     for layout, other in {
         "with gaps": np.repeat(counts, 2, axis=1)[:, ::2],
@@ -125,19 +122,17 @@ def check_memory_layout(measure: Measure) -> str:
 
 def check_leaves_input(measure: Measure) -> str:
     """It does not write into the counts, since other methods get the same array."""
-    before = random_counts(37, 52)
+    before = make_conformance_counts(37, 52)
     writeable = before.copy()
     _window_scorer(measure)(writeable)
     if not np.array_equal(writeable, before):
-        raise CheckFailure(
-            "it changes the counts it is given", "work on a copy: counts.astype(np.float64) is one"
-        )
+        raise CheckFailure("it changes the counts it is given", "work on a copy: counts.astype(np.float64) is one")
     return "the counts are as they were"
 
 
 def check_repeatable(measure: Measure) -> str:
     """It returns the same score for the same counts: again, after other counts, and by a fresh copy."""
-    scorer, counts = _window_scorer(measure), random_counts(37, 52)
+    scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
     scorer(EDGE_CASE_COUNTS["one-spike"])
     for when, again in {
@@ -146,16 +141,14 @@ def check_repeatable(measure: Measure) -> str:
         "by a fresh copy": _window_scorer(replace(measure))(counts),  # type: ignore[type-var]
     }.items():
         if again != score:
-            raise CheckFailure(
-                f"the same counts get another score {when}: {again!r}, not {score!r}", STATE_HINT
-            )
+            raise CheckFailure(f"the same counts get another score {when}: {again!r}, not {score!r}", STATE_HINT)
     return "the same score again, after other counts, and by a fresh copy"
 
 
 def check_degree(measure: Measure) -> str:
     """Counts times 3 give the score times 3 to the stated degree."""
     # What a measure of halves adds for counting in whole spikes does not scale: many counts make it small.
-    counts = random_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
+    counts = make_conformance_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
     scorer = _window_scorer(measure)
     one, three = scorer(counts), scorer(counts * np.uint32(3))
     if not math.isclose(three, one * 3.0**measure.degree, rel_tol=1e-9, abs_tol=1e-12):
@@ -169,7 +162,7 @@ def check_degree(measure: Measure) -> str:
 
 def check_sharp_over_blurred(measure: Measure) -> str:
     """It does not score a natural texture below the same texture blurred."""
-    sharp = 50 * natural_texture(96, 96)
+    sharp = 50 * make_conformance_texture(96, 96)
     scorer = _window_scorer(measure)
     high, low = scorer(sharp), scorer(gaussian_filter(sharp, BLUR, mode="wrap"))
     if not low <= high * (1 + 1e-9):
@@ -183,8 +176,8 @@ def check_sharp_over_blurred(measure: Measure) -> str:
 def measure_speed(measure: Measure) -> str:
     """How long 100,000 pixels take; no measure fails for it."""
     halves = (2,) if wants_halves(measure) else ()
-    counts = random_counts(*halves, *IMAGE)
-    measure(random_counts(*halves, 37, 52))  # compiles what is compiled on first use
+    counts = make_conformance_counts(*halves, *IMAGE)
+    measure(make_conformance_counts(*halves, 37, 52))  # compiles what is compiled on first use
     times: list[float] = []
     while len(times) < 3 and sum(times) < 0.05:
         begin = perf_counter()

@@ -4,17 +4,15 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
-from saf_gen.benchmark.conformance._answer_checks import check_frame, check_same
+from saf_gen.benchmark.conformance._answer_checks import check_method_answer_frame, check_same
 from saf_gen.benchmark.conformance._check_result import CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, write_recordings
+from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, write_conformance_recordings
 from saf_gen.benchmark.conformance.estimating_search_checks import find_accepted_length
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.parts import Answer, commands
 from saf_gen.stream.stream_file import open_stream
-
-__all__ = ["method_checks"]
 
 MIN_FRAMES = 4000  # windows are then long enough for a spike or two
 TOLERANCE = 0.1  # fraction of the travel
@@ -34,11 +32,11 @@ def check_recordings(method: Method) -> str:
     frames = max(find_accepted_length(method.search), MIN_FRAMES)
     answers: dict[str, Answer] = {}
     with tempfile.TemporaryDirectory(prefix="saf-gen-") as folder:
-        for name, path in write_recordings(Path(folder), frames).items():
+        for name, path in write_conformance_recordings(Path(folder), frames).items():
             with open_stream(path) as stream:
                 counts = WindowCounts(stream)
                 first, again = (method.search(RecordingView(counts, method.measure)) for _ in range(2))
-                answers[name] = check_frame(first, frames, recording=name)
+                answers[name] = check_method_answer_frame(first, frames, recording=name)
                 check_same(first, again, cause=f"the {name} stream gets another answer the second time")
     found = {name: None if a.frame is None else a.frame / frames for name, a in answers.items()}
     listed = ", ".join(f"{name} {'none' if at is None else f'{at:.3f}'}" for name, at in found.items())
@@ -58,7 +56,7 @@ def check_running_camera(method: Method, limits: CheckLimits) -> str:
         name: trial.run_twice(run, ACTUATOR, light=light, condition=f"with {name} ")
         for name, light in trial.LIGHT_FACTORS.items()
     }
-    ends = "; ".join(f"{name}: {trial.describe_run(end)}" for name, end in runs.items())
+    ends = "; ".join(f"{name}: {trial.describe_closed_loop_run(end)}" for name, end in runs.items())
     seen = f"the lens ends at {ends}; focus at {BEST_FOCUS}"
     if abs(float(runs["a usual light"].path[-1]) - BEST_FOCUS) > TOLERANCE:
         raise CheckWarning(seen, f"within {TOLERANCE:g} is what one expects in a usual light")

@@ -8,8 +8,6 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.measures import get_measure, measure_names
 from saf_gen.searches import get_search, search_names
 
-__all__ = ["resolve_name"]
-
 FORM_SUFFIXES = ("_n", "_tfi")
 
 

@@ -13,9 +13,7 @@ try:
 except ModuleNotFoundError as error:
     if error.name != "gymnasium":
         raise
-    raise BadInput(
-        "saf_gen.benchmark.gym needs the package gymnasium", hint="pip install 'saf-gen[gym]'"
-    ) from None
+    raise BadInput("saf_gen.benchmark.gym needs the package gymnasium", hint="pip install 'saf-gen[gym]'") from None
 
 from saf_gen.benchmark.gym.autofocus_env import ENVIRONMENT_ID, AutofocusEnv
 from saf_gen.benchmark.gym.policy_evaluation import evaluate_policy

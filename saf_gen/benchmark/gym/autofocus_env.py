@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from saf_gen.benchmark.gym.episode import Episode
-from saf_gen.benchmark.gym.observation_images import render_grey
+from saf_gen.benchmark.gym.observation_images import draw_observation
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequence_tasks
@@ -20,8 +20,6 @@ from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.stream.stream_file import open_stream
-
-__all__ = ["ENVIRONMENT_ID", "AutofocusEnv"]
 
 ENVIRONMENT_ID = "saf_gen/Autofocus-v0"
 MAX_PIXELS = 1024
@@ -143,11 +141,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             self._task = self.tasks[int(seeds.make_generator(*name).integers(len(self.tasks)))]
             noise = seeds.derive_seed(*name, "noise")
         self._episode = Episode(
-            self.load_sequence(self._task),
-            self.protocol,
-            control_s=self.control_s,
-            pixels=self.pixels,
-            seed=noise,
+            self.load_sequence(self._task), self.protocol, control_s=self.control_s, pixels=self.pixels, seed=noise
         )
         return self._episode.observe(), self._make_info()
 
@@ -169,8 +163,8 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._episode
 
     def render(self) -> np.ndarray | None:
-        """Return the box in the last control period with ``rgb_array``, uint8 (h, w, 3); see render_grey."""
-        return render_grey(self.episode.rate) if self.render_mode == "rgb_array" else None
+        """Return the box in the last control period with ``rgb_array``, uint8 (h, w, 3); see draw_observation."""
+        return draw_observation(self.episode.rate) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Release the sequences in memory; streams are open only while they are read."""

@@ -8,21 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.gym.observation_images import average_areas
+from saf_gen.benchmark.gym.observation_images import average_observation_areas
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import (
     ClosedLoopRun,
     describe_spent_budget,
-    finish_run,
-    start_camera,
+    finish_closed_loop_run,
+    start_closed_loop_camera,
 )
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.running_camera import PACKET_FRAMES
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
-
-__all__ = ["FOCUS_BONUS", "Episode"]
 
 FOCUS_BONUS = 1.0
 """Reward for a lens that ends within one depth of focus: as much as the errors of an episode cost at most."""
@@ -61,7 +59,7 @@ class Episode:
         seed: int | None = None,
     ) -> None:
         capture = sequence.capture if seed is None else replace(sequence.capture, seed=seed)
-        self._camera = start_camera(
+        self._camera = start_closed_loop_camera(
             capture, _no_score, protocol=protocol, charge_source=sequence.charge_source, region=sequence.box
         )
         self._truth, self._hz, self._pixels = capture.truth, capture.sensor.readout_hz, pixels
@@ -70,8 +68,7 @@ class Episode:
         frames, track = self._camera.frames, self._truth.track
         if frames < 2 * self.period:
             raise BadInput(
-                f"a control period of {control_s * 1e3:g} ms, "
-                f"with a budget of {self._budget / self._hz * 1e3:g} ms",
+                f"a control period of {control_s * 1e3:g} ms, with a budget of {self._budget / self._hz * 1e3:g} ms",
                 allowed="half the budget at most",
             )
         self._best = np.full(frames, self._truth.position) if track is None else track[:frames]
@@ -123,7 +120,7 @@ class Episode:
 
     def fail(self, problem: str) -> None:
         """End the episode without an answer."""
-        self.run = finish_run(self._camera, Answer(), to=None, budget=self._budget, problem=problem)
+        self.run = finish_closed_loop_run(self._camera, Answer(), to=None, budget=self._budget, problem=problem)
 
     def judge(self) -> dict[str, Any]:
         """Return truth, error and success of the run; None where unknown. Raise BadInput before the end."""
@@ -133,7 +130,7 @@ class Episode:
 
     def _finish(self, position: float | None) -> None:
         answer = Answer(trace=tuple(self._camera.commanded_positions[1:]), position=position)
-        self.run = finish_run(self._camera, answer, to=position, budget=self._budget)
+        self.run = finish_closed_loop_run(self._camera, answer, to=position, budget=self._budget)
 
     def _make_observation(self) -> dict[str, np.ndarray]:
         """Return what a policy sees. The image covers a whole period, also where the last was cut short."""
@@ -142,7 +139,7 @@ class Episode:
         counts = camera.run_until(first, camera.now).window(first, camera.now)
         self.rate = counts / self.period
         read = min(max(camera.position(camera.now - 1), 0.0), 1.0)
-        image = average_areas(counts, self._pixels, columns=self._pixels) / self.period
+        image = average_observation_areas(counts, self._pixels, columns=self._pixels) / self.period
         return {
             "image": image.astype(np.float32),
             "lens": np.array([read], np.float32),

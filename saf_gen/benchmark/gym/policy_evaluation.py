@@ -16,14 +16,12 @@ import numpy as np
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
 from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
-from saf_gen.benchmark.tracks.search_run import describe_exception
-from saf_gen.benchmark.tracks.sequence_tasks import describe_sequence, measure_mean_rate
+from saf_gen.benchmark.tracks.search_run import describe_method_exception
+from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, measure_rate_of_evaluated_stream
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
-
-__all__ = ["Policy", "evaluate_policy"]
 
 Policy = Callable[[dict[str, np.ndarray]], np.ndarray | None]
 """An observation in, an action out; None abstains."""
@@ -73,9 +71,9 @@ def evaluate_policy(
     for task in inner.tasks:
         sequence = inner.load_sequence(task)
         with open_stream(task.path) as stream:
-            rate = measure_mean_rate(WindowCounts(stream, region=sequence.box))
+            rate = measure_rate_of_evaluated_stream(WindowCounts(stream, region=sequence.box))
             budget = inner.protocol.count_frames(sequence.capture)[0]
-            common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
+            common = describe_evaluated_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
         records.append(
             sequence.make_record(
@@ -106,7 +104,7 @@ def _run_policy(
         if episode.run is None:
             episode.fail("a wrapper of the environment ended the episode")
     except Exception as error:  # noqa: BLE001 anybody's policy may raise anything
-        episode.fail(describe_exception(error))
+        episode.fail(describe_method_exception(error))
     run = episode.run
     if run is None:
         raise RuntimeError("an episode ended without a run")
@@ -122,8 +120,7 @@ def _digest_source(make_policy: Callable[[], Policy], parameters: str) -> str:
         source = ""
     if not source:
         raise BadInput(
-            f"the source of the policy {make_policy!r:.60} cannot be read",
-            hint="say which version it is: code='1'",
+            f"the source of the policy {make_policy!r:.60} cannot be read", hint="say which version it is: code='1'"
         )
     name = getattr(make_policy, "__qualname__", "")
     return hashlib.sha256("\n".join([name, parameters, source]).encode()).hexdigest()[:12]

@@ -10,8 +10,6 @@ from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, depth_of_focus
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.stream.metadata import Truth
 
-__all__ = ["count_reversals", "judge_closed_loop_run"]
-
 ARRIVAL_TOLERANCE_DOF = 0.25
 """Depths of focus from its last position within which the lens counts as arrived."""
 
@@ -34,7 +32,7 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float
     fields: dict[str, Any] = {
         "truth": best if best_known else None,
         "lens_travel": float(np.abs(np.diff(path)).sum()),
-        "reversals": count_reversals(run.commanded_positions),
+        "reversals": count_reversals_of_closed_loop_run(run.commanded_positions),
         "status": "failed" if run.problem else "answered" if answered else "abstained",
     }
     success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
@@ -61,7 +59,7 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float
     return fields
 
 
-def count_reversals(positions: Sequence[float]) -> int:
+def count_reversals_of_closed_loop_run(positions: Sequence[float]) -> int:
     """Return how often a lens that is sent to these positions, in order, changes its direction."""
     directions = np.sign(np.diff(positions))
     directions = directions[directions != 0]

@@ -25,8 +25,6 @@ from saf_gen.parts import Answer, commands
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 
-__all__ = ["ClosedLoopRun", "describe_spent_budget", "finish_run", "run_closed_loop_method", "start_camera"]
-
 SETTLE_TOLERANCE = 1e-4
 """Fraction of the travel within which the lens counts as settled at its last position."""
 
@@ -50,7 +48,7 @@ class ClosedLoopRun:
     commanded_positions: tuple[float, ...] = ()
 
 
-def start_camera(
+def start_closed_loop_camera(
     capture: Capture,
     measure: Callable[..., float],
     *,
@@ -75,7 +73,7 @@ def start_camera(
     )
 
 
-def finish_run(
+def finish_closed_loop_run(
     camera: RunningCamera, answer: Answer, *, to: float | None, budget: int, problem: str = ""
 ) -> ClosedLoopRun:
     """Return the run of a method that is done, after the lens has settled at ``to``, unless that is None.
@@ -121,13 +119,8 @@ def run_closed_loop_method(
     cannot keep, and what the focal stacks raise where they cannot be read.
     """
     budget, sweep = protocol.count_frames(capture)
-    camera = start_camera(
-        capture,
-        method.measure,
-        protocol=protocol,
-        charge_source=charge_source,
-        region=region,
-        threads=threads,
+    camera = start_closed_loop_camera(
+        capture, method.measure, protocol=protocol, charge_source=charge_source, region=region, threads=threads
     )
     try:
         if commands(method.search):
@@ -135,8 +128,8 @@ def run_closed_loop_method(
         else:
             answer, to, problem = _run_estimating_search(camera, method, sweep=sweep)
     except BudgetSpentError:
-        return finish_run(camera, Answer(), to=None, budget=budget, problem=describe_spent_budget(budget))
-    return finish_run(camera, answer, to=to, budget=budget, problem=problem)
+        return finish_closed_loop_run(camera, Answer(), to=None, budget=budget, problem=describe_spent_budget(budget))
+    return finish_closed_loop_run(camera, answer, to=to, budget=budget, problem=problem)
 
 
 def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
@@ -145,9 +138,7 @@ def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answe
     return answer, _clip_to_travel(answer.position), problem
 
 
-def _run_estimating_search(
-    camera: RunningCamera, method: Method, *, sweep: int
-) -> tuple[Answer, float | None, str]:
+def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int) -> tuple[Answer, float | None, str]:
     """Return the same for a search that is given a sweep of this many frames."""
     begin, end = (0.0, 1.0) if camera.commanded_positions[0] < 0.5 else (1.0, 0.0)
     camera.move(begin)

@@ -9,14 +9,12 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream_digest, choose_region
-from saf_gen.benchmark.view.captured_frames import rows_to_encode
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream_of_task, choose_method_region
+from saf_gen.benchmark.view.captured_frames import rows_in_method_view
 from saf_gen.core.region import Region, validate_region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stream.stream_file import SpikeStream
-
-__all__ = ["ClosedLoopSequence"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +39,14 @@ class ClosedLoopSequence:
 
         Raises BadInput where the stream is not the one that the manifest names, or cannot be captured again.
         """
-        check_stream_digest(task, stream)
+        check_stream_of_task(task, stream)
         capture = Capture.from_stream(stream, task.path.parent.parent / "stacks")
         data = stream.content_sha256
         if capture.slices:
             data = hashlib.sha256(f"{data} {capture.slices}".encode()).hexdigest()
-        chosen, region_name = choose_region(stream, region)
+        chosen, region_name = choose_method_region(stream, region)
         box = validate_region(chosen, stream.shape[1:])
-        charge_source = capture.open_charge_source(rows_to_encode(capture, box))
+        charge_source = capture.open_charge_source(rows_in_method_view(capture, box))
         return cls(task, capture, box, region_name, charge_source, data)
 
     def make_record(
@@ -62,7 +60,7 @@ class ClosedLoopSequence:
         common: Mapping[str, Any],
         tuning: str = "",
     ) -> Record:
-        """Return the record of a method's run; ``common`` comes from describe_sequence."""
+        """Return the record of a method's run; ``common`` comes from describe_evaluated_sequence."""
         judged = judge_closed_loop_run(run, self.capture.truth, readout_hz=self.capture.sensor.readout_hz)
         unknown = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
         return Record(

@@ -13,15 +13,13 @@ from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import (
     SequenceTask,
-    choose_region,
-    describe_sequence,
-    measure_mean_rate,
+    choose_method_region,
+    describe_evaluated_sequence,
+    measure_rate_of_evaluated_stream,
 )
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.parts import commands
 from saf_gen.stream.stream_file import open_stream
-
-__all__ = ["run_closed_loop_sequence"]
 
 PATH_POINTS = 400
 """Points of a lens path that are kept for figures."""
@@ -43,18 +41,14 @@ def run_closed_loop_sequence(
     records, paths = [], []
     with open_stream(task.path) as stream:
         sequence = ClosedLoopSequence.from_stream(task, stream, region=region)
-        rate = measure_mean_rate(WindowCounts(stream, choose_region(stream, rate_region)[0]))
+        rate = measure_rate_of_evaluated_stream(WindowCounts(stream, choose_method_region(stream, rate_region)[0]))
         budget = protocol.count_frames(sequence.capture)[0]
-        common = describe_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
+        common = describe_evaluated_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
     if not all(commands(method.search) for method in methods):  # the others are given a sweep
         protocol.check_sweep(sequence.capture)
     for done, method in enumerate(methods, start=1):
         run = run_closed_loop_method(
-            sequence.capture,
-            method,
-            protocol=protocol,
-            charge_source=sequence.charge_source,
-            region=sequence.box,
+            sequence.capture, method, protocol=protocol, charge_source=sequence.charge_source, region=sequence.box
         )
         records.append(
             sequence.make_record(

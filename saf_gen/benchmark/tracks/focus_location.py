@@ -8,15 +8,11 @@ import numpy as np
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, depth_of_focus, find_nearest_focus_crossing
 from saf_gen.stream.metadata import Truth
 
-__all__ = ["locate_focus_in_recording", "locate_focus_in_travel", "truncate_truth"]
-
 REACH_LIMIT_DOF = SUCCESS_LIMITS_DOF[1]
 """Depths of focus within which the lens counts as having come to the focus: there an answer can be right."""
 
 
-def locate_focus_in_recording(
-    truth: Truth, focus_position: np.ndarray | None
-) -> tuple[float | None, float | None]:
+def locate_focus_in_recording(truth: Truth, focus_position: np.ndarray | None) -> tuple[float | None, float | None]:
     """Return when the lens of a recording first meets the focus, and how near it comes at all.
 
     When: a fraction of the recording, 0...1. A lens that comes near without crossing the focus meets it where

@@ -20,8 +20,6 @@ from saf_gen.core.config.document import Document, FrozenModel, read_text, valid
 from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput, unknown
 
-__all__ = ["Prediction", "PredictionSet", "read_predictions"]
-
 EXAMPLE = '{"method": "my_net", "sequence": "ID", "frame": 8213.5} in each line'
 FRAMES_HINT = "an answer needs no frame after it: say how far the method looked, or leave frames_seen out"
 

@@ -9,8 +9,6 @@ from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, Actuator
 from saf_gen.stack.capture import Capture
 
-__all__ = ["ClosedLoopProtocol"]
-
 MIN_FRAMES = 16
 """The shortest budget or sweep, in frames: two packets of the camera."""
 MAX_DURATION_S = 86_400.0
@@ -41,9 +39,7 @@ class ClosedLoopProtocol:
     def __post_init__(self) -> None:
         for name, value in (("budget", self.budget_s), ("sweep", self.sweep_s)):
             if value is not None and not 0 < value <= MAX_DURATION_S:
-                raise BadInput(
-                    f"the {name} is {value:g} s", allowed=f"seconds, above 0, at most {MAX_DURATION_S:g}"
-                )
+                raise BadInput(f"the {name} is {value:g} s", allowed=f"seconds, above 0, at most {MAX_DURATION_S:g}")
 
     def count_frames(self, capture: Capture) -> tuple[int, int]:
         """Return the frames of the budget and of a sweep; raises BadInput for more than can be captured.
@@ -54,9 +50,7 @@ class ClosedLoopProtocol:
         budget = capture.frames if self.budget_s is None else round(self.budget_s * hz)
         if not MIN_FRAMES <= budget <= capture.frames:
             whole = capture.frames == len(capture.gain)
-            why = (
-                "as long as was recorded" if whole else "as long as its time slices hold all focus positions"
-            )
+            why = "as long as was recorded" if whole else "as long as its time slices hold all focus positions"
             raise BadInput(
                 f"a budget of {_ms(budget, hz)} ms",
                 allowed=f"{_ms(MIN_FRAMES, hz)} to {_ms(capture.frames, hz)} ms, {why}",

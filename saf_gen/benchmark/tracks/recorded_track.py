@@ -10,22 +10,20 @@ from saf_gen.benchmark.judgement import judge_answer
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
-from saf_gen.benchmark.thumbnails import make_thumbnails
+from saf_gen.benchmark.thumbnails import make_recording_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.search_run import run_search
 from saf_gen.benchmark.tracks.sequence_tasks import (
     SequenceTask,
-    check_stream_digest,
-    choose_region,
-    describe_sequence,
-    measure_mean_rate,
+    check_stream_of_task,
+    choose_method_region,
+    describe_evaluated_sequence,
+    measure_rate_of_evaluated_stream,
 )
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
 from saf_gen.stream.stream_file import SpikeStream, open_stream
-
-__all__ = ["check_no_lens_commands", "run_recorded_sequence"]
 
 
 def check_no_lens_commands(methods: Sequence[Method]) -> None:
@@ -74,13 +72,15 @@ def run_recorded_sequence(
     attempts: list[_Attempt] = []
     curves: dict[str, FocusCurve] = {}
     with open_stream(task.path) as stream:
-        check_stream_digest(task, stream)
-        box, region_name = choose_region(stream, region)
+        check_stream_of_task(task, stream)
+        box, region_name = choose_method_region(stream, region)
         counts = WindowCounts(stream, box)
-        rate = common_rate = measure_mean_rate(counts)
+        rate = common_rate = measure_rate_of_evaluated_stream(counts)
         if rate_region != region:
-            common_rate = measure_mean_rate(WindowCounts(stream, choose_region(stream, rate_region)[0]))
-        common = describe_sequence(task, stream, rate=common_rate, track="recorded")
+            common_rate = measure_rate_of_evaluated_stream(
+                WindowCounts(stream, choose_method_region(stream, rate_region)[0])
+            )
+        common = describe_evaluated_sequence(task, stream, rate=common_rate, track="recorded")
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, method.measure)
             attempt = _run_method(method, view, stream_path=str(stream.path))
@@ -94,8 +94,7 @@ def run_recorded_sequence(
                 for prediction in predictions.for_sequence(task.id)
             ]
         records = [
-            _make_record(task, attempt, stream=stream, common={"region": region_name, **common})
-            for attempt in attempts
+            _make_record(task, attempt, stream=stream, common={"region": region_name, **common}) for attempt in attempts
         ]
         sweep = SweepSummary(
             sequence=task.id,
@@ -111,7 +110,7 @@ def run_recorded_sequence(
             curves=tuple(curves.values()),
             track=stream.truth.track,
             scene_motion=task.scene_motion,
-            thumbnails=make_thumbnails(stream, box) if with_thumbnails else None,
+            thumbnails=make_recording_thumbnails(stream, box) if with_thumbnails else None,
         )
         return records, sweep
 
@@ -153,9 +152,7 @@ def _find_range_fault(answer: Answer, frames: int) -> str:
     return f"answered frame {answer.frame}, which was not recorded"
 
 
-def _make_record(
-    task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, common: Mapping[str, Any]
-) -> Record:
+def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, common: Mapping[str, Any]) -> Record:
     truth, answer = stream.truth, attempt.answer
     judged = judge_answer(
         answer.frame,

@@ -10,15 +10,11 @@ from saf_gen.benchmark.view.stopwatch import Stopwatch
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, Search, View, commands
 
-__all__ = ["describe_exception", "find_answer_fault", "run_search"]
-
 MAX_REASON_CHARACTERS = 300
 """A reason stands in a table, so it is cut to this length."""
 
 
-def run_search(
-    search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = ""
-) -> tuple[Answer, str]:
+def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
     """Return what a search answers and '', or an empty answer and in one line why the search failed.
 
     The search holds only the members of saf_gen.parts.View, and its own time is added to ``scorer``, however
@@ -36,12 +32,12 @@ def run_search(
     except Exception as error:  # anybody's search and measure may raise anything
         if stream_path and isinstance(error, BadInput) and error.where == stream_path:
             raise
-        return Answer(), describe_exception(error)
+        return Answer(), describe_method_exception(error)
     finally:  # two threads of a search may look at once, for longer than it runs
         scorer.add_seconds(max(whole.seconds - within.seconds, 0.0))
 
 
-def describe_exception(error: Exception) -> str:
+def describe_method_exception(error: Exception) -> str:
     """Return the type and the message of an exception, in one line."""
     try:
         message = str(error)

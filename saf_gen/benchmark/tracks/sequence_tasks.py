@@ -7,11 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from saf_gen.benchmark.judgement import light_ratio
-from saf_gen.benchmark.tracks.focus_location import (
-    locate_focus_in_recording,
-    locate_focus_in_travel,
-    truncate_truth,
-)
+from saf_gen.benchmark.tracks.focus_location import locate_focus_in_recording, locate_focus_in_travel, truncate_truth
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.cores import describe_machine
@@ -19,15 +15,6 @@ from saf_gen.core.region import Region, target_bounding_box
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
-
-__all__ = [
-    "SequenceTask",
-    "check_stream_digest",
-    "choose_region",
-    "describe_sequence",
-    "list_sequence_tasks",
-    "measure_mean_rate",
-]
 
 RATE_BLOCKS = 200
 """Blocks of a recording in which mean counts are measured."""
@@ -49,9 +36,7 @@ class SequenceTask:
     frames: int | None = None
 
 
-def list_sequence_tasks(
-    path: Path, *, split: str | None = None, scene_motion: str | None = None
-) -> list[SequenceTask]:
+def list_sequence_tasks(path: Path, *, split: str | None = None, scene_motion: str | None = None) -> list[SequenceTask]:
     """Return the sequences of a dataset folder, of this split and scene motion, or the one stream of a file.
 
     Raises BadInput where there is nothing, or nothing of that split or scene motion.
@@ -60,9 +45,7 @@ def list_sequence_tasks(
         return [_make_stream_task(path, split=split, scene_motion=scene_motion)]
     entries = read_manifest(path).sequences
     if not entries:
-        raise BadInput(
-            f"{path} holds no finished sequence", hint="run saf-gen generate with its recipe again"
-        )
+        raise BadInput(f"{path} holds no finished sequence", hint="run saf-gen generate with its recipe again")
     if split is not None:
         splits = {entry.split for entry in entries}
         if split not in splits:
@@ -99,13 +82,11 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
         )
     for what, value in (("split", split), ("scene motion", scene_motion)):
         if value is not None:
-            raise BadInput(
-                f"{what} {value!r} of the single stream {str(path)!r}", allowed=f"no {what}, or a dataset"
-            )
+            raise BadInput(f"{what} {value!r} of the single stream {str(path)!r}", allowed=f"no {what}, or a dataset")
     return SequenceTask(path.stem, None, path.stem, None, path, None)
 
 
-def choose_region(stream: SpikeStream, region: str) -> tuple[Region | None, str]:
+def choose_method_region(stream: SpikeStream, region: str) -> tuple[Region | None, str]:
     """Return the box of a region and its name; where a stream has no target that is the frame, None."""
     target = stream.truth.target
     if region == "target" and target is not None and np.any(target):
@@ -113,7 +94,7 @@ def choose_region(stream: SpikeStream, region: str) -> tuple[Region | None, str]
     return None, "frame"
 
 
-def check_stream_digest(task: SequenceTask, stream: SpikeStream) -> None:
+def check_stream_of_task(task: SequenceTask, stream: SpikeStream) -> None:
     """Raise BadInput unless the stream is the one that the manifest names."""
     if task.content_sha256 is not None and stream.content_sha256 != task.content_sha256:
         raise BadInput(
@@ -122,7 +103,7 @@ def check_stream_digest(task: SequenceTask, stream: SpikeStream) -> None:
         )
 
 
-def measure_mean_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
+def measure_rate_of_evaluated_stream(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
     """Return the centres of blocks, in frames, and the mean counts in each, spikes per pixel and readout."""
     window = max(1, counts.frames // RATE_BLOCKS)
     first = np.arange(0, counts.frames - window + 1, window)
@@ -130,7 +111,7 @@ def measure_mean_rate(counts: WindowCounts) -> tuple[np.ndarray, np.ndarray]:
     return first + (window - 1) / 2, rate
 
 
-def describe_sequence(
+def describe_evaluated_sequence(
     task: SequenceTask,
     stream: SpikeStream,
     *,
@@ -140,7 +121,7 @@ def describe_sequence(
 ) -> dict[str, Any]:
     """Return what a record says of the sequence, the evaluator and the machine, whatever the method.
 
-    ``rate`` comes from measure_mean_rate. ``frames`` limits it to the first frames of the recording.
+    ``rate`` comes from measure_rate_of_evaluated_stream. ``frames`` limits it to the first frames of the recording.
     """
     truth, gain = truncate_truth(stream.truth, frames or stream.shape[0]), stream.metadata.gain
     centres, mean_rate = rate

@@ -11,8 +11,6 @@ from saf_gen.core.region import Region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 
-__all__ = ["CapturedFrames", "rows_to_encode"]
-
 
 class CapturedFrames:
     """The spikes that a running camera has captured so far, in a region of the sensor.
@@ -20,7 +18,7 @@ class CapturedFrames:
     Parameters
     ----------
     capture : the recorded sequence that is captured again.
-    charge_source : the charge of ``rows_to_encode(capture, region)``; runs of one capture may share it.
+    charge_source : the charge of ``rows_in_method_view(capture, region)``; runs of one capture may share it.
     region : rows and columns, both ends filled in.
     threads : threads of the encoder; None is its default.
     """
@@ -30,7 +28,7 @@ class CapturedFrames:
     ) -> None:
         rows, columns = region
         self._capture, self._charge_source = capture, charge_source
-        encoded = rows_to_encode(capture, region)
+        encoded = rows_in_method_view(capture, region)
         self._encoder = capture.create_encoder(encoded, threads=threads)
         self._inside = slice(rows.start - encoded.start, rows.stop - encoded.start), columns
         self.shape = rows.stop - rows.start, columns.stop - columns.start
@@ -51,7 +49,7 @@ class CapturedFrames:
     def window(self, first: int, stop: int) -> np.ndarray:
         """Return the counts in frames ``first <= t < stop`` that are encoded already: uint32 (h, w)."""
         counts = np.zeros(self.shape, np.uint32)
-        bits.add_counts(self._planes, counts, first=first, stop=stop)
+        bits.add_bit_counts(self._planes, counts, first=first, stop=stop)
         return counts
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
@@ -65,7 +63,7 @@ class CapturedFrames:
         return image
 
 
-def rows_to_encode(capture: Capture, region: Region) -> slice:
+def rows_in_method_view(capture: Capture, region: Region) -> slice:
     """Return the rows that a region needs, from where a block of the encoder's noise begins."""
     step = capture.row_alignment
     return slice(region[0].start // step * step, region[0].stop)

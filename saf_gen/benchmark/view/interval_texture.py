@@ -11,8 +11,6 @@ from numba import njit
 
 from saf_gen.benchmark.view.stopwatch import Stopwatch
 
-__all__ = ["texture_from_intervals", "time_texture_from_intervals"]
-
 Read = Callable[[int, int], np.ndarray]
 
 FIRST_BYTES = 8
@@ -103,9 +101,7 @@ def texture_from_intervals(read: Read, count: Read, *, first: int, stop: int) ->
     return np.divide(stop - first, after - before, out=np.zeros(known.shape), where=known)
 
 
-def time_texture_from_intervals(
-    read: Read, count: Read, *, first: int, stop: int
-) -> tuple[np.ndarray, float]:
+def time_texture_from_intervals(read: Read, count: Read, *, first: int, stop: int) -> tuple[np.ndarray, float]:
     """Return texture_from_intervals and its seconds, without those spent in ``read`` and ``count``.
 
     Where a loop had to be compiled or loaded on the way, the texture is computed once more.

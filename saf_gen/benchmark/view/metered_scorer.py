@@ -11,8 +11,6 @@ from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 from saf_gen.parts import wants_frames
 
-__all__ = ["MeteredScorer"]
-
 
 class MeteredScorer:
     """Scores windows for one method; ``windows`` counts the scores and ``seconds`` what they took to compute.

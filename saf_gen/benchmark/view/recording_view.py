@@ -7,8 +7,6 @@ from saf_gen.benchmark.view.window_counts import WindowCounts
 from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput
 
-__all__ = ["RecordingView"]
-
 
 class RecordingView:
     """The view of a recording that is handed to one method's search; see saf_gen.parts.View.

@@ -3,8 +3,6 @@
 from saf_gen.benchmark.view.stopwatch import Stopwatch
 from saf_gen.parts import View
 
-__all__ = ["BudgetSpentError", "RestrictedView"]
-
 
 class BudgetSpentError(Exception):
     """A method asked for more frames than its budget has left."""

@@ -18,8 +18,6 @@ from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, Actuator
 
-__all__ = ["PACKET_FRAMES", "REST_CHECK_FRAMES", "REST_TOLERANCE", "BudgetSpentError", "RunningCamera"]
-
 PACKET_FRAMES = 8
 """Readouts that the camera hands over at once."""
 REST_CHECK_FRAMES = 5 * PACKET_FRAMES

@@ -4,8 +4,6 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any, TypeVar
 
-__all__ = ["Stopwatch"]
-
 T = TypeVar("T")
 
 

@@ -6,8 +6,6 @@ from saf_gen.benchmark.view.running_camera import PACKET_FRAMES, RunningCamera
 from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput
 
-__all__ = ["SweepView"]
-
 
 class SweepView:
     """The view of a lens that goes from one end of its travel to the other; see saf_gen.parts.View.
@@ -27,9 +25,7 @@ class SweepView:
         self._camera, self._offset = camera, camera.now
         self.frames, self.readout_hz, self.lag_s = frames, camera.readout_hz, camera.lag_s
         command_frames = camera.sweep_command_frames(frames)
-        packet_end = (
-            PACKET_FRAMES - self._offset
-        )  # a command holds for a packet: it is the position at its end
+        packet_end = PACKET_FRAMES - self._offset  # a command holds for a packet: it is the position at its end
         camera.commanded_trajectory = lambda frame: (
             begin + (end - begin) * min((frame + packet_end) / command_frames, 1.0)
         )

@@ -16,8 +16,6 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
 from saf_gen.stream.stream_file import SpikeStream
 
-__all__ = ["WindowCounts", "WindowSource", "measure_input"]
-
 KNOTS = 256
 """Frames at which running sums are kept, at most; fewer where they would exceed KNOT_BYTES."""
 KNOT_BYTES = 128 << 20
@@ -104,9 +102,7 @@ class WindowCounts:
         self.textures_s += self._texture_seconds[window.start, window.stop]
         return image
 
-    def _compute_once(
-        self, kind: str, compute: Callable[[int, int], np.ndarray], *, window: range
-    ) -> np.ndarray:
+    def _compute_once(self, kind: str, compute: Callable[[int, int], np.ndarray], *, window: range) -> np.ndarray:
         """Return what is kept of a window, or compute and keep it; the oldest go beyond WINDOW_BYTES."""
         key = kind, window.start, window.stop
         if key in self._kept:

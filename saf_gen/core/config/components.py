@@ -1,8 +1,8 @@
 """Components: plug-ins as recipes write them, ``{kind: ..., key: value, ...}``.
 
 A number may be left open as a range, a file is named by its path, and the component itself may be a choice
-among several. :func:`read_component` checks it at every corner of its ranges, so that no draw can fail hours
-later; :func:`draw_component` turns it into that of one recording.
+among several. :func:`read_config_component` checks it at every corner of its ranges, so that no draw can fail hours
+later; :func:`draw_config_component` turns it into that of one recording.
 """
 
 from collections.abc import Callable, Iterable
@@ -12,16 +12,14 @@ from typing import Any
 from saf_gen.core import seeds
 from saf_gen.core.config import registry
 from saf_gen.core.config.document import Document, Key
-from saf_gen.core.config.ranges import draw_value, extreme_values, is_range
+from saf_gen.core.config.ranges import draw_from_range, is_range, range_extremes
 from saf_gen.core.csv_table import read_text_beside
 from saf_gen.errors import BadInput, located, unknown
-
-__all__ = ["Component", "draw_component", "read_component"]
 
 Component = dict[str, Any]
 
 
-def read_component(
+def read_config_component(
     plugin_kind: str,
     component: Any,
     *,
@@ -39,9 +37,9 @@ def read_component(
     """
     what, where = registry.PLUGIN_KINDS[plugin_kind], document.locate(*keys)
     if is_range(component):
-        among = extreme_values(component, where=where)
+        among = range_extremes(component, where=where)
         read = [
-            read_component(plugin_kind, one, document=document, keys=keys, common=common, build=build)
+            read_config_component(plugin_kind, one, document=document, keys=keys, common=common, build=build)
             for one in among
         ]
         return {"choice": read}
@@ -61,11 +59,11 @@ def read_component(
             raise unknown(f"key of {what} {kind!r}:", key, allowed=known, where=document.locate(*keys, key))
     if "file" in options:
         options["file"] = _with_text(options["file"], document, where=document.locate(*keys, "file"))
-    corners = [extreme_values(value, where=document.locate(*keys, key)) for key, value in options.items()]
+    corners = [range_extremes(value, where=document.locate(*keys, key)) for key, value in options.items()]
     for values in product(*corners):
         corner = dict(zip(options, values, strict=True))
         with located(where):
-            registry.build(plugin_kind, kind, **corner) if build is None else build(kind, **corner)
+            registry.build_plugin(plugin_kind, kind, **corner) if build is None else build(kind, **corner)
     return {"kind": kind, **options}
 
 
@@ -78,16 +76,16 @@ def _with_text(value: Any, document: Document, *, where: str) -> Any:
     return {"path": value, "text": read_text_beside(document.path.parent, value, where=where)}
 
 
-def draw_component(
+def draw_config_component(
     plugin_kind: str, component: Component, *, name: tuple[str | int, ...], purpose: tuple[str, ...]
 ) -> Component:
     """Return the component of one recording: open numbers drawn, a ``seed`` of its own where none is given.
 
     ``name`` names the recording's random streams, ``purpose`` this component among them.
     """
-    chosen = draw_value(component, seeds.make_generator(*name, "recipe", *purpose))
+    chosen = draw_from_range(component, seeds.make_generator(*name, "recipe", *purpose))
     drawn = {
-        key: draw_value(value, seeds.make_generator(*name, "recipe", *purpose, key))
+        key: draw_from_range(value, seeds.make_generator(*name, "recipe", *purpose, key))
         for key, value in chosen.items()
     }
     if "seed" in registry.option_fields(plugin_kind, drawn["kind"]):

@@ -16,8 +16,6 @@ from pydantic_core import ErrorDetails
 
 from saf_gen.errors import BadInput, closest
 
-__all__ = ["STRICT", "Document", "FrozenModel", "Key", "Lines", "read_text", "validate"]
-
 Key = str | int
 Lines = Mapping[tuple[Key, ...], int]
 """The line, from 1, of the value at each path of keys; () is the whole document."""
@@ -62,9 +60,7 @@ def read_text(path: Path, *, hint: str = "") -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        near = closest(
-            path.name, [p.name for p in path.parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")]
-        )
+        near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")])
         nearest = str(path.with_name(near)) if near else ""
         raise BadInput(f"{path} does not exist", nearest=nearest, hint=hint) from None
     except (OSError, UnicodeDecodeError) as error:

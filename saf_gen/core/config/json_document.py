@@ -9,8 +9,6 @@ from typing import Any, NoReturn
 from saf_gen.core.config.document import Document, Key, Lines, read_text
 from saf_gen.errors import BadInput
 
-__all__ = ["parse_json", "read_json"]
-
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 CONSTANTS = ("NaN", "Infinity", "-Infinity")
 

@@ -12,8 +12,6 @@ from saf_gen.core.config.ranges import is_number
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import unknown
 
-__all__ = ["Presets", "Sources", "Switch", "Text", "between", "change_fields", "is_preset_file"]
-
 Device = TypeVar("Device")
 
 

@@ -12,8 +12,6 @@ import numpy as np
 
 from saf_gen.errors import BadInput, closest
 
-__all__ = ["RANGE_FORMS", "check_parameter", "draw_value", "extreme_values", "is_number", "is_range"]
-
 RANGE_FORMS = ("uniform", "log_uniform", "choice")
 PLAIN = "a finite number, text, true or false, or a list of them"
 
@@ -53,17 +51,15 @@ def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> 
     Finite numbers, text, true and false, and lists of them are plain. A YAML date or ``.nan`` is not: it
     could not be stored with the recording that is made with it.
     """
-    for end in extreme_values(value, where=where):
+    for end in range_extremes(value, where=where):
         for one in end if isinstance(end, list) else [end]:
             if not (is_number(one) or isinstance(one, str | bool)):
                 forms = ", ".join(f"{{{kind}: [...]}}" for kind in RANGE_FORMS)
                 near = closest(next(iter(one)), RANGE_FORMS) if isinstance(one, dict) and one else ""
-                raise BadInput(
-                    f"{what} is {_describe(one)}", where=where, allowed=f"{PLAIN}; or {forms}", nearest=near
-                )
+                raise BadInput(f"{what} is {_describe(one)}", where=where, allowed=f"{PLAIN}; or {forms}", nearest=near)
 
 
-def extreme_values(value: Any, *, where: str = "") -> list[Any]:
+def range_extremes(value: Any, *, where: str = "") -> list[Any]:
     """Return the extreme values of a range, all of a choice, to check them before anything is drawn.
 
     Raises BadInput for a range that cannot be drawn from.
@@ -71,7 +67,7 @@ def extreme_values(value: Any, *, where: str = "") -> list[Any]:
     return _form_and_values(value, where)[1] if is_range(value) else [value]
 
 
-def draw_value(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
+def draw_from_range(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
     """Return one value of a range; a fixed value is returned as it is."""
     if not is_range(value):
         return value
@@ -81,9 +77,7 @@ def draw_value(value: Any, random: np.random.Generator, *, where: str = "") -> A
     low, high = among
     fraction = random.random()
     drawn = low + (high - low) * fraction if kind == "uniform" else low * (high / low) ** fraction
-    return float(
-        f"{drawn:.12g}"
-    )  # the last digits of a power differ between machines, and would move digests
+    return float(f"{drawn:.12g}")  # the last digits of a power differ between machines, and would move digests
 
 
 def _describe(value: Any) -> str:

@@ -24,14 +24,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput, SafGenError, unknown
 
-__all__ = ["PLUGIN_KINDS", "build", "names", "option_fields", "plugin_class", "sample"]
-
-PLUGIN_KINDS = {
-    "lights": "light schedule",
-    "motions": "lens motion",
-    "measures": "focus measure",
-    "searches": "search",
-}
+PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
 
 
 @cache
@@ -58,9 +51,7 @@ def plugin_class(plugin_kind: str, name: str) -> type:
     """
     if name in _own(plugin_kind):
         module = import_module(f"saf_gen.{plugin_kind}.{name}")
-        classes = [
-            v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__
-        ]
+        classes = [v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__]
         plugins = [cls for cls in classes if is_dataclass(cls)]
         if len(plugins) != 1:
             raise BadInput(
@@ -117,7 +108,7 @@ def option_fields(plugin_kind: str, name: str) -> dict[str, str]:
     return {f.name.rstrip("_"): f.name for f in fields(plugin_class(plugin_kind, name)) if f.init}
 
 
-def build(plugin_kind: str, name: str, /, **options: Any) -> Any:
+def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
     """Return the plug-in ``name`` with these options.
 
     Raises BadInput for an unknown name or key, a missing key, or a value that the plug-in refuses.

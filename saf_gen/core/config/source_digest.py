@@ -11,10 +11,8 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = ["source_digests"]
 
-
-def source_digests(classes: Iterable[type]) -> list[list[str]]:
+def plugin_source_digests(classes: Iterable[type]) -> list[list[str]]:
     """Return the files behind these classes, each as [file name, sha256 of its code], sorted.
 
     A class without a file, such as one of an interpreter's prompt, gives [name of its module, ""].

@@ -8,8 +8,6 @@ import yaml
 from saf_gen.core.config.document import Document, Key, read_text
 from saf_gen.errors import BadInput
 
-__all__ = ["parse_yaml", "read_yaml"]
-
 TOO_DEEP = "this is nested too deep, or in a circle"
 _YAML_SLIPS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
 """What Python raises through PyYAML for values and escapes of the right form that have no meaning."""

@@ -9,17 +9,12 @@ from saf_gen.leaderboard.figures._style import (
     add_paper_background,
     assign_styles,
     inline_svg,
-    split_method,
+    split_method_label,
     to_svg,
 )
 from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition
 from saf_gen.leaderboard.figures.error_figure import plot_errors
-from saf_gen.leaderboard.figures.focus_curve_figure import (
-    Cursor,
-    locate_cursor,
-    normalise_curve,
-    plot_focus_curves,
-)
+from saf_gen.leaderboard.figures.focus_curve_figure import Cursor, locate_cursor, normalise_curve, plot_focus_curves
 from saf_gen.leaderboard.figures.image_strip import ImageStrip, build_image_strip
 from saf_gen.leaderboard.figures.path_figures import plot_lens_paths, plot_search_steps
 
@@ -43,6 +38,6 @@ __all__ = [
     "plot_focus_curves",
     "plot_lens_paths",
     "plot_search_steps",
-    "split_method",
+    "split_method_label",
     "to_svg",
 ]

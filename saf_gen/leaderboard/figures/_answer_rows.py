@@ -14,11 +14,9 @@ from saf_gen.leaderboard.figures._style import (
     PlotStyle,
     hide_spines,
     shorten_middle,
-    split_method,
+    split_method_label,
 )
 from saf_gen.leaderboard.figures._sweep_axis import frames_to_axis
-
-__all__ = ["AnswersBySearch", "draw_answer_rows", "group_answers"]
 
 LETTERS = 18
 """Longest name of a row."""
@@ -30,19 +28,14 @@ def group_answers(records: Sequence[Record], styles: Mapping[str, PlotStyle]) ->
     """Return the answers of the measures that have styles, in the order of ``records``."""
     answers: dict[str, dict[str, float]] = {}
     for record in records:
-        measure, search = split_method(record.method)
+        measure, search = split_method_label(record.method)
         if measure in styles and record.frame is not None:
             answers.setdefault(search, {})[measure] = record.frame
     return answers
 
 
 def draw_answer_rows(
-    axes: Axes,
-    answers: AnswersBySearch,
-    *,
-    shown: Sequence[str],
-    styles: Mapping[str, PlotStyle],
-    sweep: SweepSummary,
+    axes: Axes, answers: AnswersBySearch, *, shown: Sequence[str], styles: Mapping[str, PlotStyle], sweep: SweepSummary
 ) -> None:
     """Draw a row per search; the measures of ``shown`` come first, in their order."""
     to_axis = frames_to_axis(sweep)

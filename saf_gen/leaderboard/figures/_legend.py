@@ -12,8 +12,6 @@ from matplotlib.textpath import TextToPath
 
 from saf_gen.leaderboard.figures._style import SOFT, STYLE, WIDTH, shorten_middle
 
-__all__ = ["add_legend_below", "legend_height"]
-
 LINE = 0.16  # inches
 LETTERS = 52
 """Longest name; a longer one loses its middle."""
@@ -50,9 +48,7 @@ def _count_columns(names: Sequence[str], limit: int) -> int:
     """Return how many columns fit: matplotlib fills them in turn, each as wide as its widest name."""
     size = STYLE["legend.fontsize"]
     font = FontProperties(family=STYLE["font.family"], size=size)
-    widths = [
-        _WIDTHS.get_text_width_height_descent(shorten_middle(n, LETTERS), font, False)[0] for n in names
-    ]
+    widths = [_WIDTHS.get_text_width_height_descent(shorten_middle(n, LETTERS), font, False)[0] for n in names]
     for columns in range(min(limit, len(names)), 1, -1):
         rows, extra = divmod(len(widths), columns)
         ends = [rows * c + min(c, extra) for c in range(columns + 1)]

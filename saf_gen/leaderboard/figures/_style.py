@@ -18,21 +18,6 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-__all__ = [
-    "MAX_MEASURES",
-    "PREDICTIONS_LABEL",
-    "PlotStyle",
-    "add_paper_background",
-    "assign_styles",
-    "create_figure",
-    "describe_omissions",
-    "inline_svg",
-    "shorten_middle",
-    "split_method",
-    "to_svg",
-    "use_figure_style",
-]
-
 WIDTH = 4.4  # inches: a figure is readable on a phone, and two or three stand side by side on a desk
 MAX_MEASURES = 8
 """Most measures in one figure; more could not be distinguished."""
@@ -109,7 +94,7 @@ def assign_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
     return styles
 
 
-def describe_omissions(*counts: tuple[int, int, str]) -> str:
+def describe_figure_omissions(*counts: tuple[int, int, str]) -> str:
     """Return what a figure leaves out, from (drawn, all, noun); '' where it shows everything."""
     parts = [f"{drawn} of {total} {noun}" for drawn, total, noun in counts if drawn < total]
     return f"Drawn: the first {', the first '.join(parts)}" if parts else ""
@@ -123,7 +108,7 @@ def shorten_middle(name: str, limit: int) -> str:
     return f"{name[: limit - 1 - end]}…{name[len(name) - end :]}"
 
 
-def split_method(method: str) -> tuple[str, str]:
+def split_method_label(method: str) -> tuple[str, str]:
     """Return the measure and the search of a method, with their options; the name and '' for predictions."""
     measure, _, search = method.partition("+")
     return measure, search

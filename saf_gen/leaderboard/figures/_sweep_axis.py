@@ -8,26 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from saf_gen.benchmark.judgement import interpolate_position
+from saf_gen.benchmark.judgement import position_of_method_answer
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.focus_crossings import find_crossings
+from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.leaderboard.figures._style import BAND, GREY, INK, SOFT
-
-__all__ = [
-    "LENS_LINE",
-    "add_frame_axis",
-    "draw_truth",
-    "find_position_axis",
-    "find_runs",
-    "find_truth_crossings",
-    "frames_to_axis",
-    "is_within_depth",
-]
 
 LENS_LINE: dict[str, Any] = {"color": SOFT, "lw": 0.9, "ls": (0, (7, 2))}
 
 
-def find_position_axis(sweep: SweepSummary) -> np.ndarray | None:
+def find_figure_position_axis(sweep: SweepSummary) -> np.ndarray | None:
     """Return the focus position (T,) if it can be an axis, as the lens never comes back and never rests."""
     lens = sweep.focus_position
     if lens is None or len(lens) < 2:
@@ -40,7 +29,7 @@ def find_position_axis(sweep: SweepSummary) -> np.ndarray | None:
 
 def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
     """Return the map from frames to the axis: to the focus position if it can be one, else to the frame."""
-    lens = find_position_axis(sweep)
+    lens = find_figure_position_axis(sweep)
     if lens is None:
         return lambda frames: frames
     return lambda frames: np.interp(frames, np.arange(len(lens)), lens)
@@ -48,7 +37,7 @@ def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
 
 def draw_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
     """Draw the truth as a line in a band, its depth of focus; over frames every crossing has one."""
-    over_frames = find_position_axis(sweep) is None
+    over_frames = find_figure_position_axis(sweep) is None
     if over_frames and sweep.focus_position is not None:
         _draw_truth_over_frames(axes, sweep, lens=sweep.focus_position, draw_lens=note)
         return
@@ -82,7 +71,7 @@ def find_runs(where: np.ndarray) -> list[tuple[int, int]]:
 
 def find_truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
     """Return the frames at which the lens crosses the truth."""
-    return find_crossings(_focus_offset(sweep, lens), 0.0)
+    return find_focus_crossings(_focus_offset(sweep, lens), 0.0)
 
 
 def _focus_offset(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
@@ -105,9 +94,9 @@ def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray
     axes.vlines(find_truth_crossings(sweep, lens), 0, 1, color=INK, lw=1.1, zorder=0.6, transform=height)
 
 
-def add_frame_axis(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:
+def add_frame_axis_to_figure(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:
     """Set the limits and label of the horizontal axis; of a position axis, frames stand along the top."""
-    lens = find_position_axis(sweep)
+    lens = find_figure_position_axis(sweep)
     if lens is None:
         label.set_xlim(0, sweep.frames[-1] + sweep.frames[0])
         label.set_xlabel("frame")
@@ -117,7 +106,7 @@ def add_frame_axis(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:
     candidates = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(0, len(lens) - 1)
     ticks = [t for t in candidates if 0 <= t <= len(lens)]
     upper = axes.secondary_xaxis("top")
-    upper.set_xticks([interpolate_position(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
+    upper.set_xticks([position_of_method_answer(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
     upper.tick_params(colors=SOFT, labelcolor=SOFT, labelsize=7.5, pad=1, length=2.5)
     upper.spines["top"].set_color(GREY)
     upper.set_xlabel("frame", fontsize=7.5, color=SOFT, labelpad=4)

@@ -20,13 +20,11 @@ from saf_gen.leaderboard.figures._style import (
     PAPER,
     PlotStyle,
     create_figure,
-    describe_omissions,
+    describe_figure_omissions,
     hide_spines,
-    split_method,
+    split_method_label,
     use_figure_style,
 )
-
-__all__ = ["CONDITIONS", "Condition", "bin_sequences", "plot_condition"]
 
 BINS = 6
 POINTS = 240
@@ -63,7 +61,7 @@ CONDITIONS = (
 )
 
 
-def bin_sequences(records: Sequence[Record], condition: Condition) -> list[tuple[float, frozenset[str]]]:
+def bin_sequences_for_figure(records: Sequence[Record], condition: Condition) -> list[tuple[float, frozenset[str]]]:
     """Return groups of sequences with similar condition, in rising order: (geometric mean, their names).
 
     Few values are a group each, many are BINS groups of about as many sequences. There is no group for fewer
@@ -91,13 +89,13 @@ def plot_condition(
     """Return the figure of one search: success within 1 DoF above, median error below, a line per measure.
 
     ``styles`` gives the measures in their order; the first MAX_MEASURES are drawn, and the figure says so.
-    None where bin_sequences has no group or no error is known.
+    None where bin_sequences_for_figure has no group or no error is known.
     """
-    groups = bin_sequences(records, condition)
-    present = {split_method(r.method)[0] for r in records}
+    groups = bin_sequences_for_figure(records, condition)
+    present = {split_method_label(r.method)[0] for r in records}
     known = [m for m in styles if m in present]
     measures = known[:MAX_MEASURES]
-    note = describe_omissions((len(measures), len(known), "measures"))
+    note = describe_figure_omissions((len(measures), len(known), "measures"))
     if not groups or all(r.error_dof is None for r in records):
         return None
     with use_figure_style():
@@ -105,7 +103,7 @@ def plot_condition(
         above, below = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [1, 1.3]})
         below.axhspan(0, 1, color=BAND, alpha=0.3, lw=0)
         for measure in measures:
-            own = [r for r in records if split_method(r.method)[0] == measure]
+            own = [r for r in records if split_method_label(r.method)[0] == measure]
             _draw(above, below, records=own, groups=groups, style=styles[measure])
             if len(measures) * len(own) <= POINTS:
                 _scatter(below, own, condition=condition, style=styles[measure])
@@ -189,10 +187,4 @@ def _spread(groups: Sequence[tuple[float, frozenset[str]]]) -> list[tuple[float,
 
 
 def _short(value: float) -> str:
-    return (
-        f"{value:.0f}"
-        if value >= 20
-        else f"{value:.1f}".removesuffix(".0")
-        if value >= 0.95
-        else f"{value:.2g}"
-    )
+    return f"{value:.0f}" if value >= 20 else f"{value:.1f}".removesuffix(".0") if value >= 0.95 else f"{value:.2g}"

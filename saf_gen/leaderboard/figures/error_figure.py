@@ -21,13 +21,11 @@ from saf_gen.leaderboard.figures._style import (
     SOFT,
     assign_styles,
     create_figure,
-    describe_omissions,
+    describe_figure_omissions,
     hide_spines,
     shorten_middle,
     use_figure_style,
 )
-
-__all__ = ["plot_errors"]
 
 NO_LIGHT = "recording"
 MANY_ROWS, MAX_ROWS = 30, 80
@@ -45,7 +43,7 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
     all_methods = list(dict.fromkeys(r.method for r in records))
     methods = all_methods[:MAX_ROWS]
     records = [r for r in records if r.method in methods]
-    note = describe_omissions((len(methods), len(all_methods), "methods"))
+    note = describe_figure_omissions((len(methods), len(all_methods), "methods"))
     row_inches = ROW if len(methods) <= MANY_ROWS else CLOSE_ROW
     lights = assign_styles([r.light or NO_LIGHT for r in records])
     known = [abs(r.error_dof) for r in records if r.error_dof is not None]
@@ -65,14 +63,9 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
         for number, (light, style) in enumerate(lights.items()):
             own = [r for r in records if (r.light or NO_LIGHT) == light]
             offset = (number - (len(lights) - 1) / 2) * 0.66 / max(len(lights), 3)
-            answered = [
-                (r.error_dof, methods.index(r.method) + offset) for r in own if r.error_dof is not None
-            ]
+            answered = [(r.error_dof, methods.index(r.method) + offset) for r in own if r.error_dof is not None]
             silent = [(reach, methods.index(r.method) + offset) for r in own if r.status != "answered"]
-            for points, marker, more in (
-                (answered, style.marker, {"mec": PAPER}),
-                (silent, "x", {"mew": 1.3}),
-            ):
+            for points, marker, more in ((answered, style.marker, {"mec": PAPER}), (silent, "x", {"mew": 1.3})):
                 if points:
                     xy = np.array(points, dtype=np.float64).T
                     options: dict[str, Any] = {"ms": size, "mew": 0.5, "ls": "", "clip_on": False, **more}

@@ -23,19 +23,17 @@ from saf_gen.leaderboard.figures._style import (
     SOFT,
     PlotStyle,
     create_figure,
-    describe_omissions,
+    describe_figure_omissions,
     hide_spines,
     use_figure_style,
 )
 from saf_gen.leaderboard.figures._sweep_axis import (
     LENS_LINE,
-    add_frame_axis,
+    add_frame_axis_to_figure,
     draw_truth,
-    find_position_axis,
+    find_figure_position_axis,
     frames_to_axis,
 )
-
-__all__ = ["Cursor", "locate_cursor", "normalise_curve", "plot_focus_curves"]
 
 MAX_SEARCHES = 6
 """Most rows of answers in a figure."""
@@ -86,7 +84,7 @@ def plot_focus_curves(
     alone = [m for m in styles if m in answered and m not in curved][: MAX_MEASURES - len(groups)]
     shown = [measure for group in groups for measure in group] + alone
     drawn = _choose_answers(answers, shown)
-    note = describe_omissions(
+    note = describe_figure_omissions(
         (len(drawn), len(answers), "searches"),
         (len(shown), sum(m in curved or m in answered for m in styles), "measures"),
     )
@@ -102,14 +100,10 @@ def plot_focus_curves(
         by_name = {curve.measure: curve for curve in sweep.curves}
         for group in groups:
             curve, style = by_name[group[0]], styles[group[0]]
-            axes.plot(
-                to_axis(curve.frames), normalise_curve(curve.scores), c=style.colour, ls=style.dashes, lw=1.3
-            )
+            axes.plot(to_axis(curve.frames), normalise_curve(curve.scores), c=style.colour, ls=style.dashes, lw=1.3)
         _set_height(axes, sweep, has_curves=bool(groups))
-        draw_answer_rows(
-            strip, drawn, shown=[*(group[0] for group in groups), *alone], styles=styles, sweep=sweep
-        )
-        add_frame_axis(strip, sweep, label=axes)
+        draw_answer_rows(strip, drawn, shown=[*(group[0] for group in groups), *alone], styles=styles, sweep=sweep)
+        add_frame_axis_to_figure(strip, sweep, label=axes)
         draw_truth(axes, sweep)
         draw_truth(strip, sweep, note=False)
         add_legend_below(figure, handles, names=names, note=note)
@@ -155,7 +149,7 @@ def _choose_answers(answers: AnswersBySearch, shown: Sequence[str]) -> dict[str,
 def _set_height(axes: Axes, sweep: SweepSummary, *, has_curves: bool) -> None:
     """Label the vertical axis: scores, else the lens where it is a line, else nothing."""
     axes.set_ylim(0, 1.03)
-    over_frames = find_position_axis(sweep) is None and sweep.focus_position is not None
+    over_frames = find_figure_position_axis(sweep) is None and sweep.focus_position is not None
     if has_curves or over_frames:
         axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
         axes.set_ylabel("focus score, normalised" if has_curves else "focus position")
@@ -180,11 +174,7 @@ def _draw_light(axes: Axes, sweep: SweepSummary, *, x: np.ndarray) -> None:
 
 
 def _list_legend(
-    groups: Sequence[Sequence[str]],
-    *,
-    alone: Sequence[str],
-    styles: Mapping[str, PlotStyle],
-    sweep: SweepSummary,
+    groups: Sequence[Sequence[str]], *, alone: Sequence[str], styles: Mapping[str, PlotStyle], sweep: SweepSummary
 ) -> tuple[list[Any], list[str]]:
     """Return the samples and the names of the legend."""
     handles: list[Any] = [styles[group[0]].legend_handle() for group in groups]
@@ -193,7 +183,7 @@ def _list_legend(
     names += alone
     handles += [Patch(color=GREY), (Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1))]
     names += ["light (mean counts)", "true focus, its depth of focus"]
-    if find_position_axis(sweep) is None and sweep.focus_position is not None:
+    if find_figure_position_axis(sweep) is None and sweep.focus_position is not None:
         handles.append(Line2D([], [], **LENS_LINE))
         names.append("focus position, 0 to 1")
     return handles, names

@@ -9,8 +9,6 @@ from PIL import Image
 
 from saf_gen.benchmark.thumbnails import Thumbnails
 
-__all__ = ["ImageStrip", "build_image_strip"]
-
 ACROSS = 8
 WIDTH = 280
 """Largest width of one picture, pixels."""

@@ -23,21 +23,19 @@ from saf_gen.leaderboard.figures._style import (
     PREDICTIONS_LABEL,
     PlotStyle,
     create_figure,
-    describe_omissions,
+    describe_figure_omissions,
     hide_spines,
     shorten_middle,
-    split_method,
+    split_method_label,
     use_figure_style,
 )
 from saf_gen.leaderboard.figures._sweep_axis import (
-    find_position_axis,
+    find_figure_position_axis,
     find_runs,
     find_truth_crossings,
     frames_to_axis,
     is_within_depth,
 )
-
-__all__ = ["plot_lens_paths", "plot_search_steps"]
 
 T = TypeVar("T")
 MAX_COLUMNS, MAX_SEARCHES = 3, 9
@@ -59,7 +57,7 @@ def plot_search_steps(
     if not found:
         return None
     to_axis = frames_to_axis(sweep)
-    over_frames = find_position_axis(sweep) is None
+    over_frames = find_figure_position_axis(sweep) is None
     measures = list(dict.fromkeys(m for own in found.values() for m in own))
     with use_figure_style():
         figure, panels = _panels(list(found), measures, styles=styles, title=title, note=note)
@@ -78,9 +76,7 @@ def plot_search_steps(
     return figure
 
 
-def plot_lens_paths(
-    paths: Sequence[LensPath], *, styles: Mapping[str, PlotStyle], title: str
-) -> Figure | None:
+def plot_lens_paths(paths: Sequence[LensPath], *, styles: Mapping[str, PlotStyle], title: str) -> Figure | None:
     """Return where methods moved the lens in one sequence: a panel per search, a line per measure.
 
     A line ends where the lens was judged. None where there is no path.
@@ -103,43 +99,34 @@ def plot_lens_paths(
                 axes.plot(path.seconds, path.position, color=style.colour, ls=style.dashes, lw=1.1)
                 mark = "x" if path.problem else style.marker
                 edge = style.colour if path.problem else PAPER
-                axes.plot(
-                    path.seconds[-1], path.position[-1], mark, c=style.colour, ms=4.5, mec=edge, clip_on=False
-                )
+                axes.plot(path.seconds[-1], path.position[-1], mark, c=style.colour, ms=4.5, mec=edge, clip_on=False)
             axes.set_ylim(0, 1)
         _label_axes(panels, x="seconds", y="focus position")
     return figure
 
 
-def _by_search(
-    items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]
-) -> tuple[dict[str, dict[str, T]], str]:
+def _by_search(items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]) -> tuple[dict[str, dict[str, T]], str]:
     """Return the items by search, then by measure; and what is left out, in words.
 
     At most MAX_SEARCHES searches, in the order given, and MAX_MEASURES measures, in the order of their
     styles.
     """
-    present = {split_method(method)[0] for method, _ in items}
+    present = {split_method_label(method)[0] for method, _ in items}
     shown = [m for m in styles if m in present][:MAX_MEASURES]
     found: dict[str, dict[str, T]] = {}
     for method, item in items:
-        measure, search = split_method(method)
+        measure, search = split_method_label(method)
         if measure in shown and (search in found or len(found) < MAX_SEARCHES):
             found.setdefault(search, {})[measure] = item
-    searches = {split_method(method)[1] for method, _ in items}
+    searches = {split_method_label(method)[1] for method, _ in items}
     drawn = {measure for own in found.values() for measure in own}
-    return found, describe_omissions(
+    return found, describe_figure_omissions(
         (len(found), len(searches), "searches"), (len(drawn), len(present), "measures")
     )
 
 
 def _panels(
-    searches: Sequence[str],
-    measures: Sequence[str],
-    *,
-    styles: Mapping[str, PlotStyle],
-    title: str,
-    note: str,
+    searches: Sequence[str], measures: Sequence[str], *, styles: Mapping[str, PlotStyle], title: str, note: str
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure with an empty panel per search, and its panels."""
     columns = min(len(searches), MAX_COLUMNS)
@@ -183,7 +170,7 @@ def _zero_based_trace(record: Record) -> np.ndarray:
 def _draw_truth_across(axes: Axes, sweep: SweepSummary) -> None:
     """Draw the truth and its depth of focus along the steps; over frames, every crossing of it."""
     lens = sweep.focus_position
-    if find_position_axis(sweep) is not None:
+    if find_figure_position_axis(sweep) is not None:
         if all(map(math.isfinite, sweep.depth_of_focus)):
             axes.axhspan(*sorted(sweep.depth_of_focus), color=BAND, alpha=0.45, lw=0)
         if math.isfinite(sweep.truth):

@@ -4,11 +4,4 @@ from saf_gen.leaderboard.report.choose_figures import ReportFigure, plot_report_
 from saf_gen.leaderboard.report.evaluation_folder import WrittenEvaluation, write_evaluation, write_report
 from saf_gen.leaderboard.report.page import build_page
 
-__all__ = [
-    "ReportFigure",
-    "WrittenEvaluation",
-    "build_page",
-    "plot_report_figures",
-    "write_evaluation",
-    "write_report",
-]
+__all__ = ["ReportFigure", "WrittenEvaluation", "build_page", "plot_report_figures", "write_evaluation", "write_report"]

@@ -1,7 +1,5 @@
 """The captions of the page's figures and tables."""
 
-__all__ = ["FIGURE_CAPTIONS", "MEASURES_CAPTION"]
-
 _SWEEP = (
     "Grey: the light, as mean counts. Yellow: the depth of focus round the true focus. On top: the "
     "answers of each search with each measure. Where there are pictures, each shows the counts of a "
@@ -10,22 +8,15 @@ _SWEEP = (
 FIGURE_CAPTIONS = {
     "errors": (
         "Errors",
-        "Answer minus truth of each method, a mark per sequence. The yellow band is success within one"
-        " depth of focus.",
+        "Answer minus truth of each method, a mark per sequence. The yellow band is success within one depth of focus.",
     ),
     "curves": (
         "Focus curves",
         "Every measure by its own minimum and maximum. A curve that follows the grey area follows the "
         f"light, not the focus. {_SWEEP}",
     ),
-    "sweep": (
-        "Sweeps",
-        f"No method computed a whole curve of these, as the search argmax does. {_SWEEP}",
-    ),
-    "steps": (
-        "Steps of the searches",
-        "The position that a search examined, step by step, against the true focus.",
-    ),
+    "sweep": ("Sweeps", f"No method computed a whole curve of these, as the search argmax does. {_SWEEP}"),
+    "steps": ("Steps of the searches", "The position that a search examined, step by step, against the true focus."),
     "lens": (
         "Path of the lens",
         "Where methods moved the lens, against the true focus. A line ends where the lens was judged; "

@@ -23,12 +23,10 @@ from saf_gen.leaderboard.figures import (
     plot_focus_curves,
     plot_lens_paths,
     plot_search_steps,
-    split_method,
+    split_method_label,
     to_svg,
 )
 from saf_gen.leaderboard.report.sequence_viewer import SequenceViewer, build_viewer
-
-__all__ = ["MAX_SEQUENCES", "ReportFigure", "plot_report_figures"]
 
 MAX_SEQUENCES = 48
 """Most sequences whose sweeps are drawn; of more, some of every scene are."""
@@ -59,7 +57,7 @@ def plot_report_figures(evaluation: Evaluation, rows: Sequence[LeaderboardRow]) 
     order = {row.method: number for number, row in enumerate(rows)}
     records = sorted(evaluation.records, key=lambda r: order.get(r.method, len(order)))
     paths = sorted(evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
-    styles = assign_styles([split_method(row.method)[0] for row in rows])
+    styles = assign_styles([split_method_label(row.method)[0] for row in rows])
     return _make_names_unique(
         [
             *_plot_conditions(records, styles),
@@ -84,23 +82,19 @@ def _make_names_unique(figures: Sequence[ReportFigure]) -> list[ReportFigure]:
 
 
 def _plot_conditions(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> list[ReportFigure]:
-    searches = list(dict.fromkeys(split_method(r.method)[1] for r in records))
+    searches = list(dict.fromkeys(split_method_label(r.method)[1] for r in records))
     omission = ""
     if len(searches) > MAX_SEARCHES:
-        omission = (
-            f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure, in the leaderboard's order."
-        )
+        omission = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure, in the leaderboard's order."
     figures = []
     for condition in CONDITIONS:
         for search in searches[:MAX_SEARCHES]:
-            own = [r for r in records if split_method(r.method)[1] == search]
+            own = [r for r in records if split_method_label(r.method)[1] == search]
             title = f"{condition.title}: {search or PREDICTIONS_LABEL}"
             if (figure := plot_condition(own, condition, styles=styles, title=title)) is not None:
                 subject = search or PREDICTIONS_LABEL
                 figures.append(
-                    _finish(
-                        figure, kind=condition.name, scene="", subject=subject, label=title, omission=omission
-                    )
+                    _finish(figure, kind=condition.name, scene="", subject=subject, label=title, omission=omission)
                 )
     return figures
 
@@ -126,9 +120,7 @@ def _plot_sweeps(
     sweeps: Sequence[SweepSummary], records: Sequence[Record], *, styles: Mapping[str, PlotStyle]
 ) -> list[ReportFigure]:
     """Return for each chosen sweep its curves, or else its light and answers, and its searches' steps."""
-    chosen = select_sequences_to_show(
-        [((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], MAX_SEQUENCES
-    )
+    chosen = select_sequences_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], MAX_SEQUENCES)
     omissions = _describe_omissions_by_scene([(s.split, s.scene) for s in sweeps], chosen)
     figures = []
     for sweep in (sweeps[number] for number in chosen):
@@ -183,9 +175,7 @@ def _plot_paths(paths: Sequence[LensPath], styles: Mapping[str, PlotStyle]) -> l
     return figures
 
 
-def _describe_omissions_by_scene(
-    scenes: Sequence[tuple[str | None, str]], chosen: Sequence[int]
-) -> dict[Any, str]:
+def _describe_omissions_by_scene(scenes: Sequence[tuple[str | None, str]], chosen: Sequence[int]) -> dict[Any, str]:
     """Return by scene how many of its sequences are drawn, in a sentence; '' where all are."""
     counts, drawn = Counter(scenes), Counter(scenes[number] for number in chosen)
     return {
@@ -198,9 +188,7 @@ def _label_scene(split: str | None, scene: str) -> str:
     return f"{scene} ({split})" if split else scene
 
 
-def _finish(
-    figure: Figure, *, kind: str, scene: str, subject: str, label: str, omission: str = ""
-) -> ReportFigure:
+def _finish(figure: Figure, *, kind: str, scene: str, subject: str, label: str, omission: str = "") -> ReportFigure:
     """Return the figure as SVG, under a name that is made from its kind and subject."""
     name = re.sub(r"[^\w.-]+", "_", f"{kind}-{subject}").strip("._")
     return ReportFigure(name, scene, kind, label, to_svg(figure, name=name), omission=omission)

@@ -23,8 +23,6 @@ from saf_gen.leaderboard.figures import add_paper_background
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
 from saf_gen.leaderboard.report.page import build_page
 
-__all__ = ["WrittenEvaluation", "write_evaluation", "write_report"]
-
 STAGING = ".evaluation."
 ABANDONED_S = 86_400.0  # the writer may be on another machine, so the age of its folder decides
 PAGE, FIGURES = "index.html", "figures"

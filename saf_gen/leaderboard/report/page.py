@@ -14,14 +14,7 @@ from markupsafe import Markup
 from saf_gen import __version__
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SequenceFailure, SweepSummary
-from saf_gen.leaderboard import (
-    Axis,
-    AxisTable,
-    LeaderboardRow,
-    compose_notes,
-    list_shown_columns,
-    tabulate_by_axis,
-)
+from saf_gen.leaderboard import Axis, AxisTable, LeaderboardRow, compose_notes, list_shown_columns, tabulate_by_axis
 from saf_gen.leaderboard.columns import format_percent
 from saf_gen.leaderboard.figures import inline_svg
 from saf_gen.leaderboard.report import page_tables
@@ -30,8 +23,6 @@ from saf_gen.leaderboard.report.choose_figures import ReportFigure
 from saf_gen.leaderboard.report.page_tables import PageTable
 from saf_gen.leaderboard.report.selections import list_selections
 from saf_gen.leaderboard.table_formats import count_noun
-
-__all__ = ["MAX_ANSWERS", "build_page"]
 
 SCRIPTS = ("tables.js", "board.js", "viewer.js")
 MAX_ANSWERS = 100
@@ -99,9 +90,7 @@ def build_page(
             summary=_summarise(rows, records),
             leaders=[row for row in rows if row.rank == 1],
             failures=failures,
-            sections=_list_sections(
-                tabulate_by_axis(records, methods), sweeps=sweeps, report_figures=report_figures
-            ),
+            sections=_list_sections(tabulate_by_axis(records, methods), sweeps=sweeps, report_figures=report_figures),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
             board=page_tables.tabulate_leaderboard(ranked) if rows else None,
             notes=" ".join(compose_notes(rows, records)),
@@ -139,11 +128,7 @@ def _templates() -> Environment:
     templates.filters["css_percent"] = lambda fraction: f"{100 * fraction:.4g}%"
     templates.filters["inline_svg"] = lambda svg, label: Markup(inline_svg(svg, label=label))
     templates.filters["percent"] = format_percent
-    templates.policies["json.dumps_kwargs"] = {
-        "ensure_ascii": False,
-        "allow_nan": False,
-        "separators": (",", ":"),
-    }
+    templates.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
     return templates
 
 
@@ -168,10 +153,7 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
 
 
 def _list_sections(
-    axes: Sequence[AxisTable],
-    *,
-    sweeps: Sequence[SweepSummary],
-    report_figures: Sequence[ReportFigure],
+    axes: Sequence[AxisTable], *, sweeps: Sequence[SweepSummary], report_figures: Sequence[ReportFigure]
 ) -> list[PageSection]:
     """Return the sections that have something to show: conditions, measures, then a section per scene."""
     by_scene: dict[str, list[ReportFigure]] = {"": []}
@@ -183,9 +165,7 @@ def _list_sections(
     if tables or conditions:
         sections.append(PageSection("conditions", "By condition", conditions, tables))
     if measures := page_tables.tabulate_measures(sweeps):
-        sections.append(
-            PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION)
-        )
+        sections.append(PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION))
     for number, (scene, figures) in enumerate(by_scene.items(), start=1):
         sections.append(PageSection(f"scene-{number}", scene, _group_figures(figures)))
     return sections

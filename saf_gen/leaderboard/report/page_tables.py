@@ -7,29 +7,9 @@ from math import inf
 
 from saf_gen.benchmark.records import RECORDS_FILE, Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.leaderboard import (
-    AxisTable,
-    Column,
-    LeaderboardRow,
-    assess_curves,
-    list_shown_columns,
-    summarise_measures,
-)
+from saf_gen.leaderboard import AxisTable, Column, LeaderboardRow, assess_curves, list_shown_columns, summarise_measures
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 from saf_gen.leaderboard.table_formats import count_noun, format_bin
-
-__all__ = [
-    "PageCell",
-    "PageColumn",
-    "PageRow",
-    "PageTable",
-    "list_answers",
-    "tabulate_answers",
-    "tabulate_axis",
-    "tabulate_leaderboard",
-    "tabulate_measures",
-    "tabulate_names",
-]
 
 
 @dataclass(frozen=True)
@@ -184,8 +164,7 @@ def tabulate_answers(answers: Sequence[Sequence[str]]) -> PageTable:
     ]
     links = [RECORDS_FILE if column.header == "line" else "" for column in columns]
     rows = [
-        PageRow([PageCell(text, link=link) for text, link in zip(answer, links, strict=True)])
-        for answer in answers
+        PageRow([PageCell(text, link=link) for text, link in zip(answer, links, strict=True)]) for answer in answers
     ]
     return PageTable("Single answers", columns, [rows])
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard import AXES, Axis, LeaderboardRow, group_by_bin, rank_methods
 
-__all__ = ["Selection", "list_selections"]
-
 SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.split)
 
 

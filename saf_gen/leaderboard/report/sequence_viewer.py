@@ -10,8 +10,6 @@ from saf_gen.benchmark.results import SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.leaderboard.figures import Cursor, ImageStrip, build_image_strip
 
-__all__ = ["MAX_STRIP_BYTES", "SequenceViewer", "build_viewer"]
-
 MAX_STRIP_BYTES = 220_000
 """Largest image strip of a viewer: with twelve of them the page stays below 6 MB."""
 

@@ -12,9 +12,12 @@ from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators.actuator import Actuator
 from saf_gen.optics.actuators.oscillator import integrate_lens
-from saf_gen.optics.actuators.trajectory import Trajectory, apply_backlash, plan_move, state_at
-
-__all__ = ["ActuatedLens"]
+from saf_gen.optics.actuators.trajectory import (
+    Trajectory,
+    apply_actuator_backlash,
+    plan_actuator_move,
+    trajectory_state_at,
+)
 
 BLOCK = 4096
 
@@ -116,10 +119,10 @@ class ActuatedLens:
             miss = min(max(target + miss, 0.0), 1.0) - target
         aim = min(max(target + miss, 0.0), 1.0)
         begin = self.frames / self.readout_hz + actuator.latency_s
-        position, speed = state_at(self._motor, begin)
+        position, speed = trajectory_state_at(self._motor, begin)
         limits = {"max_speed": actuator.speed, "acceleration": actuator.acceleration}
-        motor = plan_move(aim, begin, position=position, speed=speed, **limits)
-        seat = apply_backlash(motor, state_at(self._seat, begin)[0], backlash=actuator.backlash)
+        motor = plan_actuator_move(aim, begin, position=position, speed=speed, **limits)
+        seat = apply_actuator_backlash(motor, trajectory_state_at(self._seat, begin)[0], backlash=actuator.backlash)
         return miss, _until(self._motor, begin) + motor, _until(self._seat, begin) + seat
 
     def _round_to_steps(self, position: float) -> float:

@@ -12,8 +12,6 @@ from pydantic.dataclasses import dataclass
 
 from saf_gen.core.config.presets import Presets, Sources, Text, between
 
-__all__ = ["Actuator", "actuator_names", "get_actuator"]
-
 
 # The ranges refuse a latency in milliseconds or a fraction in percent, and leave room for an ideal lens.
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))

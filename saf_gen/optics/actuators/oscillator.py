@@ -11,14 +11,12 @@ from typing import Any
 
 from saf_gen.core.compiled import compiled
 
-__all__ = ["integrate_lens", "propagator"]
-
 TOLERANCE = 1e-12  # of the travel, beyond a stop
 HALVINGS = 50
 
 
 @compiled
-def propagator(angle: Any, damping: Any) -> Any:
+def oscillator_propagator(angle: Any, damping: Any) -> Any:
     """Return exp(angle·[[0, 1], [-1, -2ζ]]) by rows: a Taylor series to the 14th power, then squared."""
     halvings, small = 0, angle
     while small * (1 + 2 * damping) > 0.5:
@@ -48,7 +46,7 @@ def _hit(piece: Any, begin: Any, end: Any, off: Any, swing: Any, stop: Any, omeg
     low, high = begin, end
     for _ in range(HALVINGS):
         middle = low + (high - low) / 2
-        a, b, _c, _d = propagator(omega * (middle - begin), damping)
+        a, b, _c, _d = oscillator_propagator(omega * (middle - begin), damping)
         position = _smooth(piece, middle, omega, damping)[0] + a * off + b * swing
         if (position > stop) == (stop > 0.5):
             high = middle
@@ -58,9 +56,7 @@ def _hit(piece: Any, begin: Any, end: Any, off: Any, swing: Any, stop: Any, omeg
 
 
 @compiled
-def _advance(
-    piece: Any, begin: Any, end: Any, off: Any, swing: Any, turned: Any, omega: Any, damping: Any
-) -> Any:
+def _advance(piece: Any, begin: Any, end: Any, off: Any, swing: Any, turned: Any, omega: Any, damping: Any) -> Any:
     """Return e and its speed over ω at ``end``, with the stops; ``turned`` propagates from ``begin``."""
     a, b, c, d = turned
     off_then, swing_then = a * off + b * swing, c * off + d * swing
@@ -76,35 +72,33 @@ def _advance(
         hit = _hit(piece, begin, end, off, swing, stop, omega, damping)
         at_hit, speed_at_hit = _smooth(piece, hit, omega, damping)
         off_hit, swing_hit = stop - at_hit, -speed_at_hit / omega
-        a, b, c, d = propagator(omega * (end - hit), damping)
+        a, b, c, d = oscillator_propagator(omega * (end - hit), damping)
         off_then, swing_then = a * off_hit + b * swing_hit, c * off_hit + d * swing_hit
     return off_then, swing_then
 
 
 @compiled
-def integrate_lens(
-    pieces: Any, state: Any, first: Any, readout_hz: Any, omega: Any, damping: Any, out: Any
-) -> Any:
+def integrate_lens(pieces: Any, state: Any, first: Any, readout_hz: Any, omega: Any, damping: Any, out: Any) -> Any:
     """Fill ``out`` (frames,) with the positions of the lens in the middle of the readouts from ``first`` on.
 
     Shapes: pieces float64 (m, 4), the trajectory of the seat from the piece that contains the middle of the
     readout before ``first``; state float64 (2,), e and its speed over ω there, replaced by those of the last
     readout. Returns the number of the piece that contains the last readout.
     """
-    every = propagator(omega / readout_hz, damping)
+    every = oscillator_propagator(omega / readout_hz, damping)
     off, swing, now, j = state[0], state[1], (first - 0.5) / readout_hz, 0
     for k in range(out.shape[0]):
         time, whole = (first + k + 0.5) / readout_hz, True
         while j + 1 < pieces.shape[0] and pieces[j + 1, 0] < time:
             border, whole = pieces[j + 1, 0], False
-            turned = propagator(omega * (border - now), damping)
+            turned = oscillator_propagator(omega * (border - now), damping)
             off, swing = _advance(pieces[j], now, border, off, swing, turned, omega, damping)
             base, speed = _smooth(pieces[j], border, omega, damping)
             next_base, next_speed = _smooth(pieces[j + 1], border, omega, damping)
             off += base - next_base
             swing += (speed - next_speed) / omega
             now, j = border, j + 1
-        turned = every if whole else propagator(omega * (time - now), damping)
+        turned = every if whole else oscillator_propagator(omega * (time - now), damping)
         off, swing = _advance(pieces[j], now, time, off, swing, turned, omega, damping)
         out[k] = min(max(_smooth(pieces[j], time, omega, damping)[0] + off, 0.0), 1.0)
         now = time

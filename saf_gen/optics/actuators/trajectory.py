@@ -8,20 +8,18 @@ are used, which every machine rounds alike.
 from bisect import bisect_right
 from math import copysign, inf, sqrt
 
-__all__ = ["Trajectory", "TrajectoryPiece", "apply_backlash", "plan_move", "state_at"]
-
 TrajectoryPiece = tuple[float, float, float, float]
 Trajectory = list[TrajectoryPiece]
 
 
-def state_at(trajectory: Trajectory, seconds: float) -> tuple[float, float]:
+def trajectory_state_at(trajectory: Trajectory, seconds: float) -> tuple[float, float]:
     """Return position and speed at a time, which is not before the first piece."""
     begin, position, speed, acceleration = trajectory[bisect_right(trajectory, (seconds, inf)) - 1]
     elapsed = seconds - begin
     return position + elapsed * (speed + acceleration * elapsed / 2), speed + acceleration * elapsed
 
 
-def plan_move(
+def plan_actuator_move(
     target: float, begin: float, *, position: float, speed: float, max_speed: float, acceleration: float
 ) -> Trajectory:
     """Return the fastest trajectory from a state to rest at ``target``.
@@ -35,7 +33,7 @@ def plan_move(
     if ahead < 0:  # it must reverse first
         reversed_at = begin - ahead / acceleration
         limits = {"max_speed": max_speed, "acceleration": acceleration}
-        rest = plan_move(target, reversed_at, position=stop, speed=0.0, **limits)
+        rest = plan_actuator_move(target, reversed_at, position=stop, speed=0.0, **limits)
         return [(begin, position, speed, direction * acceleration), *rest]
     distance = direction * (target - position)
     peak = sqrt(max(acceleration * distance + ahead * ahead / 2, 0.0))
@@ -54,7 +52,7 @@ def plan_move(
     return [*trajectory, (time, target, 0.0, 0.0)]
 
 
-def apply_backlash(motor: Trajectory, seat: float, *, backlash: float) -> Trajectory:
+def apply_actuator_backlash(motor: Trajectory, seat: float, *, backlash: float) -> Trajectory:
     """Return the trajectory of a seat behind a motor, from ``seat`` when the motor's trajectory begins.
 
     The motor moves freely until it is half the backlash ahead of the seat, and takes it along from there.

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.errors import BadInput, unknown
-from saf_gen.scene.xml._allowlist import ALLOWED_PLUGINS, SceneFile, check_element, resolve_file
-from saf_gen.scene.xml._element_tree import Element, format_scene_xml, parse_xml_file, require_attribute
+from saf_gen.scene.xml._allowlist import ALLOWED_PLUGINS, SceneFile, check_scene_xml_element, resolve_scene_xml_file
+from saf_gen.scene.xml._element_tree import Element, format_scene_xml, parse_xml_file, require_scene_xml_attribute
 
 __all__ = ["ALLOWED_PLUGINS", "SceneXml", "read_scene_xml"]
 
@@ -75,7 +75,7 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
             raise unknown("parameter", name, allowed=resolver.values, where=card, hint=PARAMETER_HINT)
     files = [*resolver.included]
     for element in (*elements, *resolver.cameras):
-        files += check_element(element, resolver.folder)
+        files += check_scene_xml_element(element, resolver.folder)
     _assign_ids(elements)
     version = root.attributes["version"]
 
@@ -109,17 +109,17 @@ class _Resolver:
             if element.tag == "sensor":
                 self.cameras.append(element)
             elif element.tag == "include":
-                name, file = resolve_file(element, "filename", folder=self.folder)
+                name, file = resolve_scene_xml_file(element, "filename", folder=self.folder)
                 if file in open_files:
                     raise BadInput("the file includes itself", where=element.where, hint="remove the include")
                 self.included.append((name, file))
                 yield from self.resolve(parse_xml_file(file), (*open_files, file))
             elif element.tag == "default":
-                name = require_attribute(element, "name")
+                name = require_scene_xml_attribute(element, "name")
                 if name in self.params:
                     value = _format_value(self.params[name])
                 else:
-                    value = require_attribute(element, "value")
+                    value = require_scene_xml_attribute(element, "value")
                 self.values.setdefault(name, value)
             else:
                 yield element
@@ -128,17 +128,13 @@ class _Resolver:
         """Fill parameters into an element and all within it; as in Mitsuba the longest matching name wins."""
         self._count += 1
         if self._count > MAX_ELEMENTS:
-            raise BadInput(
-                "the scene is too large", where=element.where, allowed=f"{MAX_ELEMENTS:,} elements"
-            )
+            raise BadInput("the scene is too large", where=element.where, allowed=f"{MAX_ELEMENTS:,} elements")
         for key, text in element.attributes.items():
             for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
                 text = text.replace(f"${name}", self.values[name])
             if "$" in text:
                 name = re.sub(r".*?\$(\w*).*", r"\1", text, flags=re.DOTALL)
-                raise unknown(
-                    "parameter", name, allowed=self.values, where=element.where, hint=PARAMETER_HINT
-                )
+                raise unknown("parameter", name, allowed=self.values, where=element.where, hint=PARAMETER_HINT)
             element.attributes[key] = text
         element.children = [inner for inner in element.children if inner.tag not in IGNORED]
         for inner in element.children:

@@ -4,9 +4,7 @@ import posixpath
 from pathlib import Path, PureWindowsPath
 
 from saf_gen.errors import BadInput, closest, unknown
-from saf_gen.scene.xml._element_tree import Element, require_attribute
-
-__all__ = ["ALLOWED_PLUGINS", "SceneFile", "check_element", "resolve_file"]
+from saf_gen.scene.xml._element_tree import Element, require_scene_xml_attribute
 
 SceneFile = tuple[str, Path]
 """The name of a file as the scene writes it, from its folder, and the file that this resolves to."""
@@ -16,8 +14,7 @@ ALLOWED_PLUGINS: dict[str, frozenset[str]] = {
     for tag, names in {
         "shape": "bsplinecurve cube cylinder disk instance linearcurve obj ply rectangle sdfgrid serialized"
         " shapegroup sphere",
-        "emitter": "area constant directional directionalarea envmap point projector spot sunsky"
-        " timed_sunsky",
+        "emitter": "area constant directional directionalarea envmap point projector spot sunsky timed_sunsky",
         "bsdf": "blendbsdf bumpmap conductor dielectric diffuse hair mask measured normalmap null plastic"
         " pplastic principled principledthin roughconductor roughdielectric roughplastic thindielectric"
         " twosided",
@@ -39,7 +36,7 @@ OTHER_ELEMENTS = frozenset(
 )
 
 
-def check_element(element: Element, folder: Path) -> list[SceneFile]:
+def check_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
     """Check an element and all within it, make their file names absolute, and return the files.
 
     ``folder`` is the scene's, resolved. Raises BadInput for an element that is unknown or could do harm.
@@ -54,27 +51,23 @@ def check_element(element: Element, folder: Path) -> list[SceneFile]:
     if tag not in known and tag not in ("alias", "sensor"):
         raise unknown("element", tag, allowed=known, where=f"{element.file}:{element.line}")
     if tag in ALLOWED_PLUGINS and (tag != "spectrum" or "type" in attributes):
-        plugin = require_attribute(element, "type")
+        plugin = require_scene_xml_attribute(element, "type")
         if plugin not in ALLOWED_PLUGINS[tag]:
             raise unknown(
-                "type",
-                plugin,
-                allowed=ALLOWED_PLUGINS[tag],
-                where=element.where,
-                hint=_refusal_reason(plugin),
+                "type", plugin, allowed=ALLOWED_PLUGINS[tag], where=element.where, hint=_refusal_reason(plugin)
             )
     if tag == "spectrum" and "filename" in attributes:
-        files.append(resolve_file(element, "filename", folder=folder))
+        files.append(resolve_scene_xml_file(element, "filename", folder=folder))
         attributes["filename"] = str(files[-1][1])
     if tag == "string":
-        value = require_attribute(element, "value")
+        value = require_scene_xml_attribute(element, "value")
         if "file" in attributes.get("name", ""):
-            files.append(resolve_file(element, "value", folder=folder))
+            files.append(resolve_scene_xml_file(element, "value", folder=folder))
             attributes["value"] = str(files[-1][1])
         elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")
     for inner in element.children:
-        files += check_element(inner, folder)
+        files += check_scene_xml_element(inner, folder)
     return files
 
 
@@ -84,12 +77,12 @@ def _refusal_reason(plugin: str) -> str:
     return "no other plug-in is loaded from an XML scene"
 
 
-def resolve_file(element: Element, key: str, *, folder: Path) -> SceneFile:
+def resolve_scene_xml_file(element: Element, key: str, *, folder: Path) -> SceneFile:
     """Return the file that an element names, which lies in the scene's folder even after following links.
 
     Raises BadInput for one that does not, or that is missing.
     """
-    value = require_attribute(element, key)
+    value = require_scene_xml_attribute(element, key)
     if PureWindowsPath(value).anchor:  # an absolute path of any system
         raise BadInput(
             f"the file {value!r} is named by an absolute path",

@@ -8,8 +8,6 @@ from xml.sax.saxutils import quoteattr
 
 from saf_gen.errors import BadInput
 
-__all__ = ["Element", "format_scene_xml", "parse_xml_file", "require_attribute"]
-
 MAX_DEPTH = 64  # levels of nested elements
 
 
@@ -73,7 +71,7 @@ def parse_xml_file(path: Path) -> Element:
     return root[0]
 
 
-def require_attribute(element: Element, key: str) -> str:
+def require_scene_xml_attribute(element: Element, key: str) -> str:
     """Return an attribute; raise BadInput where it is missing."""
     if key not in element.attributes:
         raise BadInput(f"{key} is missing", where=element.where)

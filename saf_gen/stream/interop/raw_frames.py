@@ -22,8 +22,6 @@ from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
-__all__ = ["RAW_LAYOUTS", "RawLayout", "export_raw_frames", "import_raw_frames"]
-
 _FRAMES = 2_000  # frames converted at a time: 250 bytes along time
 
 
@@ -76,9 +74,7 @@ def _frame_count(source: Path, layout: str, *, frames: int | None) -> int:
     each = RAW_LAYOUTS[layout].frame_bytes
     if size % each:
         fitting = [
-            f"{n} ({size // of.frame_bytes} frames)"
-            for n, of in RAW_LAYOUTS.items()
-            if size % of.frame_bytes == 0
+            f"{n} ({size // of.frame_bytes} frames)" for n, of in RAW_LAYOUTS.items() if size % of.frame_bytes == 0
         ]
         raise BadInput(
             f"its {size} bytes are {size // each} frames of {each} bytes and {size % each} more bytes",
@@ -119,26 +115,19 @@ def import_raw_frames(
     settings = {"file": path.name, "layout": layout, "flip": flipped, "frames": total}
     metadata = Metadata(provenance={"import": dumps(settings, ensure_ascii=False)})
     shape = (total, kind.rows, kind.columns)
-    with (
-        path.open("rb") as file,
-        StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer,
-    ):
+    with path.open("rb") as file, StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer:
         for first in range(0, total, _FRAMES):
             count = min(_FRAMES, total - first)
             raw = np.fromfile(file, np.uint8, count * kind.frame_bytes)
             if raw.size != count * kind.frame_bytes:
                 raise BadInput("was truncated while it was read", where=str(source), hint="import it again")
-            trains = bits.frames_to_spike_trains(raw.reshape(count, kind.frame_bytes))
+            trains = bits.transpose_bits_to_pixels(raw.reshape(count, kind.frame_bytes))
             writer.write(trains[bit].reshape(kind.rows, kind.columns, -1))
     return writer.content_sha256
 
 
 def export_raw_frames(
-    source: str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    layout: str = "416",
-    flip: bool | None = None,
+    source: str | os.PathLike[str], out: str | os.PathLike[str], *, layout: str = "416", flip: bool | None = None
 ) -> int:
     """Write the stream file ``source`` as raw frames, ignored bits 0, and return the number of bytes.
 
@@ -156,9 +145,7 @@ def export_raw_frames(
                 f"the stream has {rows} x {columns} pixels",
                 where=str(source),
                 allowed=f"{kind.rows} x {kind.columns} for layout {layout}",
-                hint=f"layouts that fit: {', '.join(fitting)}"
-                if fitting
-                else "no known layout has this size",
+                hint=f"layouts that fit: {', '.join(fitting)}" if fitting else "no known layout has this size",
             )
         with write_atomically(out) as part, part.open("wb") as file:
             for first in range(0, total, _FRAMES):
@@ -166,5 +153,5 @@ def export_raw_frames(
                 packed = stream.packed(first // 8, first // 8 + -(-count // 8))
                 trains = np.zeros((8 * kind.frame_bytes, packed.shape[2]), np.uint8)
                 trains[bit] = packed.reshape(-1, packed.shape[2])
-                file.write(bits.spike_trains_to_frames(trains, count).data)
+                file.write(bits.transpose_bits_to_frames(trains, count).data)
     return total * kind.frame_bytes
