@@ -53,7 +53,9 @@ def swept(name: str, rings: np.ndarray, bsdf: dict[str, Any]) -> mi.Mesh:
     first = (np.arange(count - 1)[:, None] * points + np.arange(points - 1)).ravel()
     halves = [(first, first + 1, first + points + 1), (first, first + points + 1, first + points)]
     faces = np.concatenate([np.stack(half, axis=1) for half in halves])
-    return mesh(name, rings.reshape(-1, 3), faces, np.stack([u.ravel(), v.ravel()], axis=1), bsdf, smooth=True)
+    return mesh(
+        name, rings.reshape(-1, 3), faces, np.stack([u.ravel(), v.ravel()], axis=1), bsdf, smooth=True
+    )
 
 
 def turned(outline: list[tuple[float, float]], foot: Vector, around: int = 64) -> np.ndarray:
@@ -70,7 +72,9 @@ def mesh(
     """Triangle mesh in metres; its id is its name."""
     props = mi.Properties()
     props["bsdf"] = mi.load_dict(bsdf)
-    made = mi.Mesh(name, len(points), len(faces), props=props, has_vertex_normals=smooth, has_vertex_texcoords=True)
+    made = mi.Mesh(
+        name, len(points), len(faces), props=props, has_vertex_normals=smooth, has_vertex_texcoords=True
+    )
     made.set_id(name)
     held = mi.traverse(made)
     for key, values in (("vertex_positions", points), ("vertex_texcoords", uv), ("faces", faces)):

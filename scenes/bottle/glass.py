@@ -72,7 +72,10 @@ def _loft(profile: np.ndarray) -> Surface:
     angle = np.concatenate([np.linspace(k, k + 1, AROUND + 1) * np.pi / 2 for k in range(4)])
     corner, angle = np.concatenate([corner, corner[:1]]), np.append(angle, 2 * np.pi)
     sides = [[PANE_SHARE, 1], [-PANE_SHARE, 1]]  # of the pane, on the front between the first two edges
-    corner, angle = (np.insert(corner, AROUND + 1, sides, axis=0), np.insert(angle, AROUND + 1, [np.pi / 2] * 2))
+    corner, angle = (
+        np.insert(corner, AROUND + 1, sides, axis=0),
+        np.insert(angle, AROUND + 1, [np.pi / 2] * 2),
+    )
     out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     half, edge, height = (profile[:, k, None, None] for k in range(3))
     flat = (half - edge) * corner + edge * out

@@ -42,7 +42,13 @@ def motion(params: dict[str, Any]) -> dict[str, Any]:
     """The stage creeps to and fro as a hand turns it, and sinks by a tenth of its way."""
     way, azimuth = params["drift_um"] * 1e-6, np.radians(params["drift_azimuth_deg"])
     keyframes = []
-    for time_s, share, aside in ((0, -0.5, 0), (0.2, -0.35, 0.1), (0.5, 0, 0), (0.7, 0.3, -0.15), (1, 0.5, 0)):
+    for time_s, share, aside in (
+        (0, -0.5, 0),
+        (0.2, -0.35, 0.1),
+        (0.5, 0, 0),
+        (0.7, 0.3, -0.15),
+        (1, 0.5, 0),
+    ):
         c, s = np.cos(azimuth), np.sin(azimuth)
         shift = [way * (share * c - aside * s), way * (share * s + aside * c), -0.1 * way * share]
         keyframes.append({"time_s": float(time_s), "translate_m": [float(x) for x in shift]})

@@ -127,7 +127,9 @@ def mesh(name: str, made: Body, bsdf: Any, *, smooth: bool = False) -> mi.Mesh:
 
 def toned(made: Body) -> Body:
     """The body with its tones as texture coordinates of :func:`matte`."""
-    return Body(made.vertices, made.triangles, np.stack([made.tone, np.full(len(made.tone), 0.5)], 1), made.tone)
+    return Body(
+        made.vertices, made.triangles, np.stack([made.tone, np.full(len(made.tone), 0.5)], 1), made.tone
+    )
 
 
 def matte() -> Any:
@@ -144,7 +146,9 @@ def painted(picture: np.ndarray, *, tile_m: tuple[float, float] = (1.0, 1.0)) ->
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture(picture, tile_m)}}
 
 
-def glossy(picture: np.ndarray | float, *, alpha: float, tile_m: tuple[float, float] = (1.0, 1.0)) -> dict[str, Any]:
+def glossy(
+    picture: np.ndarray | float, *, alpha: float, tile_m: tuple[float, float] = (1.0, 1.0)
+) -> dict[str, Any]:
     """A clear coat over a picture or one tone: car paint, window glass, glazed tiles."""
     under = picture if isinstance(picture, float) else texture(picture, tile_m)
     coat = {"type": "roughplastic", "diffuse_reflectance": under, "alpha": alpha, "int_ior": 1.5}

@@ -109,7 +109,9 @@ def _turned(pieces: list[tuple[np.ndarray, np.ndarray]], angle: float) -> list[t
 def _scratches(count: int, reach: float, random: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
     start = random.uniform(-reach, reach, (count, 2))
     length, angle = reach * random.uniform(0.04, 0.35, count), random.uniform(0, 2 * np.pi, count)
-    return list(zip(start, start + length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1), strict=True))
+    return list(
+        zip(start, start + length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1), strict=True)
+    )
 
 
 def calendar(random: np.random.Generator) -> np.ndarray:

@@ -70,7 +70,9 @@ class Anther:
     def _cells(self, random: np.random.Generator) -> Cells:
         cells = Cells()
         for depth, long, kind in ((11.5, 11.5, EPIDERMIS), (37.0, 14.0, ENDOTHECIUM)):
-            self._row(cells, lambda x, y, d=depth: self.outline(x, y) + d, (0, 900), long, depth, kind, random)
+            self._row(
+                cells, lambda x, y, d=depth: self.outline(x, y) + d, (0, 900), long, depth, kind, random
+            )
         for k in (0, 1):
             start = ((-216, 216)[k], 700)
             for out, long, wide, kind in (
@@ -144,10 +146,9 @@ class Anther:
         size = radius * random.uniform(0.9, 1.08, tries)
         lift = np.where(random.random(tries) < 0.8, 0.5, 0.95) * random.uniform(-1, 1, tries)
         cut = size * np.sqrt(1 - lift**2)
-        place = random.uniform(-1, 1, (tries, 2)) * (180, 150) + np.where(np.arange(tries) % 2, 216, -216)[:, None] * (
-            1,
-            0,
-        )
+        place = random.uniform(-1, 1, (tries, 2)) * (180, 150) + np.where(np.arange(tries) % 2, 216, -216)[
+            :, None
+        ] * (1, 0)
         free = self.sacs(*place.T) < -cut - 2.5
         placed: list[tuple[float, float, float, float]] = []
         held = np.empty((0, 3))

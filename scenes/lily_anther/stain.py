@@ -19,7 +19,9 @@ LOOK = {
 WALL_UM = {XYLEM: 1.5, EPIDERMIS: 1.15}  # half thickness where it is not 0.9
 
 
-def layers(anther: Anther, view: View, grain_um: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def layers(
+    anther: Anther, view: View, grain_um: float, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Absorbance of the upper and the lower layer."""
     x, y = view.grid()
     tissue = _tissue(anther, view, x, y, random)
@@ -37,7 +39,9 @@ def _shifted(image: np.ndarray, rows: int, columns: int) -> np.ndarray:
     return (near + np.roll(near, 1, 0) + np.roll(near, 1, 1) + np.roll(near, (1, 1), (0, 1))) / 4
 
 
-def _tissue(anther: Anther, view: View, x: np.ndarray, y: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def _tissue(
+    anther: Anther, view: View, x: np.ndarray, y: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
     table = anther.cells.table
     first, second, wide_1, wide_2, owner = nearest(table, view)
     edge = (second - first) / (1 / wide_1 + 1 / wide_2)  # µm to the wall in the middle between two cells
@@ -82,13 +86,20 @@ def _nuclei(image: np.ndarray, table: np.ndarray, view: View, random: np.random.
             rim = size * (1 + 0.12 * np.sin(2 * angle + random.uniform(0, 6)))
             disc = np.clip((rim - r) / 0.8 + 0.5, 0, 1)
             chromatin = 0.5 + 0.12 * np.sin(1.9 * r + 3 * angle + random.uniform(0, 6))
-            nucleolus = 0.35 * np.exp(-(((r - 0.35 * size) / (0.3 * size)) ** 2) * 4) * (np.cos(angle - 6 * size) > 0)
+            nucleolus = (
+                0.35 * np.exp(-(((r - 0.35 * size) / (0.3 * size)) ** 2) * 4) * (np.cos(angle - 6 * size) > 0)
+            )
             part = image[window]
             np.maximum(part, disc * (chromatin + nucleolus + 0.25 * np.exp(-((r - rim) ** 2))), out=part)
 
 
 def _grain(
-    image: np.ndarray, view: View, at: tuple[float, float], cut: float, lift: float, random: np.random.Generator
+    image: np.ndarray,
+    view: View,
+    at: tuple[float, float],
+    cut: float,
+    lift: float,
+    random: np.random.Generator,
 ) -> None:
     """A pollen grain as the cut finds it: near its middle a ring, towards its top the net of its coat."""
     here = local(image.shape, view, at, 1.25 * cut + 4)
@@ -97,7 +108,9 @@ def _grain(
     window, r, angle = here
     slant = np.clip(lift, 0, 0.97)
     coat = 2.8 / np.sqrt(1 - slant**2)  # thickness of the exine as it is cut, µm
-    oval = 1 + 0.05 * np.sin(2 * angle + random.uniform(0, 6)) + 0.018 * np.sin(3 * angle + random.uniform(0, 6))
+    oval = (
+        1 + 0.05 * np.sin(2 * angle + random.uniform(0, 6)) + 0.018 * np.sin(3 * angle + random.uniform(0, 6))
+    )
     rim = cut * oval
     inward = rim - r
     rods = 0.5 + 0.5 * np.sin(angle * max(round(2 * np.pi * cut / 3.4), 6) + random.uniform(0, 6))

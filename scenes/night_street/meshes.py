@@ -35,7 +35,9 @@ def joined(bodies: list[Body]) -> Body:
     first = np.cumsum([0] + [len(b.vertices) for b in bodies])
     triangles = [b.triangles + start for b, start in zip(bodies, first[:-1], strict=True)]
     return Body(
-        np.concatenate([b.vertices for b in bodies]), np.concatenate(triangles), np.concatenate([b.uv for b in bodies])
+        np.concatenate([b.vertices for b in bodies]),
+        np.concatenate(triangles),
+        np.concatenate([b.uv for b in bodies]),
     )
 
 

@@ -30,7 +30,9 @@ def joined(bodies: list[Body]) -> Body:
     first = np.cumsum([0] + [len(b.vertices) for b in bodies])
     triangles = [b.triangles + start for b, start in zip(bodies, first[:-1], strict=True)]
     return Body(
-        np.concatenate([b.vertices for b in bodies]), np.concatenate(triangles), np.concatenate([b.uv for b in bodies])
+        np.concatenate([b.vertices for b in bodies]),
+        np.concatenate(triangles),
+        np.concatenate([b.uv for b in bodies]),
     )
 
 
@@ -71,7 +73,9 @@ def faceted_ball(rings: int, around: int) -> Body:
     ), axis=2)  # fmt: skip
     made = grid(points[:, ::-1])
     corners = made.vertices[made.triangles]
-    wide = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 1e-6
+    wide = (
+        np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 1e-6
+    )
     kept = made.triangles[wide].ravel()
     return Body(made.vertices[kept], np.arange(kept.size).reshape(-1, 3), made.uv[kept])
 

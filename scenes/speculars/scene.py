@@ -33,7 +33,9 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     floor = np.array([[(-0.7, 0, -1.0), (0.7, 0, -1.0)], [(-0.7, 0, 0.4), (0.7, 0, 0.4)]])
     scene: dict[str, Any] = {
         "cloth": mesh("cloth", grid(floor), surfaces.linen(random), smooth=False),
-        "card": mesh("card", _card(depth, float(params["yaw_deg"])), surfaces.card(float(params["ink"]), random)),
+        "card": mesh(
+            "card", _card(depth, float(params["yaw_deg"])), surfaces.card(float(params["ink"]), random)
+        ),
         "room": surfaces.room(random),
     }
     for name, made, bsdf in (
@@ -112,11 +114,15 @@ def _cups(depth: float, random: np.random.Generator) -> Body:
 def _rings(depth: float, random: np.random.Generator) -> Body:
     """Napkin rings, lying and standing."""
     angle = np.linspace(0, 2 * np.pi, 13)[::-1]
-    ring = turned(np.stack([0.019 + 0.0035 * np.cos(angle), 0.0035 + 0.0035 * np.sin(angle)], axis=1), steps=4)
+    ring = turned(
+        np.stack([0.019 + 0.0035 * np.cos(angle), 0.0035 + 0.0035 * np.sin(angle)], axis=1), steps=4
+    )
     standing = ring.moved([0, 0.0225, 0], pitch_deg=90)
     return joined(
         [
-            standing.moved([-0.115 + random.normal(0, 0.004), 0, depth - 0.24], yaw_deg=float(random.uniform(-40, 40))),
+            standing.moved(
+                [-0.115 + random.normal(0, 0.004), 0, depth - 0.24], yaw_deg=float(random.uniform(-40, 40))
+            ),
             ring.moved([0.040, 0, depth + 0.115]),
             ring.moved([-0.150, 0, depth - 0.38]),
         ]
@@ -125,7 +131,14 @@ def _rings(depth: float, random: np.random.Generator) -> Body:
 
 def _tray(depth: float) -> Body:
     """A brushed plate under the things to the left, with a rolled rim."""
-    outline = [(0.0, 0.0012), (0.02, 0.0012), (0.040, 0.0012), (0.046, 0.003), (0.050, 0.0048), (0.051, 0.003)]
+    outline = [
+        (0.0, 0.0012),
+        (0.02, 0.0012),
+        (0.040, 0.0012),
+        (0.046, 0.003),
+        (0.050, 0.0048),
+        (0.051, 0.003),
+    ]
     return turned(outline).moved([-0.085, 0, depth - 0.145])
 
 
@@ -157,7 +170,11 @@ def _lamps(params: dict[str, Any]) -> dict[str, Any]:
             "type": "disk",
             "to_world": pose @ mi.ScalarTransform4f().scale(radius),
             "bsdf": {"type": "diffuse", "reflectance": 0.0},
-            "emitter": {"type": "area", "radiance": power / (np.pi * radius) ** 2, "sampling_weight": share},
+            "emitter": {
+                "type": "area",
+                "radiance": power / (np.pi * radius) ** 2,
+                "sampling_weight": share,
+            },
         }
     return made
 

@@ -66,7 +66,9 @@ def linen(random: np.random.Generator) -> Any:
     k = (at * threads).astype(int)
     round_ = np.abs(np.sin(np.pi * at * threads))
     over = ((k[:, None] + k[None, :]) % 2).astype(bool)
-    tone = np.where(over, warp[k][None, :] * round_[None, :] ** 0.5, weft[k][:, None] * round_[:, None] ** 0.5)
+    tone = np.where(
+        over, warp[k][None, :] * round_[None, :] ** 0.5, weft[k][:, None] * round_[:, None] ** 0.5
+    )
     tone *= 1 + 0.12 * random.standard_normal((n, n))
     cloth = np.clip(0.11 * (0.35 + 0.65 * tone), 0.02, 0.4)
     bsdf = {"type": "diffuse", "reflectance": texture(cloth, (14, 14))}

@@ -58,7 +58,9 @@ def _pose(params: dict[str, Any]) -> Any:
     azimuth = np.radians(params["tilt_azimuth_deg"])
     axis = [float(np.cos(azimuth)), float(np.sin(azimuth)), 0.0]
     t = mi.ScalarTransform4f()
-    return t.translate([0, 0, params["height_um"] * MM_PER_UM]).rotate(axis, params["tilt_deg"]).scale(MM_PER_UM)
+    return (
+        t.translate([0, 0, params["height_um"] * MM_PER_UM]).rotate(axis, params["tilt_deg"]).scale(MM_PER_UM)
+    )
 
 
 def _scaled(half: tuple[float, float]) -> Any:
@@ -73,7 +75,9 @@ def _turned(quads: np.ndarray, degrees: float) -> np.ndarray:
 def _fibre(corner: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Lint across one corner of the field."""
     start = corner * (random.uniform(130, 330), random.uniform(60, 170))
-    return lint(start, float(np.arctan2(*corner[::-1]) + random.choice([-1, 1]) * random.uniform(0.5, 1.4)), random)
+    return lint(
+        start, float(np.arctan2(*corner[::-1]) + random.choice([-1, 1]) * random.uniform(0.5, 1.4)), random
+    )
 
 
 def _picture(values: np.ndarray) -> dict[str, Any]:
@@ -122,12 +126,19 @@ def _solid(name: str, body: tuple[np.ndarray, np.ndarray], pose: Any, reflectanc
     return _mesh(name, *body, pose, bsdf)
 
 
-def _mesh(name: str, points: np.ndarray, faces: np.ndarray, pose: Any, bsdf: dict[str, Any], uv: Any = None) -> mi.Mesh:
+def _mesh(
+    name: str, points: np.ndarray, faces: np.ndarray, pose: Any, bsdf: dict[str, Any], uv: Any = None
+) -> mi.Mesh:
     matrix = np.array(pose.matrix, dtype=np.float64)
     props = mi.Properties()
     props["bsdf"] = mi.load_dict(bsdf)
     mesh = mi.Mesh(
-        name, len(points), len(faces), props=props, has_vertex_normals=uv is None, has_vertex_texcoords=uv is not None
+        name,
+        len(points),
+        len(faces),
+        props=props,
+        has_vertex_normals=uv is None,
+        has_vertex_texcoords=uv is not None,
     )
     mesh.set_id(name)
     held = mi.traverse(mesh)

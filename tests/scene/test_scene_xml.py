@@ -10,7 +10,7 @@ from exported_scene import write_exported_scene
 from refusals import refusal
 from small_dataset import SCENES
 
-from saf_gen.render import backend, depth_and_target, mitsuba_scene, xml_scene
+from saf_gen.render import backend, depth_and_target, mitsuba_scene, posed_shapes, xml_scene
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene, load_scene_folder
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
@@ -112,7 +112,7 @@ def test_a_shape_of_a_file_moves_by_its_name(exported):
     described = mitsuba_scene.build_scene_dict(scene)
     depths = []
     for time_s in (0.0, 0.5):
-        moment = mitsuba_scene.pose_shapes(
+        moment = posed_shapes.pose_shapes(
             described, mitsuba_scene.mitsuba_shape_motions(scene, described), time_s=time_s
         )
         hit = mi.load_dict({"type": "scene", "it": moment["mesh-Crate.001"], "mat-Print": moment["mat-Print"]})

@@ -38,7 +38,9 @@ def lines(text: str, height: float, at: tuple[float, float]) -> list[tuple[np.nd
     return pieces
 
 
-def drawn(x: np.ndarray, y: np.ndarray, pieces: list[tuple[np.ndarray, np.ndarray]], width: float) -> np.ndarray:
+def drawn(
+    x: np.ndarray, y: np.ndarray, pieces: list[tuple[np.ndarray, np.ndarray]], width: float
+) -> np.ndarray:
     """Ink of straight pieces of a round pen, float32 in 0..1, on a grid: x (col,) and y (row,), both rising.
 
     All in the same unit; the rim of a stroke is one grid step wide.
@@ -47,7 +49,9 @@ def drawn(x: np.ndarray, y: np.ndarray, pieces: list[tuple[np.ndarray, np.ndarra
     step = abs(x[1] - x[0])
     for start, stop in pieces:
         low, high = np.minimum(start, stop) - width - step, np.maximum(start, stop) + width + step
-        columns, rows = (slice(*np.searchsorted(axis, (a, b))) for axis, a, b in zip((x, y), low, high, strict=True))
+        columns, rows = (
+            slice(*np.searchsorted(axis, (a, b))) for axis, a, b in zip((x, y), low, high, strict=True)
+        )
         px, py = x[columns][None, :] - start[0], y[rows][:, None] - start[1]
         dx, dy = stop - start
         along = np.clip((px * dx + py * dy) / max(dx * dx + dy * dy, 1e-12), 0, 1)
