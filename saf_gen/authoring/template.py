@@ -47,9 +47,8 @@ def create_scene(name: str, root: Path, *, kind: str = "script") -> list[Path]:
 def import_exported_scene(exported: Path, name: str, *, root: Path) -> list[Path]:
     """Copy an exported scene and the files it names to ``root/name``, and write its card.
 
-    Files keep the names that the scene uses; links are followed. The card has the pose and the field of view
-    of the file's first camera, the shape in the middle of the image as its target, and a light group per
-    lamp.
+    Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
+    file's first camera, the shape in the middle of the image as its target, and a light group per lamp.
 
     Returns the files. Raises BadInput as reading the scene does, for a scene without a camera, a lamp or a
     shape in the middle, and for a camera that no card can have. Nothing is left behind then.

@@ -79,8 +79,7 @@ def find_nearest_focus_crossing(
 def lens_travel(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
     """Return how far the lens moved, in travels: over the frames seen, and then back to the answer.
 
-    A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) costs the frames seen
-    alone.
+    A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) costs the frames seen alone.
     """
     seen = np.asarray(focus_position[: max(frames_seen, 0)], dtype=np.float64)
     if seen.size == 0:

@@ -189,10 +189,9 @@ _KEYS = [f.name for f in fields(Record)]
 def _find_contradiction(r: Record) -> tuple[str, str] | None:
     """Return what in a record cannot be true at once, and what could be; None where all of it can.
 
-    An answer is a success where its error is within the limit. An abstention is a success where no answer
-    could have been, and has no error; where the truth is unknown there is no success or failure. The frame of
-    a closed-loop record is when the method was done, for an abstention too. A focus that the lens stays away
-    from has no location.
+    An answer is a success where its error is within the limit. An abstention is a success where no answer could have
+    been, and has no error; where the truth is unknown there is no success or failure. The frame of a closed-loop record
+    is when the method was done, for an abstention too. A focus that the lens stays away from has no location.
     """
     if r.frames_seen > r.frames:
         return f"frames_seen is {r.frames_seen} of {r.frames} frames", f"0 to {r.frames}"

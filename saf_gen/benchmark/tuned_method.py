@@ -1,7 +1,6 @@
 """Tuned constants of a method, as a file: what was tried, on which data, and what came out best.
 
-``@FILE`` stands for the method wherever a method is named, and every record that it makes cites the file by
-its digest.
+``@FILE`` stands for the method wherever a method is named, and every record that it makes cites the file by its digest.
 """
 
 import hashlib

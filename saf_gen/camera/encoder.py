@@ -5,12 +5,11 @@ fires at this readout, at most once, subtracts the threshold, and draws the next
 
     threshold_pixel + N(0, 1)·sqrt(threshold_pixel [shot] + (threshold_noise_rms·threshold_pixel)² [noise])
 
-Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a mean charge that
-is Gamma(n) distributed, so an inter-spike interval measured in mean charge has a variance of exactly n e-².
-The noise is read from a table of normal noise (noise_table.py); the first phase is uniform in
-[0, threshold). At most ``sensor.max_excess_thresholds`` of the charge above the threshold are kept, so that
-an overload does not echo for long. The readout after a spike collects ``1 - sensor.post_spike_loss`` of its
-charge, including dark charge.
+Shot noise acts through the threshold: Poisson electrons reach a level of n electrons after a mean charge that is
+Gamma(n) distributed, so an inter-spike interval measured in mean charge has a variance of exactly n e-². The noise is
+read from a table of normal noise (noise_table.py); the first phase is uniform in [0, threshold). At most
+``sensor.max_excess_thresholds`` of the charge above the threshold are kept, so that an overload does not echo for long.
+The readout after a spike collects ``1 - sensor.post_spike_loss`` of its charge, including dark charge.
 
 References
 ----------

@@ -1,10 +1,9 @@
 """The compiled inner loop of the encoder: 64 pixels at a time, eight readouts, one byte of spikes each.
 
-Every operation is one IEEE float32 operation in a fixed order, and nothing is fused or reordered (no
-fastmath), so the bits are the same on every machine. Three properties, visible in the machine code, make it
-fast: the loops over the 64 lanes have no branch; the state of a pixel stays in registers for eight readouts;
-and every index is unsigned, because numba guards signed ones against being negative, which turns plain loads
-into gathers.
+Every operation is one IEEE float32 operation in a fixed order, and nothing is fused or reordered (no fastmath), so the
+bits are the same on every machine. Three properties, visible in the machine code, make it fast: the loops over the 64
+lanes have no branch; the state of a pixel stays in registers for eight readouts; and every index is unsigned, because
+numba guards signed ones against being negative, which turns plain loads into gathers.
 """
 
 from typing import Any

@@ -2,9 +2,8 @@
 
     E = transmission·π·R²/v²·cos⁴θ·L          Q = E·pitch²·FF·QE·λ/(h·c)/readout_hz
 
-The mean rate of a sensor, in spikes per readout, follows from its mean charge q: q/(threshold + loss·q),
-at most 1 (16/17 with ``dead_readout``). ``loss`` is the fraction of its charge that the readout after a
-spike loses.
+The mean rate of a sensor, in spikes per readout, follows from its mean charge q: q/(threshold + loss·q), at most 1
+(16/17 with ``dead_readout``). ``loss`` is the fraction of its charge that the readout after a spike loses.
 """
 
 from math import frexp, ldexp, pi

@@ -1,10 +1,9 @@
 """A table of normal noise with a flat spectrum, so that its entries are uncorrelated at every distance.
 
-The encoder takes the noise of 64 neighbouring pixels from 64 neighbouring entries, beginning at an entry
-drawn anew for each readout. The draws of one pixel are then independent. Two pixels of a block are as
-independent as entries a few positions apart, and in a sequence with a flat spectrum those have a correlation
-of exactly -1/(N - 1) at every distance [1]_. Independent normal draws would leave correlations of 1/sqrt(N),
-the same ones in every block of the array.
+The encoder takes the noise of 64 neighbouring pixels from 64 neighbouring entries, beginning at an entry drawn anew for
+each readout. The draws of one pixel are then independent. Two pixels of a block are as independent as entries a few
+positions apart, and in a sequence with a flat spectrum those have a correlation of exactly -1/(N - 1) at every distance
+[1]_. Independent normal draws would leave correlations of 1/sqrt(N), the same ones in every block of the array.
 
 .. [1] M. R. Schroeder, Synthesis of low-peak-factor signals and binary sequences with low autocorrelation,
    IEEE Trans. Inf. Theory 16, 1970, doi:10.1109/TIT.1970.1054411.

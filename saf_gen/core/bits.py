@@ -1,10 +1,9 @@
 """Spikes as bits along time: pack and unpack frames, count spikes in windows, transpose bit matrices.
 
-Time-packed spikes are uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of byte
-t div 8. This order suits a disk: the bytes of one pixel are alike and deflate well. In memory the same bytes
-are *planes*, uint8 (bytes, H, W): a window of all pixels is one contiguous run then, and counting it is five
-times faster. The kernels release Python's lock, use one thread, and do not check their arguments; the modules
-that take arrays from users do.
+Time-packed spikes are uint8 (H, W, ceil(T/8)): frame t is bit t mod 8, least significant first, of byte t div 8. This
+order suits a disk: the bytes of one pixel are alike and deflate well. In memory the same bytes are *planes*, uint8
+(bytes, H, W): a window of all pixels is one contiguous run then, and counting it is five times faster. The kernels
+release Python's lock, use one thread, and do not check their arguments; the modules that take arrays from users do.
 """
 
 import numba

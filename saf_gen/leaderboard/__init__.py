@@ -1,9 +1,8 @@
 """Ranks methods from their records, tabulates them by condition, and writes the result to files.
 
-Methods rank by success within one depth of focus. Success and cost are averaged over each scene's light
-schedules, then over scenes, so that a scene with many sequences weighs no more than another; errors are
-medians over all sequences. Methods with equal success have the same rank, and intervals say which ranks the
-scenes can tell apart.
+Methods rank by success within one depth of focus. Success and cost are averaged over each scene's light schedules, then
+over scenes, so that a scene with many sequences weighs no more than another; errors are medians over all sequences.
+Methods with equal success have the same rank, and intervals say which ranks the scenes can tell apart.
 """
 
 from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, BinSummary, group_by_bin, tabulate_by_axis

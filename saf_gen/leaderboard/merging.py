@@ -43,9 +43,8 @@ def merge_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
     Raises
     ------
     BadInput
-        Two runs or methods differ in track, evaluator version, code, or in what they say about a sequence;
-        a method lacks a sequence, has two answers for one, or occurs twice in one run. The message names
-        both sides.
+        Two runs or methods differ in track, evaluator version, code, or in what they say about a sequence; a method
+        lacks a sequence, has two answers for one, or occurs twice in one run. The message names both sides.
     """
     kept: dict[tuple[str, str], tuple[str, Record]] = {}
     first_claims: dict[tuple[str, str], tuple[str, str]] = {}

@@ -78,8 +78,7 @@ def tune(
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
     """Find the best of ``expand_parameter_grid(method, values)`` on a split of a dataset.
 
-    The best method has the largest success within one depth of focus, and among equals the smallest median
-    error.
+    The best method has the largest success within one depth of focus, and among equals the smallest median error.
 
     Parameters
     ----------

@@ -3,8 +3,7 @@
 A recipe writes one schedule for all light groups of a scene, or one for each by its name; a group without a
 schedule stays at gain 1::
 
-    {kind: flicker, depth: 0.3, offset: 0.5}
-    {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}
+    {kind: flicker, depth: 0.3, offset: 0.5} {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}
 
 Every kind takes the keys of its class and those of ``COMMON_KEYS``. ``offset`` is constant light added to the
 schedule, such as daylight in a room whose lamp flickers. With ``unit: lux`` all gains of the schedule, the

@@ -68,11 +68,10 @@ class BrightnessNormalised:
 class IntervalTexture:
     """Any measure, of the texture from intervals (TFI) instead of counts (TFP).
 
-    Each pixel holds what it would count in the window at the rate of the one interval between spikes around
-    the window's middle: a real number in the unit of counts, 0.0 without such an interval. The measure, its
-    degree, its cost and its range stay. However long the window, motion within it does not blur the texture,
-    and the rest of the window is not used. An interval is a whole number of readouts, so bright pixels have
-    few levels.
+    Each pixel holds what it would count in the window at the rate of the one interval between spikes around the
+    window's middle: a real number in the unit of counts, 0.0 without such an interval. The measure, its degree, its
+    cost and its range stay. However long the window, motion within it does not blur the texture, and the rest of the
+    window is not used. An interval is a whole number of readouts, so bright pixels have few levels.
 
     References
     ----------

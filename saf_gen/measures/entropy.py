@@ -15,10 +15,9 @@ LARGEST_TABLE = 1 << 20
 class HistogramEntropy:
     """−Σ p·log2 p over count levels, p the fraction of pixels at a level; counts are rounded first.
 
-    The score depends on how many levels there are, not on where they are: shuffled pixels score the same.
-    Counts times a whole number keep it (degree 0), yet more light fills more levels, about one bit per
-    doubling, and no division by brightness undoes that. Blur raises the score where a sharp image has few
-    levels, such as the two of a test chart.
+    The score depends on how many levels there are, not on where they are: shuffled pixels score the same. Counts times
+    a whole number keep it (degree 0), yet more light fills more levels, about one bit per doubling, and no division by
+    brightness undoes that. Blur raises the score where a sharp image has few levels, such as the two of a test chart.
 
     Range 0 to log2 of the smaller of N and n + 1 for N pixels and n frames, in bits; degree 0; cost 2: two
     additions per pixel, beside a logarithm per level.

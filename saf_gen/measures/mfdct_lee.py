@@ -12,9 +12,8 @@ from saf_gen.measures._counts import counts_as_integers
 class MidFrequencyDct:
     """Σ(O * c)² where the 4×4 kernel O = vvᵀ, v = (1, 1, −1, −1), lies wholly inside the image.
 
-    O is the middle frequency of a 4×4 cosine transform with its weights rounded to signs. It sums to 0, so
-    constant counts score 0. 0.0 for fewer than four rows or columns. Never rises when a periodic scene is
-    blurred further.
+    O is the middle frequency of a 4×4 cosine transform with its weights rounded to signs. It sums to 0, so constant
+    counts score 0. 0.0 for fewer than four rows or columns. Never rises when a periodic scene is blurred further.
 
     Range from 0, in squared counts; degree 2; cost 8: seven additions and a multiplication per pixel.
 

@@ -83,11 +83,10 @@ class Drive(ABC):
     def ray_transfer(self, position: Positions, reference: float = 0.5) -> np.ndarray:
         """Return the path of a ray through the stack: float64 (..., 2, 2), M with (x_p, a_p) = M(p)·(x, a).
 
-        (x, a) is where the ray meets sensor and lens (m) at the reference position, so its slope in object
-        space is s = -(x/v + a/u). (x_p, a_p) is where it meets them at position p, with
-        a_p = a + s·(shift_p - shift). M is linear in p for every drive, so a path is a straight line through
-        the stack. Its determinant does not depend on the ray: rays spread evenly at one position are spread
-        evenly at every position.
+        (x, a) is where the ray meets sensor and lens (m) at the reference position, so its slope in object space is s =
+        -(x/v + a/u). (x_p, a_p) is where it meets them at position p, with a_p = a + s·(shift_p - shift). M is linear
+        in p for every drive, so a path is a straight line through the stack. Its determinant does not depend on the
+        ray: rays spread evenly at one position are spread evenly at every position.
         """
         v, u = float(self.image_distance(reference)), float(self.object_distance(reference))
         v_p, u_p = self.image_distance(position), self.object_distance(position)

@@ -126,8 +126,7 @@ def _check_lens_travel(setup: RenderSetup) -> None:
 def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the axial distance (m) of the first surface through each pixel's centre, and its shape index.
 
-    float64 and int64 (row, col). Distances are from the lens moved by ``forward_m``, inf where there is
-    nothing.
+    float64 and int64 (row, col). Distances are from the lens moved by ``forward_m``, inf where there is nothing.
     """
     # One sample, not jittered: the ray through the pixel's centre.
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}

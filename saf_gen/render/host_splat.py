@@ -5,10 +5,9 @@ position), so a pixel holds the path for one run of consecutive positions. Two w
 it begins and its negative where it ends, and one running sum over positions at the end give the whole stack:
 the cost grows with the pixels that a path crosses, not with the positions.
 
-The value and the count of a sample share one 64-bit word: the count in the low COUNT_BITS, the value above
-them in fixed point. Integer sums do not depend on the order of threads, so a stack is the same, bit for bit,
-however many cores made it. Positions are the innermost axis, so that the pixels of a blur disc take few cache
-lines.
+The value and the count of a sample share one 64-bit word: the count in the low COUNT_BITS, the value above them in
+fixed point. Integer sums do not depend on the order of threads, so a stack is the same, bit for bit, however many cores
+made it. Positions are the innermost axis, so that the pixels of a blur disc take few cache lines.
 """
 
 import math
@@ -167,9 +166,8 @@ def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begi
 def mean_radiance_of_paths(sums, scale):
     """Return the mean radiance, float32 (focus, row, col), of the accumulators.
 
-    Sums are divided by the samples that fell into the pixel rather than by those sent, so that the scatter of
-    their number cancels. A pixel without samples, which a few samples per pixel can leave, repeats its
-    neighbour in focus.
+    Sums are divided by the samples that fell into the pixel rather than by those sent, so that the scatter of their
+    number cancels. A pixel without samples, which a few samples per pixel can leave, repeats its neighbour in focus.
     """
     workers, rows, columns, focus = sums.shape
     out = np.empty((focus, rows, columns), dtype=np.float32)

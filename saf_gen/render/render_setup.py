@@ -79,9 +79,8 @@ def make_film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, A
 def make_camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
     """Return what every Mitsuba camera must know at a focus position: pose, field of view, film, clips.
 
-    The clips lie at a ten-thousandth of the distance in focus and at a hundred thousand times it. Mitsuba's
-    own, 0.01 and 10,000 units of the scene, would hide a microscope's specimen, and all of a scene whose unit
-    is a micrometre.
+    The clips lie at a ten-thousandth of the distance in focus and at a hundred thousand times it. Mitsuba's own, 0.01
+    and 10,000 units of the scene, would hide a microscope's specimen, and all of a scene whose unit is a micrometre.
     """
     drive, grid = setup.drive, setup.grid
     distance = float(drive.object_distance(position)) / setup.unit_m

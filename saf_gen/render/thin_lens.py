@@ -60,9 +60,8 @@ def render_stack(
             setup,
             position=float(position),
             samples=samples,
-            # One seed for all positions: neighbours then share their noise, as in the one-pass stack. With
-            # one seed per position, the mean of two positions would be smoother than either, and a sweep
-            # would show that beat.
+            # One seed for all positions: neighbours then share their noise, as in the one-pass stack. With one seed per
+            # position, the mean of two positions would be smoother than either, and a sweep would show that beat.
             seed=seed,
         )
         progress((k + 1) / focus.size)

@@ -1,7 +1,6 @@
 """A scene: a folder with a card (``scene.yaml``) and a geometry (``scene.py`` or ``scene.xml``).
 
-This module reads and checks the card and knows where scenes live; only :mod:`saf_gen.render` builds the
-geometry.
+This module reads and checks the card and knows where scenes live; only :mod:`saf_gen.render` builds the geometry.
 """
 
 import json

@@ -52,8 +52,7 @@ def count_blocks(view: View, dt: int) -> tuple[int, int]:
 def golden_search_feedback(view: View, end: int) -> float:
     """Return the score of the later half of the first ``end`` frames less that of the earlier half.
 
-    The windows are those of the released code, 1-based and inclusive: h−1 ... end and 1 ... h−1 with
-    h = ⌊(end + 1)/2⌋.
+    The windows are those of the released code, 1-based and inclusive: h−1 ... end and 1 ... h−1 with h = ⌊(end + 1)/2⌋.
     """
     half = (end + 1) // 2
     return view.score(half - 2, end) - view.score(0, half - 1)

@@ -12,12 +12,11 @@ from saf_gen.searches._windows import check_search_frame_count
 class CoarseToFine(LensCommandingSearch):
     """Samples positions ``coarse`` apart over the whole travel, then ``fine`` apart around the best of them.
 
-    The first pass scores ``far_dt`` frames by the measure ``far``, whose curve should be broad: it must rise
-    where the image is far out of focus. The second scores ``dt`` frames by the method's own measure, from one
-    coarse step before the best position to one after; a gradient, narrow and steep, suits it. ``far: own``
-    takes the method's measure for both. Each pass moves in one direction, so that backlash is the same for
-    all its positions. At most 1/coarse + 2·coarse/fine + 2 samples, whatever the curve; only noise at the
-    maximum misleads it.
+    The first pass scores ``far_dt`` frames by the measure ``far``, whose curve should be broad: it must rise where the
+    image is far out of focus. The second scores ``dt`` frames by the method's own measure, from one coarse step before
+    the best position to one after; a gradient, narrow and steep, suits it. ``far: own`` takes the method's measure for
+    both. Each pass moves in one direction, so that backlash is the same for all its positions. At most 1/coarse +
+    2·coarse/fine + 2 samples, whatever the curve; only noise at the maximum misleads it.
 
     References
     ----------

@@ -12,12 +12,11 @@ RATIO = (math.sqrt(5) - 1) / 2
 class GoldenSection(BracketingSearch):
     """Golden section: samples two positions of the bracket, and drops the end beside the worse one.
 
-    Each step leaves 0.618 of the bracket and takes one new sample, until the bracket is no wider than
-    ``tolerance`` of the travel: n = ⌈log(tolerance)/log(0.618)⌉ steps, and one sample more to begin with. A
-    curve with one peak is answered within 0.618 of the last bracket; the answer lies inside the bracket, so a
-    focus at the end of the travel is missed by up to that much. Noise, where the curve is flat, or a second
-    peak send a step to the wrong side for good. The lens moves back and forth. Of equal samples the later
-    position is dropped.
+    Each step leaves 0.618 of the bracket and takes one new sample, until the bracket is no wider than ``tolerance`` of
+    the travel: n = ⌈log(tolerance)/log(0.618)⌉ steps, and one sample more to begin with. A curve with one peak is
+    answered within 0.618 of the last bracket; the answer lies inside the bracket, so a focus at the end of the travel
+    is missed by up to that much. Noise, where the curve is flat, or a second peak send a step to the wrong side for
+    good. The lens moves back and forth. Of equal samples the later position is dropped.
 
     References
     ----------

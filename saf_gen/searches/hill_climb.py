@@ -10,12 +10,11 @@ from saf_gen.searches._windows import check_search_frame_count
 class HillClimb(LensCommandingSearch):
     """Climbs from the initial lens position in steps of ``coarse``; at the top halves them, down to ``fine``.
 
-    It sets off towards the longer part of the travel, goes on while the score rises, and ends a climb after
-    ``falls`` consecutive samples that are not better; if it found nothing better it tries the other
-    direction. Finer climbs start from the best position, end with the first worse sample, and try both sides.
-    It is the only search here that need not cross the travel: near the focus it is quick. Where the curve is
-    flat and noisy it stays at a chance maximum, up to ``falls``·``coarse`` from where it began. Up to
-    1/coarse + 3·log2(coarse/fine) samples.
+    It sets off towards the longer part of the travel, goes on while the score rises, and ends a climb after ``falls``
+    consecutive samples that are not better; if it found nothing better it tries the other direction. Finer climbs start
+    from the best position, end with the first worse sample, and try both sides. It is the only search here that need
+    not cross the travel: near the focus it is quick. Where the curve is flat and noisy it stays at a chance maximum, up
+    to ``falls``·``coarse`` from where it began. Up to 1/coarse + 3·log2(coarse/fine) samples.
 
     References
     ----------

@@ -18,10 +18,9 @@ class RuleBased(LensCommandingSearch):
     step, of ``gentle`` for ``middle``, else ``coarse``. Where the samples beside the best are farther apart
     than a fine step, the gap is filled with fine steps at the end.
 
-    The lens moves in one direction nearly all the time, so backlash costs little. Thresholds are relative: a
-    score with a large constant part (er_count) or a sign that changes misleads them. About
-    1/coarse + 4·width/fine samples for a peak of half width ``width``. The rules are of the kind of the
-    reference, whose constants are of another camera.
+    The lens moves in one direction nearly all the time, so backlash costs little. Thresholds are relative: a score with
+    a large constant part (er_count) or a sign that changes misleads them. About 1/coarse + 4·width/fine samples for a
+    peak of half width ``width``. The rules are of the kind of the reference, whose constants are of another camera.
 
     References
     ----------

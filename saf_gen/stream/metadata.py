@@ -1,11 +1,10 @@
 """What a stream file holds beside the spikes, and the digest of its content.
 
-``content_sha256`` identifies the content of a file, however it is stored. It is the SHA-256 of a text: the
-lines ``readout_hz`` and ``frames``, then one line per dataset, sorted by name, with name, dtype, shape and
-the SHA-256 of the values (little-endian, C order; text as UTF-8, each string followed by a zero byte). The
-values of ``/spikes`` are hashed as consecutive time blocks of 250 bytes along time, each in C order, so that
-both writing and verifying can stream. The group ``/provenance`` says how the content was made and is left
-out.
+``content_sha256`` identifies the content of a file, however it is stored. It is the SHA-256 of a text: the lines
+``readout_hz`` and ``frames``, then one line per dataset, sorted by name, with name, dtype, shape and the SHA-256 of the
+values (little-endian, C order; text as UTF-8, each string followed by a zero byte). The values of ``/spikes`` are
+hashed as consecutive time blocks of 250 bytes along time, each in C order, so that both writing and verifying can
+stream. The group ``/provenance`` says how the content was made and is left out.
 """
 
 import hashlib

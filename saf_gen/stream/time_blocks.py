@@ -1,9 +1,8 @@
 """Time blocks of packed spikes: assembled and deflated for the disk, inflated and transposed for reading.
 
-A chunk holds some rows, all columns and 250 bytes along time; the chunks of the same bytes are a time block.
-In a chunk bytes are ordered pixel by pixel, as they deflate best. A block in memory is transposed to planes
-(bytes, H, W), in which a window of all pixels is contiguous. Chunks are processed on threads: isa-l and numpy
-release Python's lock.
+A chunk holds some rows, all columns and 250 bytes along time; the chunks of the same bytes are a time block. In a chunk
+bytes are ordered pixel by pixel, as they deflate best. A block in memory is transposed to planes (bytes, H, W), in
+which a window of all pixels is contiguous. Chunks are processed on threads: isa-l and numpy release Python's lock.
 """
 
 from collections import OrderedDict

@@ -1,10 +1,9 @@
 """Detail: is the target fine enough to show defocus, and not so fine that it is noise?
 
-Blur loss and noise are measured on the rendered image, so they hold for bitmaps, formulas and geometry alike.
-The blur loss is the fraction of the variance of the target's brightness that a blur over three pixels
-removes. A surface with coarser detail loses next to nothing; its focus curve is flat on top, and nobody finds
-the focus on it. The noise is what two renders of the same image do not share. Detail much finer than a pixel,
-or a small bright lamp, costs samples.
+Blur loss and noise are measured on the rendered image, so they hold for bitmaps, formulas and geometry alike. The blur
+loss is the fraction of the variance of the target's brightness that a blur over three pixels removes. A surface with
+coarser detail loses next to nothing; its focus curve is flat on top, and nobody finds the focus on it. The noise is
+what two renders of the same image do not share. Detail much finer than a pixel, or a small bright lamp, costs samples.
 
 For bitmaps the size of a texel is compared with that of a pixel, from the texture coordinates of the surface.
 A texel larger than a pixel is visible, because the renderer interpolates between texels.

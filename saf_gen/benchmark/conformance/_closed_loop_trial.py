@@ -89,9 +89,8 @@ def run_on_test_scene(
 ) -> ClosedLoopRun:
     """Run a method on a camera whose best focus is at ``best``, and check what any answer must satisfy.
 
-    ``light`` multiplies the light, ``unit`` the scores; ``frames`` is the budget, and ``seed`` names the
-    noise and the initial position of the lens. Raises CheckFailure where the benchmark would count the run as
-    failed.
+    ``light`` multiplies the light, ``unit`` the scores; ``frames`` is the budget, and ``seed`` names the noise and the
+    initial position of the lens. Raises CheckFailure where the benchmark would count the run as failed.
     """
     capture, charge_source = _make_capture(best, light, seed=seed)
     camera = f"{actuator} and {frames:,} frames"

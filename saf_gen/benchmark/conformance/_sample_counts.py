@@ -18,9 +18,8 @@ def make_conformance_counts(*shape: int, highest: int = 50) -> np.ndarray:
 def make_conformance_texture(rows: int, columns: int) -> np.ndarray:
     """Return an image whose amplitudes fall as 1/frequency: float64, read-only, mean about 1, at least 0.05.
 
-    That is the average over natural scenes: D. J. Field, "Relations between the statistics of natural images
-    and the response properties of cortical cells", JOSA A 4(12), 1987, doi:10.1364/JOSAA.4.002379. Its
-    contrast is 0.4 rms.
+    That is the average over natural scenes: D. J. Field, "Relations between the statistics of natural images and the
+    response properties of cortical cells", JOSA A 4(12), 1987, doi:10.1364/JOSAA.4.002379. Its contrast is 0.4 rms.
     """
     frequency = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
     frequency[0, 0] = 1.0

@@ -1,10 +1,9 @@
 """A method in the closed loop: it moves the lens of a running camera within a budget of time.
 
-On a sequence all methods begin with the lens at the same position, drawn by the sequence's seed. A search
-that commands the lens is on its own. A search that estimates on a recording is given a sweep: the lens goes
-to the nearer end of its travel, then to the other end, and back to where the search says; the sweep ends
-with the last window that the search looks at. What counts is where the lens is at the end, against the truth
-at that moment.
+On a sequence all methods begin with the lens at the same position, drawn by the sequence's seed. A search that commands
+the lens is on its own. A search that estimates on a recording is given a sweep: the lens goes to the nearer end of its
+travel, then to the other end, and back to where the search says; the sweep ends with the last window that the search
+looks at. What counts is where the lens is at the end, against the truth at that moment.
 """
 
 from collections.abc import Callable

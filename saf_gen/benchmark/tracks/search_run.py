@@ -49,9 +49,8 @@ def describe_method_exception(error: Exception) -> str:
 def find_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
     """Return what is wrong with an answer and what to do about it; None where it can be judged.
 
-    A sound answer is an Answer with a finite trace and a note of one line. A search that commands the lens
-    gives a finite position and no frame, one that estimates a finite frame and no position; with neither it
-    abstains.
+    A sound answer is an Answer with a finite trace and a note of one line. A search that commands the lens gives a
+    finite position and no frame, one that estimates a finite frame and no position; with neither it abstains.
     """
     if not isinstance(answer, Answer):
         return (

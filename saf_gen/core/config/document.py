@@ -35,8 +35,7 @@ class FrozenModel(BaseModel):
 class Document:
     """Plain data of a file, and the line of every value in it.
 
-    ``find_lines`` is called when the first line is asked for, so that reading a file without errors stays
-    fast.
+    ``find_lines`` is called when the first line is asked for, so that reading a file without errors stays fast.
     """
 
     def __init__(self, data: Any, path: Path, *, find_lines: Callable[[], Lines]) -> None:

@@ -1,10 +1,9 @@
 """Finds plug-ins by name: light schedules, lens motions, focus measures, searches.
 
-A plug-in is a frozen dataclass: one in a file of its own, ``saf_gen/<plug-in kind>/<name>.py``, one that a
-package offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:Class`` or
-``file.py:Class``. Its fields are the keys that a recipe or a method may set, without a trailing underscore:
-``from_`` is the key ``from``. Listing names imports nothing, so a plug-in that cannot be imported does not
-break the others.
+A plug-in is a frozen dataclass: one in a file of its own, ``saf_gen/<plug-in kind>/<name>.py``, one that a package
+offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:Class`` or ``file.py:Class``.
+Its fields are the keys that a recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
+Listing names imports nothing, so a plug-in that cannot be imported does not break the others.
 """
 
 import hashlib

@@ -50,8 +50,7 @@ def plot_search_steps(
 ) -> Figure | None:
     """Return the steps of every search on the recording ``sweep``: the position it examined, step by step.
 
-    There is a panel per search and a line per measure, with the truth across them. None where no search has
-    steps.
+    There is a panel per search and a line per measure, with the truth across them. None where no search has steps.
     """
     found, note = _by_search([(r.method, r) for r in records if len(r.trace) >= MIN_STEPS], styles)
     if not found:
@@ -108,8 +107,7 @@ def plot_lens_paths(paths: Sequence[LensPath], *, styles: Mapping[str, PlotStyle
 def _by_search(items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]) -> tuple[dict[str, dict[str, T]], str]:
     """Return the items by search, then by measure; and what is left out, in words.
 
-    At most MAX_SEARCHES searches, in the order given, and MAX_MEASURES measures, in the order of their
-    styles.
+    At most MAX_SEARCHES searches, in the order given, and MAX_MEASURES measures, in the order of their styles.
     """
     present = {split_method_label(method)[0] for method, _ in items}
     shown = [m for m in styles if m in present][:MAX_MEASURES]

@@ -1,8 +1,7 @@
 """Writes the folder of an evaluation: an earlier evaluation in it is replaced as a whole, other files stay.
 
-A folder with a ``records.jsonl`` is an evaluation. That file is removed first and written last, so that a
-folder whose writer was killed in between is not taken for one. The figures of an evaluation are those of its
-page.
+A folder with a ``records.jsonl`` is an evaluation. That file is removed first and written last, so that a folder whose
+writer was killed in between is not taken for one. The figures of an evaluation are those of its page.
 """
 
 import json

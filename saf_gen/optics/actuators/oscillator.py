@@ -1,10 +1,9 @@
 """The motion of a lens on a spring behind its seat: the damped oscillator, solved exactly piece by piece.
 
-While the seat moves with constant acceleration, y = y₀ + v₀·s + a·s²/2, the lens is at x = p(s) + e(s), where
-p = y(s) - (2ζ/ω)·(v₀ + a·s) + (4ζ² - 1)·a/ω² solves x″ + 2ζω·x′ + ω²·x = ω²·y and the remainder e swings
-freely. The state from readout to readout is e and its speed over ω. It advances by the exponential of a 2×2
-matrix, summed here: only the four operations are used and none is fused or reordered (no fastmath), so the
-bits are the same on every machine.
+While the seat moves with constant acceleration, y = y₀ + v₀·s + a·s²/2, the lens is at x = p(s) + e(s), where p = y(s)
+- (2ζ/ω)·(v₀ + a·s) + (4ζ² - 1)·a/ω² solves x″ + 2ζω·x′ + ω²·x = ω²·y and the remainder e swings freely. The state from
+readout to readout is e and its speed over ω. It advances by the exponential of a 2×2 matrix, summed here: only the four
+operations are used and none is fused or reordered (no fastmath), so the bits are the same on every machine.
 """
 
 from typing import Any
