@@ -101,7 +101,7 @@ def unknown(what: str, value: object, *, allowed: Iterable[str], where: str = ""
 
 @contextmanager
 def located(where: str, *, prefix: str = "") -> Iterator[None]:
-    """Tell where a BadInput comes from that is raised in the block.
+    """Return a context that adds a location to every BadInput raised in it.
 
     Parameters
     ----------

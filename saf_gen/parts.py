@@ -88,7 +88,7 @@ class Measure(Protocol):
 
     @property
     def degree(self) -> int:
-        """The power of brightness in the score: counts times a give the score times ``a**degree``."""
+        """The power of brightness in the score: counts multiplied by a multiply the score by ``a**degree``."""
         ...
 
     def __call__(self, counts: np.ndarray) -> float:
@@ -114,18 +114,18 @@ def wants_intervals(measure: object) -> bool:
 class View(Protocol):
     """What a search sees: a recording, or a camera that is running. The true focus is out of reach.
 
-    Frames are readouts, counted from 0. Of a recording all frames are there at once. In a closed-loop run a
-    window that ends after ``now`` makes the camera run until its end, and the lens moves on meanwhile.
+    Frames are readouts, counted from 0. All frames of a recording are available at once. In a closed-loop run a window
+    that ends after ``now`` makes the camera run until its end, and the lens moves on meanwhile.
     """
 
     @property
     def frames(self) -> int:
-        """The frames that may be used: the length of the recording, or the budget of a closed-loop run."""
+        """The number of frames that may be used: the length of the recording, or the budget of a closed-loop run."""
         ...
 
     @property
     def now(self) -> int:
-        """The frames that have passed; of a recording, the end of the latest window used."""
+        """The number of frames that have passed; on a recording, the end of the latest window used."""
         ...
 
     @property

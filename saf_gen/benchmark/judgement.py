@@ -20,7 +20,7 @@ MIN_GAIN_RATIO = 1e-3
 
 @dataclass(frozen=True)
 class Judgement:
-    """What an answer was worth; None stands for unknown, everywhere."""
+    """The errors, blur, success and lens travel of one answer; None means unknown."""
 
     position: float | None = None
     """Lens position at the answer, fraction of the travel."""
@@ -62,9 +62,9 @@ def find_nearest_focus_crossing(
 ) -> float | None:
     """Return the frame nearest to ``frame`` at which the lens crosses the truth; None for no crossing.
 
-    ``away`` (T,) is the distance of the lens from the truth, in travels. A lens that comes back crosses the
-    truth more than once, and one that rests there is there in every frame of its rest. Where ``frame`` is
-    None it is the first crossing, which ``truth_frame`` gives where the stream knows it.
+    ``away`` (T,) is the signed distance of the lens from the truth, in travels. A lens that comes back crosses the
+    truth more than once; while it rests at the truth, every frame is a crossing. With ``frame`` None the first crossing
+    is returned. ``truth_frame`` replaces the first crossing where the stream states it.
     """
     found = find_focus_crossings(away, 0.0)
     if math.isfinite(truth_frame):
@@ -93,8 +93,8 @@ def lens_travel(frames_seen: int, answer: float | None, *, focus_position: np.nd
 def light_ratio(gain: np.ndarray | None) -> float | None:
     """Return the brightest over the darkest gain of a light, 1 ... 1/MIN_GAIN_RATIO.
 
-    ``gain`` is (T, G), for each readout and light; with several lights it is the largest of their ratios. A
-    light that goes out has 1/MIN_GAIN_RATIO. None where the gains are unknown or no light is ever on.
+    ``gain`` is (T, G), for each readout and light; with several lights the largest of their ratios counts. A light that
+    goes out has 1/MIN_GAIN_RATIO. None where the gains are unknown or no light is ever on.
     """
     if gain is None or gain.size == 0 or not np.isfinite(gain).all():
         return None

@@ -50,7 +50,7 @@ TraceValue = Annotated[Number, WrapValidator(_null_to_nan)]
 
 @dataclass(frozen=True)
 class Record:
-    """One method on one sequence. None is unknown or not there; positions are fractions of the travel."""
+    """One method on one sequence. None means unknown or not applicable; positions are fractions of the travel."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -158,7 +158,7 @@ def read_records(source: str | Path) -> list[Record]:
 
 
 def take_format(document: Document, expected: str, *, what: str, hint: str) -> None:
-    """Remove the key ``format`` of a document; raises BadInput, naming ``what`` it is, unless as expected."""
+    """Remove the key ``format`` from a document; raise BadInput unless it says that this is a current ``what``."""
     data = document.data
     found = data.pop("format", "no format") if isinstance(data, dict) else data
     if found != expected:

@@ -53,8 +53,8 @@ def make_recording_thumbnails(stream: SpikeStream, region: Region | None) -> Thu
 def select_sequences_to_show(keys: Sequence[tuple[Hashable, Hashable]], most: int) -> list[int]:
     """Return which of (scene, condition) to show, as rising indices into ``keys``, at most ``most``.
 
-    The first of equal pairs counts. Scenes take turns, and each begins with another condition than the one
-    before, so that few pictures show many scenes and many conditions.
+    Of equal pairs the first counts. Scenes take turns, each beginning with another condition than the scene before, so
+    that few pictures show many scenes and many conditions.
     """
     found: dict[Hashable, dict[Hashable, int]] = {}
     for index, (scene, condition) in enumerate(keys):

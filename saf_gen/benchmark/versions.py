@@ -15,6 +15,6 @@ JUDGEMENT_VERSION = 1
 
 
 def evaluator_version(track: str) -> str:
-    """The versions that decide the records of a track (``recorded`` or ``closed_loop``), as a record says them."""
+    """Return the versions that decide the records of a track (``recorded`` or ``closed_loop``), in one line."""
     capture = f", capture {CAPTURE_VERSION}" if track == "closed_loop" else ""
     return f"counts {COUNTS_VERSION}{capture}, judgement {JUDGEMENT_VERSION}"

@@ -29,7 +29,7 @@ class Job(Protocol):
 
     @property
     def takes_all_cores(self) -> bool:
-        """Whether two such jobs on one machine would only slow each other down."""
+        """Whether the job uses every core, so that two of them on one machine only slow each other down."""
         ...
 
     def run(self, report: ReportProgress) -> Any: ...

@@ -126,7 +126,7 @@ def _plan_sequence(
     words = [scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"]
     name = "-".join(words)
     stream = (recipe.seed, split, name)
-    # The lens moves alike under every light: so lights compare, and share the stacks of a moving scene.
+    # One lens motion for all lights, so that they compare and share the stacks of a moving scene.
     under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
     member = repeat % recipe.splits[split].variants
     return PlannedSequence(

@@ -64,7 +64,7 @@ class CameraSettings(FrozenModel):
 class FocusSettings(FrozenModel):
     """The focus positions to render, evenly over the travel of the lens, and the motion of the lens.
 
-    ``drive``, where given, is the one that every scene must have; else each scene has its own.
+    ``drive``, where given, is the kind that every scene must have; else each scene has its own.
     """
 
     drive: Literal["image_distance", "focal_length", "stage"] | None = None
@@ -82,10 +82,10 @@ class FocusSettings(FrozenModel):
 class RenderSettings(FrozenModel):
     """Monte Carlo samples per pixel and focus position, and the longest light path in segments.
 
-    A moving scene is rendered in time slices, ``slices_per_s`` of them (by default as many as its card says),
-    with ``slice_samples`` per pixel (by default a quarter of ``samples``). A slice holds the positions that
-    the recorded lens passes at its time. The closed-loop track needs all positions: ``whole_slices`` renders
-    them for the whole recording (true), or in addition for so many seconds from the beginning (a number).
+    A moving scene is rendered in time slices, ``slices_per_s`` of them (by default as many as its card says), with
+    ``slice_samples`` per pixel (by default a quarter of ``samples``). A slice holds the positions that the recorded
+    lens passes at its time. The closed-loop track needs all positions: ``whole_slices`` true renders them for the whole
+    recording; a number of seconds renders the slices up to then once more, at all positions.
     """
 
     samples: int = Field(ge=1, le=65_536)

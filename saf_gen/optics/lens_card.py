@@ -88,7 +88,7 @@ class StageLens(_Lens):
 
 
 def drive(card: Any) -> str:
-    """Return the kind of drive of a card's ``lens``, parsed or not; messages quote the function's name."""
+    """Return the kind of drive of a card's ``lens``, parsed or not; pydantic's messages name this function."""
     kind = card.get("drive", "image_distance") if isinstance(card, dict) else getattr(card, "drive", "")
     return str(kind)
 

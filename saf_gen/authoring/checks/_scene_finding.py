@@ -19,7 +19,7 @@ def report_scene_ok(check: str, text: str) -> SceneFinding:
 
 
 def report_scene_warning(check: str, text: str) -> SceneFinding:
-    """Return the finding that the scene can be used, but not as well as it might."""
+    """Return the finding that the scene can be used, but would be better with a change."""
     return SceneFinding(check, "warning", text)
 
 

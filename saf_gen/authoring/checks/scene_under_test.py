@@ -81,7 +81,7 @@ class SceneUnderTest:
 
     @cached_property
     def near_stacks(self) -> tuple[FocalStack, FocalStack]:
-        """Two stacks round the true focus with independent noise: what they share is the image."""
+        """Two stacks round the true focus with independent noise, so that their covariance is free of it."""
         step = self.half_depth_of_focus / 2
         positions = round(1 / step) + 1
         middle = min(max(round(self.true_focus * (positions - 1)), 0), positions - 1)

@@ -38,7 +38,7 @@ def check_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
 
 
 def suggest_scene_unit(subject: SceneUnderTest) -> str:
-    """Return what to write where another unit would bring the target into the lens's reach, else ''."""
+    """Return advice to change the unit where that brings the target into the lens's reach, else ''."""
     card = subject.scene.card
     box = subject.renderer.bounds(*card.target)
     if not box.size:

@@ -60,7 +60,7 @@ def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
 def target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
     """Return the variance over the squared mean of the charge in the target's box, float64 (focus,).
 
-    It is defined as in streams, and 0 where the box is black.
+    The definition is that of a stream's ``sharpness``; the value is 0 where the box is black.
     """
     rows, columns = target_bounding_box(stack.target)
     seen = subject.collected_charge(stack)[:, rows, columns].astype(np.float64)

@@ -42,12 +42,12 @@ class SliceMismatch:
     standard_error: float
 
     def rms(self, sigmas: float = 0.0) -> float:
-        """Return the rms error, with so many standard errors added to its square."""
+        """Return the rms error after adding ``sigmas`` standard errors to the mean squared error."""
         return float(np.sqrt(max(self.mean_square + sigmas * self.standard_error, 0.0)))
 
     @classmethod
     def from_pairs(cls, *pairs: tuple[np.ndarray, np.ndarray]) -> Self:
-        """Compare two pairs of images (row, col), interpolated and rendered between; noise is independent."""
+        """Compare two pairs (interpolated, rendered) of images (row, col) with independent noise."""
         first, second = (interpolated.astype(np.float64) - between for interpolated, between in pairs)
         mean = float(np.mean([between for _, between in pairs]))
         if not mean > 0:

@@ -37,7 +37,7 @@ class TargetDetail:
     """How much detail a target shows.
 
     contrast : standard deviation over mean of the target at its true focus, without noise.
-    blur_loss : fraction of its square that is lost out of focus.
+    blur_loss : fraction of the squared contrast that is lost out of focus.
     noise : standard deviation of one stack's noise over that of the target.
     """
 
@@ -100,8 +100,8 @@ def _check_noise(subject: SceneUnderTest, detail: TargetDetail, *, texel: float)
 def measure_detail(first: FocalStack, second: FocalStack, *, truth: float, aside: float) -> TargetDetail:
     """Measure the target's detail from two stacks of independent noise, at the true focus and beside it.
 
-    ``aside`` is how far beside it, as a fraction of the travel. The variance is their covariance over the
-    target's pixels, over the squared mean; the loss is that of the side where it is larger.
+    ``aside`` is how far beside it, as a fraction of the travel. The squared contrast is the covariance of both stacks
+    over the target's pixels, divided by the squared mean; of the losses on both sides the larger counts.
     """
     mask, focus = first.target, first.spec.focus
     a, b = (stack.radiance.sum(axis=0)[:, mask].astype(np.float64) for stack in (first, second))

@@ -1,4 +1,4 @@
-"""Checks of anybody's method: it ends, keeps to the travel and the budget, and repeats itself.
+"""Checks of anybody's method: whether it ends, keeps to travel and budget, and repeats its answers.
 
 >>> for result in check_named("my_measure.py:Mine+argmax"): ...  # doctest: +SKIP
 
@@ -27,7 +27,7 @@ def check_named(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult
     Parameters
     ----------
     name : ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options.
-    limits : when a plug-in that does not end is stopped.
+    limits : scores and seconds after which a plug-in is stopped.
 
     Raises
     ------

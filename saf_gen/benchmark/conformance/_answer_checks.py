@@ -29,6 +29,6 @@ def check_method_answer_frame(answer: object, frames: int, *, recording: str) ->
 
 
 def check_same(first: object, again: object, *, cause: str, hint: str = STATE_HINT) -> None:
-    """Raise CheckFailure unless two answers are equal; ``cause`` begins the sentence that says so."""
+    """Raise CheckFailure unless two answers are equal; ``cause`` says what changed between them."""
     if first != again:
         raise CheckFailure(f"{cause}: {again}, not {first}", hint)

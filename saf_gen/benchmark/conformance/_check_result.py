@@ -8,8 +8,9 @@ from typing import Literal
 class CheckResult:
     """What one check saw, and what to do where something is wrong; one line each.
 
-    ``part`` is ``measure``, ``search`` or ``method``. ``level`` is ``pass``; ``warn``, where it can be ranked but is
-    not as one would expect; or ``fail``, where the benchmark would refuse it or its figures would be meaningless.
+    ``part`` is ``measure``, ``search`` or ``method``. ``level`` is ``pass``; ``warn``, where it can be ranked but
+    behaves in a way that users would not expect; or ``fail``, where the benchmark would refuse it or its figures would
+    be meaningless.
     """
 
     part: str

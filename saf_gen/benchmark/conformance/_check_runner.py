@@ -26,9 +26,9 @@ PYTHON = Path(traceback.__file__).parent
 
 @dataclass(frozen=True)
 class CheckLimits:
-    """When a plug-in that does not end is stopped: the scores of one view, and the seconds of one check.
+    """The most scores of one view and seconds of one check, after which a plug-in is stopped.
 
-    The clock stops Python code of the main thread, where the system has interval timers.
+    The time limit acts on Python code in the main thread, on systems that have interval timers.
     """
 
     scores: int = 1_000_000
@@ -45,7 +45,7 @@ class LimitExceededError(BaseException):
 
 
 def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
-    """Run checks one after the other and yield their results; end after one that had to be stopped."""
+    """Run checks one after the other and yield their results; leave out those after a check that had to be stopped."""
     for name, check in checks.items():
         try:
             yield CheckResult(part, name, "pass", _run_within(check, limits))

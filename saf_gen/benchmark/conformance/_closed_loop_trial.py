@@ -34,7 +34,7 @@ Runner = Callable[..., ClosedLoopRun]
 
 @dataclass(frozen=True)
 class LimitedMeasure:
-    """A measure in a unit of its own with a limit on its calls; otherwise like the measure within."""
+    """A measure whose scores are multiplied by ``unit``, and which may be called a limited number of times."""
 
     measure: Any
     unit: float
@@ -52,7 +52,7 @@ class LimitedMeasure:
 
 @dataclass(frozen=True)
 class CheckedSearch:
-    """A search that says where it failed, of which the benchmark keeps only the reason."""
+    """A search whose exceptions become a CheckFailure that names the line that raised, and the camera."""
 
     search: Search
     camera: str
@@ -110,7 +110,7 @@ def run_on_test_scene(
 
 
 def run_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> ClosedLoopRun:
-    """Return a run, after a second one that must be equal. Raise CheckFailure where it is not."""
+    """Run a method twice and return the run; raise CheckFailure unless both runs are equal."""
     first, again = (run(actuator, light=light) for _ in range(2))
     if first.answer != again.answer or not np.array_equal(first.path, again.path):
         raise CheckFailure(

@@ -21,7 +21,7 @@ def conformance_bell_curve(frames: int, peak: float, *, width: float = 0.1) -> n
 
 
 class SyntheticRecording:
-    """The members of saf_gen.parts.View for a recording: a score is the mean of ``curve`` over the window.
+    """A recording as a saf_gen.parts.View in which a score is the mean of ``curve`` over the window.
 
     A measure that is asked for by name scores a texture of the window's length whose contrast follows the
     curve. ``unit`` multiplies the scores of the method's own measure, ``light`` is the mean rate, and

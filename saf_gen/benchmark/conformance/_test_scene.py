@@ -58,7 +58,7 @@ def make_test_scene(best: float) -> TestScene:
 
 
 def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
-    """Write recordings of this length and return their paths by name; two do not say where the lens was."""
+    """Write recordings of this length and return their paths by name; ``empty`` and ``full`` have no lens positions."""
     scene = make_test_scene(BEST_FOCUS)
     empty = np.zeros((ROWS, COLUMNS, -(-frames // 8)), np.uint8)
     full = np.broadcast_to(np.packbits(np.arange(frames) >= 0, bitorder="little"), empty.shape)

@@ -50,7 +50,7 @@ def commanding_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
 
 
 def check_refuses_recording(search: Search, limits: CheckLimits) -> str:
-    """It passes on the error that the lens of a recording cannot be moved."""
+    """Check that the search passes on the error that the lens of a recording cannot be moved."""
     try:
         answer = search(SyntheticRecording(np.ones(2000), limits=limits))
     except BadInput as refusal:
@@ -62,12 +62,12 @@ def check_refuses_recording(search: Search, limits: CheckLimits) -> str:
 
 
 def check_actuators(run: Runner) -> str:
-    """It ends in time with every actuator of saf_gen, and answers with a position of the travel."""
+    """Check that the search ends in time with every actuator of saf_gen, and answers with a position of the travel."""
     return "; ".join(f"{name}: {describe_closed_loop_run(run(name))}" for name in actuator_names())
 
 
 def check_small_budgets(run: Runner) -> str:
-    """It ends within a budget that is too small."""
+    """Check that the search ends within a budget that is too small."""
     answers = []
     for frames in SMALL_BUDGETS:
         position = run(STEADY, frames=frames).answer.position
@@ -76,20 +76,20 @@ def check_small_budgets(run: Runner) -> str:
 
 
 def check_lights(run: Runner) -> str:
-    """It ends without a spike, and with one at every readout."""
+    """Check that the search ends without a spike, and with one at every readout."""
     return "; ".join(
         f"{name}: {describe_closed_loop_run(run(STEADY, light=light))}" for name, light in LIGHT_FACTORS.items()
     )
 
 
 def check_repeatable(run: Runner) -> str:
-    """It moves the lens along the same path before the same camera."""
+    """Check that the search moves the lens along the same path before the same camera."""
     run_twice(run, STEADY)
     return "the same answer, by the same path of the lens"
 
 
 def check_any_unit(run: Runner) -> str:
-    """It gives the same answer for scores in another unit: each measure has its own."""
+    """Check that the search gives the same answer for scores in another unit: each measure has its own."""
     for best in (0.0, 0.7):
         plain, scaled = (run(STEADY, best=best, unit=unit).answer for unit in (1.0, UNIT))
         check_same(plain, scaled, cause=f"scores times {UNIT:g} change the answer", hint=UNIT_HINT)
@@ -97,7 +97,7 @@ def check_any_unit(run: Runner) -> str:
 
 
 def check_finds_focus(run: Runner) -> str:
-    """It finds the focus of a natural texture, wherever it is and wherever the lens began."""
+    """Check that the search finds the focus of a natural texture, from any focus and initial lens position."""
     found = []
     for seed, best in enumerate(BEST_POSITIONS):
         end = run(STEADY, best=best, seed=seed)

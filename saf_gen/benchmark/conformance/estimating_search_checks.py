@@ -1,4 +1,4 @@
-"""Checks of a search that estimates on a recording: it ends, and answers in it, alike for any unit."""
+"""Checks of a search that estimates on a recording: it ends, answers within the recording, and ignores the unit."""
 
 from collections.abc import Callable
 from functools import partial
@@ -46,7 +46,7 @@ def estimating_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
 
 
 def check_statements(search: Search) -> str:
-    """It states whether it is causal, and other measures, if it uses any, that exist."""
+    """Check that the search states whether it is causal, and that every other measure which it uses exists."""
     causal = getattr(search, "causal", None)
     if not isinstance(causal, bool):
         raise CheckFailure(
@@ -78,7 +78,7 @@ def find_accepted_length(search: Search, record: ViewFactory = SyntheticRecordin
 
 
 def check_ends(search: Search, record: ViewFactory) -> str:
-    """It ends, within a number of scores and of seconds."""
+    """Check that the search ends, within a number of scores and of seconds."""
     costs = []
     for frames in (find_accepted_length(search, record), LENGTHS[-1]):
         view = record(conformance_bell_curve(frames, 0.5))
@@ -88,7 +88,7 @@ def check_ends(search: Search, record: ViewFactory) -> str:
 
 
 def check_answers(search: Search, record: ViewFactory) -> str:
-    """It returns an Answer, with a frame of the recording or none, whatever the curve."""
+    """Check that the search returns an Answer, with a frame of the recording or none, whatever the curve."""
     curves = _curves(find_accepted_length(search, record))
     for name, curve in curves.items():
         check_method_answer_frame(search(record(curve)), len(curve), recording=name)
@@ -96,7 +96,7 @@ def check_answers(search: Search, record: ViewFactory) -> str:
 
 
 def check_flat(search: Search, record: ViewFactory) -> str:
-    """It does not crash without a spike, with equal scores, or where the top of the curve is cut off."""
+    """Check that the search does not crash without a spike, with equal scores, or with the top of the curve cut off."""
     frames = find_accepted_length(search, record)
     answers = []
     for name, (curve, light) in {
@@ -110,7 +110,7 @@ def check_flat(search: Search, record: ViewFactory) -> str:
 
 
 def check_repeatable(search: Search, record: ViewFactory) -> str:
-    """It gives the same answer for the same recording."""
+    """Check that the search gives the same answer for the same recording."""
     for name, curve in _curves(find_accepted_length(search, record)).items():
         first, again = search(record(curve)), search(record(curve))
         check_same(first, again, cause=f"the same recording gets another answer, on {name}")
@@ -118,7 +118,7 @@ def check_repeatable(search: Search, record: ViewFactory) -> str:
 
 
 def check_any_unit(search: Search, record: ViewFactory) -> str:
-    """It gives the same answer for scores in another unit: each measure has its own."""
+    """Check that the search gives the same answer for scores in another unit: each measure has its own."""
     for name, curve in _curves(find_accepted_length(search, record)).items():
         plain, scaled = search(record(curve)), search(record(curve, unit=UNIT))
         check_same(plain, scaled, cause=f"scores times {UNIT:g} change the answer, on {name}", hint=UNIT_HINT)
@@ -126,7 +126,7 @@ def check_any_unit(search: Search, record: ViewFactory) -> str:
 
 
 def check_finds_peak(search: Search, record: ViewFactory) -> str:
-    """It finds a smooth peak without noise."""
+    """Check that the search finds a smooth peak without noise."""
     frames = find_accepted_length(search, record)
     found = [(peak, search(record(conformance_bell_curve(frames, peak))).frame) for peak in PEAK_FRACTIONS]
     words = ", ".join(f"{peak} as {'nothing' if at is None else f'{at / frames:.3f}'}" for peak, at in found)
@@ -160,7 +160,7 @@ def check_stops_early(search: Search, record: ViewFactory) -> str:
 
 
 def check_short(search: Search, record: ViewFactory) -> str:
-    """It refuses a recording that is too short in one line, or answers."""
+    """Check that the search answers on a short recording, or refuses it with a message of one line."""
     refused = []
     for frames in SHORT_LENGTHS:
         try:

@@ -45,7 +45,7 @@ def measure_checks(measure: Measure) -> dict[str, Check]:
 
 
 def check_statements(measure: Measure) -> str:
-    """It states its degree, a whole number from 0, its range, and no cost that makes no sense."""
+    """Check that the measure states a degree (a whole number from 0), a range, and, if any, a cost above 0."""
     degree = getattr(measure, "degree", None)
     if type(degree) is not int:
         raise CheckFailure(
@@ -65,7 +65,7 @@ def check_statements(measure: Measure) -> str:
 
 
 def check_finite(measure: Measure) -> str:
-    """It returns a finite float for counts of any kind, with the length of the window and without."""
+    """Check that the measure returns a finite float for counts of any kind, with and without the window length."""
     for name, counts in EDGE_CASE_COUNTS.items():
         try:
             score = _window_scorer(measure)(counts)
@@ -83,7 +83,7 @@ def check_finite(measure: Measure) -> str:
 
 
 def check_zero_when_empty(measure: Measure) -> str:
-    """It returns 0.0 without a spike if its degree is 0, so that an empty window is never the best."""
+    """Check that the measure returns 0.0 without a spike if its degree is 0: an empty window is never best."""
     score = _window_scorer(measure)(EDGE_CASE_COUNTS["empty"])
     if measure.degree == 0 and score != 0.0:
         raise CheckFailure(f"empty counts score {score}", "return 0.0 where no pixel counted a spike")
@@ -91,7 +91,7 @@ def check_zero_when_empty(measure: Measure) -> str:
 
 
 def check_number_types(measure: Measure) -> str:
-    """It returns the same score for counts of every number type."""
+    """Check that the measure returns the same score for counts of every number type."""
     scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
     for number_type in TYPES:
@@ -105,7 +105,7 @@ def check_number_types(measure: Measure) -> str:
 
 
 def check_memory_layout(measure: Measure) -> str:
-    """It returns the same score however the counts lie in memory."""
+    """Check that the measure returns the same score however the counts lie in memory."""
     scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
     for layout, other in {
@@ -121,7 +121,7 @@ def check_memory_layout(measure: Measure) -> str:
 
 
 def check_leaves_input(measure: Measure) -> str:
-    """It does not write into the counts, since other methods get the same array."""
+    """Check that the measure does not write into the counts, which other methods get as the same array."""
     before = make_conformance_counts(37, 52)
     writeable = before.copy()
     _window_scorer(measure)(writeable)
@@ -131,7 +131,7 @@ def check_leaves_input(measure: Measure) -> str:
 
 
 def check_repeatable(measure: Measure) -> str:
-    """It returns the same score for the same counts: again, after other counts, and by a fresh copy."""
+    """Check that the measure returns the same score for the same counts, also after other counts and as a copy."""
     scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
     scorer(EDGE_CASE_COUNTS["one-spike"])
@@ -146,7 +146,7 @@ def check_repeatable(measure: Measure) -> str:
 
 
 def check_degree(measure: Measure) -> str:
-    """Counts times 3 give the score times 3 to the stated degree."""
+    """Check that three times the counts give the score times 3**degree, with the degree that is stated."""
     # What a measure of halves adds for counting in whole spikes does not scale: many counts make it small.
     counts = make_conformance_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
     scorer = _window_scorer(measure)
@@ -161,7 +161,7 @@ def check_degree(measure: Measure) -> str:
 
 
 def check_sharp_over_blurred(measure: Measure) -> str:
-    """It does not score a natural texture below the same texture blurred."""
+    """Check that the measure does not score a natural texture below the same texture blurred."""
     sharp = 50 * make_conformance_texture(96, 96)
     scorer = _window_scorer(measure)
     high, low = scorer(sharp), scorer(gaussian_filter(sharp, BLUR, mode="wrap"))
@@ -174,7 +174,7 @@ def check_sharp_over_blurred(measure: Measure) -> str:
 
 
 def measure_speed(measure: Measure) -> str:
-    """How long 100,000 pixels take; no measure fails for it."""
+    """Return how long a score of 100,000 pixels takes; no measure fails for being slow."""
     halves = (2,) if wants_halves(measure) else ()
     counts = make_conformance_counts(*halves, *IMAGE)
     measure(make_conformance_counts(*halves, 37, 52))  # compiles what is compiled on first use

@@ -28,7 +28,7 @@ def method_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
 
 
 def check_recordings(method: Method) -> str:
-    """It gives the same twice on streams without a spike, with every spike, saturated, and of a sweep."""
+    """Check that the method repeats its answer on recordings that are empty, full, saturated, and of a sweep."""
     frames = max(find_accepted_length(method.search), MIN_FRAMES)
     answers: dict[str, Answer] = {}
     with tempfile.TemporaryDirectory(prefix="saf-gen-") as folder:
@@ -47,7 +47,7 @@ def check_recordings(method: Method) -> str:
 
 
 def check_running_camera(method: Method, limits: CheckLimits) -> str:
-    """It keeps to travel and budget, the same twice, in usual light, none, and too much."""
+    """Check that the method keeps to travel and budget and repeats its run, in usual light, none, and too much."""
     # Imported here because it reads OpenEXR files.
     from saf_gen.benchmark.conformance import _closed_loop_trial as trial
 

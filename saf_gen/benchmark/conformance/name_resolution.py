@@ -12,9 +12,9 @@ FORM_SUFFIXES = ("_n", "_tfi")
 
 
 def resolve_name(spec: str) -> Method | tuple[str, Any]:
-    """Return the method of a spec, or the kind (``measures``, ``searches``) and the plug-in of a half of one.
+    """Return the method that a name stands for, or the kind (``measures``, ``searches``) and the plug-in.
 
-    Raises BadInput for a name that is neither, and for what the plug-in refuses.
+    Raises BadInput for a name that is none of these, and for options that the plug-in refuses.
     """
     if spec.startswith("@") or "+" in spec:
         return parse_method(spec)

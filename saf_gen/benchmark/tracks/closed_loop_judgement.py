@@ -15,7 +15,7 @@ ARRIVAL_TOLERANCE_DOF = 0.25
 
 
 def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float) -> dict[str, Any]:
-    """Return the fields of a record that the lens decides; None is unknown.
+    """Return the fields of a record that the lens decides; None means unknown.
 
     Errors (in travels and depths of focus) and blur compare the last position of the lens with the truth at that
     moment. An abstention is a success where no position in the travel is within the limit. ``time_to_focus_s`` ends

@@ -1,9 +1,9 @@
 """A method in the closed loop: it moves the lens of a running camera within a budget of time.
 
 On a sequence all methods begin with the lens at the same position, drawn by the sequence's seed. A search that commands
-the lens is on its own. A search that estimates on a recording is given a sweep: the lens goes to the nearer end of its
-travel, then to the other end, and back to where the search says; the sweep ends with the last window that the search
-looks at. What counts is where the lens is at the end, against the truth at that moment.
+the lens then moves it itself. A search that estimates on a recording is given a sweep: the lens goes to the nearer end
+of its travel, then to the other end, and back to where the search says; the sweep ends with the last window that the
+search looks at. What counts is where the lens is at the end, against the truth at that moment.
 """
 
 from collections.abc import Callable
@@ -56,7 +56,7 @@ def start_closed_loop_camera(
     region: Region,
     threads: int | None = None,
 ) -> RunningCamera:
-    """Return a camera that begins to run, its lens where all methods of the sequence begin.
+    """Return a camera before its first frame, with the lens where every method of this sequence begins.
 
     ``charge_source`` covers the rows that ``region`` needs, for all methods. Raises BadInput for a protocol
     that the recording cannot keep.

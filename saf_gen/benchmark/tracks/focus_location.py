@@ -18,8 +18,8 @@ def locate_focus_in_recording(truth: Truth, focus_position: np.ndarray | None) -
     When: a fraction of the recording, 0...1. A lens that comes near without crossing the focus meets it where
     it is nearest; one that stays farther away than REACH_LIMIT_DOF does not meet it (None).
 
-    How near: the least distance over all readouts ``focus_position`` (T,), in depths of focus; it decides
-    whether an abstention is right (:func:`saf_gen.benchmark.judgement.judge_answer`). None is unknown.
+    How near: the least distance over all readouts ``focus_position`` (T,), in depths of focus; it decides whether an
+    abstention is right (:func:`saf_gen.benchmark.judgement.judge_answer`). None means unknown.
     """
     best = _find_best_focus(truth)
     lens = np.asarray([] if focus_position is None else focus_position, dtype=np.float64)
@@ -38,8 +38,8 @@ def locate_focus_in_recording(truth: Truth, focus_position: np.ndarray | None) -
 def locate_focus_in_travel(truth: Truth) -> tuple[float | None, float | None]:
     """Return where in the travel, 0...1, the focus lies, and how many depths of focus beyond its ends.
 
-    This is for a lens that may go anywhere. Where the scene moves, the position is ``truth.position`` and the
-    distance the least of all times. None is unknown, or out of reach.
+    This is for a lens that may go anywhere. In a moving scene the position is ``truth.position`` and the distance the
+    smallest at any time. None means unknown, or out of reach.
     """
     best = _find_best_focus(truth)
     if best is None:
@@ -52,7 +52,7 @@ def locate_focus_in_travel(truth: Truth) -> tuple[float | None, float | None]:
 def truncate_truth(truth: Truth, frames: int) -> Truth:
     """Return the truth of a recording's first ``frames``.
 
-    Where the scene moves and the recorded lens met the focus later, the position is that of the last of them.
+    In a moving scene whose focus the recorded lens met later, the position is that of the last of these frames.
     """
     if truth.track is None or frames >= len(truth.track):
         return truth

@@ -31,11 +31,11 @@ def _check_method_name(name: str) -> str:
 
 
 class Prediction(FrozenModel):
-    """One answer; a text that reads like a number, true and false are not numbers.
+    """One answer; text that reads like a number, true and false are refused where a number belongs.
 
-    ``frames_seen`` is how far the method looked at the recording, all of it where not given; it ends with the
-    answer's frame or later. ``seconds`` is what it computed, ``trace`` its steps, ``note`` a line for the
-    reader, and ``data`` the stream's content_sha256, which is then checked.
+    ``frames_seen`` is how many frames from the beginning the method looked at, at least up to its answer; None means
+    all. ``seconds`` is its computing time, ``trace`` its steps, ``note`` a line for the reader, and ``data``, where
+    given, the stream's content_sha256, which is checked.
     """
 
     method: Annotated[str, AfterValidator(_check_method_name)]
@@ -48,7 +48,7 @@ class Prediction(FrozenModel):
     data: str | None = None
 
     def describe_frames_fault(self, frames: int) -> str:
-        """Return what is wrong with ``frames_seen`` in a recording of so many frames, '' for nothing."""
+        """Return what is wrong with ``frames_seen`` for a recording of ``frames`` frames, '' if it fits."""
         if self.frames_seen is None or self.frames_seen <= frames:
             return ""
         return f"frames_seen is {self.frames_seen}, and {frames} frames were recorded"
@@ -65,10 +65,10 @@ class PredictionSet:
         return [answers[sequence] for answers in self._found.values()]
 
     def check_complete(self, tasks: Sequence[SequenceTask], *, beside: Iterable[str] = ()) -> None:
-        """Raise BadInput unless every method answers every one of these sequences, as it is, and no other.
+        """Raise BadInput unless every method answers every one of these sequences and no other.
 
-        What a task does not know of its stream, digest or length, is not compared. ``beside`` names the
-        methods that run too, which must be others.
+        The digest and length of a stream are compared where the task states them. ``beside`` names the methods that run
+        here; a prediction must not bear the name of one.
         """
         sequences = {task.id: task for task in tasks}
         for name in beside:

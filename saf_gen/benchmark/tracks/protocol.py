@@ -22,10 +22,10 @@ class ClosedLoopProtocol:
     Parameters
     ----------
     actuator : what moves the lens.
-    budget_s : seconds until the lens is judged, above 0. None is as long as the recording can be captured
-        again, which is also the most.
-    sweep_s : seconds of a sweep from end to end, for searches that need one. None is half the budget, more
-        where the actuator needs more, less where the lens comes to rest too late at the end where it begins.
+    budget_s : seconds until the lens is judged, above 0. None is the most: as long as the recording can be captured
+        again.
+    sweep_s : seconds of a sweep from end to end, for searches that need one. None is half the budget, but at least what
+        the actuator needs, and at most what is left once the lens rests where the sweep begins.
 
     Raises
     ------
@@ -69,8 +69,8 @@ class ClosedLoopProtocol:
     def check_sweep(self, capture: Capture) -> None:
         """Raise BadInput where the actuator is too slow for the sweep that some methods are given.
 
-        A shorter sweep would show such a method a part of the travel only. And where the lens comes too late
-        to the end where the sweep begins, the budget is spent before the sweep is over.
+        In a shorter sweep such a method would see only a part of the travel. The budget must also cover the time in
+        which the lens comes to rest where the sweep begins.
         """
         hz = capture.sensor.readout_hz
         budget, sweep = self.count_frames(capture)

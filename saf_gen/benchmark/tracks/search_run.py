@@ -15,7 +15,7 @@ MAX_REASON_CHARACTERS = 300
 
 
 def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
-    """Return what a search answers and '', or an empty answer and in one line why the search failed.
+    """Return the answer of a search and '', or an empty answer and one line that says why the search failed.
 
     The search holds only the members of saf_gen.parts.View, and its own time is added to ``scorer``, however
     it ends. BudgetSpentError passes through, and so does BadInput that names the file ``stream_path``, which

@@ -22,7 +22,7 @@ RATE_BLOCKS = 200
 
 @dataclass(frozen=True)
 class SequenceTask:
-    """One sequence to evaluate; a field is None for a stream that stands alone, where no manifest says it."""
+    """One sequence to evaluate; fields that only a manifest states are None for a single stream file."""
 
     id: str
     split: str | None
@@ -87,7 +87,7 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
 
 
 def choose_method_region(stream: SpikeStream, region: str) -> tuple[Region | None, str]:
-    """Return the box of a region and its name; where a stream has no target that is the frame, None."""
+    """Return the box of a region and its name; the box is None for the frame, also where there is no target."""
     target = stream.truth.target
     if region == "target" and target is not None and np.any(target):
         return target_bounding_box(target), "target"

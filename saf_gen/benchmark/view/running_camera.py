@@ -35,7 +35,7 @@ class RunningCamera:
 
     Parameters
     ----------
-    captured : the frames seen so far, none yet.
+    captured : where the captured frames are kept; none are captured yet.
     measure : scores the counts of a window.
     actuator, start, seed : what moves the lens, the position where it stands (0...1), the name of its noise.
     budget : frames that may pass, at most those of the capture; rounded down to whole packets.

@@ -1,4 +1,4 @@
-"""Components: plug-ins as recipes write them, ``{kind: ..., key: value, ...}``.
+"""Plug-ins as recipes write them, called components: ``{kind: ..., key: value, ...}``.
 
 A number may be left open as a range, a file is named by its path, and the component itself may be a choice
 among several. :func:`read_config_component` checks it at every corner of its ranges, so that no draw can fail hours
@@ -79,7 +79,7 @@ def _with_text(value: Any, document: Document, *, where: str) -> Any:
 def draw_config_component(
     plugin_kind: str, component: Component, *, name: tuple[str | int, ...], purpose: tuple[str, ...]
 ) -> Component:
-    """Return the component of one recording: open numbers drawn, a ``seed`` of its own where none is given.
+    """Return the component of one recording, with open numbers drawn and a ``seed`` added where it has none.
 
     ``name`` names the recording's random streams, ``purpose`` this component among them.
     """

@@ -60,7 +60,7 @@ def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> 
 
 
 def range_extremes(value: Any, *, where: str = "") -> list[Any]:
-    """Return the extreme values of a range, all of a choice, to check them before anything is drawn.
+    """Return both ends of a range, or all values of a choice, to check them before anything is drawn.
 
     Raises BadInput for a range that cannot be drawn from.
     """

@@ -1,7 +1,7 @@
-"""The source behind a plug-in class, in digests that move with its code alone.
+"""Digests of the source of a plug-in class, which change only when its code changes.
 
-Behind a class are its own file and the private modules (``_name.py``) of the same folder that it imports, and
-that these import. Comments, docstrings and formatting do not enter, nor where the folder lies.
+The source is the file of the class and the private modules (``_name.py``) of the same folder that it imports, directly
+or indirectly. Comments, docstrings, formatting and the folder's location do not change a digest.
 """
 
 import ast

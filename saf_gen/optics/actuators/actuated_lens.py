@@ -32,7 +32,7 @@ class ActuatedLens:
     actuator : see :class:`Actuator`.
     start : position at which the lens rests first, fraction of the travel; the motor is mid-backlash.
     readout_hz : readouts of the camera per second.
-    seed : of the noise of the position sensor and of the positioning errors.
+    seed : names the noise of the position sensor and the positioning errors.
 
     Raises
     ------
