@@ -46,7 +46,7 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
 
 
 def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) -> None:
-    """Draw how spikes per readout are distributed over target and frame at best focus, for a target with a mean of 0.2."""
+    """Draw how spikes per readout are distributed over target and frame at best focus, for a mean of 0.2 on target."""
     charge = _charge(stack, sensor)[best]
     try:
         scale = camera_exposure_scale(charge, stack.target, sensor=sensor, mean_rate=USUAL_RATE)
