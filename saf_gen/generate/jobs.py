@@ -17,7 +17,7 @@ from saf_gen.stream.stream_file import open_stream
 class RenderJob:
     """Renders what a time-resolved stack lacks on disk, and returns the names of the pieces rendered.
 
-    ``label`` is what people call the stack, ``stacks`` the folder of stacks, ``backend`` what renders.
+    ``label`` names the stack in messages, ``stacks`` is the folder of stacks, ``backend`` renders.
     """
 
     label: str

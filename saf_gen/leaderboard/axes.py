@@ -29,7 +29,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class BinSummary:
-    """One method in one bin; None is unknown."""
+    """One method in one bin; None means unknown."""
 
     success_1dof: float | None
     median_error_dof: float | None
@@ -39,7 +39,7 @@ class BinSummary:
 
 @dataclass(frozen=True)
 class AxisTable:
-    """All methods along one axis: by bin the counts of scenes and sequences, by method a cell per bin."""
+    """All methods along one axis: the scenes and sequences of each bin, and for each method one cell per bin."""
 
     axis: Axis
     bins: tuple[str, ...]
@@ -49,7 +49,7 @@ class AxisTable:
 
 
 def tabulate_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
-    """Return a table for each of AXES that is known for some sequence, methods in the order given."""
+    """Return one table per axis whose bin is known for at least one sequence; methods stay in order."""
     tables = (_tabulate(axis, records, methods=methods) for axis in AXES)
     return tuple(table for table in tables if table.bins)
 

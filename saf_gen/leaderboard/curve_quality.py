@@ -22,7 +22,7 @@ MIN_NOISE_SAMPLES = 8
 
 @dataclass(frozen=True)
 class CurveQuality:
-    """Criteria of one curve; positions and widths are fractions of the travel, None is unknown."""
+    """Criteria of one curve; positions and widths are fractions of the travel, None means unknown."""
 
     peak: float
     """Lens position at which the curve is largest."""
@@ -71,7 +71,7 @@ def assess_focus_curve(
         x, y, top = x[::-1], y[::-1], y.size - 1 - top
     y = (y - y.min()) / (y.max() - y.min())
     accuracy = None if truth is None else abs(float(x[top]) - truth)
-    # A zero on either side makes maxima of the ends, and the lowest point of the curve the base beyond them.
+    # With a zero on either side, an end of the curve can be a maximum, and its base is the curve's lowest point.
     maxima, properties = find_peaks(np.pad(y, 1), prominence=0)
     return CurveQuality(
         peak=float(x[top]),

@@ -13,7 +13,7 @@ from saf_gen.leaderboard.statistics import TIE_TOLERANCE, BootstrapIntervals, bo
 
 @dataclass(frozen=True)
 class LeaderboardRow:
-    """One method of the leaderboard; None is unknown, as no sequence has the truth that the number needs."""
+    """One method of the leaderboard; None means that no sequence has the truth that the number needs."""
 
     rank: int | None
     tied: tuple[str, ...]

@@ -26,7 +26,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class BootstrapIntervals:
-    """Intervals of one method among the others; None is unknown, for the reason in ``missing_reason``."""
+    """Intervals of one method among the others; None means unknown, and ``missing_reason`` says why."""
 
     success: Interval | None = None
     error: Interval | None = None
@@ -55,8 +55,8 @@ def bootstrap_intervals(
     Parameters
     ----------
     success : by method, then by scene: the success, 0–1. Scenes that a method lacks are left out for all.
-    errors : by method: (scene, \\|error\\|) of every answer, in any unit. A resample without an answer of a
-        method is left out for that method.
+    errors : by method: (scene, \\|error\\|) of every answer, in any unit. For each method, resamples that hold none of
+        its answers are left out.
     resamples : number of draws.
     confidence : fraction of the draws between the ends of an interval, 0–1.
     """
@@ -101,7 +101,7 @@ def _error_interval(
     if len({column for _, column in known}) < MIN_SCENES:
         return None
     values = np.array([error for error, _ in known])
-    # Number of drawn answers up to each, in order of size; the last is their total.
+    # For each resample, the number of drawn answers up to each error, in rising order; the last is their total.
     cumulative = np.cumsum(draws[:, [column for _, column in known]], axis=1)
     cumulative = cumulative[cumulative[:, -1] > 0]
     total = cumulative[:, -1]

@@ -28,8 +28,7 @@ NORMALISED_SUFFIX, INTERVAL_SUFFIX = "_n", "_tfi"
 class BrightnessNormalised:
     """Any measure, divided by mean count**degree; 0.0 where no pixel counted a spike.
 
-    Counts times a factor score the same, as with spike dispersion. The range is that of the measure, over the
-    mean count to its degree.
+    Counts multiplied by a factor keep their score, as with spike dispersion.
     """
 
     measure: Measure
@@ -48,7 +47,7 @@ class BrightnessNormalised:
 
     @property
     def score_range(self) -> str:
-        """The range of the measure, over brightness."""
+        """The range of the measure, divided by brightness."""
         return f"({getattr(self.measure, 'score_range', '')}) / mean count**{self.measure.degree}"
 
     @property
@@ -84,7 +83,7 @@ class IntervalTexture:
 
     @property
     def degree(self) -> int:
-        """The degree of the measure: light times a factor divides the intervals by it."""
+        """The degree of the measure: the texture is proportional to the light, as counts are."""
         return self.measure.degree
 
     @property
@@ -99,7 +98,7 @@ class IntervalTexture:
 
     @property
     def cost(self) -> float | None:
-        """The cost of the measure, None where it states none; the texture is made before."""
+        """The cost of the measure, None where it states none; making the texture is not included."""
         return getattr(self.measure, "cost", None)
 
     def __call__(self, counts: np.ndarray) -> float:

@@ -13,8 +13,8 @@ from saf_gen.measures._moments import mean_square
 class Brenner:
     """Mean of (c(x+2) − c(x))² along rows.
 
-    A ramp of s counts per pixel scores 4s², white noise twice its variance; a period of four pixels scores
-    most, and stripes that run along the rows score 0, as published. 0.0 for fewer than three columns. Never
+    A ramp of s counts per pixel scores 4s², white noise twice its variance; a period of four pixels scores most, and
+    stripes that run along the rows score 0, as published. The score is 0.0 for fewer than three columns, and never
     rises when a periodic scene is blurred further.
 
     Range from 0, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.

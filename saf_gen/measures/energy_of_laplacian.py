@@ -13,8 +13,8 @@ from saf_gen.measures._moments import mean_square
 class EnergyOfLaplacian:
     """Mean square of c * L, L = (−1 −4 −1; −4 20 −4; −1 −4 −1), where the kernel lies inside.
 
-    L is −6 times the Laplacian: c = (ax² + by²)/2 scores 36(a + b)². Ramps score 0, white noise 468 times its
-    variance: the highest frequencies count most. 0.0 for fewer than three rows or columns. Never rises when a
+    L is −6 times the Laplacian: c = (ax² + by²)/2 scores 36(a + b)². Ramps score 0, white noise 468 times its variance:
+    the highest frequencies count most. The score is 0.0 for fewer than three rows or columns, and never rises when a
     periodic scene is blurred further.
 
     Range from 0, in squared counts; degree 2; cost 10: six additions and four multiplications per pixel.

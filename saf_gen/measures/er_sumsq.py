@@ -13,7 +13,7 @@ from saf_gen.measures._moments import sum_of_squares
 class EventRateSquares:
     """Sum of squared counts, Σc²: it follows the light by construction (sd_code = er_sumsq/ū² − N).
 
-    Never rises when a periodic scene is blurred further.
+    The score never rises when a periodic scene is blurred further.
     Range 0 to N·n² for N pixels and n frames; degree 2; cost 2: a multiplication and an addition per pixel.
 
     References

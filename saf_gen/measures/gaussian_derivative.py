@@ -16,9 +16,9 @@ from saf_gen.measures._options import check_measure_range
 class GaussianDerivative:
     """Mean of (c * Gx)² + (c * Gy)², G a Gaussian of ``sigma_px`` cut off at 3 sigma, where it lies inside.
 
-    The smoothing suppresses noise: the source takes sigma = d/√12 for details of d pixels. A ramp of s counts
-    per pixel scores s² at any scale, white noise about its variance over 4π·sigma⁴. 0.0 where the kernel of
-    2·⌈3 sigma⌉ + 1 pixels does not fit. Never rises when a periodic scene is blurred further.
+    The smoothing suppresses noise: the source takes sigma = d/√12 for details of d pixels. A ramp of s counts per pixel
+    scores s² at any scale, white noise about its variance over 4π·sigma⁴. The score is 0.0 where the kernel of 2·⌈3
+    sigma⌉ + 1 pixels does not fit, and never rises when a periodic scene is blurred further.
 
     Range from 0, in squared counts per squared pixel; degree 2; cost 8K + 4 for a kernel of K pixels, four
     passes along rows or columns (60 at sigma 1).

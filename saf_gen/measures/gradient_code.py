@@ -14,7 +14,8 @@ from saf_gen.measures._counts import counts_as_integers
 class GradientMagnitude:
     """Σ√(Gx² + Gy²) over all pixels, 3×3 Sobel, smoothing 1-2-1 not normalised, borders replicated.
 
-    Magnitudes of noise add up, so few counts score high. Never rises when a periodic scene is blurred further.
+    Magnitudes of noise add up, so few counts score high. The score never rises when a periodic scene is blurred
+    further.
 
     Range from 0, in counts; degree 1; cost 17: twelve additions, four multiplications and a root per pixel.
 

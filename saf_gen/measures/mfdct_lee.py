@@ -13,7 +13,8 @@ class MidFrequencyDct:
     """Σ(O * c)² where the 4×4 kernel O = vvᵀ, v = (1, 1, −1, −1), lies wholly inside the image.
 
     O is the middle frequency of a 4×4 cosine transform with its weights rounded to signs. It sums to 0, so constant
-    counts score 0. 0.0 for fewer than four rows or columns. Never rises when a periodic scene is blurred further.
+    counts score 0. The score is 0.0 for fewer than four rows or columns, and never rises when a periodic scene is
+    blurred further.
 
     Range from 0, in squared counts; degree 2; cost 8: seven additions and a multiplication per pixel.
 

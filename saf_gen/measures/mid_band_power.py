@@ -12,10 +12,10 @@ from saf_gen.measures._spectrum import FFT_COST, check_band, power_in_band
 class MidBandPower:
     """Part of the variance at ``lowest`` to ``highest`` cycles per pixel: Σ |FFT(c − ū)|²/N² over the ring.
 
-    Over all frequencies it is the variance. High frequencies hold mostly noise, and low ones change little
-    with focus; contrast reversals of a lens limit the ring from below. The default, periods from 4 to 8
-    pixels, is not tuned. Shot noise adds 15 % of its own variance. The border is not tapered. Never rises
-    when a periodic scene is blurred further.
+    Over all frequencies it is the variance. High frequencies hold mostly noise, and low ones change little with focus;
+    contrast reversals of a lens limit the ring from below. The default, periods from 4 to 8 pixels, is not tuned. Shot
+    noise adds 15 % of its own variance. The border is not tapered. The score never rises when a periodic scene is
+    blurred further.
 
     Range 0 to the variance, in squared counts; degree 2; cost 45 for 400 x 250 pixels: a real Fourier
     transform, 2.5 log2 N operations per pixel, and three beside it.

@@ -14,7 +14,7 @@ class NormalisedVariance:
     """Variance over mean, V/ū; 0.0 where there is no spike.
 
     Poisson counts of an even field score 1 at any brightness, which is what the division is for. The score of a texture
-    still grows with the light; V/ū² is ``sd``. Never rises when a periodic scene is blurred further.
+    still grows with the light; V/ū² is ``sd``. The score never rises when a periodic scene is blurred further.
 
     Range 0 to (N − 1)ū for N pixels, in counts; degree 1; cost 4: three additions and a multiplication per pixel.
 

@@ -12,7 +12,7 @@ from saf_gen.measures._moments import squared_contrast
 class SpikeDispersion:
     """Squared contrast of the counts: variance over squared mean, V/ū²; 0.0 where there is no spike.
 
-    Equation 6 of the paper without its factor N, so that regions of different size compare. Never rises when
+    Equation 6 of the paper without its factor N, so that regions of different size compare. The score never rises when
     a periodic scene is blurred further.
 
     Range 0 to N − 1 for N pixels; degree 0; cost 3: two additions and a multiplication per pixel.

@@ -12,7 +12,7 @@ from saf_gen.measures._moments import squared_contrast
 class SpikeDispersionCode:
     """Sum of squared deviations over squared mean, Σ(c − ū)²/ū²; 0.0 where there is no spike.
 
-    N times ``sd``, and exactly er_sumsq/ū² − N. Never rises when a periodic scene is blurred further.
+    N times ``sd``, and exactly er_sumsq/ū² − N. The score never rises when a periodic scene is blurred further.
 
     Range 0 to N(N − 1) for N pixels; degree 0; cost 3, as ``sd``.
 

@@ -14,7 +14,8 @@ class Tenengrad:
     """Mean of Gx² + Gy² of the 3×3 Sobel gradient, where the kernel lies inside, without a threshold.
 
     The kernel's smoothing 1-2-1 is not normalised, so a ramp of s counts per pixel scores 64s². White noise adds 24
-    times its variance. 0.0 for fewer than three rows or columns. Never rises when a periodic scene is blurred further.
+    times its variance. The score is 0.0 for fewer than three rows or columns, and never rises when a periodic scene is
+    blurred further.
 
     Range from 0, in squared counts; degree 2; cost 12: eight additions and four multiplications per pixel.
 

@@ -13,7 +13,7 @@ from saf_gen.measures._moments import variance
 class Variance:
     """Variance over pixels, V = mean of (c − ū)². Divided by brightness, ``variance_n``, it is ``sd``.
 
-    Never rises when a periodic scene is blurred further.
+    The score never rises when a periodic scene is blurred further.
     Range from 0, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
 
     References

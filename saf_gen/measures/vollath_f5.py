@@ -12,10 +12,10 @@ from saf_gen.measures._counts import counts_as_integers
 class VollathF5:
     """Mean of c(x)·c(x+1) along rows, less the squared mean ū²: the covariance of neighbours.
 
-    White noise adds nothing, apart from chance. The published sums run over one column less than the mean
-    does, which leaves −c² per row of a constant image; here each is a mean of its own, so a column more or
-    less at the border matters on small images. 0.0 for a single column. Blur may raise the score where most
-    power lies beyond 1/4 cycle per pixel.
+    White noise adds nothing, apart from chance. The published sums run over one column less than the mean does, which
+    leaves −c² per row of a constant image; here each is a mean of its own, so a column more or less at the border
+    matters on small images. The score is 0.0 for a single column. Blur may raise the score where most power lies beyond
+    1/4 cycle per pixel.
 
     Range: any sign, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
 

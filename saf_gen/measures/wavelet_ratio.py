@@ -22,9 +22,9 @@ HIGH = LOW[::-1] * [1, -1, 1, -1, 1, -1]
 class WaveletRatio:
     """Energy of details of ``levels`` octaves over that of the smooth remainder, by Daubechies' D6 wavelet.
 
-    Energies are means per pixel over coefficients whose six taps lie inside; second-order surfaces have no
-    details. The remainder holds the brightness. One level covers the finest octave, mostly noise where counts
-    are few. 0.0 where the filter does not fit at each level, or the remainder is 0.
+    Energies are means per pixel over coefficients whose six taps lie inside; second-order surfaces have no details. The
+    remainder holds the brightness. One level covers the finest octave, mostly noise where counts are few. The score is
+    0.0 where the filter does not fit at each level, or the remainder is 0.
 
     Range from 0; degree 0; cost 38: two passes of six taps for each of four bands, at a half and a quarter of
     the pixels, and a third more for many levels.

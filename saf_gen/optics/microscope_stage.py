@@ -115,7 +115,7 @@ class Stage(Drive):
     def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
         """Return 1/(d - z) = 1/u ± pitch/(2R·v) as positions; see :meth:`Drive.depth_of_focus`.
 
-        The far one is infinite if the blur never grows to a pixel.
+        The far position is infinite if the blur never grows to a pixel.
         """
         z = float(self.shift(self.true_focus(depths)))
         half = self._u * pixel_pitch_m / (2 * self.aperture_radius_m * self._v)

@@ -1,13 +1,13 @@
 """Adds traced paths to every focus position at once, on the device that traced them.
 
-The walk, the words and the sums are those of :mod:`saf_gen.render.host_splat`, written as Dr.Jit kernels.
-Sums are of integers, so the same paths give the same stack, bit for bit, in whatever order threads add.
+The algorithm is that of :mod:`saf_gen.render.host_splat`, with the same 64-bit words, written as Dr.Jit kernels. Sums
+are of integers, so the same paths give the same stack, bit for bit, in whatever order threads add.
 
-That takes care with rounding. CUDA may fuse a product with the addition after it into one operation that
-rounds once (PTX, of ``mul`` and ``add``), and Dr.Jit divides float32 approximately there. So a product that
-is added to something is computed in float64, where the product of two float32 is exact, and the cast to
-float32 rounds it. A reciprocal is computed likewise; there, rounding twice gives the same as rounding once
-(Figueroa 1995, doi:10.1145/221332.221334). Nothing is added to a product of float64.
+This requires care with rounding. CUDA may fuse a product with the addition after it into one operation that rounds once
+(PTX, of ``mul`` and ``add``), and Dr.Jit divides float32 approximately there. So a product that is added to something
+is computed in float64, where the product of two float32 is exact, and the cast to float32 rounds it. A reciprocal is
+computed likewise; there, rounding twice gives the same as rounding once (Figueroa 1995, doi:10.1145/221332.221334).
+Nothing is added to a product of float64.
 """
 
 import math

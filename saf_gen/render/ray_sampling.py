@@ -20,7 +20,7 @@ STEPS = tuple(round(GOLDEN ** -(j + 1) * 2**32) & 0xFFFFFFFF for j in range(4))
 
 @dataclass(frozen=True)
 class RayCoverage:
-    """The rays at the middle position that some position sees.
+    """The rays to sample at the middle position so that they include all rays of every position.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class RigidMotion(FrozenModel):
 def motion_end_s(motions: Mapping[str, RigidMotion], *, recording_s: float) -> float:
     """Return the last moment (s) of a recording at which one of these shapes still moves.
 
-    Where all keyframes lie before the recording, that is its end.
+    Where all keyframes lie before the recording, the end of the recording is returned.
     """
     last = max(frame.time_s for motion in motions.values() for frame in motion.keyframes)
     return min(last, recording_s) if last > 0 else recording_s

@@ -12,7 +12,7 @@ PROSE, OWN_PREVIEW = (".md", "preview.png")  # files without effect on a rendere
 
 
 def folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_links: bool) -> str:
-    """Return the SHA-256 (hex) over names and bytes of a folder's files, without prose and its own preview.
+    """Return the SHA-256 (hex) over names and bytes of a folder's files, without Markdown and the preview at the top.
 
     ``contents`` gives by name the bytes that count in place of a file's own, or for a file that is not in the
     folder. What lies in a linked folder counts under the name of the link; ``allow_outside_links`` says

@@ -60,7 +60,7 @@ class SceneCard(FrozenModel):
 
     Attributes
     ----------
-    id, title, licence, source : the folder's name, a line for lists, an SPDX name, the origin or its file.
+    id, title, licence, source : the folder's name, a line for lists, an SPDX name, the origin or a file that tells it.
     library : module of :mod:`saf_gen.scene.library` by the name under which ``scene.py`` imports it.
     unit_m : metres per unit of the geometry.
     lights : emitters by light group.

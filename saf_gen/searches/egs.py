@@ -17,10 +17,10 @@ from saf_gen.searches._golden_narrowing import (
 class GoldenSearch:
     """Event-based golden search on spikes: narrows a whole recording to ``threshold`` frames.
 
-    ``egs_code`` without the conventions of that code: frames are whole and counted from 0, the answer is the centre of
-    the frames that are left, and equal scores keep the middle instead of the later window. Windows are ``ratio`` of the
-    interval, so the first steps average over the light of most of the sweep. Two scores per step, 16 steps for 20,000
-    frames. The trace holds the centre before the first step and after each, frames from 0.
+    This is ``egs_code`` without the conventions of that code: frames are whole and counted from 0, the answer is the
+    centre of the frames that are left, and equal scores keep the middle instead of the later window. Windows are
+    ``ratio`` of the interval, so the first steps average over the light of most of the sweep. Two scores per step, 16
+    steps for 20,000 frames. The trace holds the centre before the first step and after each, frames from 0.
 
     References
     ----------

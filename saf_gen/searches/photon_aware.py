@@ -23,14 +23,14 @@ class PhotonAware:
     the recording. Its score belongs to its centre. Scores are smoothed by a Gaussian of ``smooth`` steps, and
     the answer is the top of the parabola through those around the largest.
 
-    The sweep stops once the curve has come down from its largest value by ``until`` of its range and by ``least`` of
-    that value, for longer than a window, having come up by half of that before; with ``far`` that of ``sd_calibrated``
-    over the same windows has to as well: a steep measure is narrow at the focus and has small local maxima far from it,
-    where contrast is still a broad hill. Where at the end the curve has not come down by ``fall`` of its range on both
-    sides of the largest value, the focus is not in the sweep, and the search abstains.
+    The sweep stops once the curve has stayed, for longer than a window, below its largest value by ``until`` of its
+    range and ``least`` of that value, and has both risen and fallen by ``until``/2 of its range. With ``far`` the curve
+    of ``sd_calibrated`` over the same windows must have done so too: a steep measure has small local maxima far from
+    the focus, where contrast is still a broad hill. If the curve does not fall by ``fall`` of its range on both sides
+    of the largest value, the focus is not in the sweep, and the search abstains.
 
-    Two to four scores per step, one of them by the method's own measure. The trace holds the largest value so
-    far, 0-based frames, whenever it moves.
+    Two to four scores per step, one of them by the method's own measure. The trace holds the frame (0-based) of the
+    largest value so far, whenever it moves.
 
     References
     ----------

@@ -20,7 +20,7 @@ class RuleBased(LensCommandingSearch):
 
     The lens moves in one direction nearly all the time, so backlash costs little. Thresholds are relative: a score with
     a large constant part (er_count) or a sign that changes misleads them. About 1/coarse + 4·width/fine samples for a
-    peak of half width ``width``. The rules are of the kind of the reference, whose constants are of another camera.
+    peak of half width ``width``. The rules are modelled on the reference, whose constants belong to another camera.
 
     References
     ----------

@@ -18,12 +18,12 @@ from saf_gen.searches._windows import check_search_frame_count
 class GoldenFastSearchCausal:
     """Spike-based golden fast search that stops after ``falls`` consecutive blocks of falling s.
 
-    s is that of ``sgfs_code``, which stops at the largest s of the whole sweep. Here the sweep ends once s
-    has fallen for ``falls`` blocks in a row, a little later, or at its own end. A golden search (``egs``)
-    then runs on the last 0.618 of the frames so far. The first s is taken after a quarter of the sweep, so it
-    cannot answer before 0.0955 + 0.382·falls/blocks of the sweep. Noise and steps of the light can make s
-    fall that often before the focus; more ``falls`` make that rarer. Two scores per block, two per step. The
-    trace is that of the golden search, centres, frames from 0.
+    The value s is the score of the later half of the frames so far less that of the earlier half. ``sgfs_code`` stops
+    at the largest s of the whole sweep; here the sweep ends once s has fallen for ``falls`` blocks in a row, or at its
+    own end. A golden search (``egs``) then runs on the last 0.618 of the frames so far. The first s is taken after a
+    quarter of the sweep, so the answer is never before 0.0955 + 0.382·falls/blocks of the sweep. Noise and steps of the
+    light can make s fall that often before the focus; more ``falls`` make that rarer. Two scores per block, two per
+    step. The trace is that of the golden search, centres, frames from 0.
 
     References
     ----------

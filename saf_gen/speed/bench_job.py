@@ -24,7 +24,7 @@ OTHER_LIGHT: dict[str, Any] = {"kind": "ramp", "from": 2.0, "to": 0.5}
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield the time from recipe to leaderboard, and that of its scenes under a new light schedule."""
+    """Yield the time from recipe to leaderboard, and the time to record again under a new light schedule."""
     recipe = Path(size.recipe) if size.recipe else PAPER_RECIPE
     if not (size.recipe or recipe.is_file()):
         yield "job: left out: recipes/ is not beside the package"

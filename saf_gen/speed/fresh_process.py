@@ -1,4 +1,4 @@
-"""Measurements in a fresh process, and the time, memory and bytes read that they take."""
+"""Functions called in a fresh process, and the time, peak memory and bytes read that they take."""
 
 import resource
 import sys

@@ -27,8 +27,8 @@ class Capture:
     """What was in front of the lens, and the camera that recorded it.
 
     gain : float32 (T, G), the light of each readout, which ``exposure`` multiplies.
-    seed : of the recording's noise.
-    device_seed : of the sensor's fixed pattern.
+    seed : names the recording's noise.
+    device_seed : names the sensor's fixed pattern.
     frames : how many readouts can be captured; fewer than recorded if only the first time slices were
         rendered at all focus positions.
     """
@@ -92,7 +92,7 @@ class Capture:
 
     @property
     def row_alignment(self) -> int:
-        """An encoder of some rows may begin at multiples of this row number."""
+        """The row number at whose multiples an encoder of some rows may begin."""
         return LANES // gcd(self.sensor.columns, LANES)
 
     def open_charge_source(self, rows: slice | None = None) -> ChargeSource:

@@ -49,7 +49,7 @@ class StackSpec:
     params : the member of the scene's family, as JSON.
     time_s : the moment that is seen.
     positions : number of focus positions, evenly spaced over the whole travel.
-    window : of a time slice, the first and last position to render.
+    window : index of the first and the last position to render; a time slice needs only some.
     """
 
     scene: str
@@ -148,7 +148,7 @@ class FocalStack:
     radiance : float32 (light, focus, row, col), W m⁻² sr⁻¹ at gain 1.
     depth : float32 (row, col), m.
     target : bool (row, col).
-    digest : of the stored pieces; '' for a stack that was never stored.
+    digest : SHA-256 of the stored pieces; '' for a stack that was never stored.
     """
 
     spec: StackSpec
@@ -179,7 +179,7 @@ class StackStore:
         return all(self._note(name) for name in self.pieces)
 
     def digest(self) -> str:
-        """Return a SHA-256 over those of the pieces, as their notes hold them."""
+        """Return a SHA-256 over the digests of the pieces, as their notes hold them."""
         digests = json.dumps([self._note(name).get("sha256") for name in self.pieces])
         return hashlib.sha256(digests.encode()).hexdigest()
 

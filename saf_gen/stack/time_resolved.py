@@ -30,7 +30,7 @@ class FrameRun(NamedTuple):
 
 @dataclass(frozen=True)
 class TimeResolvedStack:
-    """The focal stacks of a recording, and the frame at whose beginning each of them is seen.
+    """The focal stacks of a recording, and the frame whose beginning each of them shows.
 
     A static scene has one stack. A moving scene has several, at rising frames from 0 to at least the length
     of the recording.
@@ -55,7 +55,7 @@ class TimeResolvedStack:
         return TimeResolvedStack(self.slice_frames[:count], self.specs[:count])
 
     def count_stored(self, root: Path) -> int:
-        """Return how many of the first stacks are under ``root``, according to their notes."""
+        """Return how many stacks are stored under ``root`` before the first missing one, according to their notes."""
         return sum(1 for _ in takewhile(lambda spec: StackStore(root, spec).has_all_notes(), self.specs))
 
     def find_missing(self, root: Path) -> list[StackSpec]:

@@ -15,9 +15,9 @@ from saf_gen.stream.metadata import Truth
 def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
     """Return the true focus for a lens at these positions (T,), without the sharpness.
 
-    In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered
-    moments that see the target, and is held while the target is out of sight. Everything else is of the
-    moment at which the lens first meets a visible target, or comes nearest to it.
+    In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered moments that
+    see the target, and is held while the target is out of sight. All other fields hold at the moment at which the lens
+    first meets the focus of a visible target, or comes nearest to it.
 
     Raises BadInput if the target is seen at no moment.
     """
@@ -79,8 +79,8 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
 def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
     """Return the noise-free SD (variance over squared mean) in the target's box at each rendered position.
 
-    The result is float64 (focus,), at gain 1. ``position`` (T,) is where the lens is. In a moving scene the
-    value is of the moment at which the lens first gets to a position, and NaN where it never does.
+    The result is float64 (focus,), at gain 1. ``position`` (T,) is where the lens is. In a moving scene the value at a
+    position is that of the moment at which the lens first reaches it, NaN where it never does.
     """
     rows, columns = target_bounding_box(np.asarray(truth.target))
     positions = charge_source.time_stack.specs[0].positions

@@ -35,8 +35,8 @@ class SequenceEntry:
     scene_motion : ``static`` or ``dynamic``.
     lens_motion : the kind of the lens's motion.
     file : path of the stream within the dataset folder, with '/'.
-    fingerprint : of the plan that the sequence was made from.
-    content_sha256 : of the stream's content.
+    fingerprint : SHA-256 of the plan that the sequence was made from.
+    content_sha256 : SHA-256 of the stream's content.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT

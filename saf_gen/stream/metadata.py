@@ -34,7 +34,7 @@ class Truth:
     target : bool (H, W), the pixels that should be in focus.
     best_position : float32 (H, W), position that focuses each pixel, fraction of the travel.
     sharpness : float64 (K,), noise-free SD at evenly spaced positions.
-    track : float32 (T,), ``position`` over time in a moving scene; all else is then of the moment ``frame``.
+    track : float32 (T,), ``position`` over time in a moving scene, in which all other fields hold at ``frame``.
     """
 
     position: float = math.nan

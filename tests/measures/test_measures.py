@@ -27,7 +27,7 @@ from saf_gen.parts import cite_source, wants_halves, wants_intervals
 
 SHAPES = [(250, 400), (64, 64), (37, 51), (4, 4), (3, 5), (1, 1)]
 OF_IMAGES = [name for name in measure_names() if not wants_halves(get_measure(name))]
-PROMISE = "Never rises when a periodic scene is blurred"
+PROMISE = "never rises when a periodic scene is blurred"
 PROMISING = [name for name in OF_IMAGES if PROMISE in " ".join(get_measure(name).__doc__.split())]
 KERNEL = np.outer([1, 1, -1, -1], [1, 1, -1, -1])
 

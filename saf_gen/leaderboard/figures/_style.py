@@ -80,7 +80,7 @@ class PlotStyle:
     marker: str
 
     def legend_handle(self, **options: Any) -> Line2D:
-        """Return a sample for a legend."""
+        """Return a sample of the line and its marker for a legend."""
         line = {"color": self.colour, "ls": self.dashes, "lw": 1.4, "marker": self.marker}
         return Line2D([], [], **{**line, "ms": 5, "mec": PAPER, "mew": 0.5, **options})
 
@@ -95,13 +95,13 @@ def assign_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
 
 
 def describe_figure_omissions(*counts: tuple[int, int, str]) -> str:
-    """Return what a figure leaves out, from (drawn, all, noun); '' where it shows everything."""
+    """Return which items a figure shows, from (drawn, all, noun) of each kind; '' where it shows everything."""
     parts = [f"{drawn} of {total} {noun}" for drawn, total, noun in counts if drawn < total]
     return f"Drawn: the first {', the first '.join(parts)}" if parts else ""
 
 
 def shorten_middle(name: str, limit: int) -> str:
-    """Return the name, or both ends of one longer than ``limit`` characters: options differ at the end."""
+    """Return the name, with its middle left out if it is longer than ``limit`` characters."""
     if len(name) <= limit:
         return name
     end = (limit - 1) // 2
@@ -115,7 +115,7 @@ def split_method_label(method: str) -> tuple[str, str]:
 
 
 def use_figure_style() -> Any:
-    """Return a context with matplotlib's settings for our figures; the settings before it come back."""
+    """Return a context with matplotlib's settings for our figures; it restores the earlier settings."""
     return matplotlib.rc_context(STYLE)
 
 

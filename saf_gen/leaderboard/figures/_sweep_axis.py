@@ -17,7 +17,7 @@ LENS_LINE: dict[str, Any] = {"color": SOFT, "lw": 0.9, "ls": (0, (7, 2))}
 
 
 def find_figure_position_axis(sweep: SweepSummary) -> np.ndarray | None:
-    """Return the focus position (T,) if it can be an axis, as the lens never comes back and never rests."""
+    """Return the focus position (T,) if it can be an axis: if the lens never comes back and never rests."""
     lens = sweep.focus_position
     if lens is None or len(lens) < 2:
         return None
@@ -36,7 +36,7 @@ def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def draw_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
-    """Draw the truth as a line in a band, its depth of focus; over frames every crossing has one."""
+    """Draw the truth as a line in the band of its depth of focus; over frames, one at every crossing."""
     over_frames = find_figure_position_axis(sweep) is None
     if over_frames and sweep.focus_position is not None:
         _draw_truth_over_frames(axes, sweep, lens=sweep.focus_position, draw_lens=note)

@@ -33,7 +33,7 @@ POINTS = 240
 
 @dataclass(frozen=True)
 class Condition:
-    """A property of recordings as a number above 0; None where it is unknown."""
+    """A property of recordings that is a number above 0, or None where it is unknown."""
 
     name: str
     title: str

@@ -26,7 +26,7 @@ class PageColumn:
 
 @dataclass(frozen=True)
 class PageCell:
-    """A cell: its text, a fraction (0–1) drawn as a bar behind it, the interval of that, a link."""
+    """A cell: its text, a fraction (0–1) drawn as a bar behind it, the interval of the fraction, and a link."""
 
     text: str
     fraction: float | None = None

@@ -16,7 +16,7 @@ MAX_STRIP_BYTES = 220_000
 
 @dataclass(frozen=True)
 class SequenceViewer:
-    """The pictures of a sweep, where each lies on the curves, and a description of each."""
+    """The pictures of a sweep, with the position of each on the curves and a description."""
 
     sequence: str
     strip: ImageStrip
