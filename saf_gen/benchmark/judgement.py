@@ -31,7 +31,7 @@ class Judgement:
     truth: float | None = None
     """Best focus at the answer, fraction of the travel; without an answer, when the lens first meets it."""
     truth_frame: float | None = None
-    """Frame at which the lens crosses the truth: nearest to the answer, or without one the first."""
+    """Frame of the crossing of the truth that is nearest to the answer; of the first crossing without an answer."""
     error_dof: float | None = None
     """``error`` over the depth of focus, the distance between its near and far end."""
     blur_px: float | None = None

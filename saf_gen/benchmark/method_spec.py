@@ -67,7 +67,7 @@ class Method:
     tuning: str = ""
     """12 digits of the sha256 of the tuned file that named the method (``@FILE``), or ''."""
     region: str = ""
-    """Where it looks, one of REGIONS; '' is where the evaluation looks."""
+    """The region that the method looks at, one of REGIONS; '' leaves the choice to the evaluation."""
 
     @property
     def measure_name(self) -> str:

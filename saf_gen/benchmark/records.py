@@ -27,9 +27,9 @@ HINT = "run saf-gen evaluate again"
 MAX_COUNT = 2**53
 """A float holds every whole number up to this one."""
 MAX_SECONDS_OR_TRAVELS = 1e9
-"""More seconds or travels than there will be, and means of them are finite."""
+"""Upper limit of seconds and travels: above any that occur, and low enough that means stay finite."""
 MAX_POSITION_OR_ERROR = 1e100
-"""More than a position or an error will be, in any unit, and means of them are finite."""
+"""Upper limit of positions and errors in any unit: above any that occur, and low enough that means stay finite."""
 
 Flag = Annotated[bool, Field(strict=True)]
 Count = Annotated[int, Field(strict=True, ge=0, le=MAX_COUNT)]
@@ -87,7 +87,7 @@ class Record:
     terms: str = ""
     """The protocol of the closed loop: what moves the lens, the budget, the sweep."""
     variant: Count | None = None
-    """Which member of the scene's family."""
+    """Number of the member in the scene's family."""
     scene_motion: str | None = None
     """``static`` or ``dynamic``."""
     lens_motion: str | None = None
@@ -104,7 +104,7 @@ class Record:
     light_ratio: Annotated[Number, Field(ge=1, le=MAX_SECONDS_OR_TRAVELS)] | None = None
     """See judgement.light_ratio."""
     time_to_focus_s: Duration | None = None
-    """Recorded track: until all was seen that the answer needs. Closed loop: until the lens has arrived."""
+    """Recorded track: time until the method saw its last frame. Closed loop: time until the lens arrived for good."""
     reversals: Count | None = None
     """How often the lens changed its direction, where the method moved it."""
     parameters: str = ""

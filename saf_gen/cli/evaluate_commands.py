@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 TRACKS = ("recorded", "closed_loop")
+Track = Annotated[str, typer.Option(help="recorded: all see the same recording; closed_loop: each commands the lens.")]
+ActuatorName = Annotated[str | None, typer.Option(help="Closed loop: name or .yaml file (default: voice_coil).")]
+BudgetMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds until judged (default: all recorded).")]
+SweepMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds per sweep (default: half the budget).")]
 
 
 def evaluate(
@@ -22,7 +26,7 @@ def evaluate(
     scene_motion: Annotated[str | None, typer.Option(help="Evaluate only static, or only dynamic, sequences.")] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option(help="MEASURE+SEARCH with options after a colon, @FILE of a tuned method; repeatable."),
+        typer.Option(help="MEASURE+SEARCH with options after a colon, or @FILE of a tuned method; repeatable."),
     ] = None,
     methods: Annotated[
         Path | None, typer.Option(help="File with one method per line, in addition to --method.")
@@ -31,18 +35,10 @@ def evaluate(
         Path | None, typer.Option(help="File of answers computed elsewhere, one line of JSON each.")
     ] = None,
     folder: OutFolder = None,
-    track: Annotated[
-        str, typer.Option(help="recorded: all see the same recording; closed_loop: each commands the lens.")
-    ] = "recorded",
-    actuator: Annotated[
-        str | None, typer.Option(help="Closed loop: actuator preset or .yaml file (default: voice_coil).")
-    ] = None,
-    budget: Annotated[
-        float | None, typer.Option(help="Closed loop: milliseconds until judged (default: the recording).")
-    ] = None,
-    sweep: Annotated[
-        float | None, typer.Option(help="Closed loop: milliseconds per sweep (default: half the budget).")
-    ] = None,
+    track: Track = "recorded",
+    actuator: ActuatorName = None,
+    budget: BudgetMs = None,
+    sweep: SweepMs = None,
     region: Annotated[
         str, typer.Option(help="Where methods look: target (its bounding box), frame, or both.")
     ] = "target",

@@ -7,7 +7,7 @@ import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard
 from saf_gen.cli._terminal import make_step_reporter, out, progress_bars
-from saf_gen.cli.evaluate_commands import protocol_from_options
+from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, Track, protocol_from_options
 from saf_gen.errors import BadInput
 
 
@@ -19,11 +19,11 @@ def tune(
         list[str], typer.Option("--try", help="measure.KEY=VALUE,... or search.KEY=VALUE,...; repeatable.")
     ],
     file: Annotated[Path, typer.Option("--out", help="JSON file to write.")],
-    split: Annotated[str, typer.Option(help="Split to tune on; not test.")] = "train",
-    track: Annotated[str, typer.Option(help="recorded or closed_loop.")] = "recorded",
-    actuator: Annotated[str | None, typer.Option(help="As in evaluate.")] = None,
-    budget: Annotated[float | None, typer.Option(help="As in evaluate.")] = None,
-    sweep: Annotated[float | None, typer.Option(help="As in evaluate.")] = None,
+    split: Annotated[str, typer.Option(help="Split to tune on, any but test.")] = "train",
+    track: Track = "recorded",
+    actuator: ActuatorName = None,
+    budget: BudgetMs = None,
+    sweep: SweepMs = None,
     region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
 ) -> None:
     """Try every combination of values on a split, and write the best; `@FILE` then names the method."""

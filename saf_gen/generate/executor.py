@@ -18,7 +18,7 @@ from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput, SafGenError
 
 ReportProgress = Callable[[str, float], None]
-"""Is called with the name of a piece of work and the fraction of it that is done, 0...1."""
+"""Called with the name of a piece of work and the fraction of it that is done, 0...1."""
 
 
 class Job(Protocol):
@@ -39,7 +39,7 @@ JobResult = tuple[Any, Any, SafGenError | None]
 """(job, result, error): the error is None where the job succeeded, the result is None where it failed."""
 
 FollowUp = Callable[[Any, Any], Iterable[Job]]
-"""Is called with a job that succeeded and its result; returns the jobs that may start then."""
+"""Called with a job that succeeded and its result; returns the jobs that may start then."""
 
 
 def run_jobs(

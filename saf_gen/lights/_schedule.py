@@ -33,7 +33,7 @@ UNITS = ("ratio", "lux")
 GROUP = re.compile(r"[a-z0-9][a-z0-9_-]*")
 
 RESERVED_GROUP_NAMES = frozenset({"geometry", "kind", *RANGE_FORMS})
-"""Names that a light group cannot have: the other file of a stack, and the words that begin a schedule."""
+"""Names that a light group cannot have, because a file of a stack or a key of a schedule has them."""
 
 GAIN_GRID = 2.0**-20
 """Gains are rounded to it, so that the last digit of one machine's cosine cannot move a spike on another."""

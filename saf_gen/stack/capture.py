@@ -42,7 +42,7 @@ class Capture:
     truth: Truth
     frames: int
     slices: str = ""
-    """Digest of the time slices, if the recording was made from others."""
+    """Digest of the time slices, '' if the recording was made from the same ones."""
 
     @classmethod
     def from_stream(cls, stream: SpikeStream, stacks: Path) -> "Capture":

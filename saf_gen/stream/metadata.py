@@ -92,7 +92,7 @@ ARRAY_DATASETS = {
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
 _IN_EVERY_FRAME = ("focus_position", "track")
-"""Given in every readout or not at all: answers are judged by both, wherever they lie."""
+"""Fields that must be finite in every readout if they are given, because any answer is judged by them."""
 
 
 def _shaped(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.ndarray:

@@ -19,7 +19,7 @@ from saf_gen.leaderboard.figures._style import (
 from saf_gen.leaderboard.figures._sweep_axis import frames_to_axis
 
 LETTERS = 18
-"""Longest name of a row."""
+"""Longest name of a row, in characters."""
 AnswersBySearch = Mapping[str, Mapping[str, float]]
 """The frame of each answer, by search, then by measure."""
 

@@ -14,7 +14,7 @@ from saf_gen.leaderboard.figures._style import SOFT, STYLE, WIDTH, shorten_middl
 
 LINE = 0.16  # inches
 LETTERS = 52
-"""Longest name; a longer one loses its middle."""
+"""Longest name, in characters; a longer one loses its middle."""
 HANDLE, GAP = 2.8, 1.2  # width of a sample and of the gap between columns, in font sizes
 _WIDTHS = TextToPath()
 

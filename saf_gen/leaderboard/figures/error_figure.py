@@ -32,7 +32,7 @@ MANY_ROWS, MAX_ROWS = 30, 80
 """Numbers of methods above which rows are closer, and above which the rest is left out."""
 ROW, CLOSE_ROW = 0.2, 0.14  # inches
 LETTERS = 34
-"""Longest name of a method."""
+"""Longest name of a method, in characters."""
 
 
 def plot_errors(records: Sequence[Record], *, title: str) -> Figure:

@@ -40,7 +40,7 @@ from saf_gen.leaderboard.figures._sweep_axis import (
 T = TypeVar("T")
 MAX_COLUMNS, MAX_SEARCHES = 3, 9
 LETTERS = 19
-"""Longest name of a panel."""
+"""Longest name of a panel, in characters."""
 MIN_STEPS = 3
 """Fewest steps of a trace: with fewer nothing was narrowed down."""
 
