@@ -112,8 +112,7 @@ def located(where: str, *, prefix: str = "") -> Iterator[None]:
 
     Raises
     ------
-    BadInput
-        The same error, with ``where`` and ``prefix`` added.
+    BadInput : the same error, with ``where`` and ``prefix`` added.
     """
     try:
         yield

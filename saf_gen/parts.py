@@ -62,8 +62,7 @@ class Motion(Protocol):
 
         Raises
         ------
-        BadInput
-            Where the motion does not fit a recording of this length.
+        BadInput : where the motion does not fit a recording of this length.
         """
         ...
 
@@ -165,8 +164,7 @@ class View(Protocol):
 
         Raises
         ------
-        BadInput
-            On a recording, and for a position outside the travel.
+        BadInput : on a recording, and for a position outside the travel.
         """
         ...
 
@@ -177,8 +175,7 @@ class View(Protocol):
 
         Raises
         ------
-        BadInput
-            On a recording.
+        BadInput : on a recording.
         """
         ...
 

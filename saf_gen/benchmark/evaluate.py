@@ -49,8 +49,7 @@ def evaluate(
     Parameters
     ----------
     source : a dataset folder or a stream file.
-    methods : names of methods; None is DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a
-        protocol.
+    methods : names of methods; None is DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a protocol.
     split, scene_motion : leave out the other sequences; scene_motion is ``static`` or ``dynamic``.
     region : where measures look. ``target`` is the box round the target where a stream has one, else the
         frame; ``frame`` is the frame; ``both`` runs every method at the target and once more, as
@@ -68,9 +67,8 @@ def evaluate(
 
     Raises
     ------
-    BadInput : for an unknown split, scene motion, region or method; for predictions that do not fit the
-        sequences, before anything runs; for a single stream that cannot be read; and where no sequence can
-        keep the protocol.
+    BadInput : for an unknown split, scene motion, region or method; for predictions that do not fit the sequences,
+        before anything runs; for a single stream that cannot be read; and where no sequence can keep the protocol.
     """
     path = Path(source)
     if methods is None:
@@ -189,21 +187,9 @@ def score_blocks(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the scores of consecutive blocks of frames; a shorter rest at the end is left out.
 
-    Parameters
-    ----------
-    stream : an open stream.
-    measure : a focus measure or its name.
-    window : frames per block, 1 to the frames of the stream.
-    region : ``target``, the box round the target where the stream has one, or ``frame``.
-
-    Returns
-    -------
-    first : int64 (B,), the first frame of each block, from 0.
-    scores : float64 (B,).
-
-    Raises
-    ------
-    BadInput : for a window out of its range, and for an unknown region or measure.
+    ``window`` is the frames per block, 1 to those of the stream; ``region`` is ``target``, the box round the target
+    where the stream has one, or ``frame``. Returns the first frame of each block, from 0, int64 (B,), and the scores,
+    float64 (B,). Raises BadInput for a window out of its range, and for an unknown region or measure.
     """
     frames = stream.shape[0]
     if not (isinstance(window, int) and 1 <= window <= frames):

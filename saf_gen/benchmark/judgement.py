@@ -124,10 +124,8 @@ def judge_answer(
     frames_seen : how far the method looked at the recording, frames.
     focus_position : (T,) lens at the middle of each readout, fraction of the travel; None if not recorded.
     truth, ends : best focus and the ends of the depth of focus, fraction of the travel; NaN if unknown.
-    track : (T,) best focus over time where the target moves in depth; ``truth`` then holds at
-        ``truth_frame``.
-    truth_frame : frame at which the lens first crosses the truth; where NaN, it is looked for in
-        ``focus_position``.
+    track : (T,) best focus over time where the target moves in depth; ``truth`` then holds at ``truth_frame``.
+    truth_frame : frame at which the lens first crosses the truth; where NaN, it is looked for in ``focus_position``.
 
     Notes
     -----

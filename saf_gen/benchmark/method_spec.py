@@ -88,9 +88,8 @@ def parse_method(spec: str) -> Method:
 
     Parameters
     ----------
-    spec : ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or ``@FILE`` for the method of a tuned
-        file. MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``, whose
-        module is run.
+    spec : ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or ``@FILE`` for the method of a tuned file.
+        MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``, whose module is run.
 
     Raises
     ------

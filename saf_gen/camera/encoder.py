@@ -106,8 +106,7 @@ class Encoder:
         self._state = np.ones((3, size), np.float32)
         first = make_generator("encoder", seed, "first thresholds").integers(0, NOISE_TABLE_SIZE, size)
         self._state[1] = self._constants[1] + self._constants[2] * make_sensor_noise_table()[first]
-        phase = make_generator("encoder", seed, "phases").random(size, dtype=np.float32)
-        self._state[0] = phase * self._state[1]
+        self._state[0] = make_generator("encoder", seed, "phases").random(size, dtype=np.float32) * self._state[1]
         self._threads = threads or usable_cores()
         if rows is not None:
             self._select_rows(rows)

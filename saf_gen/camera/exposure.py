@@ -118,8 +118,9 @@ def sensor_firing_rate(charge: np.ndarray, sensor: Sensor) -> np.ndarray:
 def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sensor: Sensor, mean_rate: float) -> float:
     """Return the factor on the light that makes the target fire at a mean rate, dark current included.
 
-    The mean is over the target's pixels, by :func:`sensor_firing_rate`. The factor is rounded to 20 bits, so
-    that the order in which a processor sums cannot change a spike.
+    The mean is over the target's pixels, by :func:`sensor_firing_rate`. The factor is rounded to 20 bits, so that the
+    order in which a processor sums cannot change a spike. Raises BadInput for an empty target, or a rate that is not
+    above the dark rate, not below the highest rate, or out of reach because part of the target gives no light.
 
     Parameters
     ----------
@@ -127,11 +128,6 @@ def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sen
     target : bool (H, W).
     sensor : the sensor.
     mean_rate : spikes per readout.
-
-    Raises
-    ------
-    BadInput : an empty target, or a rate that is not above the dark rate, not below the highest rate, or out
-        of reach because part of the target gives no light.
     """
     light = np.asarray(charge_at_best, np.float64)[np.asarray(target, bool)]
     if light.size == 0:

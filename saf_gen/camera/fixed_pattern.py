@@ -60,8 +60,7 @@ def _draw_response(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.n
     columns = _draw_profile(shape[1], sensor.response_column_rms, random=column_random)
     rows = _draw_profile(shape[0], sensor.response_row_rms, random=row_random)
     white = white_random.standard_normal(shape) * sensor.response_white_rms
-    response = 1.0 + columns + rows[:, None] + (white - white.mean())
-    return _round_to_grid(np.maximum(response, 0.0), 1.0)
+    return _round_to_grid(np.maximum(1.0 + columns + rows[:, None] + (white - white.mean()), 0.0), 1.0)
 
 
 def _draw_dark(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarray:

@@ -91,15 +91,8 @@ for group, (words, commands) in GROUPS.items():
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run one command and exit; an error that a user can mend is one line on stderr and exit code 2.
 
-    Parameters
-    ----------
-    argv : list of str, optional
-        The words after ``saf-gen``; those of this process by default.
-
-    Raises
-    ------
-    SystemExit
-        Always: 0 success, 1 some sequences failed, 2 wrong input, 130 stopped by Ctrl-C.
+    The command is that of this process by default. Exit codes: 0 success, 1 some sequences failed, 2 wrong input, 130
+    stopped by Ctrl-C.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):

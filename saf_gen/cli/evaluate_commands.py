@@ -73,8 +73,7 @@ def evaluate(
         records=result.records,
         title=f"{source}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
     )
-    written = write_evaluation(target, rows=rows, evaluation=result, title=source.resolve().name)
-    print_written_paths(written)
+    print_written_paths(write_evaluation(target, rows=rows, evaluation=result, title=source.resolve().name))
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     if result.failures:

@@ -37,5 +37,4 @@ def leaderboard(
     )
     if folder is not None:
         evaluation = Evaluation(records=tuple(records), sweeps=(), failures=())
-        title = folder.resolve().name
-        print_written_paths(write_evaluation(folder, rows=rows, evaluation=evaluation, title=title))
+        print_written_paths(write_evaluation(folder, rows=rows, evaluation=evaluation, title=folder.resolve().name))

@@ -43,8 +43,7 @@ def list_(context: typer.Context) -> None:
             try:
                 plug_in = build_or_class(plugin_kind, name)
             except BadInput as problem:  # a plug-in that cannot be loaded does not hide the others
-                unknown = [""] * (len(columns) - 1)
-                table.add_row(Text(name), "?", *unknown, Text(str(problem), "bold red"))
+                table.add_row(Text(name), "?", *([""] * (len(columns) - 1)), Text(str(problem), "bold red"))
                 continue
             if plugin_kind == "measures":
                 forms = " ".join(form for form in measure_suffixes(plug_in) if form != "_n_tfi")

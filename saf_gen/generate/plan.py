@@ -123,8 +123,7 @@ def _check_ids(sequences: list[PlannedSequence]) -> None:
 def _plan_sequence(
     recipe: Recipe, split: str, *, scene: str, family: SceneFamily, scene_motion: str, light: str, repeat: int
 ) -> PlannedSequence:
-    words = [scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"]
-    name = "-".join(words)
+    name = "-".join([scene, *(["dynamic"] if scene_motion == "dynamic" else []), light, f"{repeat:02d}"])
     stream = (recipe.seed, split, name)
     # One lens motion for all lights, so that they compare and share the stacks of a moving scene.
     under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))

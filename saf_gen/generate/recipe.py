@@ -170,8 +170,7 @@ def read_recipe(path: str | Path) -> Recipe:
     motion = components.read_config_component(
         "motions", recipe.focus.motion, document=document, keys=("focus", "motion")
     )
-    focus = recipe.focus.model_copy(update={"motion": motion})
-    recipe = recipe.model_copy(update={"lights": lights, "focus": focus})
+    recipe = recipe.model_copy(update={"lights": lights, "focus": recipe.focus.model_copy(update={"motion": motion})})
     owners: dict[str, str] = {}
     for split_name, split in recipe.splits.items():
         _check_name("split", split_name, where=document.locate("splits", split_name))

@@ -25,12 +25,8 @@ BLOCK_FRAMES = 2000  # of spikes in memory at a time: 25 MB packed at 400x250, w
 class Recorder:
     """Records sequences of one dataset.
 
-    Parameters
-    ----------
-    sensor : the spike camera.
-    frames : readouts per sequence.
-    device_seed : names the fixed pattern of this very device, the same in all sequences.
-    provenance : texts to store in every file.
+    ``frames`` is the readouts per sequence; ``device_seed`` names the fixed pattern of this very device, the same in
+    all sequences; ``provenance`` are texts to store in every file.
     """
 
     sensor: Sensor
@@ -86,8 +82,7 @@ class Recorder:
         ) as writer:
             for begin in range(0, self.frames, BLOCK_FRAMES):
                 for run in time_stack.split_at_slices(begin, min(begin + BLOCK_FRAMES, self.frames)):
-                    inputs = charge_source.encoder_inputs(run, position=position, gain=gain)
-                    writer.write(encoder.encode(**inputs))
+                    writer.write(encoder.encode(**charge_source.encoder_inputs(run, position=position, gain=gain)))
                     progress(run.end / self.frames)
         return writer.content_sha256
 

@@ -33,15 +33,10 @@ PATHS_PER_S, PIXEL_FRAMES_PER_S, LOAD_S, PLANE_S_PER_PIXEL = 2.5e6, 0.7e9, 0.3, 
 
 @dataclass(frozen=True)
 class ResolvedSequence:
-    """One planned sequence and what its camera sees.
+    """One planned sequence, the member of the scene's family before its lens, and its focal stacks.
 
-    Parameters
-    ----------
-    planned : the sequence as the recipe has it, all numbers drawn.
-    scene : the member of the scene's family that stands before the lens.
-    time_stack : the focal stacks that the recording interpolates.
-    closed_loop_stack : the focal stacks of a closed-loop run, where ``time_stack`` does not serve it too.
-    sensor, frames, recipe_seed : what all sequences of the recipe share.
+    ``closed_loop_stack`` holds those of a closed-loop run, where ``time_stack`` does not serve it too. All sequences of
+    a recipe share ``sensor``, ``frames`` and ``recipe_seed``.
     """
 
     planned: PlannedSequence
@@ -105,8 +100,7 @@ class ResolvedRecipe:
         pixels = self.sensor.rows * self.sensor.columns
         missing = self._missing_stacks(folder)
         rendered = sum(len(s.groups) * s.rendered_count * pixels * (2 if s.window else 4) for s in missing)
-        recorded = self._missing_pixel_frames(folder) * STREAM_BITS_PER_PIXEL_FRAME / 8
-        return rendered + int(recorded)
+        return rendered + int(self._missing_pixel_frames(folder) * STREAM_BITS_PER_PIXEL_FRAME / 8)
 
     def estimate_seconds(self, folder: Path) -> float:
         """Return roughly how many seconds the work still to do takes on two cores with LLVM."""
@@ -141,8 +135,7 @@ def resolve_recipe(
 
     Raises
     ------
-    BadInput
-        For whatever does not fit, with the recipe's path and, where the recipe itself is wrong, the line.
+    BadInput : for whatever does not fit, with the recipe's path and, where the recipe itself is wrong, the line.
     """
     recipe, where = read_recipe(recipe_path), str(recipe_path)
     sensor = _read_sensor(recipe, Path(recipe_path).parent)

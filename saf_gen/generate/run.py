@@ -77,8 +77,7 @@ def generate(
 
     Raises
     ------
-    BadInput
-        Before anything is made: for a backend that cannot run here, and a folder that cannot be used.
+    BadInput : before anything is made: for a backend that cannot run here, and a folder that cannot be used.
     """
     if variant not in BACKENDS:
         raise unknown("variant", variant, allowed=BACKENDS)

@@ -50,8 +50,7 @@ class AxisTable:
 
 def tabulate_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
     """Return one table per axis whose bin is known for at least one sequence; methods stay in order."""
-    tables = (_tabulate(axis, records, methods=methods) for axis in AXES)
-    return tuple(table for table in tables if table.bins)
+    return tuple(table for table in (_tabulate(axis, records, methods=methods) for axis in AXES) if table.bins)
 
 
 def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record]]:

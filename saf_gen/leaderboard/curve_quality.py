@@ -48,19 +48,10 @@ class CurveQuality:
 def assess_focus_curve(
     position: np.ndarray, scores: np.ndarray, *, truth: float | None = None, depth: float | None = None
 ) -> CurveQuality | None:
-    """Return the quality of a focus curve.
+    """Return the quality of a focus curve: scores (B,) over the lens positions (B,) of their blocks.
 
-    Parameters
-    ----------
-    position : (B,) lens positions at the centres of the blocks, fractions of the travel.
-    scores : (B,) the measure's score of each block, in any unit.
-    truth : the best focus, a fraction of the travel.
-    depth : the depth of focus, a fraction of the travel.
-
-    Returns
-    -------
-    The quality; None where there is no curve: fewer than three blocks, constant scores, or a lens that comes
-    back or rests.
+    Positions, the best focus ``truth`` and the depth of focus ``depth`` are fractions of the travel; scores have any
+    unit. None where there is no curve: fewer than three blocks, constant scores, or a lens that comes back or rests.
     """
     x, y = np.asarray(position, dtype=np.float64), np.asarray(scores, dtype=np.float64)
     steps = np.diff(x)

@@ -34,17 +34,10 @@ _SEQUENCE_KEYS = {
 def merge_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
     """Return the records of all runs as one list, sequences and methods in the order of first appearance.
 
-    Where several runs hold the same method on the same sequence, the first record is kept.
-
-    Parameters
-    ----------
-    runs : records by the name of their run; with a single run, messages name methods instead.
-
-    Raises
-    ------
-    BadInput
-        Two runs or methods differ in track, evaluator version, code, or in what they say about a sequence; a method
-        lacks a sequence, has two answers for one, or occurs twice in one run. The message names both sides.
+    ``runs`` are by name; with a single run, messages name methods instead. Where several runs hold the same method on
+    the same sequence, the first record is kept. Raises BadInput where two runs or methods differ in track, evaluator
+    version, code, or in what they say about a sequence, and where a method lacks a sequence, has two answers for one,
+    or occurs twice in one run. The message names both sides.
     """
     kept: dict[tuple[str, str], tuple[str, Record]] = {}
     first_claims: dict[tuple[str, str], tuple[str, str]] = {}

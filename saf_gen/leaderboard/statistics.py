@@ -49,20 +49,13 @@ def bootstrap_intervals(
 ) -> dict[str, BootstrapIntervals]:
     """Return the intervals of each method.
 
-    The draws depend only on the number of scenes (random stream ``("statistics", "bootstrap", scenes)``);
-    scenes are ordered by name.
-
-    Parameters
-    ----------
-    success : by method, then by scene: the success, 0–1. Scenes that a method lacks are left out for all.
-    errors : by method: (scene, \\|error\\|) of every answer, in any unit. For each method, resamples that hold none of
-        its answers are left out.
-    resamples : number of draws.
-    confidence : fraction of the draws between the ends of an interval, 0–1.
+    ``success`` has by method and scene the success, 0–1; scenes that a method lacks are left out for all. ``errors``
+    has by method (scene, \\|error\\|) of every answer, in any unit; for each method, resamples that hold none of its
+    answers are left out. The draws depend only on the number of scenes (random stream ``("statistics", "bootstrap",
+    scenes)``); scenes are ordered by name.
     """
     methods = list(success)
-    common = set.intersection(*(set(by_scene) for by_scene in success.values())) if methods else set()
-    scenes = sorted(common)
+    scenes = sorted(set.intersection(*(set(by_scene) for by_scene in success.values())) if methods else set())
     if len(scenes) < MIN_SCENES:
         reason = f"{len(scenes)} of at least {MIN_SCENES} scenes"
         return {method: BootstrapIntervals(missing_reason=reason) for method in methods}

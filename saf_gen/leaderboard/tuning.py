@@ -28,18 +28,11 @@ ParameterGrid = Mapping[str, Sequence[str]]
 
 
 def expand_parameter_grid(method: str, values: ParameterGrid) -> list[str]:
-    """Return the method with every combination of the values, in order.
+    """Return the method (a name, or ``@FILE`` of a tuned one) with every combination of the values, in order.
 
-    Parameters
-    ----------
-    method : the method's name, or ``@FILE`` for one with constants tuned before.
-    values : by ``measure.KEY`` or ``search.KEY``, the values that replace the one in the method's name.
-
-    Raises
-    ------
-    BadInput
-        Another key, no value, more than MAX_COMBINATIONS combinations, or a key or value that the measure or
-        the search refuses.
+    ``values`` are by ``measure.KEY`` or ``search.KEY`` and replace the one in the method's name. Raises BadInput for
+    another key, no value, more than MAX_COMBINATIONS combinations, or a key or value that the measure or the search
+    refuses.
     """
     name, region = split_method_region(parse_method(method).name)  # the method itself must be right first
     halves = dict(zip(("measure", "search"), name.split("+"), strict=True))
@@ -95,10 +88,8 @@ def tune(
 
     Raises
     ------
-    BadInput
-        The split ``test``, an unknown split or region, or what expand_parameter_grid and evaluate refuse.
-    SafGenError
-        A sequence cannot be read.
+    BadInput : the split ``test``, an unknown split or region, or what expand_parameter_grid and evaluate refuse.
+    SafGenError : a sequence cannot be read.
     """
     if split == "test":
         raise BadInput(

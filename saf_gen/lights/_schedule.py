@@ -144,8 +144,7 @@ def get_light(
 
     Raises
     ------
-    BadInput
-        For an unknown name or key, and for a value that is not allowed.
+    BadInput : for an unknown name or key, and for a value that is not allowed.
     """
     known = registry.option_fields("lights", name)
     for key in options:

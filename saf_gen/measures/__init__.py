@@ -146,9 +146,8 @@ def get_measure(name: str, **options: Any) -> Measure:
 
     Raises
     ------
-    BadInput
-        For an unknown name or option, for a value that the measure refuses, for ``_n`` where the score does
-        not grow with brightness, and for ``_tfi`` where the measure does not take counts of whole windows.
+    BadInput : for an unknown name or option, for a value that the measure refuses, for ``_n`` where the score does not
+        grow with brightness, and for ``_tfi`` where the measure does not take counts of whole windows.
     """
     if name in names(KIND) or (":" in name and not name.endswith((NORMALISED_SUFFIX, INTERVAL_SUFFIX))):
         return build_plugin(KIND, name, **options)

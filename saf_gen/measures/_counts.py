@@ -14,17 +14,9 @@ GROWTH = 512
 def counts_as_integers(counts: np.ndarray, *, halves: bool = False) -> np.ndarray:
     """Return counts as int64 where sums of their squares stay exact in it, else as float64.
 
-    Rows lie one after the other in memory, so that sums of floats do not depend on the input's layout.
-
-    Parameters
-    ----------
-    counts : array of any number type, (row, col), or (2, row, col) with ``halves``.
-    halves : whether the counts are those of the two halves of a window.
-
-    Raises
-    ------
-    BadInput
-        For other axes, for no pixel, and for values that are no finite numbers.
+    Rows lie one after the other in memory, so that sums of floats do not depend on the input's layout. ``counts`` is an
+    array of any number type, (row, col), or (2, row, col) with ``halves``, the two halves of a window. Raises BadInput
+    for other axes, for no pixel, and for values that are no finite numbers.
     """
     given = np.asarray(counts)
     if halves and (given.ndim != 3 or len(given) != 2 or given.size == 0):

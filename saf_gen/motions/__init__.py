@@ -31,8 +31,7 @@ def get_motion(name: str, /, **options: Any) -> Motion:
 
     Raises
     ------
-    BadInput
-        For an unknown name or key, and for a value that is not allowed.
+    BadInput : for an unknown name or key, and for a value that is not allowed.
     """
     motion: Motion = registry.build_plugin("motions", name, **options)
     return motion
@@ -41,20 +40,9 @@ def get_motion(name: str, /, **options: Any) -> Motion:
 def lens_motion_at_readouts(motion: Motion | Mapping[str, Any], frames: int, *, readout_hz: float) -> np.ndarray:
     """Return the position of the lens at the middle of each readout.
 
-    Parameters
-    ----------
-    motion : a motion, or one as a recipe writes it, ``{kind: ..., ...}``.
-    frames : readouts of the recording.
-    readout_hz : readouts per second.
-
-    Returns
-    -------
-    float64 (frames,), fraction of the travel, 0...1, on a grid of 2**-24.
-
-    Raises
-    ------
-    BadInput
-        For a motion that does not fit a recording of this length, or that leaves the travel.
+    ``motion`` is a motion, or one as a recipe writes it, ``{kind: ..., ...}``. The result is float64 (frames,), a
+    fraction of the travel, 0...1, on a grid of 2**-24. Raises BadInput for a motion that does not fit a recording of
+    this length, or that leaves the travel.
     """
     if isinstance(motion, Mapping):
         motion = get_motion(motion["kind"], **{k: v for k, v in motion.items() if k != "kind"})

@@ -13,8 +13,9 @@ from saf_gen.optics._drive import Drive
 class FocalLengthDrive(Drive):
     """A varifocal lens at a fixed distance from the sensor; position p is linear in its power 1/f.
 
-    With v fixed, 1/f = 1/u + 1/v makes p linear in 1/u as well. The image does not breathe. The aperture is a
-    separate stop: neither it nor the light it collects changes with f.
+    With v fixed, 1/f = 1/u + 1/v makes p linear in 1/u as well. The image does not breathe. The aperture is a separate
+    stop: neither it nor the light it collects changes with f. Raises BadInput for a distance that is not in front of
+    the lens, or no travel.
 
     Parameters
     ----------
@@ -22,10 +23,6 @@ class FocalLengthDrive(Drive):
     f_number : N of the lens focused at infinity, where f = v; the aperture radius is R = v/(2N).
     focus_range_m : object distances in focus at position 0 and at position 1.
     transmission : fraction of the light that the glass transmits.
-
-    Raises
-    ------
-    BadInput : a distance that is not in front of the lens, or no travel.
     """
 
     kind: ClassVar[str] = "focal_length"

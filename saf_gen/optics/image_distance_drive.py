@@ -13,15 +13,13 @@ from saf_gen.optics._drive import Drive
 class ImageDistanceDrive(Drive):
     """A lens of fixed focal length; position p is linear in v. The image breathes: its scale grows with v.
 
+    Raises BadInput for a distance within the focal length, which no position focuses, or no travel.
+
     Parameters
     ----------
     focal_length_m, f_number : f and N; the aperture radius is R = f/(2N).
     focus_range_m : object distances in focus at position 0 and at position 1.
     transmission : fraction of the light that the glass transmits.
-
-    Raises
-    ------
-    BadInput : a distance within the focal length, which no position focuses, or no travel.
     """
 
     kind: ClassVar[str] = "image_distance"

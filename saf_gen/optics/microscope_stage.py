@@ -14,10 +14,11 @@ from saf_gen.optics._drive import Drive
 class Stage(Drive):
     """A lens fixed to the sensor and a scene that moves as a whole; position p is linear in z of the stage.
 
-    z (m) is positive towards the lens, as for a raised stage: a point of depth d is d - z away from the lens.
-    Depths are in the frame of the card, where z = 0. Moving the scene towards the lens is moving the lens
-    towards the scene: a line that meets the lens's plane at a with slope s for z = 0 meets it at a + s·z. The
-    plane in focus is always u = f·(1 + 1/M) away. The scale of a plane is proportional to 1/(d - z).
+    z (m) is positive towards the lens, as for a raised stage: a point of depth d is d - z away from the lens. Depths
+    are in the frame of the card, where z = 0. Moving the scene towards the lens is moving the lens towards the scene: a
+    line that meets the lens's plane at a with slope s for z = 0 meets it at a + s·z. The plane in focus is always u =
+    f·(1 + 1/M) away. The scale of a plane is proportional to 1/(d - z). Raises BadInput for no travel, a travel on
+    which a scene in focus would hit the lens, or one that puts the plane in focus behind the lens of the card.
 
     Parameters
     ----------
@@ -25,11 +26,6 @@ class Stage(Drive):
     magnification : M of the plane in focus; v = f·(1 + M).
     travel_m : z at position 0 and at position 1.
     transmission : fraction of the light that the glass transmits.
-
-    Raises
-    ------
-    BadInput : no travel, a travel on which a scene in focus would hit the lens, or one that puts the plane in
-        focus behind the lens of the card.
     """
 
     kind: ClassVar[str] = "stage"

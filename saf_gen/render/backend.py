@@ -42,21 +42,14 @@ class BackendProbe:
 def probe_render_backends() -> BackendProbe:
     """Look for LLVM and CUDA without starting a kernel."""
     major, minor, patch = (int(n) for n in dr.detail.llvm_version())
-    cuda = bool(dr.has_backend(dr.JitBackend.CUDA))
-    return BackendProbe((major, minor, patch) if major > 0 else None, cuda)
+    return BackendProbe((major, minor, patch) if major > 0 else None, bool(dr.has_backend(dr.JitBackend.CUDA)))
 
 
 def choose_render_backend(requested: str = "auto", machine: BackendProbe | None = None) -> str:
-    """Return the backend to use: 'cuda', 'llvm' or 'scalar'.
+    """Return the backend to use: 'cuda', 'llvm' or 'scalar'; 'auto' is the fastest that the machine can run.
 
-    Parameters
-    ----------
-    requested : one of these, or 'auto' for the fastest that the machine can run.
-    machine : what the machine can run; by default this machine is probed.
-
-    Raises
-    ------
-    BadInput : for an unknown name, and for a backend that the machine cannot run.
+    Without ``machine`` this machine is probed. Raises BadInput for an unknown name, and for a backend that the machine
+    cannot run.
     """
     machine = machine or probe_render_backends()
     if requested == "auto":

@@ -18,11 +18,8 @@ APERTURE_RAYS = 64  # per side, across the aperture, that look for a surface the
 class DepthAndTarget:
     """What a pinhole at the lens centre sees, at the focus position that focuses the target.
 
-    Attributes
-    ----------
-    depth : axial distance (m) of the first surface from the lens as the card places it, float32 (row, col);
-        inf where there is no surface.
-    target : the target's pixels, bool (row, col).
+    ``depth`` is the axial distance (m) of the first surface from the lens as the card places it, float32 (row, col),
+    inf where there is no surface; ``target`` is bool (row, col).
     """
 
     depth: np.ndarray
@@ -34,20 +31,13 @@ def trace_depth_and_target(
 ) -> DepthAndTarget:
     """Trace depth and the target mask with one ray through each pixel's centre.
 
-    The scale of the image may change over the travel, so the mask is traced where the target is in focus. Its
-    distance is first learnt at the middle of the travel, or at an end where the middle does not show it.
+    The scale of the image may change over the travel, so the mask is traced where the target is in focus. Its distance
+    is first learnt at the middle of the travel, or at an end where the middle does not show it. With
+    ``allow_unseen_target`` it may be out of sight, with an empty mask, or out of the lens's reach, as at a moment of a
+    scene that moves.
 
-    Parameters
-    ----------
-    setup : the scene in front of its lens.
-    target_shapes : ids of the shapes that make up the target.
-    allow_unseen_target : accept a target that is out of sight, with an empty mask, or out of the lens's
-        reach, as at a moment of a scene that moves.
-
-    Raises
-    ------
-    BadInput : where no pixel sees the target, no position of the lens focuses it, it is out of the frame
-        where it is in focus, or the lens runs into the scene on its travel.
+    Raises BadInput where no pixel sees the target, no position of the lens focuses it, it is out of the frame where it
+    is in focus, or the lens runs into the scene on its travel.
     """
     drive = setup.drive
     _check_lens_travel(setup)
@@ -129,8 +119,7 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: fl
     float64 and int64 (row, col). Distances are from the lens moved by ``forward_m``, inf where there is nothing.
     """
     # One sample, not jittered: the ray through the pixel's centre.
-    sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
-    loaded = mi.load_dict({**sensor, "sampler": sampler})
+    loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
     integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
     # Not mi.render, which keeps the scene in a cycle of references for the sake of gradients.
     planes = np.array(integrator.render(setup.mitsuba_scene, sensor=loaded, spp=1), dtype=np.float64)

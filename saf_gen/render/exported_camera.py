@@ -24,14 +24,8 @@ MIN_F_NUMBER, PINHOLE_F_NUMBER, MAX_F_NUMBER = (1.0, 2.0, 64.0)  # a pinhole sta
 class ExportedCamera:
     """A pose (m), a lens on a sensor 8 mm wide, and what it sees.
 
-    Attributes
-    ----------
-    name : what the camera is called in the card's comment.
-    origin_m, look_at_m, up : its pose, as on a card.
-    focal_length_mm, f_number : its lens.
-    lights : emitter by light group.
-    target : the shape that the optical axis meets.
-    distance_m : its distance.
+    ``name`` is what the card's comment calls the camera, ``lights`` are the emitters by light group; ``target`` is the
+    shape that the optical axis meets, ``distance_m`` away.
     """
 
     name: str

@@ -138,18 +138,10 @@ def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most
 
 @nb.njit(parallel=True, cache=True)
 def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begin=None, end=None):
-    """Add paths to the accumulators.
+    """Add paths, the fields of :class:`TracedPaths`, to the accumulators; return the number of clipped samples.
 
-    Parameters
-    ----------
-    sums : int64 (worker, row, col, focus), changed in place.
-    first_x, first_y, step_x, step_y, value, begin, end : the fields of :class:`TracedPaths`.
-    scale : fixed-point units per unit of radiance.
-    most : radiance at which a sample is clipped.
-
-    Returns
-    -------
-    The number of clipped samples.
+    ``sums`` is int64 (worker, row, col, focus), changed in place; ``scale`` is the fixed-point units per unit of
+    radiance, ``most`` the radiance at which a sample is clipped.
     """
     workers = sums.shape[0]
     clipped = np.zeros(workers, dtype=np.int64)

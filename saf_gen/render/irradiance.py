@@ -13,21 +13,11 @@ JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # most points of the targe
 
 
 def estimate_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
-    """Estimate the irradiance of the target by Monte Carlo.
+    """Estimate the irradiance of the target by Monte Carlo: its mean over the pixels (W m⁻²), and the standard error.
 
-    The side that faces the camera counts, and both sides where the surface lets light through. Direct light
-    is sampled towards the lamps; indirect light, up to the integrator's longest path, over the hemisphere in
-    proportion to the cosine.
-
-    Parameters
-    ----------
-    setup : the lit scene in front of its lens.
-    position : focus position at which the target is seen.
-    target : the target's pixels, bool (row, col).
-
-    Returns
-    -------
-    The mean over the target's pixels (W m⁻²), and its standard error.
+    The side that faces the camera counts, and both sides where the surface lets light through. Direct light is sampled
+    towards the lamps; indirect light, up to the integrator's longest path, over the hemisphere in proportion to the
+    cosine. ``target`` is bool (row, col), the target's pixels at the focus position ``position``.
     """
     vectors = dr.is_jit_v(mi.Float)
     points, samples = JIT_SAMPLING if vectors else SCALAR_SAMPLING

@@ -22,10 +22,8 @@ STEPS = tuple(round(GOLDEN ** -(j + 1) * 2**32) & 0xFFFFFFFF for j in range(4))
 class RayCoverage:
     """The rays to sample at the middle position so that they include all rays of every position.
 
-    Attributes
-    ----------
-    rows, columns : pixels to add to the sensor on each side.
-    radius_m : radius of the disc of lens points.
+    ``rows`` and ``columns`` are the pixels to add to the sensor on each side, ``radius_m`` the radius of the disc of
+    lens points.
     """
 
     rows: int

@@ -23,15 +23,10 @@ class SensorGrid:
 
 @dataclass(frozen=True)
 class RenderSetup:
-    """A loaded scene in front of a lens and a sensor.
+    """A loaded scene (Mitsuba's own objects) in front of a lens with its focus drive and a sensor.
 
-    Attributes
-    ----------
-    mitsuba_scene, integrator : Mitsuba's own objects.
-    to_world : transform of camera space, which looks along +z, to the world; both in units of the scene.
-    drive : the lens with its focus drive.
-    grid : the sensor's pixels.
-    unit_m : metres per unit of the scene.
+    ``to_world`` takes camera space, which looks along +z, to the world; both are in units of the scene, ``unit_m``
+    metres each.
     """
 
     mitsuba_scene: Any

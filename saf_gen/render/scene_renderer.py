@@ -28,20 +28,8 @@ def stack_renderer(backend_name: str) -> Callable[..., tuple[np.ndarray, int]]:
 class SceneRenderer:
     """The scene as its geometry describes it, at any moment and under any of its light groups.
 
-    Parameters
-    ----------
-    scene : the member of the scene's family.
-    grid : the sensor's pixels.
-    backend_name : 'auto', 'cuda', 'llvm' or 'scalar'.
-    max_depth : longest light path, in segments.
-
-    Attributes
-    ----------
-    motions : motions of the shapes, by name.
-
-    Raises
-    ------
-    BadInput : for a scene that cannot be built, and a backend that cannot run on this machine.
+    ``max_depth`` is the longest light path, in segments; ``motions`` are those of the shapes, by name. Raises BadInput
+    for a scene that cannot be built, and a backend that cannot run on this machine.
     """
 
     motions: dict[str, RigidMotion]
@@ -74,8 +62,7 @@ class SceneRenderer:
         lit = tuple(self.scene.card.lights if groups is None else groups)
         loaded, integrator = self._loaded(lit, self._moment(time_s))
         to_world, unit_m = mitsuba_scene.camera_to_world(self.scene), self.scene.card.unit_m
-        drive = self.scene.build_drive(f_number)
-        return RenderSetup(loaded, integrator, to_world, drive, grid or self.grid, unit_m)
+        return RenderSetup(loaded, integrator, to_world, self.scene.build_drive(f_number), grid or self.grid, unit_m)
 
     def trace_depth_and_target(
         self, *, time_s: float | None = None, allow_unseen_target: bool = False
@@ -95,8 +82,7 @@ class SceneRenderer:
 
     def rest_bounds(self, name: str) -> np.ndarray:
         """Return the corners (m) of the box round a shape as its geometry places it, before it moves."""
-        scene = self._loaded(tuple(self.scene.card.lights), None)[0]
-        return _bounding_box(scene, (name,)) * self.scene.card.unit_m
+        return _bounding_box(self._loaded(tuple(self.scene.card.lights), None)[0], (name,)) * self.scene.card.unit_m
 
     def render_stack(
         self,

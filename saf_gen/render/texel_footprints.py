@@ -11,22 +11,12 @@ from saf_gen.render.render_setup import RenderSetup, make_camera_dict
 def texel_footprints(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, target: np.ndarray
 ) -> np.ndarray:
-    """Return the size (m) of a texel at each target pixel, from the finest bitmap of its shape.
+    """Return the size (m) of a texel at each target pixel, from the finest bitmap of its shape, float64 (pixel,).
 
-    A texel of a bitmap with (rows, columns) texels spans |∂p/∂u| / columns along one side and |∂p/∂v| / rows
-    along the other, after the texture's own scaling; the size is their geometric mean.
-
-    Parameters
-    ----------
-    setup : the scene in front of its lens.
-    target_shapes : ids of the shapes that make up the target.
-    position : focus position at which they are seen.
-    target : the target's pixels, bool (row, col).
-
-    Returns
-    -------
-    float64 (pixel,). Pixels of shapes without a bitmap or without texture coordinates are left out, because
-    geometry and formulas are sharp at any size.
+    A texel of a bitmap with (rows, columns) texels spans |∂p/∂u| / columns along one side and |∂p/∂v| / rows along the
+    other, after the texture's own scaling; the size is their geometric mean. ``target`` is bool (row, col), the
+    target's pixels at the focus position ``position``. Pixels of shapes without a bitmap or without texture coordinates
+    are left out, because geometry and formulas are sharp at any size.
     """
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
     sensor = mi.load_dict({"type": "perspective", **make_camera_dict(setup, position), "sampler": sampler})

@@ -45,13 +45,10 @@ def render_stack(
     window: tuple[int, int] | None = None,
     progress: Callable[[float], None] = lambda done: None,
 ) -> tuple[np.ndarray, int]:
-    """Render the mean radiance at evenly spaced positions, with any backend.
+    """Render the mean radiance at evenly spaced positions, with any backend: float32 (focus, row, col).
 
-    The parameters are those of :func:`saf_gen.render.one_pass.render_stack`.
-
-    Returns
-    -------
-    The stack, float32 (focus, row, col), and 0, the number of paths clipped as fireflies.
+    The parameters are those of :func:`saf_gen.render.one_pass.render_stack`. The second result, the number of paths
+    clipped as fireflies, is 0.
     """
     focus = positions_to_render(positions, window)
     out = np.empty((focus.size, setup.grid.rows, setup.grid.columns), dtype=np.float32)

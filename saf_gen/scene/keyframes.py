@@ -33,8 +33,7 @@ class RigidMotion(FrozenModel):
 
     @model_validator(mode="after")
     def _can_be_followed(self) -> "RigidMotion":
-        times = [k.time_s for k in self.keyframes]
-        if any(b <= a for a, b in pairwise(times)):
+        if any(b <= a for a, b in pairwise([k.time_s for k in self.keyframes])):
             raise ValueError("keyframes with rising time_s")
         if math.hypot(*self.axis) < 1e-9:
             raise ValueError("an axis with a direction")

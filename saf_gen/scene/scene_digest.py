@@ -23,8 +23,7 @@ def folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_
     """
     sha = hashlib.sha256()
     try:
-        files = {*_list_files(folder, allow_outside_links), *(folder / name for name in contents)}
-        for path in sorted(files):
+        for path in sorted({*_list_files(folder, allow_outside_links), *(folder / name for name in contents)}):
             name = path.relative_to(folder).as_posix()
             if path.suffix != PROSE and name != OWN_PREVIEW:
                 content = contents[name] if name in contents else path.read_bytes()

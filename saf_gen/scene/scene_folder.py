@@ -105,13 +105,8 @@ class SceneCard(FrozenModel):
 class Scene:
     """A scene folder whose card has been read: one member of the family that its open parameters make.
 
-    Attributes
-    ----------
-    folder : the scene's folder.
-    card : its card.
-    digest : SHA-256 (hex) over everything that can change a pixel, so that a stored focal stack is never
-        taken for that of an edited scene.
-    params : all parameters, with a value drawn for every range.
+    ``params`` are all parameters, with a value drawn for every range. ``digest`` is the SHA-256 (hex) over everything
+    that can change a pixel, so that a stored focal stack is never taken for that of an edited scene.
     """
 
     folder: Path
@@ -199,8 +194,7 @@ def load_scene_folder(folder: Path) -> Scene:
 
 
 def _read(folder: Path) -> Scene:
-    path = folder / CARD_FILE
-    document = read_yaml(path)
+    document = read_yaml(folder / CARD_FILE)
     card = validate(SceneCard, document)
     if card.id != folder.name:
         raise BadInput(f"id is {card.id!r}", where=document.locate("id"), allowed=f"{folder.name}, as the folder")

@@ -35,7 +35,6 @@ def get_search(name: str, **options: Any) -> Search:
 
     Raises
     ------
-    BadInput
-        For an unknown name or option, and for a value that the search refuses.
+    BadInput : for an unknown name or option, and for a value that the search refuses.
     """
     return build_plugin(KIND, name, **options)

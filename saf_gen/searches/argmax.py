@@ -81,8 +81,7 @@ def _parabola_vertex(scores: list[float]) -> float:
 def _centroid(scores: list[float], best: int, *, near: float) -> float:
     """Return the centroid of the scores near the largest, in blocks from the best; 0.0 for an even curve."""
     level = scores[best] - near * (scores[best] - min(scores))
-    run = _blocks_above(scores, best, level=level)
-    for end in {0, len(scores) - 1} & set(run):
+    for end in {0, len(scores) - 1} & set(_blocks_above(scores, best, level=level)):
         level = max(level, scores[end])
     weights = {block: scores[block] - level for block in _blocks_above(scores, best, level=level)}
     total = sum(weights.values())

@@ -37,26 +37,11 @@ class BenchResults:
 def run_benches(
     names: Sequence[str], size: BenchSize, *, report: ReportProgress = lambda stage, done: None
 ) -> BenchResults:
-    """Run benches one after the other, each in a fresh process.
+    """Run benches (keys of BENCHES; all if empty) one after the other, each in a fresh process.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Keys of BENCHES; all benches if empty.
-    size : BenchSize
-        The workload.
-    report : callable, optional
-        Called with what is being measured and the fraction of it that is done, 0 to 1.
-
-    Returns
-    -------
-    BenchResults
-        A bench that cannot run here (no LLVM, no recipe) is among the failed ones; the others continue.
-
-    Raises
-    ------
-    BadInput
-        For an unknown name, before anything is measured.
+    ``report`` is called with what is being measured and the fraction of it that is done, 0 to 1. A bench that cannot
+    run here (no LLVM, no recipe) is among the failed ones; the others continue. Raises BadInput for an unknown name,
+    before anything is measured.
     """
     for name in names:
         if name not in BENCHES:

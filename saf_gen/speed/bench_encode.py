@@ -77,8 +77,7 @@ def _bench_public(
     for done, encoder in enumerate(public.ENCODERS):
         report("public encoders", done / len(public.ENCODERS))
         frames = max(1, size.public_frames // encoder.slower)
-        video = np.broadcast_to(grey, (frames, *shape))
-        _, seconds = time_call(encoder.run, video, random)
+        _, seconds = time_call(encoder.run, np.broadcast_to(grey, (frames, *shape)), random)
         rate = frames / seconds
         yield BenchFigure("encode", f"{encoder.name}: {format_bench_shape(shape)}, {frames} frames", rate, "frames/s")
         times_faster = our_rate / (rate * grey.size)

@@ -28,20 +28,13 @@ class BenchSize:
 
     Attributes
     ----------
-    sensor : str
-        Name or YAML file of the sensor; its pixels are those of all images.
-    frames : int
-        Frames of a recording; growth is measured from there to ten times as many.
-    positions : (int, int)
-        Positions of the usual and of the fine focal stack.
-    samples, reference : int
-        Samples per pixel of a focal stack, and of the reference that its error is measured against.
-    public_frames : int
-        Frames for the public encoders; the slower ones get a tenth or a hundredth.
-    sequences : int
-        Recordings that ten methods run on.
-    recipe : str
-        Recipe of the whole job; '' stands for the project's recipes/sad_core.yaml.
+    sensor : name or YAML file of the sensor; its pixels are those of all images.
+    frames : frames of a recording; growth is measured from there to ten times as many.
+    positions : positions of the usual and of the fine focal stack.
+    samples, reference : samples per pixel of a focal stack, and of the reference that its error is measured against.
+    public_frames : frames for the public encoders; the slower ones get a tenth or a hundredth.
+    sequences : recordings that ten methods run on.
+    recipe : recipe of the whole job; '' stands for the project's recipes/sad_core.yaml.
     """
 
     sensor: str = "vidar_400x250"

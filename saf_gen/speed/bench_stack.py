@@ -54,8 +54,7 @@ def set_up_timed_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     backend.activate_render_backend(chosen)
     found, camera = find_scene(scene), get_sensor(sensor)
     lamps = tuple(emitter for group in found.card.lights.values() for emitter in group)
-    described = mitsuba_scene.build_scene_dict(found)
-    loaded, integrator = mitsuba_scene.load_lit_scene(described, lamps, max_depth=6)
+    loaded, integrator = mitsuba_scene.load_lit_scene(mitsuba_scene.build_scene_dict(found), lamps, max_depth=6)
     pose, unit_m = mitsuba_scene.camera_to_world(found), found.card.unit_m
     return RenderSetup(loaded, integrator, pose, found.build_drive(), camera, unit_m), chosen
 
@@ -134,8 +133,7 @@ def _compare_errors(
     ours, theirs = [], []
     for position, found in zip(nearest_bench_positions(len(stack)), references, strict=True):
         ours.append(found.relative_rms_error(stack[round(position * (len(stack) - 1))]))
-        image = render_thin_lens(setup, position, samples=size.samples, seed=0)
-        theirs.append(found.relative_rms_error(image))
+        theirs.append(found.relative_rms_error(render_thin_lens(setup, position, samples=size.samples, seed=0)))
     at = f"at {size.samples} samples, {len(POSITIONS)} positions"
     yield BenchFigure("stack", f"error of one pass {at}", 100 * float(np.mean(ours)), "% of mean radiance")
     yield BenchFigure("stack", f"error of the thin lens {at}", 100 * float(np.mean(theirs)), "% of mean radiance")

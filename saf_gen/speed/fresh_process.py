@@ -76,5 +76,4 @@ def _field(path: Path, name: str) -> int | None:
 def time_call(work: Callable[..., T], *arguments: Any, **options: Any) -> tuple[T, float]:
     """Return ``work(*arguments, **options)`` and the seconds that it took."""
     begin = perf_counter()
-    result = work(*arguments, **options)
-    return result, perf_counter() - begin
+    return work(*arguments, **options), perf_counter() - begin

@@ -11,16 +11,10 @@ from saf_gen.stack.time_resolved import FrameRun, PlaneSource
 
 
 class ChargeSource:
-    """The planes of a :class:`PlaneSource` as photo-electrons per readout at gain 1.
+    """The planes of a :class:`PlaneSource` as photo-electrons per readout at gain 1, in all or some rows of the sensor.
 
-    ``scale`` multiplies the light (the exposure); it is 1 at first and may be set at any time.
-
-    Parameters
-    ----------
-    plane_source : the radiance in front of the lens.
-    sensor : the sensor that collects the light.
-    rows : only these rows of the sensor; all of them by default.
-    keep_bytes : memory (bytes) in which planes of a moving scene are kept for the next run.
+    ``scale`` multiplies the light (the exposure); it is 1 at first and may be set at any time. ``keep_bytes`` is the
+    memory in which planes of a moving scene are kept for the next run.
     """
 
     def __init__(

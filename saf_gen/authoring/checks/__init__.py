@@ -51,15 +51,8 @@ def check_scene(
 ) -> Iterator[SceneFinding]:
     """Yield the findings of all checks, as they are made.
 
-    Whatever stops a check, such as a scene that cannot be built, is an error of that check, and ends those
-    that need its result.
-
-    Parameters
-    ----------
-    scene : the scene; its family is sampled.
-    sensor : the sensor that the scene will be recorded with.
-    backend : 'auto', 'cuda', 'llvm' or 'scalar'.
-    progress : called with the fraction done, 0...1.
+    Whatever stops a check, such as a scene that cannot be built, is an error of that check, and ends those that need
+    its result. ``backend`` is 'auto', 'cuda', 'llvm' or 'scalar'; ``progress`` is called with the fraction done, 0...1.
     """
     yield from check_licence(scene)
     subject = SceneUnderTest(scene, sensor, backend=backend)

@@ -75,8 +75,7 @@ class SceneUnderTest:
     @cached_property
     def stack(self) -> FocalStack:
         """A coarse focal stack over the whole travel, all lights together."""
-        slow = self.renderer.is_slow
-        positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if slow else (POSITIONS, SAMPLES)
+        positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if self.renderer.is_slow else (POSITIONS, SAMPLES)
         return self.renderer.render_stack(self.depth_and_target, positions=positions, samples=samples, together=True)
 
     @cached_property
@@ -97,5 +96,4 @@ class SceneUnderTest:
 
     def collected_charge(self, stack: FocalStack) -> np.ndarray:
         """Return the photo-electrons per readout with all lights at gain 1, float32 (focus, row, col)."""
-        focus = stack.spec.focus
-        return charge_stack(stack.radiance, self.sensor, lens=self.drive, position=focus).sum(axis=0)
+        return charge_stack(stack.radiance, self.sensor, lens=self.drive, position=stack.spec.focus).sum(axis=0)

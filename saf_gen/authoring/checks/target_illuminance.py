@@ -38,8 +38,7 @@ def check_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
                 "exposure", f"light group {group!r} does not reach the target: move its lamps, or remove it"
             )
     written = "illuminance_lux: {" + ", ".join(f"{g}: {float(f'{v:.3g}'):g}" for g, v in lux.items()) + "}"
-    is_family = any(is_range(value) for value in card.params.values())
-    tolerance = FAMILY_TOLERANCE if is_family else TOLERANCE
+    tolerance = FAMILY_TOLERANCE if any(is_range(value) for value in card.params.values()) else TOLERANCE
     wrong = [g for g, stated in card.illuminance_lux.items() if abs(lux[g] - stated) > tolerance * stated]
     total = sum(lux.values())
     if wrong:

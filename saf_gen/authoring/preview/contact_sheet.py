@@ -76,8 +76,7 @@ def draw_contact_sheet(sheet: ContactSheet, path: Path) -> None:
 
 def _best_index(sheet: ContactSheet) -> int:
     """Return the index of the rendered position nearest to the true focus."""
-    focus = sheet.stack.spec.focus
-    return int(np.abs(focus - np.nan_to_num(sheet.true_focus, nan=0.5)).argmin())
+    return int(np.abs(sheet.stack.spec.focus - np.nan_to_num(sheet.true_focus, nan=0.5)).argmin())
 
 
 def _draw_images(axes: dict[str, Axes], sheet: ContactSheet) -> None:

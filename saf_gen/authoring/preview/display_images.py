@@ -27,8 +27,7 @@ def encode_preview_gamma(image: np.ndarray, white: float) -> np.ndarray:
 def save_preview_image_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, max_bytes: int) -> None:
     """Write rows of grey images (0...1, of one height per row) as JPEG, below ``max_bytes`` if possible."""
     height = sum(row[0].shape[0] + GAP for row in rows) - GAP
-    width = max(sum(image.shape[1] + GAP for image in row) - GAP for row in rows)
-    sheet = np.ones((height, width))
+    sheet = np.ones((height, max(sum(image.shape[1] + GAP for image in row) - GAP for row in rows)))
     y = 0
     for row in rows:
         x = 0

@@ -24,15 +24,9 @@ LIMITS = CheckLimits()
 def check_named(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a method, or of a measure or a search alone, and yield their results.
 
-    Parameters
-    ----------
-    name : ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options.
-    limits : scores and seconds after which a plug-in is stopped.
-
-    Raises
-    ------
-    BadInput
-        At once, for a name that is none of these.
+    ``name`` is ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options;
+    ``limits`` are scores and seconds after which a plug-in is stopped. Raises BadInput at once, for a name that is none of
+    these.
     """
     found = resolve_name(name)
     if isinstance(found, Method):

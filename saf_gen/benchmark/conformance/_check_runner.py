@@ -62,8 +62,7 @@ def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: Ch
 
 def describe_method_crash(error: BaseException) -> str:
     """Return an exception as one line, with the file and line of the plug-in that raised it."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if _is_plugin_code(Path(frame.filename))]
+    own = [frame for frame in traceback.extract_tb(error.__traceback__) if _is_plugin_code(Path(frame.filename))]
     origin = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
     return " ".join(f"{type(error).__name__}: {error}{origin}".split())
 

@@ -50,8 +50,7 @@ def make_test_scene(best: float) -> TestScene:
     sensor = get_sensor("vidar_400x250", rows=ROWS, columns=COLUMNS)
     sharp = make_conformance_texture(ROWS, COLUMNS)
     distance = np.abs(np.linspace(0, 1, POSITIONS) - best)
-    blurred = [gaussian_filter(sharp, BLUR * d, mode="wrap") for d in distance]
-    radiance = np.stack(blurred)[None].astype(np.float32)
+    radiance = np.stack([gaussian_filter(sharp, BLUR * d, mode="wrap") for d in distance])[None].astype(np.float32)
     at_best = _charge(radiance, sensor)[0, int(distance.argmin())]
     exposure = camera_exposure_scale(at_best, np.ones((ROWS, COLUMNS), bool), sensor=sensor, mean_rate=TARGET_RATE)
     return TestScene(best, radiance, DRIVE, sensor, exposure)

@@ -41,8 +41,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     Raises
     ------
-    BadInput
-        For a dataset, split, sequence, region, period or size that does not exist or is not allowed, and by
+    BadInput : for a dataset, split, sequence, region, period or size that does not exist or is not allowed, and by
         ``reset`` for a protocol that the recording cannot keep.
 
     Notes

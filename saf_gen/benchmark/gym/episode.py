@@ -29,6 +29,8 @@ FOCUS_BONUS = 1.0
 class Episode:
     """A running camera, its lens at rest before the first control period.
 
+    Raises BadInput for a budget of less than two control periods.
+
     Parameters
     ----------
     sequence : what is in front of the camera.
@@ -42,11 +44,6 @@ class Episode:
     run : the run once the episode is over, None before.
     rate : float64 (h, w), counts per pixel and frame of the last control period, in the whole box.
     observations : number of observations so far.
-
-    Raises
-    ------
-    BadInput
-        For a budget of less than two control periods.
     """
 
     def __init__(

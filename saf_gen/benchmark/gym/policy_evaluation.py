@@ -57,9 +57,8 @@ def evaluate_policy(
 
     Raises
     ------
-    BadInput
-        For a name that is not allowed, for a source that cannot be read, for what the environment refuses,
-        and for focal stacks that cannot be read.
+    BadInput : for a name that is not allowed, for a source that cannot be read, for what the environment refuses, and
+        for focal stacks that cannot be read.
     """
     inner = env.unwrapped
     if not isinstance(inner, AutofocusEnv):

@@ -19,6 +19,8 @@ MAX_DURATION_S = 86_400.0
 class ClosedLoopProtocol:
     """The conditions that all methods of a closed-loop evaluation share.
 
+    Raises BadInput for a time that no recording could keep.
+
     Parameters
     ----------
     actuator : what moves the lens.
@@ -26,10 +28,6 @@ class ClosedLoopProtocol:
         again.
     sweep_s : seconds of a sweep from end to end, for searches that need one. None is half the budget, but at least what
         the actuator needs, and at most what is left once the lens rests where the sweep begins.
-
-    Raises
-    ------
-    BadInput : for a time that no recording could keep.
     """
 
     actuator: Actuator

@@ -13,14 +13,9 @@ from saf_gen.stack.charge_source import ChargeSource
 
 
 class CapturedFrames:
-    """The spikes that a running camera has captured so far, in a region of the sensor.
+    """The spikes that a running camera has captured so far, in a region of the sensor with both ends filled in.
 
-    Parameters
-    ----------
-    capture : the recorded sequence that is captured again.
-    charge_source : the charge of ``rows_in_method_view(capture, region)``; runs of one capture may share it.
-    region : rows and columns, both ends filled in.
-    threads : threads of the encoder; None is its default.
+    ``charge_source`` is the charge of ``rows_in_method_view(capture, region)``; runs of one capture may share it.
     """
 
     def __init__(

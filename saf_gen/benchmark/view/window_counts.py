@@ -55,19 +55,11 @@ def measure_input(source: WindowSource, measure: object, *, first: int, stop: in
 
 
 class WindowCounts:
-    """Spike counts of any window of a stream, in a region of it.
+    """Spike counts of any window of a stream, in a region of it (by default the whole frame).
 
-    It needs 128 MiB for running sums and 256 MiB for windows already counted, beside what the stream keeps.
-    It serves one thread at a time, and the stream must stay open meanwhile.
-
-    Parameters
-    ----------
-    stream : an open stream.
-    region : (slice of rows, slice of columns), steps of 1; None is the whole frame.
-
-    Raises
-    ------
-    BadInput : for a region that is empty or leaves the frame.
+    It needs 128 MiB for running sums and 256 MiB for windows already counted, beside what the stream keeps. It serves
+    one thread at a time, and the stream must stay open meanwhile. Raises BadInput for a region that is empty or leaves
+    the frame.
     """
 
     def __init__(self, stream: SpikeStream, region: Region | None = None) -> None:

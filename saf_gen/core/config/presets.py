@@ -81,11 +81,7 @@ def is_preset_file(name: str | Path) -> bool:
 class Presets(Generic[Device]):
     """The devices of one kind in a folder of YAML files, one file per device.
 
-    Parameters
-    ----------
-    kind : what the devices are called in messages, such as "sensor".
-    model : their frozen dataclass.
-    folder : where the files lie.
+    ``kind`` is what messages call the devices, such as "sensor"; ``model`` is their frozen dataclass.
     """
 
     def __init__(self, kind: str, model: type[Device], *, folder: Path) -> None:

@@ -66,8 +66,7 @@ def plugin_class(plugin_kind: str, name: str) -> type:
         path, _, cls = name.rpartition(":")
 
         def load() -> Any:
-            module = _import_file(Path(path)) if path.endswith(".py") else import_module(path)
-            return getattr(module, cls)
+            return getattr(_import_file(Path(path)) if path.endswith(".py") else import_module(path), cls)
 
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r}"
         return _load_dataclass(load, what, allowed="package.module:Class that Python finds, or file.py:Class")

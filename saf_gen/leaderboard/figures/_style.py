@@ -122,8 +122,7 @@ def use_figure_style() -> Any:
 def create_figure(inches: float, *, title: str) -> Figure:
     """Return an empty figure of this height and WIDTH, with its title on the left."""
     lines = textwrap.wrap(title, TITLE) or [""]
-    height = inches + TITLE_LINE * (len(lines) - 1)
-    figure = Figure(figsize=(WIDTH, height), dpi=72, layout="constrained")
+    figure = Figure(figsize=(WIDTH, inches + TITLE_LINE * (len(lines) - 1)), dpi=72, layout="constrained")
     FigureCanvasSVG(figure)
     figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=9.5, fontweight="bold")
     return figure

@@ -76,8 +76,7 @@ def find_truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
 
 def _focus_offset(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
     """Return lens minus truth over time, float64 (T,)."""
-    truth = sweep.truth if sweep.track is None else sweep.track
-    return np.asarray(np.asarray(lens, dtype=np.float64) - truth)
+    return np.asarray(np.asarray(lens, dtype=np.float64) - (sweep.truth if sweep.track is None else sweep.track))
 
 
 def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray, draw_lens: bool) -> None:
@@ -103,8 +102,7 @@ def add_frame_axis_to_figure(axes: Axes, sweep: SweepSummary, *, label: Axes) ->
         return
     label.set_xlim(float(lens.min()), float(lens.max()))
     label.set_xlabel("focus position, fraction of travel")
-    candidates = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(0, len(lens) - 1)
-    ticks = [t for t in candidates if 0 <= t <= len(lens)]
+    ticks = [t for t in MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(0, len(lens) - 1) if 0 <= t <= len(lens)]
     upper = axes.secondary_xaxis("top")
     upper.set_xticks([position_of_method_answer(t, lens) for t in ticks], [f"{t:,.0f}" for t in ticks])
     upper.tick_params(colors=SOFT, labelcolor=SOFT, labelsize=7.5, pad=1, length=2.5)

@@ -169,8 +169,7 @@ def _set_error_axis(axes: Axes, errors: Sequence[float]) -> None:
     reach = max([3.0, *errors]) * 1.2
     axes.set_yscale("symlog", linthresh=1, linscale=0.6)
     axes.set_ylim(0, reach)
-    powers = [10.0**n for n in range(int(math.log10(reach)) + 1)]
-    axes.set_yticks([0, *powers])
+    axes.set_yticks([0, *[10.0**n for n in range(int(math.log10(reach)) + 1)]])
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
     axes.set_ylabel("|answer − truth|, DoF")

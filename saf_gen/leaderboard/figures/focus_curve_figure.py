@@ -116,8 +116,7 @@ def locate_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndarray) ->
         figure.draw_without_rendering()
     axes = next(a for a in figure.axes if a.get_label() == CURVES)
     strip = figure.axes[0].get_position()
-    points = np.column_stack([frames_to_axis(sweep)(frames), np.zeros(len(frames))])
-    x = axes.transData.transform(points)[:, 0]
+    x = axes.transData.transform(np.column_stack([frames_to_axis(sweep)(frames), np.zeros(len(frames))]))[:, 0]
     across = np.clip(x / figure.bbox.width, 0, 1)
     return Cursor(tuple(across.tolist()), float(1 - strip.y1), float(1 - axes.get_position().y0))
 

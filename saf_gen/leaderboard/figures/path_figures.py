@@ -131,8 +131,7 @@ def _panels(
     rows = math.ceil(len(searches) / columns)
     names = [*measures, "true focus"]
     figure = create_figure(0.95 + 1.35 * rows + legend_height(names, note=note), title=title)
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=True)
-    panels = list(grid.flat)
+    panels = list(figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=True).flat)
     for axes, search in zip(panels, searches, strict=False):
         axes.set_title(shorten_middle(search or PREDICTIONS_LABEL, LETTERS), fontsize=8, loc="left")
         axes.grid(axis="y", color=GREY, lw=0.6)

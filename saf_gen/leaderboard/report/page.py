@@ -61,14 +61,8 @@ def build_page(
 ) -> str:
     """Return the page as HTML, readable without its script.
 
-    Parameters
-    ----------
-    rows : the leaderboard of ``records``, best first.
-    title : heading of the page, such as the name of the dataset.
-    records : the records of one evaluation or of merged ones.
-    sweeps : the recordings whose focus curves the table of measures summarises.
-    failures : sequences that could not be read.
-    report_figures : the figures, in the order of the page.
+    ``rows`` is the leaderboard of ``records``, best first; ``title`` is the heading, such as the name of the dataset.
+    The table of measures summarises the focus curves of ``sweeps``; ``failures`` are sequences that could not be read.
     """
     script = "\n".join(map(_read_asset, SCRIPTS))
     selections = list_selections(records)

@@ -25,7 +25,8 @@ BLOCK = 4096
 class ActuatedLens:
     """An actuator and its lens. Time advances by readouts of the camera, and only in :meth:`run`.
 
-    The same commands at the same frames give the same bits, however the readouts are divided into calls.
+    The same commands at the same frames give the same bits, however the readouts are divided into calls. Raises
+    BadInput for a start outside the travel, or a rate that is not a positive number.
 
     Parameters
     ----------
@@ -33,10 +34,6 @@ class ActuatedLens:
     start : position at which the lens rests first, fraction of the travel; the motor is mid-backlash.
     readout_hz : readouts of the camera per second.
     seed : names the noise of the position sensor and the positioning errors.
-
-    Raises
-    ------
-    BadInput : a start outside the travel, or a rate that is not a positive number.
     """
 
     def __init__(self, actuator: Actuator, *, start: float, readout_hz: float, seed: int) -> None:

@@ -29,13 +29,10 @@ PARAMETER_HINT = 'a parameter of an XML scene is one of its <default name="..." 
 class SceneXml:
     """An XML scene that passed all checks.
 
-    Elements keep the lines that they have in the file, unless it includes other files.
-
-    Attributes
-    ----------
-    text : its elements as plain XML, every top-level one with an id, without sensors and integrators.
-    cameras : its sensors, without their films, as a scene of their own.
-    files : all other files that it needs: the name from its folder, and the file that this resolves to.
+    Elements keep the lines that they have in the file, unless it includes other files. ``text`` is its elements as
+    plain XML, every top-level one with an id, without sensors and integrators; ``cameras`` are its sensors, without
+    their films, as a scene of their own; ``files`` are all other files that it needs: the name from its folder, and the
+    file that this resolves to.
     """
 
     text: str
@@ -44,23 +41,12 @@ class SceneXml:
 
 
 def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
-    """Read an XML scene and check that it is harmless.
+    """Read an XML scene and check that it is harmless; ``params`` are values for its ``<default>`` parameters, by name.
 
-    Parameters
-    ----------
-    path : the file.
-    params : values for its ``<default>`` parameters, by name.
-
-    Returns
-    -------
-    The checked scene. The id of an element is its ``id``, else its ``name``, else its tag and number, such as
-    ``shape_3`` for the third shape.
-
-    Raises
-    ------
-    BadInput : with file, line and element, for a file that is not such a scene, that names a file which is
-        missing or lies outside of its folder, or that needs a plug-in which is not known to be harmless; and
-        for a parameter that the file does not have.
+    The id of an element is its ``id``, else its ``name``, else its tag and number, such as ``shape_3`` for the third
+    shape. Raises BadInput, with file, line and element, for a file that is not such a scene, that names a file which is
+    missing or lies outside of its folder, or that needs a plug-in which is not known to be harmless; and for a
+    parameter that the file does not have.
     """
     root = parse_xml_file(path)
     if "version" not in root.attributes:
