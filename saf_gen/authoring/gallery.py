@@ -96,7 +96,7 @@ class _View:
 
 
 def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -> str:
-    card, seen = scene.card, view.seen
+    card, seen, lux = scene.card, view.seen, scene.card.illuminance_lux
     depths = seen.depth[seen.target]
     near, far = scene.build_drive().focusing_range_m
     drive = "" if card.lens.drive in card.lens.summary else f", `{card.lens.drive}`"
@@ -107,7 +107,7 @@ def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -
     rows = {
         "lens": f"{card.lens.summary}{drive}, in focus from {near:.4g} to {far:.4g} m",
         "target": target,
-        "light": ", ".join(_format_light(group, card.illuminance_lux) for group in card.lights),
+        "light": ", ".join(f"`{group}` {lux[group]:,g} lux" if group in lux else f"`{group}`" for group in card.lights),
         "family": "; ".join(_format_range(*param) for param in card.params.items() if is_range(param[1])),
         "motion": _format_motion(card),
         "licence": card.licence,
@@ -116,10 +116,6 @@ def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -
     table = [f"| {key} | {value} |" for key, value in rows.items() if value]
     image = f"![{card.title}]({picture.relative_to(folder).as_posix()})"
     return "\n".join([f"## {scene.id}", "", f"{card.title}.", "", image, "", "| | |", "|---|---|", *table, ""])
-
-
-def _format_light(group: str, lux: Any) -> str:
-    return f"`{group}` {lux[group]:,g} lux" if group in lux else f"`{group}`"
 
 
 def _format_motion(card: SceneCard) -> str:

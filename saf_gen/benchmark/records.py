@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import ConfigDict, Field, WrapValidator
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.core.config.document import STRICT, Document, read_text, validate
@@ -38,13 +38,7 @@ Duration = Annotated[Number, Field(ge=0, le=MAX_SECONDS_OR_TRAVELS)]
 Travel = Annotated[Number, Field(ge=0, le=MAX_SECONDS_OR_TRAVELS)]
 Position = Annotated[Number, Field(ge=-MAX_POSITION_OR_ERROR, le=MAX_POSITION_OR_ERROR)]
 Distance = Annotated[Number, Field(ge=0, le=MAX_POSITION_OR_ERROR)]
-
-
-def _null_to_nan(value: Any, validate_number: ValidatorFunctionWrapHandler) -> Any:
-    return math.nan if value is None else validate_number(value)
-
-
-TraceValue = Annotated[Number, WrapValidator(_null_to_nan)]
+TraceValue = Annotated[Number, WrapValidator(lambda value, check: math.nan if value is None else check(value))]
 """A number, or NaN for a null in the file."""
 
 

@@ -148,7 +148,8 @@ def camera_exposure_scale(charge_at_best: np.ndarray, target: np.ndarray, *, sen
             allowed=f"below {ceiling:.3g}",
             hint="light the target, or lower mean_rate",
         )
-    low, high = 0.0, _charge_of(mean_rate, sensor) / light.max()
+    charge = mean_rate * sensor.threshold_e / (1 - sensor.post_spike_loss * mean_rate)  # the inverse law
+    low, high = 0.0, charge / light.max()
     while np.mean(sensor_firing_rate(high * light + dark, sensor)) < mean_rate:
         high *= 2
     for _ in range(64):  # the mean rate rises with the factor: bisection, to the last bits of a double
@@ -165,8 +166,3 @@ def _highest_rate(sensor: Sensor) -> float:
     """Return the rate under unlimited light: a readout fires, what it left fires, and one readout is dead."""
     kept = sensor.max_excess_thresholds
     return (kept + 1) / (kept + 2) if sensor.saturation == "dead_readout" else 1.0
-
-
-def _charge_of(rate: float, sensor: Sensor) -> float:
-    """Return the mean charge of a rate, by the inverse law."""
-    return rate * sensor.threshold_e / (1 - sensor.post_spike_loss * rate)

@@ -52,7 +52,8 @@ def evaluate(
 
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
-    target = folder or _default_folder(source, track)
+    name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
+    target = folder or (source / name if source.is_dir() else source.with_name(f"{source.stem}-{name}"))
     check_writable(target)
     with progress_bars() as bars:
         result = run(
@@ -99,12 +100,6 @@ def protocol_from_options(
         budget_s=None if budget is None else budget / 1e3,
         sweep_s=None if sweep is None else sweep / 1e3,
     )
-
-
-def _default_folder(source: Path, track: str) -> Path:
-    """Return the default output folder: inside a dataset or beside a stream, one per track."""
-    name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
-    return source / name if source.is_dir() else source.with_name(f"{source.stem}-{name}")
 
 
 def score(

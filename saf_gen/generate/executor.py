@@ -81,12 +81,8 @@ def _exit_after(sentinel: int) -> None:
     os._exit(1)
 
 
-def _send_progress(name: str, done: float) -> None:
-    _queue.put((name, done))
-
-
 def _run(job: Job) -> Any:
-    return job.run(_send_progress)
+    return job.run(lambda name, done: _queue.put((name, done)))
 
 
 def _run_silent(job: Job) -> Any:

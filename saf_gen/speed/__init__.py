@@ -59,13 +59,9 @@ def run_benches(
 
 def _measure(name: str, size: BenchSize, *, report: ReportProgress) -> list[BenchFigure | str]:
     """Return what a bench yields, and the peak memory of this process, which runs nothing else."""
-
-    def report_stage(stage: str, done: float) -> None:
-        report(f"{name}: {stage}", done)
-
     run_bench: Callable[[BenchSize, ReportProgress], Iterator[BenchFigure | str]]
     run_bench = import_module(f"saf_gen.speed.bench_{name}").run_bench
     return [
-        *run_bench(size, report_stage),
+        *run_bench(size, lambda stage, done: report(f"{name}: {stage}", done)),
         BenchFigure(name, "peak memory of a process", peak_memory_gib(), "GiB", MAX_MEMORY_GIB, at_most=True),
     ]

@@ -66,12 +66,6 @@ def _bench_reading(path: Path) -> Iterator[BenchFigure | str]:
         for first in range(0, frames - window + 1, window):
             stream.counts(first, first + window)
 
-    def count_one_window(stream: SpikeStream) -> None:
-        stream.counts(middle, middle + window)
-
-    def count_one_region(stream: SpikeStream) -> None:
-        stream.counts(0, frames, region=box)
-
     _time_read(path, score_windows)  # compiles
     seconds, _ = _time_read(path, score_windows)
     what = f"SD of {frames // window} windows of all pixels, file to scores"
@@ -79,8 +73,8 @@ def _bench_reading(path: Path) -> Iterator[BenchFigure | str]:
     side = format_bench_shape((box[0].stop - box[0].start, box[1].stop - box[1].start))
     patterns = (
         (f"counts of {frames // window} windows, all pixels", count_windows),
-        (f"counts of one window of {window} frames, all pixels", count_one_window),
-        (f"counts of a region of {side}, all time", count_one_region),
+        (f"counts of one window of {window} frames, all pixels", lambda s: s.counts(middle, middle + window)),
+        (f"counts of a region of {side}, all time", lambda s: s.counts(0, frames, region=box)),
     )
     for what, read in patterns:
         seconds, fraction = _time_read(path, read)
@@ -99,7 +93,7 @@ def _centred(length: int) -> slice:
     return slice(begin, begin + min(length, BOX))
 
 
-def _time_read(path: Path, read: Callable[[SpikeStream], None]) -> tuple[float, float | None]:
+def _time_read(path: Path, read: Callable[[SpikeStream], object]) -> tuple[float, float | None]:
     """Return the seconds from opening the file to the end of ``read``, and the fraction of the file read."""
     before = bytes_read()
 

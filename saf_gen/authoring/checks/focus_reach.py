@@ -48,12 +48,8 @@ def check_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
             "reach", f"{text}: that is hardly any blur, open the lens or widen {subject.drive.travel_key}"
         )
     else:
-        yield report_scene_ok("reach", f"{text}; recipes need focus.positions: {_sufficient_positions(half)} or more")
-
-
-def _sufficient_positions(half: float) -> int:
-    """Return how many positions (2^n + 1, as in recipes) are at most half the depth of focus apart."""
-    return 2 ** math.ceil(math.log2(1 / half)) + 1
+        positions = 2 ** math.ceil(math.log2(1 / half)) + 1  # at most half the depth of focus apart
+        yield report_scene_ok("reach", f"{text}; recipes need focus.positions: {positions} or more")
 
 
 def check_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:

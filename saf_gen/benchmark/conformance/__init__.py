@@ -25,8 +25,8 @@ def check_named(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult
     """Run the checks of a method, or of a measure or a search alone, and yield their results.
 
     ``name`` is ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options;
-    ``limits`` are scores and seconds after which a plug-in is stopped. Raises BadInput at once, for a name that is none of
-    these.
+    ``limits`` are scores and seconds after which a plug-in is stopped. Raises BadInput at once, for a name that is none
+    of these.
     """
     found = resolve_name(name)
     if isinstance(found, Method):

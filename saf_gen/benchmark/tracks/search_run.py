@@ -60,7 +60,7 @@ def find_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | Non
     if not (isinstance(answer.trace, tuple) and all(_is_finite_number(x) for x in answer.trace)):
         return f"its trace is {answer.trace!r}", "give a tuple of finite numbers"
     note = answer.note
-    if not isinstance(note, str) or len(note.splitlines()) > 1 or not _is_valid_unicode(note):
+    if not isinstance(note, str) or len(note.splitlines()) > 1 or note != note.encode("utf-8", "ignore").decode():
         return f"its note is {note!r}", "give one line of text"
     for name in ("frame", "position"):
         value = getattr(answer, name)
@@ -86,14 +86,6 @@ def _to_one_line(text: str) -> str:
     # Lone surrogates, as in file names that are not UTF-8, cannot be written: they are escaped.
     text = " ".join(text.encode("utf-8", "backslashreplace").decode("utf-8").split())
     return text if len(text) <= MAX_REASON_CHARACTERS else f"{text[: MAX_REASON_CHARACTERS - 1]}…"
-
-
-def _is_valid_unicode(text: str) -> bool:
-    try:
-        text.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _is_finite_number(value: object) -> bool:

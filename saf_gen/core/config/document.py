@@ -66,9 +66,7 @@ def read_text(path: Path, *, hint: str = "") -> str:
         raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
 
 
-@cache
-def _adapter(model: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(model)
+_adapter = cache(TypeAdapter)
 
 
 def validate(model: type[Model], document: Document, *, hint: str = "") -> Model:

@@ -127,16 +127,13 @@ def _group_coincident(sweep: SweepSummary, styles: Mapping[str, PlotStyle]) -> l
     groups: list[list[str]] = []
     for measure in (name for name in styles if name in drawn):
         for group in groups:
-            if _coincide(drawn[measure], drawn[group[0]]):
+            a, b = drawn[measure], drawn[group[0]]
+            if a.shape == b.shape and np.allclose(a, b, atol=1e-3, equal_nan=True):
                 group.append(measure)
                 break
         else:
             groups.append([measure])
     return groups
-
-
-def _coincide(a: np.ndarray, b: np.ndarray) -> bool:
-    return a.shape == b.shape and bool(np.allclose(a, b, atol=1e-3, equal_nan=True))
 
 
 def _choose_answers(answers: AnswersBySearch, shown: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -177,7 +174,8 @@ def _list_legend(
 ) -> tuple[list[Any], list[str]]:
     """Return the samples and the names of the legend."""
     handles: list[Any] = [styles[group[0]].legend_handle() for group in groups]
-    names = [" = ".join(group[:MAX_NAMES]) + _count_rest(len(group) - MAX_NAMES) for group in groups]
+    rest = [f" = {len(group) - MAX_NAMES} more" if len(group) > MAX_NAMES else "" for group in groups]
+    names = [" = ".join(group[:MAX_NAMES]) + more for group, more in zip(groups, rest, strict=True)]
     handles += [styles[measure].legend_handle(ls="") for measure in alone]
     names += alone
     handles += [Patch(color=GREY), (Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1))]
@@ -186,7 +184,3 @@ def _list_legend(
         handles.append(Line2D([], [], **LENS_LINE))
         names.append("focus position, 0 to 1")
     return handles, names
-
-
-def _count_rest(count: int) -> str:
-    return f" = {count} more" if count > 0 else ""

@@ -92,7 +92,9 @@ def build_page(
             columns=shown,
             data_digests=page_tables.tabulate_names(sequences, name="sequence", value="content_sha256"),
             method_digests=page_tables.tabulate_names(
-                {r.method: _describe_code(r) for r in records}, name="method", value="code"
+                {r.method: f"{r.code}, constants of {r.tuning}" if r.tuning else r.code for r in records},
+                name="method",
+                value="code",
             ),
             data={
                 "methods": methods,
@@ -128,10 +130,6 @@ def _templates() -> Environment:
 
 def _read_asset(name: str) -> str:
     return (files("saf_gen.leaderboard.report") / "assets" / name).read_text(encoding="utf-8")
-
-
-def _describe_code(record: Record) -> str:
-    return f"{record.code}, constants of {record.tuning}" if record.tuning else record.code
 
 
 def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str:

@@ -132,7 +132,8 @@ def tabulate_names(values: Mapping[str, str], *, name: str, value: str) -> PageT
 
 def list_answers(records: Sequence[Record]) -> list[list[str]]:
     """Return the texts of each answer's row, the worst first: no answer before any error."""
-    worst = sorted(enumerate(records, start=1), key=lambda item: -_error_size(item[1]))
+    sizes = [inf if record.error_dof is None else abs(record.error_dof) for record in records]
+    worst = sorted(enumerate(records, start=1), key=lambda item: -sizes[item[0] - 1])
     return [
         [
             record.method,
@@ -182,10 +183,6 @@ def _leaderboard_cell(row: LeaderboardRow, column: Column) -> PageCell:
     if column.key == "success_1dof" and low is not None and high is not None:
         interval = low, high
     return PageCell(text, column.value(row) if column.is_fraction else None, interval)
-
-
-def _error_size(record: Record) -> float:
-    return inf if record.error_dof is None else abs(record.error_dof)
 
 
 def _format_number(value: float | None, digits: int) -> str:

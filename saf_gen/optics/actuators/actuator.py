@@ -141,6 +141,4 @@ def get_actuator(name: str | Path, **changes: Any) -> Actuator:
     return PRESETS.get(name, changes)
 
 
-@cache
-def _preset(name: str) -> Actuator:
-    return get_actuator(name)
+_preset = cache(get_actuator)
