@@ -98,7 +98,7 @@ class Sensor:
     def max_excess_thresholds(self) -> int:
         """The most charge above the threshold that is kept at a spike, in thresholds.
 
-        The photodiode cannot hold more, and an overload echoes no longer. One is enough for ``subtract``. The
+        The photodiode cannot hold more, so that an overload does not echo for long. One is enough for ``subtract``. The
         law of ``dead_readout`` needs the charge of a whole readout; with 15 it holds up to a rate of 0.94.
         """
         return 15 if self.saturation == "dead_readout" else 1

@@ -13,7 +13,7 @@ REGIONS = ("target", "frame")
 
 
 def validate_window(first: int, stop: int, *, total: int, what: str = "frames", where: str = "") -> range:
-    """Return the window ``first <= t < stop`` of ``total`` frames, or of ``what`` is counted.
+    """Return the window ``first <= t < stop`` of ``total`` frames; ``what`` names what is counted.
 
     Raises BadInput unless both are whole numbers, 0 <= first < stop <= total.
     """

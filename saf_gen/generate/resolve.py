@@ -53,7 +53,7 @@ class ResolvedSequence:
         return f"{self.planned.label}{', all positions' if is_whole else ''}"
 
     def fingerprint(self, stack_digest: str) -> str:
-        """Return the SHA-256 of everything that decides the spikes: a file with another is made again."""
+        """Return the SHA-256 of everything that decides the spikes: a file with another fingerprint is made again."""
         stack, sensor = self.time_stack, asdict(self.sensor)
         del sensor["name"], sensor["sources"]  # words, not numbers
         decisive = {

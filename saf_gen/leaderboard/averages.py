@@ -10,7 +10,7 @@ RecordValue = Callable[[Record], float | None]
 
 
 def mean_by_scene(records: Sequence[Record], value: RecordValue) -> dict[str, float]:
-    """Return the mean of each scene's lights, each the mean of its sequences' known values."""
+    """Return by scene the mean over its lights, each being the mean of its sequences' known values."""
     scenes: dict[str, dict[str | None, list[float]]] = {}
     for record in records:
         if (number := value(record)) is not None:

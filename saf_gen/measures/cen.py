@@ -41,7 +41,7 @@ class SpectralCentroid:
         check_band(0.0, self.highest)
 
     def __call__(self, counts: np.ndarray) -> float:
-        """Return the score of counts (row, col) of any number type, in cycles a pixel."""
+        """Return the score of counts (row, col) of any number type, in cycles per pixel."""
         image = counts_as_floats(counts)
         power, radius = power_in_band(image, 0.0, highest=self.highest)
         total, noise = power.sum(), ROUNDING * np.abs(image).max() ** 2

@@ -20,12 +20,12 @@ class StructureCalibrated:
     as in ``sd_debiased``, except for the spike that they share where they meet (2/12). Dark spikes and their
     fixed pattern are subtracted as in ``sd_calibrated``, with the same ``dark`` and ``dark_rms``.
 
-    The variance, as in ``sd``, is dominated by the longest scales, which a blur hardly touches: a low hill on a
-    pedestal that moves by more than the hill's height as the light changes. The shortest length alone is a normalised
-    squared gradient: steep, and lost in noise where a scene has little detail so fine. An edge lies between both pixels
-    for l positions in a row, so sharp edges give S in proportion to l: with 1/l every octave weighs the same, and a
-    blur takes the short ones first. Lengths that the image does not have are left out. The score is 0.0 where there is
-    hardly any light, a tenth of the dark.
+    The variance, as in ``sd``, is dominated by the longest scales, which a blur hardly touches: its focus curve is a
+    low hill on a pedestal, which moves by more than the hill's height as the light changes. The shortest length alone
+    is a normalised squared gradient: steep, and lost in noise where a scene has little detail so fine. An edge lies
+    between both pixels for l positions in a row, so sharp edges give S in proportion to l: with 1/l every octave weighs
+    the same, and a blur takes the short ones first. Lengths that the image does not have are left out. The score is 0.0
+    where there is hardly any light, a tenth of the dark.
 
     Range: 0 expected without contrast, else a few times the squared contrast; degree 0 but for the 2/12; cost
     34 for the four lengths by default.

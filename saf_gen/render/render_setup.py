@@ -37,7 +37,7 @@ class RenderSetup:
     unit_m: float = 1.0
 
     def to_world_at(self, forward_m: float) -> Any:
-        """Return the transform of camera space to the world for a lens moved ``forward_m`` to the scene."""
+        """Return the transform of camera space to the world for a lens moved ``forward_m`` metres towards the scene."""
         return self.to_world @ mi.ScalarTransform4f().translate([0, 0, forward_m / self.unit_m])
 
 

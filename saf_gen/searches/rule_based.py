@@ -12,11 +12,11 @@ from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch
 class RuleBased(LensCommandingSearch):
     """Passes through the travel from the nearer end, in steps chosen by rules; answers with the best.
 
-    After each sample the slope is the relative change of the score per fraction of the travel. The first rule
-    that applies counts. Once the slope was ``steep``, a score below ``drop`` of the climb, from the lowest so
-    far to the highest, ends the pass, and fine steps stay fine. A slope of ``steep`` asks for the ``fine``
-    step, of ``gentle`` for ``middle``, else ``coarse``. Where the samples beside the best are farther apart
-    than a fine step, the gap is filled with fine steps at the end.
+    After each sample the slope is the relative change of the score per fraction of the travel. Once a slope has reached
+    ``steep``, a score below the fraction ``drop`` of the range from the lowest to the highest so far ends the pass, and
+    fine steps stay fine. Otherwise a slope of at least ``steep`` selects the ``fine`` step, of at least ``gentle`` the
+    ``middle`` one, else ``coarse``. Where the samples beside the best are farther apart than a fine step, the gap is
+    filled with fine steps at the end.
 
     The lens moves in one direction nearly all the time, so backlash costs little. Thresholds are relative: a score with
     a large constant part (er_count) or a sign that changes misleads them. About 1/coarse + 4·width/fine samples for a

@@ -18,12 +18,12 @@ from saf_gen.searches._windows import check_recording_holds, check_search_frame_
 class GoldenFastSearchPrinted:
     """Algorithm 1 to the letter, T growing by ``control_period`` frames per round. Expected to fail.
 
-    A round compares the windows of αT frames at the two ends of the T frames so far (α is ``ratio``), and
-    stops where the earlier scores less than the later. On a sweep towards the focus that holds at once: it
-    stops in the first control period. With the sign ``turned`` it stops once the earlier scores more, for a
-    curve symmetric about the focus p at T = 2p, and goes on to search the last αT/2 frames, 1.38p ... 2p: the
-    focus is not among them. Where neither happens before the sweep ends it abstains. Two scores per round,
-    two per step. The trace is that of the golden search (``egs``), centres, frames from 0.
+    A round compares the windows of αT frames at the two ends of the T frames so far (α is ``ratio``), and stops where
+    the earlier scores less than the later. On a sweep towards the focus the later window scores more from the start, so
+    it stops in the first control period. With the sign ``turned`` it stops once the earlier window scores more, at T =
+    2p for a curve symmetric about the focus p; it then searches the last αT/2 frames, 1.38p ... 2p, which do not
+    contain the focus. It abstains where the sweep ends first. Two scores per round, two per step. The trace is that of
+    the golden search (``egs``), centres, frames from 0.
 
     References
     ----------

@@ -32,8 +32,8 @@ class FrameRun(NamedTuple):
 class TimeResolvedStack:
     """The focal stacks of a recording, and the frame whose beginning each of them shows.
 
-    A static scene has one stack. A moving scene has several, at rising frames from 0 to at least the length
-    of the recording.
+    A static scene has one stack, a moving scene several: at rising frames from 0 to at least the length of the
+    recording.
     """
 
     slice_frames: tuple[int, ...]

@@ -147,7 +147,7 @@ def check_repeatable(measure: Measure) -> str:
 
 def check_degree(measure: Measure) -> str:
     """Check that three times the counts give the score times 3**degree, with the degree that is stated."""
-    # What a measure of halves adds for counting in whole spikes does not scale: many counts make it small.
+    # A measure of halves corrects for counting in whole spikes by a constant, which is small for many counts.
     counts = make_conformance_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
     scorer = _window_scorer(measure)
     one, three = scorer(counts), scorer(counts * np.uint32(3))

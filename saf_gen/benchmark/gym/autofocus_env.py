@@ -108,7 +108,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def parameters(self) -> str:
-        """What determines the observations, in one line, as records carry it."""
+        """Everything that determines the observations, in one line, for records."""
         return f"images of {self.pixels}×{self.pixels}, every {self.control_s * 1e3:g} ms"
 
     def load_sequence(self, task: SequenceTask) -> ClosedLoopSequence:

@@ -138,7 +138,7 @@ def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answe
 
 
 def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int) -> tuple[Answer, float | None, str]:
-    """Return the same for a search that is given a sweep of this many frames."""
+    """Run a search on a sweep of ``sweep`` frames; return its answer, where the lens goes then, and any failure."""
     begin, end = (0.0, 1.0) if camera.commanded_positions[0] < 0.5 else (1.0, 0.0)
     camera.move(begin)
     camera.settle()

@@ -122,7 +122,7 @@ class RunningCamera:
             self.wait(REST_CHECK_FRAMES)
 
     def wait(self, frames: int) -> None:
-        """Let at least this many frames pass; raises BudgetSpentError, at the end, where fewer are left."""
+        """Let at least this many frames pass; if fewer are left, run to the end and raise BudgetSpentError."""
         stop = self.now + math.ceil(frames / PACKET_FRAMES) * PACKET_FRAMES
         sweeping = self.commanded_trajectory is not None
         step = PACKET_FRAMES if sweeping else max(stop - self.now, PACKET_FRAMES)

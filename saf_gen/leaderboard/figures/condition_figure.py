@@ -64,8 +64,8 @@ CONDITIONS = (
 def bin_sequences_for_figure(records: Sequence[Record], condition: Condition) -> list[tuple[float, frozenset[str]]]:
     """Return groups of sequences with similar condition, in rising order: (geometric mean, their names).
 
-    Few values are a group each, many are BINS groups of about as many sequences. There is no group for fewer
-    than three values, or for values that differ by less than ``condition.min_ratio``.
+    Where there are few values, each is a group; many are divided into BINS groups of about equal size. There is no
+    group for fewer than three values, or for values that differ by less than ``condition.min_ratio``.
     """
     values = {r.sequence: value for r in records if (value := condition.value(r)) is not None}
     distinct = sorted(set(values.values()))

@@ -101,7 +101,7 @@ class ActuatedLens:
 
     def is_settled(self, within: float) -> bool:
         """Return whether the lens stays ``within`` its resting position if nothing is commanded."""
-        # Only the piece at rest is left, and the energy of the swing can only decrease.
+        # With only the piece at rest left, the energy of the swing can only decrease.
         return len(self._seat) == 1 and hypot(*self._swing) <= within
 
     def _plan(self, to: float) -> tuple[float, Trajectory, Trajectory]:

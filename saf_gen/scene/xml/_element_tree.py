@@ -81,7 +81,7 @@ def require_scene_xml_attribute(element: Element, key: str) -> str:
 def format_scene_xml(elements: list[Element], *, version: str, first: int, keep_lines: bool) -> str:
     """Return a scene of these elements as text.
 
-    ``keep_lines`` puts each on the line of its number, and <scene> on line ``first``.
+    ``keep_lines`` puts each element on its own line number, and <scene> on line ``first``.
     """
     lines: list[str] = []
     _put(lines, f"<scene version={quoteattr(version)}>", line=first if keep_lines else 0)
