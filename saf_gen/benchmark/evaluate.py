@@ -49,7 +49,7 @@ def evaluate(
     Parameters
     ----------
     source : a dataset folder or a stream file.
-    methods : names of methods; None is DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a protocol.
+    methods : names of methods; None means DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a protocol.
     split, scene_motion : leave out the other sequences; scene_motion is ``static`` or ``dynamic``.
     region : where measures look. ``target`` is the box round the target where a stream has one, else the
         frame; ``frame`` is the frame; ``both`` runs every method at the target and once more, as

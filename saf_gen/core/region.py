@@ -31,7 +31,7 @@ def validate_window(first: int, stop: int, *, total: int, what: str = "frames", 
 
 
 def validate_region(region: Region | None, size: tuple[int, int], *, where: str = "") -> Region:
-    """Return ``region`` with both ends filled in; None is the whole frame of ``size`` (rows, columns).
+    """Return ``region`` with both ends filled in; None means the whole frame of ``size`` (rows, columns).
 
     Raises BadInput for a region that is empty or leaves the frame, and for steps.
     """

@@ -27,6 +27,6 @@ def mean_over_scenes(records: Sequence[Record], value: RecordValue) -> float | N
 
 
 def median_magnitude(numbers: Iterable[float | None]) -> float | None:
-    """Return the median of the absolute values that are known; None where none is."""
+    """Return the median of the absolute values that are known; None if all are unknown."""
     known = [abs(number) for number in numbers if number is not None]
     return float(np.median(known)) if known else None

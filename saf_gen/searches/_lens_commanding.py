@@ -179,7 +179,7 @@ class LensCommandingSearch:
         return Answer(None, trace, note, position=best.position)
 
     def seek_focus(self, sample: FocusSampler) -> str:
-        """Call ``sample`` at lens positions, at least one; the best is the answer. Return a note on it."""
+        """Call ``sample`` at one or more lens positions, the best of which is the answer; return a note on it."""
         raise NotImplementedError
 
 

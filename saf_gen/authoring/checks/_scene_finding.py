@@ -19,7 +19,7 @@ def report_scene_ok(check: str, text: str) -> SceneFinding:
 
 
 def report_scene_warning(check: str, text: str) -> SceneFinding:
-    """Return the finding that the scene can be used, but would be better with a change."""
+    """Return the finding that the scene can be used but should be improved, with what to do."""
     return SceneFinding(check, "warning", text)
 
 

@@ -24,10 +24,10 @@ class ClosedLoopProtocol:
     Parameters
     ----------
     actuator : what moves the lens.
-    budget_s : seconds until the lens is judged, above 0. None is the most: as long as the recording can be captured
+    budget_s : seconds until the lens is judged, above 0. None means the most: as long as the recording can be captured
         again.
-    sweep_s : seconds of a sweep from end to end, for searches that need one. None is half the budget, but at least what
-        the actuator needs, and at most what is left once the lens rests where the sweep begins.
+    sweep_s : seconds of a sweep from end to end, for searches that need one. None means half the budget, but at least
+        what the actuator needs, and at most what is left once the lens rests where the sweep begins.
     """
 
     actuator: Actuator

@@ -40,8 +40,8 @@ class WindowSource(Protocol):
 def measure_input(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
     """Return what a measure is given of a window of n frames.
 
-    That is counts (h, w), the counts of both halves, n // 2 frames and the rest, (2, h, w), or interval
-    texture (h, w). Raises BadInput for a single frame that has no halves.
+    It is counts (h, w); or (2, h, w), the counts of the first n // 2 frames and of the rest; or interval texture (h,
+    w). Raises BadInput for a single frame, which has no halves.
     """
     if not wants_halves(measure):
         return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)

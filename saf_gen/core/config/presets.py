@@ -33,7 +33,7 @@ def _is_exponent(value: Any) -> bool:
 
 
 def between(least: float, most: float, *, unit: str, whole: bool = False) -> PlainValidator:
-    """Return the check of a number from ``least`` to ``most``, both allowed; a whole number stays one."""
+    """Return the check of a number from ``least`` to ``most``, both allowed; ``whole`` admits only whole numbers."""
     kind = "a whole number " if whole else ""
     return PlainValidator(
         _checked(
