@@ -1,12 +1,7 @@
 """The spike camera: sensors, the charge they collect from light, and the spikes they fire."""
 
 from saf_gen.camera.encoder import Encoder, charge_knot_weights, encode
-from saf_gen.camera.exposure import (
-    camera_exposure_scale,
-    charge_stack,
-    photoelectrons_per_irradiance,
-    sensor_irradiance_per_radiance,
-)
+from saf_gen.camera.exposure import camera_exposure_scale, charge_stack, photoelectrons_per_irradiance
 from saf_gen.camera.fixed_pattern import draw_fixed_pattern
 from saf_gen.camera.noise_table import LANES
 from saf_gen.camera.sensor import Sensor, get_sensor, sensor_from_text, sensor_names
@@ -23,6 +18,5 @@ __all__ = [
     "get_sensor",
     "photoelectrons_per_irradiance",
     "sensor_from_text",
-    "sensor_irradiance_per_radiance",
     "sensor_names",
 ]

@@ -5,9 +5,9 @@ over scenes, so that a scene with many sequences weighs no more than another; er
 Methods with equal success have the same rank, and intervals say which ranks the scenes can tell apart.
 """
 
-from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, BinSummary, group_by_bin, tabulate_by_axis
+from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, group_by_bin, tabulate_by_axis
 from saf_gen.leaderboard.columns import Column, list_all_columns, list_shown_columns
-from saf_gen.leaderboard.curve_tables import CurveRow, MeasureRow, assess_curves, summarise_measures, write_curve_tables
+from saf_gen.leaderboard.curve_tables import assess_curves, summarise_measures, write_curve_tables
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
 from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
@@ -17,11 +17,8 @@ __all__ = [
     "AXES",
     "Axis",
     "AxisTable",
-    "BinSummary",
     "Column",
-    "CurveRow",
     "LeaderboardRow",
-    "MeasureRow",
     "assess_curves",
     "compose_notes",
     "format_latex",

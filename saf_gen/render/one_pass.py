@@ -60,7 +60,10 @@ def render_stack(
     traced = trace_paths(setup, focus, samples=samples, seed=seed)
     first = next(traced)
     whole = first[0] >= 1
-    most = _brightest([first]) if whole else _estimate_clip_level(setup, focus, seed=seed)
+    if whole:
+        most = _brightest([first])
+    else:  # brighter paths than 64 times the brightest at one sample per pixel are fireflies
+        most = 64 * _brightest(trace_paths(setup, focus, samples=1, seed=seeds.derive_seed(seed, "trial")))
     # A pixel's sum stays below 2**VALUE_BITS for four times the requested samples, or for twice those that
     # come together where a very long travel makes the image smallest.
     scale = 2.0**VALUE_BITS / (max(4.0, 2 * _densest(setup, focus)) * samples * most)
@@ -92,14 +95,6 @@ def _densest(setup: RenderSetup, focus: np.ndarray) -> float:
     """Return the samples per pixel at the position where they lie densest, over the requested number."""
     transfer = setup.drive.ray_transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
     return float((np.linalg.det(transfer) ** -2).max())
-
-
-def _estimate_clip_level(setup: RenderSetup, focus: np.ndarray, *, seed: int) -> float:
-    """Return 64 times the brightest radiance at one sample per pixel; brighter paths are fireflies.
-
-    For stacks of more than one pass; where one pass has all paths, the brightest of them is known.
-    """
-    return 64 * _brightest(trace_paths(setup, focus, samples=1, seed=seeds.derive_seed(seed, "trial")))
 
 
 def _brightest(traced: Iterable[tuple[float, TracedPaths]]) -> float:

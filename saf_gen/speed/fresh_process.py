@@ -47,15 +47,9 @@ def run_in_fresh_process(
 def peak_memory_gib() -> float:
     """Return the peak resident memory (GiB) of this process or of a child that it waited for."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * _UNIT
-    return max(_own_peak(), children) / 2**30
-
-
-def _own_peak() -> int:
-    # On Linux a child inherits ru_maxrss from its parent, but not VmHWM.
-    line = _field(_STATUS, "VmHWM")
-    if line is not None:
-        return 1024 * line
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _UNIT
+    line = _field(_STATUS, "VmHWM")  # on Linux a child inherits ru_maxrss from its parent, but not this
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _UNIT if line is None else 1024 * line
+    return max(own, children) / 2**30
 
 
 def bytes_read() -> int | None:

@@ -40,7 +40,9 @@ class MeteredScorer:
         Raises BadInput for a window that is not there, for a score that is not a finite number, and for an
         unknown measure.
         """
-        scorer = self._measure if measure is None else self._find_measure(measure)
+        if measure is not None and measure not in self._named_measures:
+            self._named_measures[measure] = get_measure(measure)
+        scorer = self._measure if measure is None else self._named_measures[measure]
         before = source.textures_s
         counts = measure_input(source, scorer, first=first, stop=stop)
         self.add_seconds(source.textures_s - before)
@@ -54,8 +56,3 @@ class MeteredScorer:
                 hint="a measure gives 0.0 where there is no spike",
             )
         return score
-
-    def _find_measure(self, name: str) -> Callable[..., float]:
-        if name not in self._named_measures:
-            self._named_measures[name] = get_measure(name)
-        return self._named_measures[name]

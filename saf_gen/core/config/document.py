@@ -115,8 +115,9 @@ def _first_complaint(error: ValidationError, model: Any, *, document: Document, 
         value, choices, allowed = first["input"], [], f"a mapping with the keys {expected_keys}"
     else:
         value, choices, allowed = first["input"], [], _expectation(first)
+    text = repr(value)
     return BadInput(
-        f"{name or 'the file'} is {_shortened(value)}",
+        f"{name or 'the file'} is {text if len(text) <= 200 else f'{text[:200]}…'}",
         where=where,
         allowed=allowed,
         nearest=closest(value, choices),
@@ -130,11 +131,6 @@ MAPPING_EXPECTED = ("dataclass_type", "model_type")
 
 def _dotted(keys: tuple[Key, ...]) -> str:
     return ".".join(str(key) for key in keys)
-
-
-def _shortened(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 200 else f"{text[:200]}…"
 
 
 def _keys_in_file(complaint: ErrorDetails, data: Any) -> tuple[Key, ...]:

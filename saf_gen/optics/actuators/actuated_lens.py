@@ -73,7 +73,9 @@ class ActuatedLens:
             )
             del self._seat[:passed]
             motor = self._motor_positions(first, stop)
-            self._store_readings(first, positions if self.actuator.reads == "lens" else motor)
+            while stop > len(self._read):
+                self._read = np.concatenate([self._read, np.empty_like(self._read)])
+            self._read[first:stop] = positions if self.actuator.reads == "lens" else motor
         self.frames = stop
         return positions
 
@@ -137,12 +139,6 @@ class ActuatedLens:
         elapsed = times - begins[piece]
         del self._motor[: piece[-1]]
         return positions[piece] + elapsed * (speeds[piece] + accelerations[piece] * elapsed / 2)
-
-    def _store_readings(self, first: int, read: np.ndarray) -> None:
-        stop = first + len(read)
-        while stop > len(self._read):
-            self._read = np.concatenate([self._read, np.empty_like(self._read)])
-        self._read[first:stop] = read
 
 
 def _until(trajectory: Trajectory, seconds: float) -> Trajectory:

@@ -53,9 +53,10 @@ def check_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
     if tag in ALLOWED_PLUGINS and (tag != "spectrum" or "type" in attributes):
         plugin = require_scene_xml_attribute(element, "type")
         if plugin not in ALLOWED_PLUGINS[tag]:
-            raise unknown(
-                "type", plugin, allowed=ALLOWED_PLUGINS[tag], where=element.where, hint=_refusal_reason(plugin)
-            )
+            hint = "no other plug-in is loaded from an XML scene"
+            if plugin == "blender":
+                hint = "it reads Blender's memory: export meshes as PLY"
+            raise unknown("type", plugin, allowed=ALLOWED_PLUGINS[tag], where=element.where, hint=hint)
     if tag == "spectrum" and "filename" in attributes:
         files.append(resolve_scene_xml_file(element, "filename", folder=folder))
         attributes["filename"] = str(files[-1][1])
@@ -69,12 +70,6 @@ def check_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
     for inner in element.children:
         files += check_scene_xml_element(inner, folder)
     return files
-
-
-def _refusal_reason(plugin: str) -> str:
-    if plugin == "blender":
-        return "it reads Blender's memory: export meshes as PLY"
-    return "no other plug-in is loaded from an XML scene"
 
 
 def resolve_scene_xml_file(element: Element, key: str, *, folder: Path) -> SceneFile:
