@@ -16,6 +16,7 @@ WORKERS = 8
 """Processes that a whole run of the tests is spread over, at most; each holds about a gigabyte."""
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """One process for a few files, which starts sooner; one per core for a folder or everything."""
     if all(Path(name.partition("::")[0]).suffix == ".py" for name in config.args):
