@@ -10,7 +10,7 @@ from small_dataset import HERE, SCENES, SMALL_RECIPE
 from saf_gen.cli import main
 from saf_gen.core.cores import usable_cores
 from saf_gen.generate import run
-from saf_gen.generate.executor import run_jobs
+from saf_gen.generate.executor import run_generation_jobs
 
 WORKERS = 8
 """Processes that a whole run of the tests is spread over, at most; each holds about a gigabyte."""
@@ -28,14 +28,14 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def _jobs_in_this_process():
     """Datasets are generated without worker processes, except where a test asks for `worker_processes`."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "run_jobs", run_jobs_inline)
+        patch.setattr(run, "run_generation_jobs", run_jobs_inline)
         yield
 
 
 @pytest.fixture
 def worker_processes(monkeypatch):
     """Let generate() start its worker processes, as for a user."""
-    monkeypatch.setattr(run, "run_jobs", run_jobs)
+    monkeypatch.setattr(run, "run_generation_jobs", run_generation_jobs)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.render import backend
-from saf_gen.stream.manifest import read_manifest, verify_entry
+from saf_gen.stream.manifest import read_manifest, verify_manifest_entry
 
 METHODS = ["sd+argmax", "sd_code+sgfs_code", "sd_calibrated+photon_aware", "er_count+argmax"]
 pytestmark = pytest.mark.long
@@ -26,7 +26,7 @@ def test_a_tenth_of_the_grid_is_made_whole_and_shows_what_the_paper_claims(tmp_p
     entries = read_manifest(tmp_path / "grid").sequences
     assert [entry.id for entry in entries] == [s.planned.id for s in work.sequences]
     for entry in entries:
-        verify_entry(tmp_path / "grid", entry)
+        verify_manifest_entry(tmp_path / "grid", entry)
         assert entry.frames == 20_000
     records = evaluate(tmp_path / "grid", methods=METHODS).records
     right = {m: [bool(r.success_1dof) for r in records if r.method == m] for m in METHODS}

@@ -15,7 +15,7 @@ from saf_gen.authoring.preview import (
     save_preview_image_grid,
 )
 from saf_gen.camera import Sensor
-from saf_gen.core.config.ranges import is_range, range_extremes
+from saf_gen.core.config.ranges import config_range_extremes, is_config_range
 from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
@@ -108,7 +108,7 @@ def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -
         "lens": f"{card.lens.summary}{drive}, in focus from {near:.4g} to {far:.4g} m",
         "target": target,
         "light": ", ".join(f"`{group}` {lux[group]:,g} lux" if group in lux else f"`{group}`" for group in card.lights),
-        "family": "; ".join(_format_range(*param) for param in card.params.items() if is_range(param[1])),
+        "family": "; ".join(_format_range(*param) for param in card.params.items() if is_config_range(param[1])),
         "motion": _format_motion(card),
         "licence": card.licence,
         "source": _format_source(scene, folder),
@@ -127,7 +127,7 @@ def _format_motion(card: SceneCard) -> str:
 
 
 def _format_range(name: str, value: Any) -> str:
-    values = range_extremes(value)
+    values = config_range_extremes(value)
     if "choice" in value:
         return f"`{name}` {', '.join(str(choice) for choice in dict.fromkeys(values))}"
     return f"`{name}` {values[0]:,.10g} to {values[1]:,.10g}"

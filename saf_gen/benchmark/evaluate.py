@@ -15,7 +15,7 @@ from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_R
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Evaluation, LensPath, SequenceFailure, SweepSummary
 from saf_gen.benchmark.thumbnails import select_sequences_to_show
-from saf_gen.benchmark.tracks.predictions import PredictionSet, read_predictions
+from saf_gen.benchmark.tracks.predictions import PredictionSet, read_method_predictions
 from saf_gen.benchmark.tracks.recorded_track import check_no_lens_commands, run_recorded_sequence
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, choose_method_region, list_sequence_tasks
 from saf_gen.benchmark.view import RecordingView, WindowCounts
@@ -85,7 +85,7 @@ def evaluate(
     if predictions is not None:
         if protocol is not None:
             raise BadInput(f"predictions {str(predictions)!r} in the closed loop", allowed="--track recorded")
-        prediction_set = read_predictions(predictions)
+        prediction_set = read_method_predictions(predictions)
         if not path.is_dir():  # no manifest describes a single stream
             with open_stream(path) as stream:
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]

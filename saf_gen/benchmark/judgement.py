@@ -51,7 +51,7 @@ def position_of_method_answer(frame: float, focus_position: np.ndarray) -> float
     return float(np.interp(frame, np.arange(len(focus_position)), focus_position))
 
 
-def depth_of_focus(ends: tuple[float, float]) -> float | None:
+def truth_depth_of_focus(ends: tuple[float, float]) -> float | None:
     """Return the distance between the near and the far end, fraction of the travel; None unless above 0."""
     width = abs(ends[1] - ends[0])
     return width if math.isfinite(width) and width > 0 else None
@@ -76,7 +76,7 @@ def find_nearest_focus_crossing(
     return float(found[np.abs(found - frame).argmin()])
 
 
-def lens_travel(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
+def lens_travel_to_answer(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
     """Return how far the lens moved, in travels: over the frames seen, and then back to the answer.
 
     A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) costs the frames seen alone.
@@ -90,7 +90,7 @@ def lens_travel(frames_seen: int, answer: float | None, *, focus_position: np.nd
     return travelled + abs(float(seen[-1]) - position_of_method_answer(answer, focus_position))
 
 
-def light_ratio(gain: np.ndarray | None) -> float | None:
+def recorded_light_ratio(gain: np.ndarray | None) -> float | None:
     """Return the brightest over the darkest gain of a light, 1 ... 1/MIN_GAIN_RATIO.
 
     ``gain`` is (T, G), for each readout and light; with several lights the largest of their ratios counts. A light that
@@ -154,11 +154,11 @@ def judge_answer(
         position=position,
         truth=_known(truth if frame is None or track is None else position_of_method_answer(frame, track)),
         truth_frame=crossing,
-        lens_travel=lens_travel(frames_seen, frame, focus_position=lens),
+        lens_travel=lens_travel_to_answer(frames_seen, frame, focus_position=lens),
     )
     if known.truth is None:
         return known
-    dof = depth_of_focus(ends)
+    dof = truth_depth_of_focus(ends)
     if frame is None or position is None:
         if dof is None:
             return known

@@ -75,7 +75,7 @@ class Method:
 
     @property
     def search_name(self) -> str:
-        return split_plugin_options(split_method_region(self.name)[0].split("+")[1])[0]
+        return split_method_options(split_method_region(self.name)[0].split("+")[1])[0]
 
     @property
     def parameters(self) -> str:
@@ -110,7 +110,7 @@ def parse_method(spec: str) -> Method:
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
         )
-    (measure, measure_options), (search, search_options) = (parse_plugin_options(half, spec) for half in halves)
+    (measure, measure_options), (search, search_options) = (parse_method_options(half, spec) for half in halves)
     try:
         plugins = get_measure(measure, **measure_options), get_search(search, **search_options)
         others = [get_measure(name) for name in wants_measures(plugins[1])]
@@ -139,7 +139,7 @@ def split_method_region(method: str) -> tuple[str, str]:
     return name, region
 
 
-def split_plugin_options(half: str) -> tuple[str, str]:
+def split_method_options(half: str) -> tuple[str, str]:
     """Return the name of a measure or search, and its options as text."""
     name, _, tail = half.partition(":")
     if "." in name:  # package.module:Class, or file.py:Class
@@ -148,9 +148,9 @@ def split_plugin_options(half: str) -> tuple[str, str]:
     return name, tail
 
 
-def parse_plugin_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
+def parse_method_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
     """Return the name of a measure or search, and its options; errors name the whole method ``spec``."""
-    name, tail = split_plugin_options(half)
+    name, tail = split_method_options(half)
     options: dict[str, Any] = {}
     for item in tail.split(",") if tail else ():
         key, equals, value = item.partition("=")

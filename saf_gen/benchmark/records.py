@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, WrapValidator
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
-from saf_gen.core.config.document import STRICT, Document, read_text, validate
+from saf_gen.core.config.document import STRICT, Document, read_text, validate_document
 from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput
 
@@ -151,7 +151,7 @@ def read_records(source: str | Path) -> list[Record]:
     ]
 
 
-def take_format(document: Document, expected: str, *, what: str, hint: str) -> None:
+def pop_record_format(document: Document, expected: str, *, what: str, hint: str) -> None:
     """Remove the key ``format`` from a document; raise BadInput unless it says that this is a current ``what``."""
     data = document.data
     found = data.pop("format", "no format") if isinstance(data, dict) else data
@@ -165,8 +165,8 @@ def take_format(document: Document, expected: str, *, what: str, hint: str) -> N
 
 
 def _parse_record(document: Document) -> Record:
-    take_format(document, RECORD_FORMAT, what="record", hint=HINT)
-    record = validate(Record, document, hint=HINT)
+    pop_record_format(document, RECORD_FORMAT, what="record", hint=HINT)
+    record = validate_document(Record, document, hint=HINT)
     if len(document.data) < len(_KEYS):  # one that has a default in memory
         missing = next(key for key in _KEYS if key not in document.data)
         raise BadInput(f"the key {missing!r} is missing", where=document.locate(), hint=HINT)

@@ -11,8 +11,8 @@ from typing import ClassVar
 
 from pydantic import ConfigDict
 
-from saf_gen.benchmark.records import Count, Number, take_format
-from saf_gen.core.config.document import STRICT, read_text, validate
+from saf_gen.benchmark.records import Count, Number, pop_record_format
+from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import parse_json
 
 FORMAT = "saf-gen tuning 1"
@@ -63,6 +63,6 @@ def read_tuned_method(path: str | Path) -> tuple[TunedMethod, str]:
     """
     path = Path(path)
     document = parse_json(read_text(path, hint=HINT), path, hint=HINT)
-    take_format(document, FORMAT, what="tuned method", hint=HINT)
-    tuned = validate(TunedMethod, document, hint=HINT)
+    pop_record_format(document, FORMAT, what="tuned method", hint=HINT)
+    tuned = validate_document(TunedMethod, document, hint=HINT)
     return tuned, hashlib.sha256(path.read_bytes()).hexdigest()[:12]

@@ -56,12 +56,12 @@ def encode(charge: np.ndarray, sensor: Sensor | str, *, frames: int, seed: int) 
     if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
         raise BadInput(f"frames is {frames!r}", allowed="a whole number of readouts, at least 1")
     sensor = sensor if isinstance(sensor, Sensor) else get_sensor(sensor)
-    index, fraction = charge_knot_weights((np.arange(frames) + 0.5) / frames, charge.shape[0])
+    index, fraction = encoder_knot_weights((np.arange(frames) + 0.5) / frames, charge.shape[0])
     encoder = Encoder(sensor, charge.shape[1:], seed=seed)
     return encoder.encode(charge[None], index=index, fraction=fraction, gain=np.ones((frames, 1), np.float32))
 
 
-def charge_knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
+def encoder_knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the knot before each position 0...1, int64 (T,), and the fraction to the next, float64 (T,)."""
     knot = np.clip(np.asarray(position, np.float64), 0.0, 1.0) * (knots - 1)
     index = np.minimum(knot.astype(np.int64), max(knots - 2, 0))

@@ -61,7 +61,9 @@ def photoelectrons_per_irradiance(sensor: Sensor) -> float:
     return energy * sensor.quantum_efficiency * sensor.wavelength_m / (h * c)
 
 
-def charge_stack(radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray) -> np.ndarray:
+def sensor_charge_of_stack(
+    radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray
+) -> np.ndarray:
     """Return the photo-electrons per readout that a focal stack leaves on a sensor.
 
     Parameters

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from saf_gen.core.config.document import validate
-from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields
+from saf_gen.core.config.document import validate_document
+from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_preset_fields
 from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.errors import BadInput
 
@@ -110,7 +110,7 @@ class Sensor:
 
     def with_noise(self, **switches: bool) -> "Sensor":
         """Return a copy with some noise switched: ``with_noise(shot=False)``; BadInput if unknown."""
-        return change_fields(self, {"noise": switches}, where=f"sensor {self.name}")
+        return change_preset_fields(self, {"noise": switches}, where=f"sensor {self.name}")
 
 
 PRESETS = Presets("sensor", Sensor, folder=Path(__file__).parent / "sensors")
@@ -145,9 +145,9 @@ def get_sensor(name: str | Path, **changes: Any) -> Sensor:
     return PRESETS.get(name, changes)
 
 
-def sensor_from_text(text: str, where: str | Path) -> Sensor:
+def parse_sensor(text: str, where: str | Path) -> Sensor:
     """Return the sensor that the text of a sensor file describes; every stream file holds such a text.
 
     ``where`` stands in messages. Raises BadInput as :func:`get_sensor` does.
     """
-    return validate(Sensor, parse_yaml(text, where))
+    return validate_document(Sensor, parse_yaml(text, where))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()) -> None:
     """Print the columns that fit the terminal, and the notes that ``records`` call for."""
-    from saf_gen.leaderboard import compose_notes, list_shown_columns
+    from saf_gen.leaderboard import compose_leaderboard_notes, list_shown_columns
 
     shown = [c for c in list_shown_columns(rows) if out.width >= c.min_terminal_width]
     if out.width < 75:
@@ -26,7 +26,7 @@ def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: 
     for row in rows:
         board.add_row(*(column.format_value(row) for column in shown))
     out.print(board)
-    for note in compose_notes(rows, records) if records else ():
+    for note in compose_leaderboard_notes(rows, records) if records else ():
         out.print(note)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from saf_gen.benchmark.method_spec import split_plugin_options
+from saf_gen.benchmark.method_spec import split_method_options
 from saf_gen.core.config.registry import build_plugin, plugin_class
 from saf_gen.errors import BadInput
 from saf_gen.measures import BrightnessNormalised, IntervalTexture
@@ -71,7 +71,7 @@ def build_plugin_page(title: str, plugin_kind: str, *, plug_in: Any) -> Table:
     table = Table(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
-    for key, text in _lines(split_plugin_options(title)[0], plugin_kind, plug_in=plug_in):
+    for key, text in _lines(split_method_options(title)[0], plugin_kind, plug_in=plug_in):
         table.add_row(key, Text(text))
     return table
 

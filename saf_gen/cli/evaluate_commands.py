@@ -48,7 +48,7 @@ def evaluate(
     from saf_gen.benchmark.method_spec import read_method_list
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard import rank_methods
-    from saf_gen.leaderboard.report import write_evaluation
+    from saf_gen.leaderboard.report import write_evaluation_report
 
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
@@ -74,7 +74,7 @@ def evaluate(
         records=result.records,
         title=f"{source}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
     )
-    print_written_paths(write_evaluation(target, rows=rows, evaluation=result, title=source.resolve().name))
+    print_written_paths(write_evaluation_report(target, rows=rows, evaluation=result, title=source.resolve().name))
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     if result.failures:

@@ -19,7 +19,7 @@ def leaderboard(
     from saf_gen.benchmark.results import Evaluation
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard import merge_records, rank_methods
-    from saf_gen.leaderboard.report import write_evaluation
+    from saf_gen.leaderboard.report import write_evaluation_report
 
     if folder is not None:
         for run in runs:
@@ -37,4 +37,6 @@ def leaderboard(
     )
     if folder is not None:
         evaluation = Evaluation(records=tuple(records), sweeps=(), failures=())
-        print_written_paths(write_evaluation(folder, rows=rows, evaluation=evaluation, title=folder.resolve().name))
+        print_written_paths(
+            write_evaluation_report(folder, rows=rows, evaluation=evaluation, title=folder.resolve().name)
+        )

@@ -42,11 +42,11 @@ def export(
 
 def inspect(stream: Annotated[Path, typer.Argument(help="Stream file.")]) -> None:
     """Describe a stream: size, light, true focus, and how it was made."""
-    from saf_gen.stream.inspection import describe_stream
+    from saf_gen.stream.inspection import describe_stream_file
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
-        facts = describe_stream(opened)
+        facts = describe_stream_file(opened)
     table = Table(show_header=False, title=str(stream))
     for name, value in facts.items():
         table.add_row(name, value)

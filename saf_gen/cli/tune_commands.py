@@ -29,7 +29,7 @@ def tune(
     """Try every combination of values on a split, and write the best; `@FILE` then names the method."""
     from saf_gen.benchmark.tuned_method import format_tuned_method
     from saf_gen.core.files import check_writable, write_atomically
-    from saf_gen.leaderboard.tuning import tune as run
+    from saf_gen.leaderboard.tuning import tune_method as run
 
     values: dict[str, list[str]] = {}
     for given in try_:

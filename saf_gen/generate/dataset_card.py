@@ -6,7 +6,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from saf_gen.core.config.ranges import is_range, range_extremes
+from saf_gen.core.config.ranges import config_range_extremes, is_config_range
 from saf_gen.core.files import write_text_atomically
 from saf_gen.generate.recipe import Recipe
 from saf_gen.scene.scene_folder import SceneCard
@@ -49,14 +49,14 @@ To evaluate focus methods on it, from this folder: `saf-gen evaluate .`
 
 def _describe_motion(motion: dict[str, Any]) -> str:
     """Return a lens motion as Markdown: `hand` (bandwidth_hz 10, seed 3)."""
-    if is_range(motion):
-        return " or ".join(_describe_motion(one) for one in range_extremes(motion))
+    if is_config_range(motion):
+        return " or ".join(_describe_motion(one) for one in config_range_extremes(motion))
     options = ", ".join(f"{key} {_describe_value(value)}" for key, value in motion.items() if key != "kind")
     return f"`{motion['kind']}`" + (f" ({options})" if options else "")
 
 
 def _describe_value(value: Any) -> str:
-    if is_range(value):
+    if is_config_range(value):
         ((form, among),) = value.items()
         return f"{form} {', '.join(_describe_value(one) for one in among)}"
     return value["path"] if isinstance(value, dict) else str(value)

@@ -42,7 +42,7 @@ FollowUp = Callable[[Any, Any], Iterable[Job]]
 """Called with a job that succeeded and its result; returns the jobs that may start then."""
 
 
-def run_jobs(
+def run_generation_jobs(
     jobs: Sequence[Job],
     *,
     workers: int,

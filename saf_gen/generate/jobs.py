@@ -36,10 +36,10 @@ class RenderJob:
         return True
 
     def run(self, report: ReportProgress) -> list[str]:
-        from saf_gen.render import render_missing  # only a process that renders pays for loading Mitsuba
+        from saf_gen.render import render_missing_stacks  # only a process that renders pays for loading Mitsuba
 
         try:
-            return render_missing(
+            return render_missing_stacks(
                 self.scene,
                 self.time_stack.specs,
                 root=self.stacks,

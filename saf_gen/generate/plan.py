@@ -9,7 +9,7 @@ from typing import Any
 
 from saf_gen.core import seeds
 from saf_gen.core.config import components
-from saf_gen.core.config.ranges import draw_from_range, is_number, is_range, range_extremes
+from saf_gen.core.config.ranges import config_range_extremes, draw_config_range, is_config_range, is_number
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.generate.recipe import Recipe
 from saf_gen.lights import draw_light_schedule
@@ -142,7 +142,7 @@ def _plan_sequence(
         motion=components.draw_config_component(
             "motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)
         ),
-        mean_rate=draw_from_range(
+        mean_rate=draw_config_range(
             recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")
         ),
     )
@@ -156,7 +156,7 @@ def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily,
             raise unknown(f"parameter of scene {scene!r}:", key, allowed=family.params)
         _check_fits(chosen[key], family.params[key], what=f"scene_params.{scene}.{key}")
     return {
-        key: draw_from_range(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
+        key: draw_config_range(value, seeds.make_generator(recipe.seed, split, scene, member, "param", key))
         for key, value in {**family.params, **chosen}.items()
     }
 
@@ -168,11 +168,11 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
     may lie outside the card's range, which is only what the author draws from and has checked; the scene's
     own ``build`` refuses what it cannot build.
     """
-    if is_range(card) and "choice" in card:
+    if is_config_range(card) and "choice" in card:
         # Compared as text: to a script true is not 1, and 3.0 is not a count.
         known = [json.dumps(one, ensure_ascii=False) for one in card["choice"]]
-        between = is_range(value) and "choice" not in value
-        for one in range_extremes(value):
+        between = is_config_range(value) and "choice" not in value
+        for one in config_range_extremes(value):
             text = json.dumps(one, ensure_ascii=False)
             if between or text not in known:
                 raise BadInput(
@@ -180,8 +180,8 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
                     allowed=f"{', '.join(known)}, as on the scene's card, or a choice among them",
                     nearest=closest(text, known).strip('"'),
                 )
-    elif is_range(card) or is_number(card):
-        for one in range_extremes(value):
+    elif is_config_range(card) or is_number(card):
+        for one in config_range_extremes(value):
             if not is_number(one):
                 raise BadInput(f"{what} is {one!r}", allowed="a number, as on the scene's card, or a range")
 

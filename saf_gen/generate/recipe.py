@@ -10,8 +10,8 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from saf_gen.core.config import components
-from saf_gen.core.config.document import FrozenModel, validate
-from saf_gen.core.config.ranges import check_parameter, range_extremes
+from saf_gen.core.config.document import FrozenModel, validate_document
+from saf_gen.core.config.ranges import check_parameter, config_range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
 from saf_gen.lights import read_light_schedule
@@ -34,7 +34,7 @@ class ExposureSettings(FrozenModel):
     def _one_of_two(self) -> "ExposureSettings":
         if (self.mean_rate is None) is not self.absolute:
             raise ValueError("either mean_rate: a number above 0 and below 1, or absolute: true")
-        for value in range_extremes(self.mean_rate) if self.mean_rate is not None else ():
+        for value in config_range_extremes(self.mean_rate) if self.mean_rate is not None else ():
             if not (isinstance(value, int | float) and 0 < value < 1):
                 raise ValueError("a mean_rate above 0 and below 1 spikes per readout")
         return self
@@ -162,7 +162,7 @@ def read_recipe(path: str | Path) -> Recipe:
     Raises BadInput with file and line where something does not fit.
     """
     document = read_yaml(path)
-    recipe = validate(Recipe, document)
+    recipe = validate_document(Recipe, document)
     lights = {}
     for name, schedule in recipe.lights.items():
         _check_name("light", name, where=document.locate("lights", name))

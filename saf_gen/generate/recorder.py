@@ -10,11 +10,11 @@ import numpy as np
 
 from saf_gen.camera import Encoder, Sensor, camera_exposure_scale, draw_fixed_pattern
 from saf_gen.generate.plan import PlannedSequence
-from saf_gen.lights import group_gains
+from saf_gen.lights import light_group_gains
 from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import PlaneSource
-from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
+from saf_gen.stack.true_focus import find_true_focus, noise_free_stack_sharpness
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -57,14 +57,14 @@ class Recorder:
         charge_source = ChargeSource(plane_source, self.sensor)
         truth = find_true_focus(plane_source, position)
         self._expose(charge_source, sequence.mean_rate, truth=truth)
-        gain = group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
+        gain = light_group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
         metadata = Metadata(
             focus_position=position.astype(np.float32),
             image_distance=spec.drive.image_distance(position).astype(np.float32),
             object_distance=spec.drive.object_distance(position).astype(np.float32),
             gain=gain,
             light_names=spec.groups,
-            truth=replace(truth, sharpness=noise_free_sharpness(charge_source, truth, position=position)),
+            truth=replace(truth, sharpness=noise_free_stack_sharpness(charge_source, truth, position=position)),
             provenance={
                 **self.provenance,
                 "fingerprint": fingerprint,

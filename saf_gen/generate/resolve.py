@@ -15,11 +15,11 @@ from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, located, unknown
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.lights import group_gains
+from saf_gen.lights import light_group_gains
 from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
-from saf_gen.stack.time_resolved import TimeResolvedStack, focus_windows_of_time_slices, frames_of_time_slices
+from saf_gen.stack.time_resolved import TimeResolvedStack, focus_windows_of_stack_slices, frames_of_stack_slices
 
 MODEL = 2
 """Raised whenever the same stack, recipe and seed would give other spikes: old files are then made anew."""
@@ -156,7 +156,7 @@ def resolve_recipe(
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
         with located(where, prefix=f"light {s.light!r} on {s.scene}: "):
-            group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
+            light_group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
     for s in _distinct(planned, lambda s: s.motion):
         with located(where, prefix=f"the lens motion of {s.id}: "):
             lens_motion_at_readouts(s.motion, frames, readout_hz=hz)
@@ -204,8 +204,8 @@ def _resolve_stacks(
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
     position = lens_motion_at_readouts(sequence.motion, frames, readout_hz=hz)
-    starts = frames_of_time_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
-    windows = focus_windows_of_time_slices(position, starts, positions=spec.positions)
+    starts = frames_of_stack_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    windows = focus_windows_of_stack_slices(position, starts, positions=spec.positions)
     slices = (
         replace(spec, samples=recipe.render.samples_per_slice, time_s=start / hz, window=window)
         for start, window in zip(starts, windows, strict=True)

@@ -18,7 +18,7 @@ from saf_gen.core.cores import defer_interrupts, usable_cores
 from saf_gen.core.files import check_writable, remove_stale_temporaries
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_dataset_card
-from saf_gen.generate.executor import Job, ReportProgress, run_jobs
+from saf_gen.generate.executor import Job, ReportProgress, run_generation_jobs
 from saf_gen.generate.jobs import RecordJob, RenderJob
 from saf_gen.generate.plan import recipe_fingerprint
 from saf_gen.generate.recorder import Recorder
@@ -118,7 +118,9 @@ def generate(
     recorded: list[str] = []
     kept: list[str] = []
     failed: dict[str, SafGenError] = {}
-    for job, result, error in run_jobs(jobs, workers=workers, report=report, follow_up=follow_up, address=cluster):
+    for job, result, error in run_generation_jobs(
+        jobs, workers=workers, report=report, follow_up=follow_up, address=cluster
+    ):
         if error is not None:
             failed[job.name] = error
         elif isinstance(job, RenderJob):

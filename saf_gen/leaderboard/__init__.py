@@ -6,12 +6,12 @@ Methods with equal success have the same rank, and intervals say which ranks the
 """
 
 from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, group_by_bin, tabulate_by_axis
-from saf_gen.leaderboard.columns import Column, list_all_columns, list_shown_columns
-from saf_gen.leaderboard.curve_tables import assess_curves, summarise_measures, write_curve_tables
+from saf_gen.leaderboard.columns import Column, list_leaderboard_columns, list_shown_columns
+from saf_gen.leaderboard.curve_tables import assess_curves, summarise_measures, write_leaderboard_curves
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
 from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.table_formats import compose_notes, format_latex, format_markdown
+from saf_gen.leaderboard.table_formats import compose_leaderboard_notes, format_latex, format_markdown
 
 __all__ = [
     "AXES",
@@ -20,16 +20,16 @@ __all__ = [
     "Column",
     "LeaderboardRow",
     "assess_curves",
-    "compose_notes",
+    "compose_leaderboard_notes",
     "format_latex",
     "format_markdown",
     "group_by_bin",
-    "list_all_columns",
+    "list_leaderboard_columns",
     "list_shown_columns",
     "merge_records",
     "rank_methods",
     "summarise_measures",
     "tabulate_by_axis",
-    "write_curve_tables",
     "write_leaderboard",
+    "write_leaderboard_curves",
 ]

@@ -46,12 +46,12 @@ def list_shown_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
     """Return the columns of these rows for people, in order, with one per light schedule."""
     return tuple(
         c
-        for c in list_all_columns(rows)
+        for c in list_leaderboard_columns(rows)
         if not c.machine_only and (not c.is_optional or any(c.value(row) is not None for row in rows))
     )
 
 
-def list_all_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
+def list_leaderboard_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
     """Return the columns of these rows for programs, whether or not their values are known."""
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     return (*_rank_columns(), *_success_columns(lights), *_error_columns(), *_count_columns(), *_cost_columns())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import depth_of_focus, position_of_method_answer
+from saf_gen.benchmark.judgement import position_of_method_answer, truth_depth_of_focus
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.core.files import write_text_atomically
 from saf_gen.leaderboard.averages import median_magnitude
@@ -70,7 +70,7 @@ def summarise_measures(curves: Sequence[CurveRow]) -> list[MeasureRow]:
     return sorted(rows, key=_sort_key)
 
 
-def write_curve_tables(folder: str | Path, sweeps: Sequence[SweepSummary]) -> list[Path]:
+def write_leaderboard_curves(folder: str | Path, sweeps: Sequence[SweepSummary]) -> list[Path]:
     """Write curves.csv and measures.csv into ``folder``, unless there is no curve, and return their paths.
 
     Unknown numbers are empty fields. Raises BadInput where a file cannot be written.
@@ -87,7 +87,7 @@ def write_curve_tables(folder: str | Path, sweeps: Sequence[SweepSummary]) -> li
             row.sweep.scene,
             row.sweep.light,
             row.sweep.truth if isfinite(row.sweep.truth) else None,
-            depth_of_focus(row.sweep.depth_of_focus),
+            truth_depth_of_focus(row.sweep.depth_of_focus),
             *(None if row.quality is None else getattr(row.quality, name) for name in _NAMES),
         ]
         for row in curves
@@ -117,7 +117,7 @@ def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
         np.interp(curve.frames, np.arange(len(lens)), lens),
         curve.scores,
         truth=truth if isfinite(truth) else None,
-        depth=depth_of_focus(sweep.depth_of_focus),
+        depth=truth_depth_of_focus(sweep.depth_of_focus),
     )
 
 

@@ -11,12 +11,12 @@ from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.core.files import write_text_atomically
 from saf_gen.leaderboard.axes import AxisTable, BinSummary, tabulate_by_axis
-from saf_gen.leaderboard.columns import list_all_columns, list_shown_columns
+from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_columns
 from saf_gen.leaderboard.csv_output import format_csv
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.statistics import CONFIDENCE, RESAMPLES
 from saf_gen.leaderboard.table_formats import (
-    compose_notes,
+    compose_leaderboard_notes,
     explain_columns,
     format_axis_markdown,
     format_latex,
@@ -37,7 +37,7 @@ def write_leaderboard(
     Raises BadInput where a file cannot be written.
     """
     axes = tabulate_by_axis(records, [row.method for row in rows])
-    columns = list_all_columns(rows)
+    columns = list_leaderboard_columns(rows)
     texts = {
         "leaderboard.json": _format_json(rows, records=records, failures=failures, axes=axes),
         "leaderboard.csv": format_csv([c.key for c in columns], [[c.value(row) for c in columns] for row in rows]),
@@ -58,7 +58,7 @@ def _format_json(
     failures: Sequence[SequenceFailure],
     axes: Sequence[AxisTable],
 ) -> str:
-    columns = list_all_columns(rows)
+    columns = list_leaderboard_columns(rows)
     document = {
         "format": "saf-gen leaderboard",
         "version": __version__,
@@ -74,7 +74,7 @@ def _format_json(
             "unknown": next((row.missing_reason for row in rows if row.missing_reason), None),
         },
         "axes": [_axis_to_json(table) for table in axes],
-        "notes": compose_notes(rows, records),
+        "notes": compose_leaderboard_notes(rows, records),
         "data": {r.sequence: r.data for r in records},
         "code": {r.method: r.code for r in records},
         "tuning": {r.method: r.tuning for r in records if r.tuning},
@@ -118,7 +118,7 @@ def _format_page(
     parts = [
         "# Leaderboard\n",
         format_markdown(rows),
-        " ".join(compose_notes(rows, records)) + "\n",
+        " ".join(compose_leaderboard_notes(rows, records)) + "\n",
         explain_columns(list_shown_columns(rows)),
     ]
     if failures:

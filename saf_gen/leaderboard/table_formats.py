@@ -79,7 +79,7 @@ def explain_columns(shown: Sequence[Column]) -> str:
     return "".join(f"- **{c.header}**: {c.meaning}\n" for c in shown)
 
 
-def compose_notes(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
+def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
     """Return what a reader must know to interpret the numbers, a sentence each."""
     notes = ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
     reason = next((row.missing_reason for row in rows if row.missing_reason), "")

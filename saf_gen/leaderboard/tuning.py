@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import parse_method, split_method_region, split_plugin_options
+from saf_gen.benchmark.method_spec import parse_method, split_method_options, split_method_region
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
@@ -59,7 +59,7 @@ def expand_parameter_grid(method: str, values: ParameterGrid) -> list[str]:
     return specs
 
 
-def tune(
+def tune_method(
     dataset: str | Path,
     method: str,
     *,
@@ -126,7 +126,7 @@ def tune(
 
 def _set_option(half: str, option: str, *, value: str) -> str:
     """Return a measure or search with this value of an option, in place of the one that it has."""
-    name, tail = split_plugin_options(half)
+    name, tail = split_method_options(half)
     options = {item.partition("=")[0]: item for item in tail.split(",") if item}
     return f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
 

@@ -9,8 +9,8 @@ from saf_gen.lights._schedule import (
     check_light_groups,
     draw_light_schedule,
     get_light,
-    group_gains,
     light_gains_at_readouts,
+    light_group_gains,
     read_light_schedule,
     split_schedule_by_light_group,
 )
@@ -21,8 +21,8 @@ __all__ = [
     "check_light_groups",
     "draw_light_schedule",
     "get_light",
-    "group_gains",
     "light_gains_at_readouts",
+    "light_group_gains",
     "read_light_schedule",
     "split_schedule_by_light_group",
 ]

@@ -22,7 +22,7 @@ import numpy as np
 from saf_gen.core.config import components, registry
 from saf_gen.core.config.components import Component
 from saf_gen.core.config.document import Document
-from saf_gen.core.config.ranges import RANGE_FORMS, is_range
+from saf_gen.core.config.ranges import RANGE_FORMS, is_config_range
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
 
@@ -98,10 +98,10 @@ def _build_without_scene(kind: str, /, **options: Any) -> Light:
 
 def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
     """Return a light schedule as {light group: component}; the key '' stands for all groups at once."""
-    if "kind" in schedule or is_range(schedule):
+    if "kind" in schedule or is_config_range(schedule):
         return {"": schedule}
     for group, component in schedule.items():
-        if not isinstance(component, dict) or not ("kind" in component or is_range(component)):
+        if not isinstance(component, dict) or not ("kind" in component or is_config_range(component)):
             raise BadInput(
                 f"light group {group!r} has no kind",
                 where=where,
@@ -146,7 +146,7 @@ def get_light(
     ------
     BadInput : for an unknown name or key, and for a value that is not allowed.
     """
-    known = registry.option_fields("lights", name)
+    known = registry.plugin_option_fields("lights", name)
     for key in options:
         if key not in known:
             raise unknown(f"key of light schedule {name!r}:", key, allowed=(*known, *COMMON_KEYS))
@@ -191,14 +191,14 @@ def light_gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> 
     Raises BadInput where the schedule goes below 0.
     """
     edges = np.arange(frames + 1) / readout_hz
-    integral = registry.sample(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
+    integral = registry.sample_plugin(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
     gains = np.diff(integral) * readout_hz
     if not gains.min() >= -1e-9:
         raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 and more")
     return (np.round(np.maximum(gains, 0) / GAIN_GRID) * GAIN_GRID).astype(np.float32)
 
 
-def group_gains(
+def light_group_gains(
     schedule: Mapping[str, Mapping[str, Any]], groups: Sequence[str], *, frames: int, readout_hz: float
 ) -> np.ndarray:
     """Return the mean gain of each readout for each light group, float32 (frame, light).

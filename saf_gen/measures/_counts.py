@@ -43,7 +43,7 @@ def counts_as_floats(counts: np.ndarray) -> np.ndarray:
     return counts_as_integers(counts).astype(np.float64)
 
 
-def subtract_dark(
+def subtract_dark_counts(
     means: tuple[float, float], rate: float, *, frames: int
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Split the mean counts of both halves of a window into light and dark, counts per pixel.

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from saf_gen.measures._counts import counts_as_integers, subtract_dark
+from saf_gen.measures._counts import counts_as_integers, subtract_dark_counts
 from saf_gen.measures._options import check_measure_dark_options
 
 
@@ -46,7 +46,7 @@ class SpikeDispersionCalibrated:
         """Return the score of counts (2, row, col) of any number type; ``frames`` counts both halves."""
         first, second = counts_as_integers(counts, halves=True)
         means = first.sum().item() / first.size, second.sum().item() / second.size
-        split = subtract_dark(means, self.dark, frames=frames or 0)
+        split = subtract_dark_counts(means, self.dark, frames=frames or 0)
         if split is None:
             return 0.0
         light, dark = split

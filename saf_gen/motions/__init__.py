@@ -50,7 +50,9 @@ def lens_motion_at_readouts(motion: Motion | Mapping[str, Any], frames: int, *, 
     for begin in range(0, frames, BLOCK_FRAMES):
         block = slice(begin, min(begin + BLOCK_FRAMES, frames))
         seconds = (np.arange(block.start, block.stop) + 0.5) / readout_hz
-        position[block] = registry.sample(motion, motion.positions, seconds=seconds, duration_s=frames / readout_hz)
+        position[block] = registry.sample_plugin(
+            motion, motion.positions, seconds=seconds, duration_s=frames / readout_hz
+        )
     slack = POSITION_GRID / 2
     if not (position.min() >= -slack and position.max() <= 1 + slack):  # also false where a NaN is
         raise BadInput(

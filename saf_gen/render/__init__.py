@@ -13,10 +13,10 @@ from saf_gen.render.scene_renderer import stack_renderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
-__all__ = ["_import_mitsuba", "render_missing"]
+__all__ = ["_import_mitsuba", "render_missing_stacks"]
 
 
-def render_missing(
+def render_missing_stacks(
     scene: Scene,
     specs: Sequence[StackSpec],
     *,
@@ -67,7 +67,7 @@ def render_missing(
             # which are part of a kernel's code, and finds its kernels in the cache: this saves 0.2 to 0.6 s.
             loaded = None
             moment = posed_shapes.pose_shapes(described, motions, time_s=spec.time_s, unit_m=scene.card.unit_m)
-            loaded = mitsuba_scene.load_lit_scene(moment, scene.card.lights[group], max_depth=spec.max_depth)
+            loaded = mitsuba_scene.load_lit_mitsuba_scene(moment, scene.card.lights[group], max_depth=spec.max_depth)
             lit = spec.time_s, group
         _render_piece(
             scene,

@@ -54,7 +54,7 @@ def mitsuba_camera_of_export(read: SceneXml, path: Path) -> ExportedCamera:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add one")
     props = _first_camera(read.cameras, path)
     origin, ahead, up = _pose(props, path)
-    loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), max_depth=2)
+    loaded, _ = mitsuba_scene.load_lit_mitsuba_scene(described, tuple(lamps), max_depth=2)
     hit = loaded.ray_intersect(mi.Ray3f(origin.tolist(), ahead.tolist()))
     if not hit.is_valid():
         raise BadInput(

@@ -64,7 +64,9 @@ def mitsuba_shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[st
     return {name: motion for name, (motion, _) in moving.items()}
 
 
-def load_lit_scene(described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int) -> tuple[Any, Any]:
+def load_lit_mitsuba_scene(
+    described: Mapping[str, Any], emitters: tuple[str, ...], *, max_depth: int
+) -> tuple[Any, Any]:
     """Return the Mitsuba scene with only these emitters, and the integrator that traces it.
 
     The other emitters are left out rather than dimmed, so that no sample is spent on a dark lamp. Their

@@ -160,7 +160,7 @@ class SceneRenderer:
         if time_s is not None:
             moment = posed_shapes.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
         emitters = tuple(emitter for group in groups for emitter in card.lights[group])
-        return mitsuba_scene.load_lit_scene(moment, emitters, max_depth=self.max_depth)
+        return mitsuba_scene.load_lit_mitsuba_scene(moment, emitters, max_depth=self.max_depth)
 
 
 def _bounding_box(scene: Any, names: tuple[str, ...]) -> np.ndarray:

@@ -14,8 +14,8 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from saf_gen.core import seeds
-from saf_gen.core.config.document import FrozenModel, validate
-from saf_gen.core.config.ranges import check_parameter, draw_from_range
+from saf_gen.core.config.document import FrozenModel, validate_document
+from saf_gen.core.config.ranges import check_parameter, draw_config_range
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
 from saf_gen.lights import check_light_groups
@@ -130,7 +130,7 @@ class Scene:
     def draw_member(self, *stream: str | int) -> "Scene":
         """Return the member of the family that the random streams of this name draw."""
         params = {
-            key: draw_from_range(value, seeds.make_generator(*stream, "param", key))
+            key: draw_config_range(value, seeds.make_generator(*stream, "param", key))
             for key, value in self.card.params.items()
         }
         return replace(self, params=params)
@@ -195,7 +195,7 @@ def load_scene_folder(folder: Path) -> Scene:
 
 def _read(folder: Path) -> Scene:
     document = read_yaml(folder / CARD_FILE)
-    card = validate(SceneCard, document)
+    card = validate_document(SceneCard, document)
     if card.id != folder.name:
         raise BadInput(f"id is {card.id!r}", where=document.locate("id"), allowed=f"{folder.name}, as the folder")
     geometry = [name for name in (SCRIPT_FILE, "scene.xml") if (folder / name).is_file()]

@@ -22,7 +22,7 @@ def check_golden_search_options(threshold: float, ratio: float) -> None:
         raise BadInput(f"ratio is {ratio!r}", allowed="0.5 up to but not 1, so that the two windows cover the interval")
 
 
-def check_recording_length(view: View, threshold: float, *, longest_refused: float) -> None:
+def check_search_recording_length(view: View, threshold: float, *, longest_refused: float) -> None:
     """Raise BadInput for a recording in which no window would be scored: its middle would be the answer."""
     if view.frames <= longest_refused:
         raise BadInput(
@@ -32,7 +32,7 @@ def check_recording_length(view: View, threshold: float, *, longest_refused: flo
         )
 
 
-def count_blocks(view: View, dt: int) -> tuple[int, int]:
+def count_search_blocks(view: View, dt: int) -> tuple[int, int]:
     """Return the block with which a golden fast search begins, from 1, and the number of blocks.
 
     Raises BadInput where the recording holds no block of ``dt`` frames, or too few frames in its first

@@ -200,7 +200,7 @@ def check_search_fraction(key: str, value: float) -> None:
         raise BadInput(f"{key} is {value!r}", allowed="a fraction of the travel, above 0 and below 1")
 
 
-def check_steps(coarse: float, fine: float) -> None:
+def check_search_steps(coarse: float, fine: float) -> None:
     """Raise BadInput unless both steps are fractions of the travel, the fine one no wider than the coarse."""
     check_search_fraction("coarse", coarse)
     check_search_fraction("fine", fine)
@@ -208,7 +208,7 @@ def check_steps(coarse: float, fine: float) -> None:
         raise BadInput(f"fine is {fine!r}", allowed=f"no more than coarse, {coarse!r}")
 
 
-def divide_evenly(low: float, high: float, *, step: float) -> list[float]:
+def divide_search_interval(low: float, high: float, *, step: float) -> list[float]:
     """Return positions from ``low`` to ``high``, both included, at equal distances of at most ``step``."""
     parts = math.ceil(round((high - low) / step, 6))
     return [low + (high - low) * k / parts for k in range(parts + 1)]

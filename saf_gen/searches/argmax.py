@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from saf_gen.errors import BadInput, closest
 from saf_gen.parts import Answer, View
-from saf_gen.searches._windows import check_recording_holds, check_search_frame_count, score_windows
+from saf_gen.searches._windows import check_search_frame_count, check_search_windows_fit, score_search_windows
 
 REFINE = ("no", "parabola", "centroid")
 
@@ -53,8 +53,8 @@ class Argmax:
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is shorter than one block."""
-        check_recording_holds(view, "window", frames=self.window)
-        firsts, scores = score_windows(view, self.window, step=self.window)
+        check_search_windows_fit(view, "window", frames=self.window)
+        firsts, scores = score_search_windows(view, self.window, step=self.window)
         best = scores.index(max(scores))
         centre = firsts[best] + (self.window - 1) / 2
         return Answer(centre + self._offset(scores, best) * self.window, (centre,))

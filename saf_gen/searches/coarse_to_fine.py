@@ -4,7 +4,12 @@ import math
 from dataclasses import dataclass
 
 from saf_gen.errors import BadInput
-from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_steps, divide_evenly
+from saf_gen.searches._lens_commanding import (
+    FocusSampler,
+    LensCommandingSearch,
+    check_search_steps,
+    divide_search_interval,
+)
 from saf_gen.searches._windows import check_search_frame_count
 
 
@@ -31,7 +36,7 @@ class CoarseToFine(LensCommandingSearch):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_steps(self.coarse, self.fine)
+        check_search_steps(self.coarse, self.fine)
         check_search_frame_count("far_dt", self.far_dt)
         if not (isinstance(self.far, str) and self.far):
             raise BadInput(f"far is {self.far!r}", allowed="the name of a focus measure, or own")
@@ -50,7 +55,7 @@ class CoarseToFine(LensCommandingSearch):
         scores = [sample(position) for position in positions]
         best = positions[scores.index(max(scores))]
         sample.switch_measure(None, self.dt)
-        fine = divide_evenly(max(best - 1 / parts, 0.0), min(best + 1 / parts, 1.0), step=self.fine)
+        fine = divide_search_interval(max(best - 1 / parts, 0.0), min(best + 1 / parts, 1.0), step=self.fine)
         for position in fine if positions[-1] == 0.0 else fine[::-1]:
             sample(position)
         return ""

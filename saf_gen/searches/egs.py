@@ -8,7 +8,7 @@ from saf_gen.searches._golden_narrowing import (
     RATIO,
     THRESHOLD,
     check_golden_search_options,
-    check_recording_length,
+    check_search_recording_length,
     narrow_golden_interval_to_centre,
 )
 
@@ -37,6 +37,6 @@ class GoldenSearch:
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is no longer than the threshold."""
-        check_recording_length(view, self.threshold, longest_refused=self.threshold)
+        check_search_recording_length(view, self.threshold, longest_refused=self.threshold)
         trace = narrow_golden_interval_to_centre(view, 0, stop=view.frames, threshold=self.threshold, ratio=self.ratio)
         return Answer(trace[-1], trace)

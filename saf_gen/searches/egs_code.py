@@ -8,7 +8,7 @@ from saf_gen.searches._golden_narrowing import (
     RATIO,
     THRESHOLD,
     check_golden_search_options,
-    check_recording_length,
+    check_search_recording_length,
     narrow_golden_interval_as_released,
 )
 
@@ -38,7 +38,7 @@ class GoldenSearchCode:
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where its interval is no wider than the threshold."""
-        check_recording_length(view, self.threshold, longest_refused=self.threshold + 1)
+        check_search_recording_length(view, self.threshold, longest_refused=self.threshold + 1)
         trace = narrow_golden_interval_as_released(
             view, 1, right=view.frames, threshold=self.threshold, ratio=self.ratio
         )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_steps
+from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_search_steps
 from saf_gen.searches._windows import check_search_frame_count
 
 
@@ -28,7 +28,7 @@ class HillClimb(LensCommandingSearch):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_steps(self.coarse, self.fine)
+        check_search_steps(self.coarse, self.fine)
         check_search_frame_count("falls", self.falls)
 
     def seek_focus(self, sample: FocusSampler) -> str:

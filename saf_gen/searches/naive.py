@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saf_gen.parts import Answer, View
-from saf_gen.searches._windows import check_recording_holds, check_search_frame_count, score_windows
+from saf_gen.searches._windows import check_search_frame_count, check_search_windows_fit, score_search_windows
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Naive:
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is shorter than one window."""
-        check_recording_holds(view, "dt", frames=self.dt)
-        firsts, scores = score_windows(view, self.dt, step=self.step)
+        check_search_windows_fit(view, "dt", frames=self.dt)
+        firsts, scores = score_search_windows(view, self.dt, step=self.step)
         centre = firsts[scores.index(max(scores))] + (self.dt - 1) / 2
         return Answer(centre, (centre,))

@@ -5,7 +5,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from saf_gen.errors import BadInput
-from saf_gen.searches._lens_commanding import FocusSampler, LensCommandingSearch, check_search_fraction, divide_evenly
+from saf_gen.searches._lens_commanding import (
+    FocusSampler,
+    LensCommandingSearch,
+    check_search_fraction,
+    divide_search_interval,
+)
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ class RuleBased(LensCommandingSearch):
         """Return the distances a fine step apart beside the best not sampled yet, the farthest first."""
         best = max(range(len(seen)), key=lambda i: seen[i][1])
         beside = [distance for distance, _ in seen[max(best - 1, 0) : best + 2]]
-        gaps = [divide_evenly(near, far, step=self.fine)[1:-1] for near, far in pairwise(beside)]
+        gaps = [divide_search_interval(near, far, step=self.fine)[1:-1] for near, far in pairwise(beside)]
         return [distance for gap in gaps for distance in gap][::-1]
 
 

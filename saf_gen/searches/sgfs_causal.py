@@ -7,7 +7,7 @@ from typing import ClassVar
 from saf_gen.parts import Answer, View
 from saf_gen.searches._golden_narrowing import (
     RATIO,
-    count_blocks,
+    count_search_blocks,
     golden_search_feedback,
     narrow_golden_interval_to_centre,
 )
@@ -48,7 +48,7 @@ class GoldenFastSearchCausal:
 
     def _find_stop(self, view: View) -> int:
         """Return the number of frames after which s has fallen often enough, or no more blocks are left."""
-        first, blocks = count_blocks(view, self.dt)
+        first, blocks = count_search_blocks(view, self.dt)
         before, fallen = math.inf, -1  # the first s, which has none before it, is no fall
         for k in range(first, blocks + 1):
             now = golden_search_feedback(view, k * self.dt)

@@ -7,7 +7,7 @@ from typing import ClassVar
 from saf_gen.parts import Answer, View
 from saf_gen.searches._golden_narrowing import (
     RATIO,
-    count_blocks,
+    count_search_blocks,
     golden_search_feedback,
     narrow_golden_interval_as_released,
 )
@@ -38,7 +38,7 @@ class GoldenFastSearchCode:
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is too short for blocks of ``dt`` frames."""
-        first, blocks = count_blocks(view, self.dt)
+        first, blocks = count_search_blocks(view, self.dt)
         differences = [golden_search_feedback(view, k * self.dt) if k >= first else 0.0 for k in range(1, blocks + 1)]
         earliest = max(blocks // 4, 1)
         # Where blocks do not divide by four, the earliest stop has no s but the 0 that the code begins with.

@@ -11,7 +11,7 @@ from saf_gen.searches._golden_narrowing import (
     check_golden_search_options,
     narrow_golden_interval_to_centre,
 )
-from saf_gen.searches._windows import check_recording_holds, check_search_frame_count
+from saf_gen.searches._windows import check_search_frame_count, check_search_windows_fit
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class GoldenFastSearchPrinted:
 
     def __call__(self, view: View) -> Answer:
         """Search until the algorithm stops. Raise BadInput where no control period fits the recording."""
-        check_recording_holds(view, "control_period", frames=self.control_period)
+        check_search_windows_fit(view, "control_period", frames=self.control_period)
         for so_far in range(self.control_period, view.frames + 1, self.control_period):
             window = max(round(self.ratio * so_far), 1)
             earlier, later = view.score(0, window), view.score(so_far - window, so_far)

@@ -54,7 +54,7 @@ def set_up_timed_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     backend.activate_render_backend(chosen)
     found, camera = find_scene(scene), get_sensor(sensor)
     lamps = tuple(emitter for group in found.card.lights.values() for emitter in group)
-    loaded, integrator = mitsuba_scene.load_lit_scene(mitsuba_scene.build_scene_dict(found), lamps, max_depth=6)
+    loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(mitsuba_scene.build_scene_dict(found), lamps, max_depth=6)
     pose, unit_m = mitsuba_scene.camera_to_world(found), found.card.unit_m
     return RenderSetup(loaded, integrator, pose, found.build_drive(), camera, unit_m), chosen
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeVar
 
-from saf_gen.generate.executor import ReportProgress, run_jobs
+from saf_gen.generate.executor import ReportProgress, run_generation_jobs
 
 T = TypeVar("T")
 
@@ -38,7 +38,7 @@ def run_in_fresh_process(
     Raises SafGenError if the call fails; a SafGenError of the function is passed on.
     """
     call = _Call(function.__name__, function, arguments, options)
-    ((_, result, error),) = run_jobs([call], workers=1, report=report)
+    ((_, result, error),) = run_generation_jobs([call], workers=1, report=report)
     if error is not None:
         raise error
     return result

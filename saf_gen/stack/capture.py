@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.camera import LANES, Encoder, Sensor, sensor_from_text
+from saf_gen.camera import LANES, Encoder, Sensor, parse_sensor
 from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackSpec
@@ -56,7 +56,7 @@ class Capture:
             keys = provenance["stack"].split("\n")
             exposure = json.loads(provenance["exposure"])
             seed = int(json.loads(provenance["sequence"])["seed"])
-            sensor = sensor_from_text(provenance["sensor"], f"{where} /provenance/sensor")
+            sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor")
             scale, device_seed = float(exposure["scale"]), int(exposure["device_seed"])
             gain = np.asarray(stream.metadata.gain, dtype=np.float32)  # TypeError if there is no gain
         except (KeyError, ValueError, TypeError) as error:

@@ -123,7 +123,7 @@ class PlaneSource:
         )
 
 
-def frames_of_time_slices(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
+def frames_of_stack_slices(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
     """Return the frames at which a moving scene is rendered, from 0 to the first one at or after the end.
 
     They are multiples of 8 frames and give ``slices_per_s`` slices per second, or a few more.
@@ -132,7 +132,7 @@ def frames_of_time_slices(frames: int, *, readout_hz: float, slices_per_s: float
     return tuple(range(0, frames + step, step))
 
 
-def focus_windows_of_time_slices(
+def focus_windows_of_stack_slices(
     position: np.ndarray, slice_frames: tuple[int, ...], *, positions: int
 ) -> list[tuple[int, int]]:
     """Return the first and last focus position that a recording needs of each time slice, at least two each.

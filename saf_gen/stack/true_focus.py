@@ -76,7 +76,7 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
     )
 
 
-def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
+def noise_free_stack_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
     """Return the noise-free SD (variance over squared mean) in the target's box at each rendered position.
 
     The result is float64 (focus,), at gain 1. ``position`` (T,) is where the lens is. In a moving scene the value at a

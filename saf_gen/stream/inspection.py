@@ -8,11 +8,11 @@ import numpy as np
 
 from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.errors import BadInput
-from saf_gen.stream.manifest import read_manifest, verify_entry
+from saf_gen.stream.manifest import read_manifest, verify_manifest_entry
 from saf_gen.stream.stream_file import SpikeStream
 
 
-def describe_stream(stream: SpikeStream) -> dict[str, str]:
+def describe_stream_file(stream: SpikeStream) -> dict[str, str]:
     """Return facts about a stream as text, by name: size, light, lens, truth, and how it was made."""
     frames, rows, columns = stream.shape
     spikes = int(stream.counts(0, frames).sum(dtype=np.int64))
@@ -75,7 +75,7 @@ def verify_dataset(folder: str | Path) -> tuple[int, dict[str, str]]:
     problems = {}
     for entry in manifest.sequences:
         try:
-            verify_entry(folder, entry)
+            verify_manifest_entry(folder, entry)
         except BadInput as error:
             problems[entry.id] = str(error)
     return len(manifest.sequences), problems

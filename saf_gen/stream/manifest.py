@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import ConfigDict, Field
 
-from saf_gen.core.config.document import STRICT, validate
+from saf_gen.core.config.document import STRICT, validate_document
 from saf_gen.core.config.json_document import read_json
 from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput, closest
@@ -93,7 +93,7 @@ def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
         raise BadInput("is not the manifest of a dataset", where=str(path), allowed=f'"format": "{FORMAT}"')
     if (layout := document.data.pop("layout", None)) != LAYOUT:
         raise BadInput(f"has layout {layout}", where=str(path), allowed=f"layout {LAYOUT}", hint="update saf_gen")
-    manifest = validate(Manifest, document, hint=HINT)
+    manifest = validate_document(Manifest, document, hint=HINT)
     for i, entry in enumerate(manifest.sequences):
         if not _is_inside(entry.file):
             raise _outside(entry, document.locate("sequences", i, "file"))
@@ -103,7 +103,7 @@ def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
     return manifest
 
 
-def verify_entry(folder: str | os.PathLike[str], entry: SequenceEntry) -> None:
+def verify_manifest_entry(folder: str | os.PathLike[str], entry: SequenceEntry) -> None:
     """Read the whole stream of ``entry``; raises BadInput if it is missing, damaged or not as listed."""
     with open_stream(Path(folder) / entry.file) as stream:
         frames = stream.shape[0]

@@ -174,7 +174,7 @@ def stream_content_digest(lines: list[str], *, readout_hz: float, frames: int) -
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def metadata_from_options(options: Mapping[str, Any]) -> Metadata:
+def stream_metadata_from_options(options: Mapping[str, Any]) -> Metadata:
     """Return metadata from keyword arguments; ``truth`` may be a mapping. BadInput for an unknown name."""
     _check_names("optional field", options, known=Metadata)
     truth = options.get("truth")
@@ -191,7 +191,7 @@ def _check_names(what: str, names: Iterable[str], *, known: type) -> None:
             raise unknown(what, name, allowed=allowed)
 
 
-def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
+def stream_metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
     """Return metadata from the small datasets of a file: the inverse of :func:`metadata_to_datasets`.
 
     Raises BadInput, naming the field, for a shape that does not fit (T, H, W).

@@ -27,9 +27,9 @@ from saf_gen.stream.metadata import (
     FORMAT,
     LAYOUT,
     format_digest_line,
-    metadata_from_datasets,
     stream_content_digest,
     stream_digest_line,
+    stream_metadata_from_datasets,
 )
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
 
@@ -109,7 +109,7 @@ class SpikeStream:
             frames = int(self._spikes.attrs["frames"])
             self.readout_hz = float(self._spikes.attrs["readout_hz"])
             self.content_sha256 = str(file.attrs["content_sha256"])
-            self.metadata = metadata_from_datasets(dict(read_small_datasets(file)), (frames, rows, columns))
+            self.metadata = stream_metadata_from_datasets(dict(read_small_datasets(file)), (frames, rows, columns))
         except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
             raise _damaged(path, error) from error
         if self._spikes.dtype != np.uint8 or length != -(-frames // 8) or frames < 1:

@@ -21,10 +21,10 @@ from saf_gen.stream.metadata import (
     LAYOUT,
     Metadata,
     format_digest_line,
-    metadata_from_options,
     metadata_to_datasets,
     stream_content_digest,
     stream_digest_line,
+    stream_metadata_from_options,
 )
 from saf_gen.stream.stream_file import read_small_datasets
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
@@ -194,7 +194,7 @@ def write_stream(path: str | os.PathLike[str], frames: Any, *, readout_hz: float
     if len(frames.shape) != 3 or min(frames.shape) < 1:
         raise BadInput(f"frames have shape {tuple(frames.shape)}", where=str(path), allowed="(T, H, W), T at least 1")
     total = int(frames.shape[0])
-    metadata = metadata_from_options(optional)
+    metadata = stream_metadata_from_options(optional)
     with StreamWriter(path, shape=tuple(frames.shape), readout_hz=readout_hz, metadata=metadata) as writer:
         for first in range(0, total, 8 * TIME_BLOCK_BYTES):
             time_block = np.asarray(frames[first : first + 8 * TIME_BLOCK_BYTES])

@@ -7,8 +7,8 @@ import pytest
 from refusals import refusal
 from written_scenes import VARIANT, write_scene
 
-from saf_gen.authoring.checks import SceneUnderTest, check_slices
-from saf_gen.authoring.checks.slice_interpolation import SliceMismatch, measure_slice_mismatch
+from saf_gen.authoring.checks import SceneUnderTest, check_scene_slices
+from saf_gen.authoring.checks.slice_interpolation import SliceMismatch, measure_scene_slice_mismatch
 from saf_gen.camera import get_sensor
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.scene.scene_folder import find_scene
@@ -53,7 +53,7 @@ def test_the_error_of_stripes_is_the_closed_form(stripes, step):
     """An edge that crosses a box pixel is a ramp a pixel wide. Two of them, d <= 1 apart, mixed and compared
     with one between them differ where the ramps bend, by a triangle: the square adds up to d³/24 of the
     step's square. At two edges a period P: rms = step · √(d³/(12·P))."""
-    error = measure_slice_mismatch(stripes(step), 0.5)
+    error = measure_scene_slice_mismatch(stripes(step), 0.5)
     expected = 0.6 / 0.5 * np.sqrt(step**3 / (12 * PERIOD))
     assert error.rms(3) - error.rms(-3) < 0.2 * expected
     assert error.rms() == pytest.approx(expected, rel=0.03)
@@ -74,7 +74,7 @@ def test_a_region_is_that_part_of_the_picture(stripes):
 
 def test_what_does_not_change_has_no_error(stripes):
     """A turn by nothing that lasts a second. Threads may add up a pixel's samples in another order."""
-    error = measure_slice_mismatch(stripes(0, key="rotate_deg"), 0.5)
+    error = measure_scene_slice_mismatch(stripes(0, key="rotate_deg"), 0.5)
     assert error.rms() < 1e-6
     assert error.rms(3) < 1e-3
 
@@ -97,7 +97,7 @@ def test_a_black_picture_has_an_error_that_is_no_number():
 
 
 def test_a_target_out_of_sight_has_none(stripes):
-    assert measure_slice_mismatch(stripes(20), 1.0) is None  # 10,000 pixels away
+    assert measure_scene_slice_mismatch(stripes(20), 1.0) is None  # 10,000 pixels away
 
 
 @pytest.mark.parametrize(
@@ -110,20 +110,20 @@ def test_a_target_out_of_sight_has_none(stripes):
 )
 def test_the_card_is_compared(stripes, said, level, told):
     more = f"interpolation_error: {said}\n" if said else ""
-    (finding,) = check_slices(stripes(0.9, more=more))
+    (finding,) = check_scene_slices(stripes(0.9, more=more))
     assert finding.level == level
     assert re.search(told, finding.text)
 
 
 @pytest.mark.slow
 def test_what_the_check_says_to_write_passes(stripes):
-    (finding,) = check_slices(stripes(0.9, more="interpolation_error: 0.05\n"))
+    (finding,) = check_scene_slices(stripes(0.9, more="interpolation_error: 0.05\n"))
     slices, error = re.search(r"slices_per_s: (\d+), or interpolation_error: (\S+)", finding.text).groups()
     for more in (
         {"slices": slices, "more": "interpolation_error: 0.05\n"},
         {"more": f"interpolation_error: {error}\n"},
     ):
-        (finding,) = check_slices(stripes(0.9, **more))
+        (finding,) = check_scene_slices(stripes(0.9, **more))
         assert finding.level == "ok"
 
 
@@ -132,7 +132,7 @@ def test_a_scene_that_stands_still_or_is_recorded_so_has_nothing_to_check(stripe
     text = card.read_text()
     for gone in ("slices_per_s: .*\n", "motion: .*\n"):
         card.write_text(re.sub(gone, "", text))
-        assert list(check_slices(SceneUnderTest(find_scene("made"), SENSOR, backend=VARIANT))) == []
+        assert list(check_scene_slices(SceneUnderTest(find_scene("made"), SENSOR, backend=VARIANT))) == []
 
 
 @pytest.mark.parametrize("value", ["0", "1", "a"])

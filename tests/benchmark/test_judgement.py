@@ -5,11 +5,11 @@ import pytest
 
 from saf_gen.benchmark.judgement import (
     SUCCESS_LIMITS_DOF,
-    depth_of_focus,
     judge_answer,
-    lens_travel,
-    light_ratio,
+    lens_travel_to_answer,
     position_of_method_answer,
+    recorded_light_ratio,
+    truth_depth_of_focus,
 )
 
 SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
@@ -85,7 +85,7 @@ def test_an_unknown_truth_gives_no_error_in_any_unit():
 
 @pytest.mark.parametrize("ends", [(math.nan, math.nan), (0.5, 0.5), (0.4, math.inf)])
 def test_without_a_depth_of_focus_the_error_stands_and_success_is_unknown(ends):
-    assert depth_of_focus(ends) is None
+    assert truth_depth_of_focus(ends) is None
     one = judged(480.0, ends=ends)
     assert one.error == pytest.approx(0.1)
     assert (one.error_dof, one.blur_px, one.success) == (None, None, (None,) * 3)
@@ -102,7 +102,7 @@ def test_without_a_lens_record_nothing_about_positions_is_known():
 
 
 def test_a_full_sweep_with_the_focus_half_way_costs_one_and_a_half_travels():
-    assert lens_travel(801, 400.0, focus_position=SWEEP) == pytest.approx(1.5)
+    assert lens_travel_to_answer(801, 400.0, focus_position=SWEEP) == pytest.approx(1.5)
 
 
 THERE_AND_BACK = np.concatenate([SWEEP, SWEEP[-2::-1]])  # frame t stands at t/800, then at (1600 - t)/800
@@ -171,17 +171,17 @@ def test_what_the_lens_does_not_say_the_stream_may():
 
 def test_stopping_early_costs_the_way_there_and_back():
     # METHODS.md 11: stopping at p0 / 0.8 is about twice as cheap at p0 = 0.5.
-    assert lens_travel(501, 400.0, focus_position=SWEEP) == pytest.approx(0.625 + 0.125)
+    assert lens_travel_to_answer(501, 400.0, focus_position=SWEEP) == pytest.approx(0.625 + 0.125)
 
 
 def test_the_way_counts_every_reversal_of_the_lens():
     there_and_back = np.concatenate([SWEEP, SWEEP[::-1]])
-    assert lens_travel(1602, None, focus_position=there_and_back) == pytest.approx(2.0)
+    assert lens_travel_to_answer(1602, None, focus_position=there_and_back) == pytest.approx(2.0)
 
 
 def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
-    assert lens_travel(801, None, focus_position=SWEEP) == pytest.approx(1.0)
-    assert lens_travel(0, None, focus_position=SWEEP) == 0
+    assert lens_travel_to_answer(801, None, focus_position=SWEEP) == pytest.approx(1.0)
+    assert lens_travel_to_answer(0, None, focus_position=SWEEP) == 0
 
 
 @pytest.mark.parametrize(
@@ -196,12 +196,12 @@ def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
     ],
 )
 def test_the_light_ratio_is_brightest_over_darkest(gain, ratio):
-    assert light_ratio(np.array(gain, dtype=np.float32)) == (None if ratio is None else pytest.approx(ratio))
+    assert recorded_light_ratio(np.array(gain, dtype=np.float32)) == (None if ratio is None else pytest.approx(ratio))
 
 
 def test_an_unknown_light_has_no_ratio():
-    assert light_ratio(None) is None
-    assert light_ratio(np.zeros((0, 1))) is None
+    assert recorded_light_ratio(None) is None
+    assert recorded_light_ratio(np.zeros((0, 1))) is None
 
 
 def holed(array, *frames, value=math.nan):
@@ -230,7 +230,7 @@ def test_a_track_that_is_not_known_in_every_frame_is_no_truth_for_answers_and_ab
     assert verdict.success == (None, None, None)
     assert (verdict.truth, verdict.truth_frame, verdict.error, verdict.error_frames) == (None,) * 4
     assert verdict.position == (None if frame is None else pytest.approx(frame / 800))
-    assert verdict.lens_travel == lens_travel(801, frame, focus_position=SWEEP)
+    assert verdict.lens_travel == lens_travel_to_answer(801, frame, focus_position=SWEEP)
 
 
 @pytest.mark.parametrize("frame", [480.0, None])
@@ -240,8 +240,8 @@ def test_a_track_without_a_position_of_best_focus_is_no_truth(frame):
 
 
 def test_the_light_ratio_of_gains_that_are_not_known_is_not_known():
-    assert light_ratio(np.array([[1.0], [math.nan]])) is None
-    assert light_ratio(np.array([[1.0, 1.0], [2.0, math.inf]])) is None
+    assert recorded_light_ratio(np.array([[1.0], [math.nan]])) is None
+    assert recorded_light_ratio(np.array([[1.0, 1.0], [2.0, math.inf]])) is None
 
 
 def test_a_share_within_half_a_depth_of_focus_may_exceed_that_within_one():

@@ -12,7 +12,7 @@ from reference_encoder import encode_reference
 from refusals import refusal
 from scipy import stats
 
-from saf_gen.camera import Encoder, charge_knot_weights, encode, get_sensor
+from saf_gen.camera import Encoder, encode, encoder_knot_weights, get_sensor
 
 THETA = 29_900.0
 QUIET = {"shot": False, "dark": False, "response": False, "threshold_spread": False, "threshold_noise": False}
@@ -40,7 +40,7 @@ def schedule(frames=404, shape=(5, 30), groups=2, seed=3):
     """Inputs of an encoder: a stack of light groups swept over its knots, with changing gains."""
     random = np.random.default_rng(seed)
     stack = random.uniform(0, 12_000, (groups, 4, *shape)).astype(np.float32)
-    index, fraction = charge_knot_weights((np.arange(frames) + 0.5) / frames, 4)
+    index, fraction = encoder_knot_weights((np.arange(frames) + 0.5) / frames, 4)
     gain = random.uniform(0.2, 2, (frames, groups))
     return {"stack": stack, "index": index, "fraction": fraction, "gain": gain}
 

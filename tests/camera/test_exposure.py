@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.camera import Encoder, camera_exposure_scale, charge_stack, encode, get_sensor
+from saf_gen.camera import Encoder, camera_exposure_scale, encode, get_sensor, sensor_charge_of_stack
 from saf_gen.camera.exposure import photoelectrons_per_irradiance, sensor_firing_rate, sensor_irradiance_per_radiance
 
 VIDAR = get_sensor("vidar_400x250")
@@ -54,7 +54,7 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
     radiance = np.full((2, 2, 60, 80), 0.5 * 0.1, np.float32)  # two groups share the light
     sensor = get_sensor("ideal", pitch_m=2e-4)  # wide angles
     distances = np.array([V, 1.3 * V])
-    stack = charge_stack(radiance, sensor, lens=Lens(distances), position=np.array([0, 1]))
+    stack = sensor_charge_of_stack(radiance, sensor, lens=Lens(distances), position=np.array([0, 1]))
     assert stack.dtype == np.float32
     for k, v in enumerate(distances):
         n = 2_000
@@ -147,4 +147,4 @@ def test_the_law_of_rates_is_capped():
 def test_lenses_that_cannot_be_are_refused(changes, message):
     lens = Lens(**{"distances": np.array([V, V]), **changes})
     radiance, position = np.ones((1, 2, 3, 4)), np.array([0, 1])
-    assert message in str(refusal(charge_stack, radiance, VIDAR, lens=lens, position=position))
+    assert message in str(refusal(sensor_charge_of_stack, radiance, VIDAR, lens=lens, position=position))

@@ -205,7 +205,7 @@ def test_ctrl_c_in_an_evaluation_says_that_nothing_is_kept(call, dataset, tmp_pa
 
 
 def test_ctrl_c_while_tuning_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.leaderboard.tuning.tune", interrupted)
+    monkeypatch.setattr("saf_gen.leaderboard.tuning.tune_method", interrupted)
     file = tmp_path / "cen.json"
     call_ = ("tune", dataset, "--method", "cen+argmax", "--try", "measure.highest=0.1,0.2", "--out", file)
     assert call(*call_) == (130, "", f"saf-gen: stopped; {AGAIN}\n")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Discriminator, Field, Tag
 
-from saf_gen.core.config.document import STRICT, FrozenModel, validate
+from saf_gen.core.config.document import STRICT, FrozenModel, validate_document
 from saf_gen.core.config.json_document import parse_json, read_json
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput
@@ -27,7 +27,7 @@ def read(tmp_path, text):
     path = tmp_path / "doc.yaml"
     path.write_text(text)
     document = read_yaml(path)
-    return validate(Outer, document), document
+    return validate_document(Outer, document), document
 
 
 def complaint(tmp_path, text):
@@ -112,7 +112,7 @@ def test_what_does_not_fit_one_of_several_kinds_is_told_by_that_kind(tmp_path, t
     path = tmp_path / "doc.yaml"
     path.write_text(text)
     with pytest.raises(BadInput) as caught:
-        validate(Drawing, read_yaml(path))
+        validate_document(Drawing, read_yaml(path))
     assert str(caught.value).replace(str(tmp_path) + "/", "") == told
 
 
@@ -182,7 +182,7 @@ def test_a_json_document_knows_its_lines(tmp_path):
     path = tmp_path / "doc.json"
     path.write_text(JSON)
     document = read_json(path)
-    assert validate(Outer, document).many["second"].size == 2
+    assert validate_document(Outer, document).many["second"].size == 2
     for keys, line in [((), 1), (("inner", "kind"), 4), (("many", "second", "size"), 7), (("inner", "x"), 3)]:
         assert document.locate(*keys) == f"{path}:{line}"
     listed = parse_json('[1,\n[2, {"a": [3,\n4]}]]', path, first_line=10)
@@ -209,7 +209,7 @@ def test_a_json_document_knows_its_lines(tmp_path):
 )
 def test_what_does_not_fit_in_json_is_told_with_its_line(text, told):
     with pytest.raises(BadInput) as caught:
-        validate(Row, parse_json(text, "r.jsonl", first_line=7, hint="make it again"), hint="make it again")
+        validate_document(Row, parse_json(text, "r.jsonl", first_line=7, hint="make it again"), hint="make it again")
     assert str(caught.value).startswith(told)
     assert "\n" not in str(caught.value)
 

@@ -7,33 +7,33 @@ import pytest
 from refusals import assert_says, refusal
 from scipy.stats import kstest
 
-from saf_gen.core.config.ranges import check_parameter, draw_from_range, is_range, range_extremes
+from saf_gen.core.config.ranges import check_parameter, config_range_extremes, draw_config_range, is_config_range
 from saf_gen.core.seeds import make_generator
 
 
 def test_a_fixed_value_is_drawn_as_itself():
-    assert draw_from_range(3.5, make_generator(0)) == 3.5
-    assert draw_from_range([1, 2], make_generator(0)) == [1, 2]
-    assert not is_range({"uniform": [0, 1], "choice": [1]})
+    assert draw_config_range(3.5, make_generator(0)) == 3.5
+    assert draw_config_range([1, 2], make_generator(0)) == [1, 2]
+    assert not is_config_range({"uniform": [0, 1], "choice": [1]})
 
 
 def test_uniform_draws_fill_their_range_evenly():
     """Kolmogorov–Smirnov at 1e-4, 2,000 draws, one fixed seed."""
     random = make_generator("ranges")
-    draws = [draw_from_range({"uniform": [2, 6]}, random) for _ in range(2000)]
+    draws = [draw_config_range({"uniform": [2, 6]}, random) for _ in range(2000)]
     assert kstest((np.array(draws) - 2) / 4, "uniform").pvalue > 1e-4
 
 
 def test_log_uniform_draws_are_uniform_in_the_logarithm():
     """Kolmogorov–Smirnov at 1e-4, 2,000 draws, one fixed seed."""
     random = make_generator("ranges")
-    draws = [draw_from_range({"log_uniform": [0.1, 10]}, random) for _ in range(2000)]
+    draws = [draw_config_range({"log_uniform": [0.1, 10]}, random) for _ in range(2000)]
     assert kstest((np.log10(draws) + 1) / 2, "uniform").pvalue > 1e-4
 
 
 def test_a_choice_draws_every_value():
     random = make_generator("ranges")
-    assert {draw_from_range({"choice": ["a", "b"]}, random) for _ in range(50)} == {"a", "b"}
+    assert {draw_config_range({"choice": ["a", "b"]}, random) for _ in range(50)} == {"a", "b"}
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_a_choice_draws_every_value():
     ],
 )
 def test_a_degenerate_range_is_refused(value, told):
-    assert_says(refusal(range_extremes, value), told)
+    assert_says(refusal(config_range_extremes, value), told)
 
 
 @pytest.mark.parametrize(
@@ -64,8 +64,8 @@ def test_a_degenerate_range_is_refused(value, told):
     ],
 )
 def test_what_would_draw_no_finite_number_or_a_range_is_refused(value, told):
-    assert_says(refusal(range_extremes, value), told)
-    assert_says(refusal(draw_from_range, value, make_generator(0)), told)
+    assert_says(refusal(config_range_extremes, value), told)
+    assert_says(refusal(draw_config_range, value, make_generator(0)), told)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.errors import BadInput
-from saf_gen.generate.executor import run_jobs
+from saf_gen.generate.executor import run_generation_jobs
 
 
 class Light:
@@ -82,7 +82,7 @@ class Sleeps(Light):
 
 def done(jobs, **options):
     options = {"workers": 1, "report": lambda name, done: None} | options
-    ended = run_jobs(jobs, **options)
+    ended = run_generation_jobs(jobs, **options)
     return {job.name: (result, "" if error is None else str(error)) for job, result, error in ended}
 
 
@@ -145,7 +145,7 @@ def followers(job, result):
 
 def test_what_follows_from_a_job_runs_after_it():
     order = []
-    for job, result, error in run_jobs(
+    for job, result, error in run_generation_jobs(
         [Square(3), Raises(MemoryError())], workers=1, report=lambda name, done: None, follow_up=followers
     ):
         order.append((job.name, error is None and result[0]))
@@ -157,7 +157,7 @@ def test_what_follows_from_a_job_runs_after_it():
 def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another():
     """The light one ends although the heavy ones, one after the other, are still at it."""
     heavy = [Heavy(1.0, "one"), Heavy(1.0, "two")]
-    ended = list(run_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None))
+    ended = list(run_generation_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None))
     first, second = sorted(result for job, result, _ in ended if isinstance(job, Heavy))
     assert first[1] <= second[0]
     assert ended[-1][0].name != "square 1"
@@ -166,7 +166,7 @@ def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_anot
 @pytest.mark.slow
 def test_a_job_that_follows_a_dead_process_fails_with_that_cause():
     """Its pool is broken by then: what should run next is named too, nothing hangs."""
-    ended = run_jobs(
+    ended = run_generation_jobs(
         [Heavy(), Dies()], workers=1, report=lambda name, done: None, follow_up=lambda job, result: [Square(2)]
     )
     results = {job.name: error for job, _, error in ended}
@@ -176,7 +176,7 @@ def test_a_job_that_follows_a_dead_process_fails_with_that_cause():
 
 def test_bad_input_is_told_apart_from_other_failures():
     jobs = [Raises(BadInput("gain -1")), Raises(ZeroDivisionError("division by zero"))]
-    errors = {job.name: error for job, _, error in run_jobs(jobs, workers=1, report=lambda name, done: None)}
+    errors = {job.name: error for job, _, error in run_generation_jobs(jobs, workers=1, report=lambda name, done: None)}
     assert errors["raises BadInput"].exit_code == 2
     assert errors["raises ZeroDivisionError"].exit_code == 1
 
@@ -197,7 +197,7 @@ def test_a_job_whose_process_dies_is_named_with_what_to_do():
 
 def test_workers_end_when_the_caller_stops_listening(tmp_path):
     note = tmp_path / "pid"
-    jobs = run_jobs([Square(1), Sleeps(note)], workers=2, report=lambda name, done: None)
+    jobs = run_generation_jobs([Square(1), Sleeps(note)], workers=2, report=lambda name, done: None)
     next(jobs)
     deadline = time.monotonic() + 30
     while not note.exists() and time.monotonic() < deadline:
@@ -218,12 +218,12 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
             """
             import sys
             from pathlib import Path
-            from saf_gen.generate.executor import run_jobs
+            from saf_gen.generate.executor import run_generation_jobs
             from test_executor import Sleeps
             if __name__ == "__main__":
                 notes = [Path(n) for n in sys.argv[1:]]
                 jobs = [Sleeps(note, name=note.name) for note in notes]
-                list(run_jobs(jobs, workers=len(jobs), report=lambda name, done: None))
+                list(run_generation_jobs(jobs, workers=len(jobs), report=lambda name, done: None))
             """
         )
     )
@@ -263,7 +263,7 @@ class Heavy:
         return begin, time.monotonic()
 
 
-# A cluster. The stand-in does what run_jobs needs of dask.distributed; the real one is tried where it is.
+# A cluster. The stand-in does what run_generation_jobs needs of dask.distributed; the real one is tried where it is.
 
 
 class FakeFuture(Future):

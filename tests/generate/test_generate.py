@@ -19,7 +19,7 @@ from small_dataset import SCENES, SMALL_RECIPE
 import saf_gen
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.lights import group_gains
+from saf_gen.lights import light_group_gains
 from saf_gen.render import backend
 from saf_gen.stack.exr import read_planes
 from saf_gen.stack.focal_stack import StackStore
@@ -229,6 +229,8 @@ def test_a_scene_that_fails_is_named_and_leaves_nothing_whole(small_recipe, tmp_
 
 
 def test_a_group_without_a_schedule_stays_at_gain_one():
-    gains = group_gains({"lamp": {"kind": "constant", "level": 0.5}}, ("lamp", "room"), frames=20, readout_hz=1000.0)
+    gains = light_group_gains(
+        {"lamp": {"kind": "constant", "level": 0.5}}, ("lamp", "room"), frames=20, readout_hz=1000.0
+    )
     assert gains[:, 0] == pytest.approx(0.5)
     assert gains[:, 1] == pytest.approx(1.0)

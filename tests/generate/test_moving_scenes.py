@@ -15,7 +15,7 @@ from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics import ImageDistanceDrive
-from saf_gen.render import backend, one_pass, render_missing
+from saf_gen.render import backend, one_pass, render_missing_stacks
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.time_resolved import PlaneSource
@@ -139,7 +139,7 @@ def test_between_two_slices_the_picture_is_a_render_of_that_time(made, scenes, m
     frame = (time_stack.slice_frames[j] + time_stack.slice_frames[j + 1]) / 2 - 0.5
     blended = ChargeSource(plane_source, work.sensor).charge_image(frame, position)
     middle = replace(time_stack.specs[j], time_s=(time_stack.specs[j].time_s + time_stack.specs[j + 1].time_s) / 2)
-    render_missing(sequence.scene, [middle], root=tmp_path, backend_name=VARIANT)
+    render_missing_stacks(sequence.scene, [middle], root=tmp_path, backend_name=VARIANT)
     stack = StackStore(tmp_path, middle).load()
     rendered = ChargeSource(PlaneSource.from_stack(stack), work.sensor).charge_image(0, position)
     before = ChargeSource(plane_source, work.sensor).charge_image(time_stack.slice_frames[j] - 0.5, position)
@@ -204,7 +204,7 @@ def test_all_moments_are_traced_by_one_kernel_a_light(recipe, tmp_path, monkeypa
 
     monkeypatch.setattr(one_pass, "render_stack", spied)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        render_missing(work.sequences[0].scene, moments, root=tmp_path, backend_name=VARIANT)
+        render_missing_stacks(work.sequences[0].scene, moments, root=tmp_path, backend_name=VARIANT)
     lights = len(moments[0].groups)
     assert len(used) == len(moments) * lights
     assert len(set(used[lights:])) <= lights  # the first moment also loads what stays

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from saf_gen.errors import SafGenError
-from saf_gen.generate.executor import Job, JobResult, ReportProgress, run_jobs
+from saf_gen.generate.executor import Job, JobResult, ReportProgress, run_generation_jobs
 
 __all__ = ["run_jobs_inline"]
 
@@ -18,9 +18,9 @@ def run_jobs_inline(
     follow_up: Callable[[Any, Any], Iterable[Job]],
     address: str | None,
 ) -> Iterator[JobResult]:
-    """Run jobs and those that follow from them one after the other, as run_jobs does on many processes."""
+    """Run jobs and those that follow from them one after the other, as run_generation_jobs does on many processes."""
     if address is not None:
-        yield from run_jobs(jobs, workers=workers, report=report, follow_up=follow_up, address=address)
+        yield from run_generation_jobs(jobs, workers=workers, report=report, follow_up=follow_up, address=address)
         return
     waiting = deque(jobs)
     while waiting:

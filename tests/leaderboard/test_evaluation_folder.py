@@ -12,7 +12,7 @@ from refusals import refusal
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.report import evaluation_folder, write_evaluation
+from saf_gen.leaderboard.report import evaluation_folder, write_evaluation_report
 
 pytestmark = pytest.mark.slow
 
@@ -39,7 +39,7 @@ def of_one_method(scene="camel"):
 
 
 def write(folder, made):
-    return write_evaluation(folder, evaluation=made, rows=rank_methods(made.records), title="small")
+    return write_evaluation_report(folder, evaluation=made, rows=rank_methods(made.records), title="small")
 
 
 def held(folder):

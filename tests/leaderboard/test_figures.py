@@ -19,8 +19,8 @@ from saf_gen.leaderboard.figures import (
     build_image_strip,
     error_figure,
     inline_svg,
-    locate_cursor,
-    normalise_curve,
+    locate_figure_cursor,
+    normalise_curve_of_figure,
     plot_condition,
     plot_errors,
     plot_focus_curves,
@@ -29,7 +29,7 @@ from saf_gen.leaderboard.figures import (
     split_method_label,
     to_svg,
 )
-from saf_gen.leaderboard.figures._style import VARIABLES, describe_figure_omissions, shorten_middle
+from saf_gen.leaderboard.figures._style import VARIABLES, describe_figure_omissions, shorten_figure_label
 from saf_gen.leaderboard.figures.condition_figure import bin_sequences_for_figure
 
 pytestmark = pytest.mark.slow
@@ -55,9 +55,9 @@ def legend(figure):
 
 
 def test_normalised_scores_run_from_0_to_1_and_a_flat_curve_is_0():
-    assert normalise_curve(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
-    assert normalise_curve(np.array([2.0, 2.0])).tolist() == [0, 0]
-    assert np.isnan(normalise_curve(np.array([np.nan, 1.0, 2.0]))[0])
+    assert normalise_curve_of_figure(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
+    assert normalise_curve_of_figure(np.array([2.0, 2.0])).tolist() == [0, 0]
+    assert np.isnan(normalise_curve_of_figure(np.array([np.nan, 1.0, 2.0]))[0])
 
 
 def test_a_figure_is_well_formed_and_its_text_is_text():
@@ -173,7 +173,7 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
     assert light.get_ylabel() == "spikes per pixel and readout"
     assert light.collections
     assert (axes.get_ylabel(), list(axes.get_yticks())) == ("", [])
-    across = locate_cursor(figure, bare, frames=np.array([0.0, 799.0])).across
+    across = locate_figure_cursor(figure, bare, frames=np.array([0.0, 799.0])).across
     assert 0 < across[0] < across[1] < 1
 
     resting = make_sweep(measures=(), lens=np.concatenate([LENS[::2], LENS[::-2]]))
@@ -231,9 +231,9 @@ def test_many_methods_stand_closer_and_very_many_are_cut_and_said():
 
 
 def test_long_names_keep_their_ends_and_stay_in_the_figure():
-    assert shorten_middle("sd+argmax", 9) == "sd+argmax"
-    assert shorten_middle("sd:a=1+egs:final=20", 9) == "sd:a…l=20"
-    assert len(shorten_middle("x" * 99, 18)) == 18
+    assert shorten_figure_label("sd+argmax", 9) == "sd+argmax"
+    assert shorten_figure_label("sd:a=1+egs:final=20", 9) == "sd:a…l=20"
+    assert len(shorten_figure_label("x" * 99, 18)) == 18
     names = [f"a_measure_of_a_very_long_name:option={i},another_one=0.25" for i in range(3)]
     records = [record(f"{n}+a_search_of_a_long_name:{n}", "x", 0.1, frame=300.0) for n in names]
     figure = curves(make_sweep(measures=()), records, assign_styles(names))
@@ -299,7 +299,7 @@ def test_a_truth_outside_the_travel_does_not_stretch_the_axis():
 def test_the_cursor_of_a_frame_is_where_the_picture_has_it():
     one = make_sweep()
     figure = curves(one)
-    found = locate_cursor(figure, one, frames=np.array([0.0, 399.5, 799.0]))
+    found = locate_figure_cursor(figure, one, frames=np.array([0.0, 399.5, 799.0]))
     left, right = main(figure).get_position().x0, main(figure).get_position().x1
     assert found.across == pytest.approx([left, (left + right) / 2, right], abs=1e-3)
     assert 0 < found.top < found.bottom == pytest.approx(1 - main(figure).get_position().y0)

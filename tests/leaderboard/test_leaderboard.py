@@ -8,10 +8,10 @@ from refusals import refusal
 
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.leaderboard import (
-    compose_notes,
+    compose_leaderboard_notes,
     format_latex,
     format_markdown,
-    list_all_columns,
+    list_leaderboard_columns,
     list_shown_columns,
     rank_methods,
     write_leaderboard,
@@ -176,7 +176,7 @@ def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
         assert column.meaning.endswith(".")
         assert all(column.format_value(row) for row in rows)
     assert {"rank", "method", "success_1dof", "failed"} <= {c.name for c in shown if not c.min_terminal_width}
-    every = list_all_columns(rows)
+    every = list_leaderboard_columns(rows)
     assert len({c.name for c in every}) == len(every)
     assert {c.name for c in shown} <= {c.name for c in every}
     assert all(c.meaning.endswith(".") for c in every)
@@ -224,7 +224,10 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
     assert rows[0].missing_reason == "2 of at least 3 scenes"
     assert "rank_best" not in {c.name for c in list_shown_columns(rows)}
-    assert any(note.startswith("There are no intervals: 2 of at least 3 scenes") for note in compose_notes(rows, some))
+    assert any(
+        note.startswith("There are no intervals: 2 of at least 3 scenes")
+        for note in compose_leaderboard_notes(rows, some)
+    )
     write_leaderboard(tmp_path, rows=rows, records=some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["intervals"]["unknown"] == "2 of at least 3 scenes"
@@ -233,11 +236,14 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
 
 
 def test_few_scenes_and_two_machines_are_said(twelve):
-    assert any("over 12 scenes." in note for note in compose_notes(rank_methods(twelve), twelve))
+    assert any("over 12 scenes." in note for note in compose_leaderboard_notes(rank_methods(twelve), twelve))
     few = over("a+s", [0, 0, 0])
-    assert any("over 3 scenes; so few make them too narrow." in note for note in compose_notes(rank_methods(few), few))
+    assert any(
+        "over 3 scenes; so few make them too narrow." in note
+        for note in compose_leaderboard_notes(rank_methods(few), few)
+    )
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
-    assert "Seconds do not compare, they come from 2 machines: x, 2 cores; y, 9 cores." in compose_notes(
+    assert "Seconds do not compare, they come from 2 machines: x, 2 cores; y, 9 cores." in compose_leaderboard_notes(
         rank_methods(mixed), mixed
     )
 
@@ -252,7 +258,7 @@ def test_what_only_a_running_camera_knows_has_a_column_only_there():
     assert "median_error_frames" not in shown
     (recorded,) = rank_methods([record("a+s", "x", 0.1)])
     assert {"reversals", "time_to_focus_s"} & {c.name for c in list_shown_columns([recorded])} == set()
-    assert {"reversals", "time_to_focus_s"} <= {c.name for c in list_all_columns([recorded])}
+    assert {"reversals", "time_to_focus_s"} <= {c.name for c in list_leaderboard_columns([recorded])}
 
 
 # -- LaTeX ----------------------------------------------------------------------------------------------
@@ -301,7 +307,7 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
         for light in lights
     ]
     rows = rank_methods(records)
-    keys = [c.key for c in list_all_columns(rows)]
+    keys = [c.key for c in list_leaderboard_columns(rows)]
     assert len(keys) == len(set(keys))
     assert {f"success_1dof_light_{light}" for light in lights} < set(keys)
     write_leaderboard(tmp_path, rows=rows, records=records)
@@ -332,7 +338,7 @@ def test_the_shares_that_may_stand_the_other_way_round_say_so():
     records += [record("m+s", "s2", 0.1, scene="s2")]
     (row,) = rank_methods(records)
     assert row.success_half_dof > row.success_1dof
-    meanings = {c.name: c.meaning for c in list_all_columns([row])}
+    meanings = {c.name: c.meaning for c in list_leaderboard_columns([row])}
     rule = "An abstention is right where no answer could be so near, so this can be"
     assert meanings["success_half_dof"].endswith(f"{rule} above ≤1 DoF.")
     assert meanings["success_2dof"].endswith(f"{rule} below ≤1 DoF.")

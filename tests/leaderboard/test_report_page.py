@@ -15,7 +15,7 @@ from saf_gen.leaderboard import list_shown_columns, rank_methods
 from saf_gen.leaderboard.report import build_page, plot_report_figures, write_report
 from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES
 from saf_gen.leaderboard.report.page import MAX_ANSWERS
-from saf_gen.leaderboard.report.selections import list_selections
+from saf_gen.leaderboard.report.selections import list_page_selections
 
 pytestmark = pytest.mark.slow
 
@@ -258,7 +258,7 @@ def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(whole):
     shown = list_shown_columns(rank_methods(records))
     bodies, data = table_rows(text, 'id="board"'), page_data(text)
     names = re.findall(r'<option value="\d+">(.*?)</option>', text)
-    selections = list_selections(records)
+    selections = list_page_selections(records)
     assert names == ["all 12", *(selection.name for selection in selections)]
     assert len(data["selections"]) == len(selections) > 12
     everything = {"body": 0, "sequences": list(range(12))}
@@ -272,7 +272,7 @@ def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(whole):
 
 def test_selections_are_the_bins_of_what_differs():
     found = {}
-    for selection in list_selections(make_records()):
+    for selection in list_page_selections(make_records()):
         found.setdefault(selection.axis, {})[selection.name] = len(selection.sequences)
     assert found["Split"] == {"test": 8, "train": 4}
     assert found["Light schedule"] == {"constant": 3, "ramp": 6, "steps": 3}

@@ -15,7 +15,7 @@ from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.generate.recorder import Recorder
-from saf_gen.lights import group_gains, light_gains_at_readouts
+from saf_gen.lights import light_gains_at_readouts, light_group_gains
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
 
@@ -466,7 +466,7 @@ def test_a_gain_that_float32_cannot_hold_is_told_in_one_line(part):
     with pytest.raises(
         BadInput, match=r"^the gain of .* is too large to be recorded; allowed: gains up to 3.4e\+38$"
     ) as caught:
-        group_gains({"room": part}, ("lamp", "room"), frames=200, readout_hz=20_000)
+        light_group_gains({"room": part}, ("lamp", "room"), frames=200, readout_hz=20_000)
     assert "\n" not in str(caught.value)
 
 

@@ -10,7 +10,7 @@ from small_dataset import SMALL_RECIPE
 from saf_gen.generate.plan import SceneFamily, make_plan
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
-from saf_gen.lights import group_gains
+from saf_gen.lights import light_group_gains
 
 TABLE = "time_s,gain\n0,1\n0.01,0.5\n"
 
@@ -40,7 +40,7 @@ def fingerprints(path):
 
 
 def gains_of(sequence, frames=20):
-    return group_gains(sequence.schedule, ("lamp", "room"), frames=frames, readout_hz=20_000)
+    return light_group_gains(sequence.schedule, ("lamp", "room"), frames=frames, readout_hz=20_000)
 
 
 # --- files -------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from small_dataset import HERE
 from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator
 from saf_gen.optics.actuators.actuator import PRESETS
 from saf_gen.optics.actuators.oscillator import oscillator_propagator
-from saf_gen.optics.actuators.trajectory import plan_actuator_move, trajectory_state_at
+from saf_gen.optics.actuators.trajectory import actuator_trajectory_at, plan_actuator_move
 
 HZ = 20_000.0
 SIGNIFICANCE = 1e-3
@@ -326,12 +326,12 @@ def test_speed_and_acceleration_stay_within_their_limits_whatever_is_commanded()
 def test_a_motor_on_the_move_brakes_before_it_turns():
     """At speed 1 away from its new place it needs 1/a to stop, 1/(2a) further on, and comes from there."""
     course = plan_actuator_move(0.2, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0)
-    assert trajectory_state_at(course, 5.1) == pytest.approx((0.55, 0.0))
+    assert actuator_trajectory_at(course, 5.1) == pytest.approx((0.55, 0.0))
     assert course[-1] == (pytest.approx(5.1 + 2 * sqrt(0.35 / 10)), 0.2, 0.0, 0.0)
     nearer = plan_actuator_move(
         0.52, 5.0, position=0.5, speed=1.0, max_speed=100.0, acceleration=10.0
     )  # too near to stop
-    assert trajectory_state_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
+    assert actuator_trajectory_at(nearer, 5.1) == pytest.approx((0.55, 0.0))
     assert nearer[-1] == (pytest.approx(5.1 + 2 * sqrt(0.03 / 10)), 0.52, 0.0, 0.0)
 
 

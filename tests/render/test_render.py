@@ -17,7 +17,7 @@ from written_scenes import (
 )
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.render import backend, depth_and_target, mitsuba_scene, one_pass, render_missing, thin_lens
+from saf_gen.render import backend, depth_and_target, mitsuba_scene, one_pass, render_missing_stacks, thin_lens
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
@@ -83,7 +83,7 @@ def test_every_position_gets_the_samples_asked_for(plane, drive):
 def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, samples):
     """From 0.5 m to 36 mm the samples of a pixel go from 4.2 to 0.4 times those asked for."""
     setup = load_setup(plane, drive=ImageDistanceDrive(0.025, 2.0, (0.5, 0.036)))
-    sky, integrator = mitsuba_scene.load_lit_scene(
+    sky, integrator = mitsuba_scene.load_lit_mitsuba_scene(
         {"sky": {"type": "constant", "radiance": 3.0}}, ("sky",), max_depth=2
     )
     stack = render_stack_once(
@@ -264,8 +264,8 @@ def test_the_scalar_variant_renders_the_same_scene(plane, tmp_path):
     spec = StackSpec("plane", plane.digest, ("room",), plane.build_drive(), 40, 64, 60e-6, 3, 64, 3)
     for name in ("scalar", "llvm") if backend.probe_render_backends().llvm_usable else ("scalar",):
         root = tmp_path / name
-        assert render_missing(plane, [spec], root=root, backend_name=name) == ["geometry", "room"]
-        assert render_missing(plane, [spec], root=root, backend_name=name) == []
+        assert render_missing_stacks(plane, [spec], root=root, backend_name=name) == ["geometry", "room"]
+        assert render_missing_stacks(plane, [spec], root=root, backend_name=name) == []
         stack = StackStore(root, spec).load()
         assert stack.backend == name
         assert stack.depth == pytest.approx(0.5, abs=1e-5)

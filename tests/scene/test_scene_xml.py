@@ -57,7 +57,7 @@ def test_the_exported_folder_is_what_its_script_makes(tmp_path):
 
 def seen_of(scene, group):
     backend.activate_render_backend("scalar")
-    loaded, integrator = mitsuba_scene.load_lit_scene(
+    loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
         mitsuba_scene.build_scene_dict(scene), scene.card.lights[group], max_depth=3
     )
     to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
@@ -94,7 +94,7 @@ def test_the_card_says_how_large_a_unit_is(exported):
     card.write_text(text.replace("0.80, 0.42", "1.6, 0.04").replace("25", "0.5"))
     backend.activate_render_backend("scalar")
     scene = load_scene_folder(scene.folder)
-    loaded, _ = mitsuba_scene.load_lit_scene(
+    loaded, _ = mitsuba_scene.load_lit_mitsuba_scene(
         mitsuba_scene.build_scene_dict(scene), scene.card.lights["lamp"], max_depth=3
     )
     camera = np.array(mitsuba_scene.camera_to_world(scene).matrix)
@@ -148,7 +148,7 @@ def test_a_lamp_that_is_shared_burns_in_each_shape_that_names_it(written, tmp_pa
     backend.activate_render_backend("scalar")
     entries = xml_scene.parse_mitsuba_scene_dict(text, tmp_path / "scene.xml")
     assert set(entries) == {"grey", "a", "b"}
-    loaded, _ = mitsuba_scene.load_lit_scene(entries, ("a",), max_depth=2)
+    loaded, _ = mitsuba_scene.load_lit_mitsuba_scene(entries, ("a",), max_depth=2)
     lit = {s.id(): (s.is_emitter(), s.bsdf().id()) for s in loaded.shapes()}
     assert lit["a"] == (True, "grey")
     assert lit["b"][0] is False
@@ -385,7 +385,7 @@ def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
     file.write_bytes(file.read_bytes()[:kept])
     backend.activate_render_backend("scalar")
     described = mitsuba_scene.build_scene_dict(scene)
-    assert file.name in refusal(mitsuba_scene.load_lit_scene, described, ("World",), max_depth=3).problem
+    assert file.name in refusal(mitsuba_scene.load_lit_mitsuba_scene, described, ("World",), max_depth=3).problem
 
 
 def test_every_plug_in_that_is_allowed_is_one_of_mitsubas():

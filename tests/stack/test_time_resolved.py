@@ -16,10 +16,10 @@ from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.time_resolved import (
     PlaneSource,
     TimeResolvedStack,
-    focus_windows_of_time_slices,
-    frames_of_time_slices,
+    focus_windows_of_stack_slices,
+    frames_of_stack_slices,
 )
-from saf_gen.stack.true_focus import find_true_focus, noise_free_sharpness
+from saf_gen.stack.true_focus import find_true_focus, noise_free_stack_sharpness
 
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 SPEC = StackSpec("plane", "0" * 64, ("lamp", "room"), DRIVE, 6, 8, 60e-6, 9, 16, 4)
@@ -34,7 +34,7 @@ def stacks(position=SWEEP, at=AT, depths=(0.5, 0.5, 0.5, 0.5)):
     random = np.random.default_rng(4)
     made = []
     for frame, window, depth in zip(
-        at, focus_windows_of_time_slices(position, at, positions=SPEC.positions), depths, strict=True
+        at, focus_windows_of_stack_slices(position, at, positions=SPEC.positions), depths, strict=True
     ):
         spec = replace(SPEC, time_s=frame / 20_000, window=window)
         light = random.uniform(0.1, 1, (2, spec.rendered_count, 6, 8)).astype(np.float32)
@@ -68,7 +68,7 @@ def seen(made, frame, position):
     [(20_000, 20_000, 100, 200), (20_000, 20_000, 64, 312), (400, 20_000, 1, 20_000), (100, 20_000, 1e4, 8)],
 )
 def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_s, step):
-    at = frames_of_time_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    at = frames_of_stack_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
     assert set(np.diff(at)) == {step}
     assert at[0] == 0
     assert at[-2] < frames <= at[-1]
@@ -78,14 +78,14 @@ def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_
 def test_windows_hold_every_position_that_the_lens_passes_between_the_moments_beside_them():
     there_and_back = np.abs(1 - 2 * SWEEP)
     for position in (SWEEP, SWEEP[::-1], there_and_back, np.full(FRAMES, 0.25)):
-        found = focus_windows_of_time_slices(position, AT, positions=9)
+        found = focus_windows_of_stack_slices(position, AT, positions=9)
         for j, (first, last) in enumerate(found):
             around = position[AT[max(j - 1, 0)] : AT[min(j + 1, 3)]] * 8
             assert 0 <= first < last <= 8
             assert first <= around.min()
             assert around.max() <= last
-    assert focus_windows_of_time_slices(SWEEP, AT, positions=9)[0][1] < 8  # not the whole travel
-    assert set(focus_windows_of_time_slices(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
+    assert focus_windows_of_stack_slices(SWEEP, AT, positions=9)[0][1] < 8  # not the whole travel
+    assert set(focus_windows_of_stack_slices(np.full(FRAMES, 0.25), AT, positions=9)) == {(2, 3)}
 
 
 @pytest.mark.parametrize("cut", [400, 160, 96, 8])
@@ -288,11 +288,11 @@ def test_a_target_that_is_never_seen_is_refused(tmp_path):
 def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
     source = plane_source(stacks())
     charge_source = ChargeSource(source, SENSOR)
-    found = noise_free_sharpness(charge_source, find_true_focus(source, SWEEP), position=SWEEP)
+    found = noise_free_stack_sharpness(charge_source, find_true_focus(source, SWEEP), position=SWEEP)
     assert np.isfinite(found).all()
     half = SWEEP / 2
     source = plane_source(stacks(half))
-    found = noise_free_sharpness(ChargeSource(source, SENSOR), find_true_focus(source, half), position=half)
+    found = noise_free_stack_sharpness(ChargeSource(source, SENSOR), find_true_focus(source, half), position=half)
     assert np.isfinite(found[:5]).all()
     assert np.isnan(found[5:]).all()
 

@@ -6,7 +6,7 @@ import pytest
 import saf_gen
 from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.motions import lens_motion_at_readouts
-from saf_gen.stream.inspection import describe_stream
+from saf_gen.stream.inspection import describe_stream_file
 
 
 def test_a_stream_with_truth_is_described(tmp_path):
@@ -23,7 +23,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
         provenance={"variant": "llvm"},
     )
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_stream(stream)
+        facts = describe_stream_file(stream)
     assert facts["pixels"] == "6×4"
     assert facts["frames"] == "80 at 40000 Hz (0.002 s)"
     assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
@@ -55,7 +55,7 @@ def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
         truth={"position": 0.25, "frame": when[0] if when.size else np.nan},
     )
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_stream(stream)
+        facts = describe_stream_file(stream)
     assert facts["focus"] == path
     assert facts["true focus"] == f"0.25000 of the travel, {passed}"
 
@@ -63,6 +63,6 @@ def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
 def test_a_stream_without_truth_says_so(tmp_path):
     saf_gen.write_stream(tmp_path / "a.h5", np.zeros((8, 2, 2), dtype=np.uint8))
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_stream(stream)
+        facts = describe_stream_file(stream)
     assert facts["true focus"] == "unknown"
     assert facts["focus"] == "not recorded"

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
+from saf_gen.stream.manifest import (
+    MANIFEST_NAME,
+    Manifest,
+    SequenceEntry,
+    read_manifest,
+    verify_manifest_entry,
+    write_manifest,
+)
 from saf_gen.stream.stream_writer import write_stream
 
 ENTRY = SequenceEntry(
@@ -99,9 +106,9 @@ def test_a_manifest_that_points_outside_is_not_written(tmp_path):
 def test_an_entry_is_verified_against_its_stream(tmp_path):
     digest = write_stream(tmp_path / "a.h5", np.eye(7)[:, None])
     whole = replace(ENTRY, file="a.h5", frames=7, content_sha256=digest)
-    verify_entry(tmp_path, whole)
+    verify_manifest_entry(tmp_path, whole)
     for wrong in (replace(whole, frames=8), replace(whole, content_sha256="0" * 64)):
-        error = refusal(verify_entry, tmp_path, wrong)
+        error = refusal(verify_manifest_entry, tmp_path, wrong)
         assert error.problem.startswith("holds 7 frames")
         assert MANIFEST_NAME in error.allowed
-    assert "no such file" in refusal(verify_entry, tmp_path, replace(whole, file="none.h5")).problem
+    assert "no such file" in refusal(verify_manifest_entry, tmp_path, replace(whole, file="none.h5")).problem

@@ -7,15 +7,15 @@
 from collections.abc import Callable, Iterator
 
 from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_error, report_scene_ok
-from saf_gen.authoring.checks.focus_reach import check_family, check_reach, report_scene_target_unseen
-from saf_gen.authoring.checks.licence import check_licence
+from saf_gen.authoring.checks.focus_reach import check_scene_family, check_scene_reach, report_scene_target_unseen
+from saf_gen.authoring.checks.licence import check_scene_licence
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.authoring.checks.scene_units import check_units
-from saf_gen.authoring.checks.sharpness_curve import check_curve
-from saf_gen.authoring.checks.slice_interpolation import check_slices
-from saf_gen.authoring.checks.target_detail import check_detail
-from saf_gen.authoring.checks.target_illuminance import check_exposure
-from saf_gen.authoring.checks.target_motion import check_motion
+from saf_gen.authoring.checks.scene_units import check_scene_units
+from saf_gen.authoring.checks.sharpness_curve import check_scene_curve
+from saf_gen.authoring.checks.slice_interpolation import check_scene_slices
+from saf_gen.authoring.checks.target_detail import check_scene_detail
+from saf_gen.authoring.checks.target_illuminance import check_scene_exposure
+from saf_gen.authoring.checks.target_motion import check_scene_motion
 from saf_gen.camera import Sensor
 from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import Scene
@@ -23,26 +23,26 @@ from saf_gen.scene.scene_folder import Scene
 __all__ = [
     "SceneFinding",
     "SceneUnderTest",
-    "check_curve",
-    "check_detail",
-    "check_exposure",
-    "check_family",
-    "check_motion",
-    "check_reach",
     "check_scene",
-    "check_slices",
-    "check_units",
+    "check_scene_curve",
+    "check_scene_detail",
+    "check_scene_exposure",
+    "check_scene_family",
+    "check_scene_motion",
+    "check_scene_reach",
+    "check_scene_slices",
+    "check_scene_units",
 ]
 
 CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]], ...] = (
-    check_units,
-    check_reach,
-    check_exposure,
-    check_detail,
-    check_curve,
-    check_motion,
-    check_slices,
-    check_family,
+    check_scene_units,
+    check_scene_reach,
+    check_scene_exposure,
+    check_scene_detail,
+    check_scene_curve,
+    check_scene_motion,
+    check_scene_slices,
+    check_scene_family,
 )
 
 
@@ -54,7 +54,7 @@ def check_scene(
     Whatever stops a check, such as a scene that cannot be built, is an error of that check, and ends those that need
     its result. ``backend`` is 'auto', 'cuda', 'llvm' or 'scalar'; ``progress`` is called with the fraction done, 0...1.
     """
-    yield from check_licence(scene)
+    yield from check_scene_licence(scene)
     subject = SceneUnderTest(scene, sensor, backend=backend)
     try:
         shapes = subject.renderer.prepare().mitsuba_scene.shapes()
@@ -72,5 +72,5 @@ def check_scene(
         try:
             yield from check(subject)
         except BadInput as problem:
-            yield report_scene_error(check.__name__.removeprefix("check_"), str(problem))
+            yield report_scene_error(check.__name__.removeprefix("check_scene_"), str(problem))
         progress(0.1 + 0.9 * n / len(CHECKS_OF_BUILT_SCENES))

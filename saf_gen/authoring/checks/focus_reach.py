@@ -13,7 +13,7 @@ from saf_gen.authoring.checks._scene_finding import (
 )
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.scene_units import suggest_scene_unit
-from saf_gen.core.config.ranges import is_range
+from saf_gen.core.config.ranges import is_config_range
 from saf_gen.errors import BadInput
 
 MARGIN = 0.1  # of the travel, at either end
@@ -27,7 +27,7 @@ def report_scene_target_unseen(subject: SceneUnderTest, problem: BadInput) -> Sc
     return report_scene_error("reach", f"{problem}; {unit}" if unit else str(problem))
 
 
-def check_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_scene_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check where in the travel the target is in focus, and how much it is blurred at the ends."""
     truth, half = subject.true_focus, subject.half_depth_of_focus
     low, high = subject.depth_of_focus
@@ -52,15 +52,15 @@ def check_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield report_scene_ok("reach", f"{text}; recipes need focus.positions: {positions} or more")
 
 
-def check_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_scene_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check that a few random members of the family can be built, with the target in reach."""
     scene = subject.scene
-    if not any(is_range(value) for value in scene.card.params.values()):
+    if not any(is_config_range(value) for value in scene.card.params.values()):
         return
     found = []
     for n in range(MEMBERS):
         member = SceneUnderTest(scene.draw_member("check", n), subject.sensor, backend=subject.backend)
-        drawn = ", ".join(f"{k} {v}" for k, v in member.scene.params.items() if is_range(scene.card.params[k]))
+        drawn = ", ".join(f"{k} {v}" for k, v in member.scene.params.items() if is_config_range(scene.card.params[k]))
         try:
             found.append(member.true_focus)
         except BadInput as problem:

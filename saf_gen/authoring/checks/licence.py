@@ -24,7 +24,7 @@ PICTURES = frozenset({".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tga", ".bmp", "
 ASSETS = PICTURES | {".ply", ".obj", ".serialized", ".vol", ".spd", ".bsdf"}  # files that somebody made
 
 
-def check_licence(scene: Scene) -> Iterator[SceneFinding]:
+def check_scene_licence(scene: Scene) -> Iterator[SceneFinding]:
     """Check the card's ``licence`` and ``source``, and the file that ``source`` names."""
     licence, source = scene.card.licence.strip(), scene.card.source.strip()
     words = licence.replace("(", " ").replace(")", " ").split()

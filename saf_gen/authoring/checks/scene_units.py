@@ -20,7 +20,7 @@ MIN_PIXELS = 500  # of a target
 MAX_FIELDS = 3.0  # a target at most so many fields of view off the axis may be the one that is meant
 
 
-def check_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_scene_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check how large the target is, how far away, and how much of the frame it fills."""
     seen = subject.depth_and_target
     size = np.ptp(subject.renderer.bounds(*subject.scene.card.target), axis=0)

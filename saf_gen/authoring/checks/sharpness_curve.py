@@ -19,7 +19,7 @@ RIVAL = 0.8  # of the peak
 MIN_CONTRAST = 1.2  # of the peak over the lowest value
 
 
-def check_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check how many depths of focus the peak lies from the true focus, and whether there are other peaks."""
     focus, curve = subject.stack.spec.focus, target_sharpness(subject, subject.stack)
     if not curve.max() > 0:

@@ -19,7 +19,7 @@ from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.target_motion import RECORDING_S
 from saf_gen.core.region import region_shape, target_bounding_box
 from saf_gen.scene.keyframes import motion_end_s
-from saf_gen.stack.time_resolved import frames_of_time_slices
+from saf_gen.stack.time_resolved import frames_of_stack_slices
 
 PATHS, SLOW_PATHS = 1 << 19, 1 << 15  # per image
 MIN_SAMPLES, MAX_SAMPLES = 8, 256  # per pixel
@@ -58,12 +58,12 @@ class SliceMismatch:
         return cls(square, float(np.sqrt(noise.mean() / noise.size)) / mean**2)
 
 
-def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_scene_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check the error of interpolating between slices against the card's ``interpolation_error``."""
     card = subject.scene.card
     if not subject.renderer.motions or card.slices_per_s is None:
         return
-    found = {time_s: error for time_s in _times(subject) if (error := measure_slice_mismatch(subject, time_s))}
+    found = {time_s: error for time_s in _times(subject) if (error := measure_scene_slice_mismatch(subject, time_s))}
     dark = [time_s for time_s, error in found.items() if np.isnan(error.mean_square)]
     if dark:
         finding = error_finding if len(dark) == len(found) else report_scene_warning
@@ -93,11 +93,11 @@ def check_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield report_scene_ok("slices", f"{text}, the card says {stated:.2%}")
 
 
-def measure_slice_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
+def measure_scene_slice_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
     """Measure the error between the two slices round a moment; None where the target cannot be focused."""
     hz, renderer = subject.sensor.readout_hz, subject.renderer
     slices_per_s = subject.scene.card.slices_per_s or hz
-    step = frames_of_time_slices(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
+    step = frames_of_stack_slices(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
     last = max(int(motion_end_s(renderer.motions, recording_s=RECORDING_S) * hz) // step, 1)
     before = min(int(time_s * hz) // step, last - 1) * step / hz
     between, after = before + step / 2 / hz, before + step / hz

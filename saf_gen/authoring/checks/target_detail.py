@@ -46,12 +46,12 @@ class TargetDetail:
     noise: float
 
 
-def check_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_scene_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check contrast and blur loss, the size of texels, and noise."""
     focus, (low, high) = subject.near_stacks[0].spec.focus, subject.depth_of_focus
     aside = min(BLUR * (high - low) / 2, max(subject.true_focus - focus[0], focus[-1] - subject.true_focus))
     blur = 2 * aside / (high - low)  # 3 pixels, or fewer where the travel ends before
-    detail = measure_detail(*subject.near_stacks, truth=subject.true_focus, aside=aside)
+    detail = measure_scene_detail(*subject.near_stacks, truth=subject.true_focus, aside=aside)
     yield _check_contrast(subject, detail, blur=blur)
     texels = (
         subject.renderer.texel_footprints(subject.true_focus, subject.depth_and_target.target)
@@ -97,7 +97,7 @@ def _check_noise(subject: SceneUnderTest, detail: TargetDetail, *, texel: float)
     return report_scene_warning("detail", f"{text} ({cause}): use coarser detail or larger lamps, or {remedy}")
 
 
-def measure_detail(first: FocalStack, second: FocalStack, *, truth: float, aside: float) -> TargetDetail:
+def measure_scene_detail(first: FocalStack, second: FocalStack, *, truth: float, aside: float) -> TargetDetail:
     """Measure the target's detail from two stacks of independent noise, at the true focus and beside it.
 
     ``aside`` is how far beside it, as a fraction of the travel. The squared contrast is the covariance of both stacks

@@ -12,7 +12,7 @@ from saf_gen.authoring.checks._scene_finding import (
 )
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.camera.exposure import sensor_firing_rate
-from saf_gen.core.config.ranges import is_range
+from saf_gen.core.config.ranges import is_config_range
 
 LUMENS_PER_WATT = 683.0
 """Luminous efficacy of light of 555 nm, by the definition of the candela. All light has the one wavelength at
@@ -22,7 +22,7 @@ DARKEST, BRIGHTEST = 0.1, 2e5  # lux: full moon, more than the sun at noon
 MAX_DARK_FRACTION = 0.05
 
 
-def check_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_scene_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check the illuminance of the target by each group against the card, and for dark pixels."""
     card = subject.scene.card
     lux = {
@@ -38,7 +38,7 @@ def check_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
                 "exposure", f"light group {group!r} does not reach the target: move its lamps, or remove it"
             )
     written = "illuminance_lux: {" + ", ".join(f"{g}: {float(f'{v:.3g}'):g}" for g, v in lux.items()) + "}"
-    tolerance = FAMILY_TOLERANCE if any(is_range(value) for value in card.params.values()) else TOLERANCE
+    tolerance = FAMILY_TOLERANCE if any(is_config_range(value) for value in card.params.values()) else TOLERANCE
     wrong = [g for g, stated in card.illuminance_lux.items() if abs(lux[g] - stated) > tolerance * stated]
     total = sum(lux.values())
     if wrong:

@@ -19,7 +19,7 @@ RECORDING_S = 1.0  # 20,000 frames
 MAX_STEP, PROPOSED_STEP = 2.0, 1.0  # pixels from one time slice to the next
 
 
-def check_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
+def check_scene_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check the target at a few moments, and the speed of the fastest shape against the time slices."""
     renderer, card = subject.renderer, subject.scene.card
     if not renderer.motions:
@@ -50,7 +50,7 @@ def check_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         yield report_scene_warning("motion", f"{text}: it leaves the lens's reach, shorten its path in depth")
     else:
         yield report_scene_ok("motion", text)
-    name, pixels_per_s = find_fastest_shape(subject, times)
+    name, pixels_per_s = find_fastest_scene_shape(subject, times)
     yield _check_speed(subject, name, pixels_per_s=pixels_per_s)
 
 
@@ -83,7 +83,7 @@ def _times(subject: SceneUnderTest) -> list[float]:
     return sorted({*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]})
 
 
-def find_fastest_shape(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
+def find_fastest_scene_shape(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
     """Return the shape that moves fastest in the image and its speed (pixels per second); ('', 0) for none.
 
     The speed is that of the corners of the shape's bounding box, seen through the middle of the lens where

@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.authoring.preview.contact_sheet import ContactSheet, draw_contact_sheet
 from saf_gen.camera import Sensor
-from saf_gen.core.config.ranges import is_range
+from saf_gen.core.config.ranges import is_config_range
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.keyframes import motion_end_s
@@ -49,7 +49,7 @@ def render_small_images(
     """Yield captions and small sharp images: of members of the family, and of moments of a moving scene."""
     scene, grid = renderer.scene, renderer.grid
     grid = SensorGrid(grid.rows // SHRINK, grid.columns // SHRINK, grid.pitch_m * SHRINK)
-    if any(is_range(value) for value in scene.card.params.values()):
+    if any(is_config_range(value) for value in scene.card.params.values()):
         for n in range(count):
             member = SceneRenderer(scene.draw_member("preview", n), grid, backend_name=renderer.backend_name)
             yield f"member {n + 1}", member.render_pinhole(position, samples=samples)

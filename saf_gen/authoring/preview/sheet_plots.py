@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from saf_gen.camera import Sensor, camera_exposure_scale, charge_stack
+from saf_gen.camera import Sensor, camera_exposure_scale, sensor_charge_of_stack
 from saf_gen.camera.exposure import sensor_firing_rate
 from saf_gen.core.region import target_bounding_box
 from saf_gen.errors import BadInput
@@ -16,7 +16,7 @@ USUAL_RATE = 0.2  # spikes per readout, the mean_rate of the recipes
 def _charge(stack: FocalStack, sensor: Sensor) -> np.ndarray:
     """Return the photo-electrons per readout with all lights at gain 1, float32 (focus, row, col)."""
     spec = stack.spec
-    return charge_stack(stack.radiance, sensor, lens=spec.drive, position=spec.focus).sum(axis=0)
+    return sensor_charge_of_stack(stack.radiance, sensor, lens=spec.drive, position=spec.focus).sum(axis=0)
 
 
 def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth: float) -> None:

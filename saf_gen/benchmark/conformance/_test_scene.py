@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
-from saf_gen.camera import Sensor, camera_exposure_scale, charge_stack, encode, get_sensor
+from saf_gen.camera import Sensor, camera_exposure_scale, encode, get_sensor, sensor_charge_of_stack
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_writer import StreamWriter
@@ -76,4 +76,4 @@ def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
 
 
 def _charge(radiance: np.ndarray, sensor: Sensor) -> np.ndarray:
-    return charge_stack(radiance, sensor, lens=DRIVE, position=np.linspace(0, 1, POSITIONS))
+    return sensor_charge_of_stack(radiance, sensor, lens=DRIVE, position=np.linspace(0, 1, POSITIONS))

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from saf_gen.benchmark.method_spec import Method, parse_method, parse_plugin_options
+from saf_gen.benchmark.method_spec import Method, parse_method, parse_method_options
 from saf_gen.core.config.registry import names, plugin_class
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures import get_measure, measure_names
@@ -18,7 +18,7 @@ def resolve_name(spec: str) -> Method | tuple[str, Any]:
     """
     if spec.startswith("@") or "+" in spec:
         return parse_method(spec)
-    name, options = parse_plugin_options("".join(spec.split()), spec)
+    name, options = parse_method_options("".join(spec.split()), spec)
     if _find_kind(name) == "searches":
         return "searches", get_search(name, **options)
     return "measures", get_measure(name, **options)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import depth_of_focus
+from saf_gen.benchmark.judgement import truth_depth_of_focus
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath
@@ -78,6 +78,6 @@ def _sample_path(sequence: ClosedLoopSequence, run: ClosedLoopRun, *, method: st
         seconds=(frames + 0.5) / sequence.capture.sensor.readout_hz,
         position=run.path[frames],
         truth=np.full(len(frames), truth.position) if truth.track is None else truth.track[frames],
-        depth_of_focus=depth_of_focus(truth.depth_of_focus),
+        depth_of_focus=truth_depth_of_focus(truth.depth_of_focus),
         problem=run.problem,
     )

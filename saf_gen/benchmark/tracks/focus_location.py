@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, depth_of_focus, find_nearest_focus_crossing
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, find_nearest_focus_crossing, truth_depth_of_focus
 from saf_gen.stream.metadata import Truth
 
 REACH_LIMIT_DOF = SUCCESS_LIMITS_DOF[1]
@@ -67,5 +67,5 @@ def _find_best_focus(truth: Truth) -> np.ndarray | None:
 
 
 def _to_depths_of_focus(distance: float, truth: Truth) -> float | None:
-    dof = depth_of_focus(truth.depth_of_focus)
+    dof = truth_depth_of_focus(truth.depth_of_focus)
     return 0.0 if distance == 0 else None if dof is None else distance / dof

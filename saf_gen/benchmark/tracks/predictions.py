@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field
 
 from saf_gen.benchmark.records import Count, Duration, Number
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
-from saf_gen.core.config.document import Document, FrozenModel, read_text, validate
+from saf_gen.core.config.document import Document, FrozenModel, read_text, validate_document
 from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput, unknown
 
@@ -108,7 +108,7 @@ def _check_stream(prediction: Prediction, task: SequenceTask, *, where: str) -> 
         raise BadInput(f"{task.id}: {problem}", where=where, allowed=f"1 to {task.frames}, or null for all")
 
 
-def read_predictions(path: str | Path) -> PredictionSet:
+def read_method_predictions(path: str | Path) -> PredictionSet:
     """Read a file of predictions.
 
     Raises BadInput, with the line, for a file that cannot be read or is empty, a line that is not a
@@ -135,7 +135,7 @@ def read_predictions(path: str | Path) -> PredictionSet:
 
 
 def _parse_prediction(document: Document) -> Prediction:
-    prediction = validate(Prediction, document)
+    prediction = validate_document(Prediction, document)
     frame, seen = prediction.frame, prediction.frames_seen
     if frame is not None and seen is not None and frame > seen - 0.5:
         raise BadInput(

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import light_ratio
+from saf_gen.benchmark.judgement import recorded_light_ratio
 from saf_gen.benchmark.tracks.focus_location import locate_focus_in_recording, locate_focus_in_travel, truncate_truth
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
@@ -141,7 +141,7 @@ def describe_evaluated_sequence(
         "focus_place": location,
         "focus_off_dof": off_dof,
         "mean_rate": float(mean_rate.mean()),
-        "light_ratio": light_ratio(gain),
+        "light_ratio": recorded_light_ratio(gain),
         "machine": describe_machine(),
         "rig": evaluator_version(track),
     }

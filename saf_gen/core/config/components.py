@@ -12,7 +12,7 @@ from typing import Any
 from saf_gen.core import seeds
 from saf_gen.core.config import registry
 from saf_gen.core.config.document import Document, Key
-from saf_gen.core.config.ranges import draw_from_range, is_range, range_extremes
+from saf_gen.core.config.ranges import config_range_extremes, draw_config_range, is_config_range
 from saf_gen.core.csv_table import read_text_beside
 from saf_gen.errors import BadInput, located, unknown
 
@@ -36,8 +36,8 @@ def read_config_component(
     Raises BadInput with file and line where something does not fit.
     """
     what, where = registry.PLUGIN_KINDS[plugin_kind], document.locate(*keys)
-    if is_range(component):
-        among = range_extremes(component, where=where)
+    if is_config_range(component):
+        among = config_range_extremes(component, where=where)
         read = [
             read_config_component(plugin_kind, one, document=document, keys=keys, common=common, build=build)
             for one in among
@@ -53,13 +53,13 @@ def read_config_component(
     kind, options = component["kind"], {key: value for key, value in component.items() if key != "kind"}
     if kind not in names:
         raise unknown(what, kind, allowed=names, where=document.locate(*keys, "kind"))
-    known = [*registry.option_fields(plugin_kind, kind), *common]
+    known = [*registry.plugin_option_fields(plugin_kind, kind), *common]
     for key in options:
         if key not in known:
             raise unknown(f"key of {what} {kind!r}:", key, allowed=known, where=document.locate(*keys, key))
     if "file" in options:
         options["file"] = _with_text(options["file"], document, where=document.locate(*keys, "file"))
-    corners = [range_extremes(value, where=document.locate(*keys, key)) for key, value in options.items()]
+    corners = [config_range_extremes(value, where=document.locate(*keys, key)) for key, value in options.items()]
     for values in product(*corners):
         corner = dict(zip(options, values, strict=True))
         with located(where):
@@ -69,7 +69,7 @@ def read_config_component(
 
 def _with_text(value: Any, document: Document, *, where: str) -> Any:
     """Return the path of a file, or each of a choice, with its text, which a recording keeps."""
-    if is_range(value) and isinstance(value.get("choice"), list):
+    if is_config_range(value) and isinstance(value.get("choice"), list):
         return {"choice": [_with_text(one, document, where=where) for one in value["choice"]]}
     if not isinstance(value, str):
         return value  # read before, or refused by the plug-in
@@ -83,11 +83,11 @@ def draw_config_component(
 
     ``name`` names the recording's random streams, ``purpose`` this component among them.
     """
-    chosen = draw_from_range(component, seeds.make_generator(*name, "recipe", *purpose))
+    chosen = draw_config_range(component, seeds.make_generator(*name, "recipe", *purpose))
     drawn = {
-        key: draw_from_range(value, seeds.make_generator(*name, "recipe", *purpose, key))
+        key: draw_config_range(value, seeds.make_generator(*name, "recipe", *purpose, key))
         for key, value in chosen.items()
     }
-    if "seed" in registry.option_fields(plugin_kind, drawn["kind"]):
+    if "seed" in registry.plugin_option_fields(plugin_kind, drawn["kind"]):
         drawn.setdefault("seed", seeds.derive_seed(*name, *purpose))
     return drawn

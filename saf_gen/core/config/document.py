@@ -69,7 +69,7 @@ def read_text(path: Path, *, hint: str = "") -> str:
 _adapter = cache(TypeAdapter)
 
 
-def validate(model: type[Model], document: Document, *, hint: str = "") -> Model:
+def validate_document(model: type[Model], document: Document, *, hint: str = "") -> Model:
     """Return the document as a value of ``model``, a pydantic model or a dataclass.
 
     Raises BadInput for the first thing that does not fit, with file, line, value, and what is allowed.

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BeforeValidator, PlainValidator
 
-from saf_gen.core.config.document import Document, validate
+from saf_gen.core.config.document import Document, validate_document
 from saf_gen.core.config.ranges import is_number
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import unknown
@@ -61,7 +61,7 @@ Sources = Annotated[
 """Where the numbers of a device come from."""
 
 
-def change_fields(device: Device, changes: Mapping[str, Any], *, where: str) -> Device:
+def change_preset_fields(device: Device, changes: Mapping[str, Any], *, where: str) -> Device:
     """Return a copy of a device with some fields changed, and with some fields of a field that is a mapping.
 
     Raises BadInput, with ``where``, for an unknown field and for a value that is not allowed.
@@ -70,7 +70,7 @@ def change_fields(device: Device, changes: Mapping[str, Any], *, where: str) -> 
     for key, value in changes.items():
         inside = isinstance(data.get(key), dict) and isinstance(value, Mapping)
         data[key] = {**data[key], **value} if inside else value
-    return validate(type(device), Document(data, Path(where), find_lines=dict))
+    return validate_document(type(device), Document(data, Path(where), find_lines=dict))
 
 
 def is_preset_file(name: str | Path) -> bool:
@@ -102,5 +102,5 @@ class Presets(Generic[Device]):
             path = self.folder / f"{name}.yaml"
         else:
             raise unknown(self.kind, name, allowed=names, hint="or give the path of a .yaml file")
-        device = validate(self.model, read_yaml(path))
-        return change_fields(device, changes, where=f"{self.kind} {name}") if changes else device
+        device = validate_document(self.model, read_yaml(path))
+        return change_preset_fields(device, changes, where=f"{self.kind} {name}") if changes else device

@@ -21,7 +21,7 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
-def is_range(value: Any) -> bool:
+def is_config_range(value: Any) -> bool:
     """Return whether a value is one of the three forms."""
     return isinstance(value, dict) and len(value) == 1 and next(iter(value)) in RANGE_FORMS
 
@@ -33,7 +33,7 @@ def _form_and_values(value: dict[str, Any], where: str) -> tuple[str, list[Any]]
         if not isinstance(among, list) or not among:
             raise BadInput(f"choice is {among!r}", where=where, allowed="a list of at least one value")
         for value in among:
-            if is_range(value):
+            if is_config_range(value):
                 raise BadInput(f"a choice holds the range {value!r}", where=where, allowed="plain values")
         return kind, among
     log = kind == "log_uniform"
@@ -51,7 +51,7 @@ def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> 
     Finite numbers, text, true and false, and lists of them are plain. A YAML date or ``.nan`` is not: it
     could not be stored with the recording that is made with it.
     """
-    for end in range_extremes(value, where=where):
+    for end in config_range_extremes(value, where=where):
         for one in end if isinstance(end, list) else [end]:
             if not (is_number(one) or isinstance(one, str | bool)):
                 forms = ", ".join(f"{{{kind}: [...]}}" for kind in RANGE_FORMS)
@@ -59,17 +59,17 @@ def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> 
                 raise BadInput(f"{what} is {_describe(one)}", where=where, allowed=f"{PLAIN}; or {forms}", nearest=near)
 
 
-def range_extremes(value: Any, *, where: str = "") -> list[Any]:
+def config_range_extremes(value: Any, *, where: str = "") -> list[Any]:
     """Return both ends of a range, or all values of a choice, to check them before anything is drawn.
 
     Raises BadInput for a range that cannot be drawn from.
     """
-    return _form_and_values(value, where)[1] if is_range(value) else [value]
+    return _form_and_values(value, where)[1] if is_config_range(value) else [value]
 
 
-def draw_from_range(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
+def draw_config_range(value: Any, random: np.random.Generator, *, where: str = "") -> Any:
     """Return one value of a range; a fixed value is returned as it is."""
-    if not is_range(value):
+    if not is_config_range(value):
         return value
     kind, among = _form_and_values(value, where)
     if kind == "choice":

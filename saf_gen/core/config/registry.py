@@ -101,7 +101,7 @@ def _import_file(path: Path) -> ModuleType:
     return module
 
 
-def option_fields(plugin_kind: str, name: str) -> dict[str, str]:
+def plugin_option_fields(plugin_kind: str, name: str) -> dict[str, str]:
     """Return the keys that a plug-in takes, each with the dataclass field that holds it."""
     return {f.name.rstrip("_"): f.name for f in fields(plugin_class(plugin_kind, name)) if f.init}
 
@@ -111,7 +111,7 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
 
     Raises BadInput for an unknown name or key, a missing key, or a value that the plug-in refuses.
     """
-    cls, known = plugin_class(plugin_kind, name), option_fields(plugin_kind, name)
+    cls, known = plugin_class(plugin_kind, name), plugin_option_fields(plugin_kind, name)
     for key in options:
         if key not in known:
             raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, allowed=known)
@@ -131,7 +131,7 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
         ) from error
 
 
-def sample(
+def sample_plugin(
     plugin: object, method: Callable[[np.ndarray, float], Any], *, seconds: np.ndarray, duration_s: float
 ) -> np.ndarray:
     """Return what a method of a light schedule or a motion gives at these times, float64 of their shape.

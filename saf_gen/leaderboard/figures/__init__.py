@@ -14,7 +14,12 @@ from saf_gen.leaderboard.figures._style import (
 )
 from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition
 from saf_gen.leaderboard.figures.error_figure import plot_errors
-from saf_gen.leaderboard.figures.focus_curve_figure import Cursor, locate_cursor, normalise_curve, plot_focus_curves
+from saf_gen.leaderboard.figures.focus_curve_figure import (
+    Cursor,
+    locate_figure_cursor,
+    normalise_curve_of_figure,
+    plot_focus_curves,
+)
 from saf_gen.leaderboard.figures.image_strip import ImageStrip, build_image_strip
 from saf_gen.leaderboard.figures.path_figures import plot_lens_paths, plot_search_steps
 
@@ -31,8 +36,8 @@ __all__ = [
     "assign_styles",
     "build_image_strip",
     "inline_svg",
-    "locate_cursor",
-    "normalise_curve",
+    "locate_figure_cursor",
+    "normalise_curve_of_figure",
     "plot_condition",
     "plot_errors",
     "plot_focus_curves",

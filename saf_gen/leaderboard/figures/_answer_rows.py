@@ -13,7 +13,7 @@ from saf_gen.leaderboard.figures._style import (
     PREDICTIONS_LABEL,
     PlotStyle,
     hide_spines,
-    shorten_middle,
+    shorten_figure_label,
     split_method_label,
 )
 from saf_gen.leaderboard.figures._sweep_axis import frames_to_axis
@@ -47,7 +47,7 @@ def draw_answer_rows(
             style = styles[measure]
             x = to_axis(np.array([by_measure[measure]]))
             axes.plot(x, height, style.marker, c=style.colour, ms=4.5, mec=PAPER, mew=0.5, clip_on=False)
-    axes.set_yticks(range(len(answers)), [shorten_middle(s or PREDICTIONS_LABEL, LETTERS) for s in answers])
+    axes.set_yticks(range(len(answers)), [shorten_figure_label(s or PREDICTIONS_LABEL, LETTERS) for s in answers])
     axes.set_ylim(max(len(answers), 1) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0, labelsize=7.5)
     axes.tick_params(axis="x", bottom=False, labelbottom=False)

@@ -10,7 +10,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.textpath import TextToPath
 
-from saf_gen.leaderboard.figures._style import SOFT, STYLE, WIDTH, shorten_middle
+from saf_gen.leaderboard.figures._style import SOFT, STYLE, WIDTH, shorten_figure_label
 
 LINE = 0.16  # inches
 LETTERS = 52
@@ -30,7 +30,7 @@ def add_legend_below(
     """Add samples and names below the figure, in up to ``columns`` columns, with ``note`` above them."""
     legend = figure.legend(
         list(handles),
-        [shorten_middle(name, LETTERS) for name in names],
+        [shorten_figure_label(name, LETTERS) for name in names],
         handler_map={tuple: HandlerTuple(ndivide=1, pad=0)},
         loc="outside lower center",
         ncols=_count_columns(names, columns),
@@ -48,7 +48,7 @@ def _count_columns(names: Sequence[str], limit: int) -> int:
     """Return how many columns fit: matplotlib fills them in turn, each as wide as its widest name."""
     size = STYLE["legend.fontsize"]
     font = FontProperties(family=STYLE["font.family"], size=size)
-    widths = [_WIDTHS.get_text_width_height_descent(shorten_middle(n, LETTERS), font, False)[0] for n in names]
+    widths = [_WIDTHS.get_text_width_height_descent(shorten_figure_label(n, LETTERS), font, False)[0] for n in names]
     for columns in range(min(limit, len(names)), 1, -1):
         rows, extra = divmod(len(widths), columns)
         ends = [rows * c + min(c, extra) for c in range(columns + 1)]

@@ -100,7 +100,7 @@ def describe_figure_omissions(*counts: tuple[int, int, str]) -> str:
     return f"Drawn: the first {', the first '.join(parts)}" if parts else ""
 
 
-def shorten_middle(name: str, limit: int) -> str:
+def shorten_figure_label(name: str, limit: int) -> str:
     """Return the name, with its middle left out if it is longer than ``limit`` characters."""
     if len(name) <= limit:
         return name

@@ -63,7 +63,7 @@ def is_within_depth(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
     return np.asarray((offset >= near - sweep.truth) & (offset <= far - sweep.truth))
 
 
-def find_runs(where: np.ndarray) -> list[tuple[int, int]]:
+def find_runs_in_figure(where: np.ndarray) -> list[tuple[int, int]]:
     """Return the first index and the stop index of each run of True in ``where``, bool (T,)."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], where.astype(int), [0]))))
     return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
@@ -88,7 +88,7 @@ def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray
         if sweep.track is not None:
             moving = np.interp(frames, all_frames, sweep.track)
             axes.plot(frames, moving, color=INK, lw=0.9, ls=":", zorder=0.7)
-    for first, stop in find_runs(is_within_depth(sweep, lens)):
+    for first, stop in find_runs_in_figure(is_within_depth(sweep, lens)):
         axes.axvspan(first, stop, color=BAND, alpha=0.45, lw=0, zorder=0.5)
     axes.vlines(find_truth_crossings(sweep, lens), 0, 1, color=INK, lw=1.1, zorder=0.6, transform=height)
 

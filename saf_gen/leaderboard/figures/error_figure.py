@@ -23,7 +23,7 @@ from saf_gen.leaderboard.figures._style import (
     create_figure,
     describe_figure_omissions,
     hide_spines,
-    shorten_middle,
+    shorten_figure_label,
     use_figure_style,
 )
 
@@ -71,7 +71,7 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
                     options: dict[str, Any] = {"ms": size, "mew": 0.5, "ls": "", "clip_on": False, **more}
                     axes.plot(*xy, marker=marker, color=style.colour, **options)
         _set_error_axis(axes, reach)
-        axes.set_yticks(range(len(methods)), [shorten_middle(m, LETTERS) for m in methods])
+        axes.set_yticks(range(len(methods)), [shorten_figure_label(m, LETTERS) for m in methods])
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0, labelsize=7.5)
         hide_spines(axes, "left", "right", "top")

@@ -55,7 +55,7 @@ class Cursor:
     """Lower edge of the curves, from the top."""
 
 
-def normalise_curve(scores: np.ndarray) -> np.ndarray:
+def normalise_curve_of_figure(scores: np.ndarray) -> np.ndarray:
     """Return scores (B,) scaled to 0–1, as in the paper's Fig. 4; constant scores become 0, NaN stays."""
     values = np.asarray(scores, dtype=np.float64)
     finite = values[np.isfinite(values)]
@@ -100,7 +100,9 @@ def plot_focus_curves(
         by_name = {curve.measure: curve for curve in sweep.curves}
         for group in groups:
             curve, style = by_name[group[0]], styles[group[0]]
-            axes.plot(to_axis(curve.frames), normalise_curve(curve.scores), c=style.colour, ls=style.dashes, lw=1.3)
+            axes.plot(
+                to_axis(curve.frames), normalise_curve_of_figure(curve.scores), c=style.colour, ls=style.dashes, lw=1.3
+            )
         _set_height(axes, sweep, has_curves=bool(groups))
         draw_answer_rows(strip, drawn, shown=[*(group[0] for group in groups), *alone], styles=styles, sweep=sweep)
         add_frame_axis_to_figure(strip, sweep, label=axes)
@@ -110,7 +112,7 @@ def plot_focus_curves(
     return figure
 
 
-def locate_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndarray) -> Cursor:
+def locate_figure_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndarray) -> Cursor:
     """Return where ``frames`` (n,) are in the image of the curves figure of ``sweep``."""
     with use_figure_style():
         figure.draw_without_rendering()
@@ -123,7 +125,7 @@ def locate_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndarray) ->
 
 def _group_coincident(sweep: SweepSummary, styles: Mapping[str, PlotStyle]) -> list[list[str]]:
     """Return the measures in the order of their styles, in groups whose curves are the same."""
-    drawn = {c.measure: normalise_curve(c.scores) for c in sweep.curves}
+    drawn = {c.measure: normalise_curve_of_figure(c.scores) for c in sweep.curves}
     groups: list[list[str]] = []
     for measure in (name for name in styles if name in drawn):
         for group in groups:

@@ -25,13 +25,13 @@ from saf_gen.leaderboard.figures._style import (
     create_figure,
     describe_figure_omissions,
     hide_spines,
-    shorten_middle,
+    shorten_figure_label,
     split_method_label,
     use_figure_style,
 )
 from saf_gen.leaderboard.figures._sweep_axis import (
     find_figure_position_axis,
-    find_runs,
+    find_runs_in_figure,
     find_truth_crossings,
     frames_to_axis,
     is_within_depth,
@@ -133,7 +133,7 @@ def _panels(
     figure = create_figure(0.95 + 1.35 * rows + legend_height(names, note=note), title=title)
     panels = list(figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=True).flat)
     for axes, search in zip(panels, searches, strict=False):
-        axes.set_title(shorten_middle(search or PREDICTIONS_LABEL, LETTERS), fontsize=8, loc="left")
+        axes.set_title(shorten_figure_label(search or PREDICTIONS_LABEL, LETTERS), fontsize=8, loc="left")
         axes.grid(axis="y", color=GREY, lw=0.6)
         axes.set_axisbelow(True)
         hide_spines(axes, "top", "right")
@@ -176,7 +176,7 @@ def _draw_truth_across(axes: Axes, sweep: SweepSummary) -> None:
         if math.isfinite(sweep.truth_frame):
             axes.axhline(sweep.truth_frame, color=INK, lw=1.0)
     else:
-        for first, stop in find_runs(is_within_depth(sweep, lens)):
+        for first, stop in find_runs_in_figure(is_within_depth(sweep, lens)):
             axes.axhspan(first, stop, color=BAND, alpha=0.45, lw=0)
         for frame in find_truth_crossings(sweep, lens):
             axes.axhline(frame, color=INK, lw=1.0)

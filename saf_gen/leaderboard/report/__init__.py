@@ -1,7 +1,14 @@
 """The report of an evaluation: one HTML page, its figures as files, and the folder that holds everything."""
 
 from saf_gen.leaderboard.report.choose_figures import ReportFigure, plot_report_figures
-from saf_gen.leaderboard.report.evaluation_folder import WrittenEvaluation, write_evaluation, write_report
+from saf_gen.leaderboard.report.evaluation_folder import WrittenEvaluation, write_evaluation_report, write_report
 from saf_gen.leaderboard.report.page import build_page
 
-__all__ = ["ReportFigure", "WrittenEvaluation", "build_page", "plot_report_figures", "write_evaluation", "write_report"]
+__all__ = [
+    "ReportFigure",
+    "WrittenEvaluation",
+    "build_page",
+    "plot_report_figures",
+    "write_evaluation_report",
+    "write_report",
+]

@@ -17,7 +17,7 @@ from saf_gen.leaderboard.figures import (
     Figure,
     PlotStyle,
     assign_styles,
-    locate_cursor,
+    locate_figure_cursor,
     plot_condition,
     plot_errors,
     plot_focus_curves,
@@ -132,7 +132,7 @@ def _plot_sweeps(
         figure = plot_focus_curves(sweep, own, styles=styles, title=title)
         viewer = None
         if sweep.thumbnails is not None:
-            viewer = build_viewer(sweep, locate_cursor(figure, sweep, frames=sweep.thumbnails.frames))
+            viewer = build_viewer(sweep, locate_figure_cursor(figure, sweep, frames=sweep.thumbnails.frames))
         kind, content = ("curves", "Focus curves") if sweep.curves else ("sweep", "Light and answers")
         finished = _finish(
             figure,

@@ -17,7 +17,7 @@ from pathlib import Path
 from saf_gen.benchmark.records import RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.files import unwritable_error, write_text_atomically
-from saf_gen.leaderboard import LeaderboardRow, write_curve_tables, write_leaderboard
+from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
 from saf_gen.leaderboard.figures import add_paper_background
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
 from saf_gen.leaderboard.report.page import build_page
@@ -39,7 +39,7 @@ class WrittenEvaluation:
     replaced: str
 
 
-def write_evaluation(
+def write_evaluation_report(
     folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str
 ) -> WrittenEvaluation:
     """Write tables, curves, page and figures into ``folder``, in place of an earlier evaluation in it.
@@ -53,7 +53,7 @@ def write_evaluation(
     earlier = _describe_earlier(final)
     with _staging_folder(final) as part:
         staged = write_leaderboard(part, rows=rows, records=evaluation.records, failures=evaluation.failures)
-        staged += write_curve_tables(part, evaluation.sweeps)
+        staged += write_leaderboard_curves(part, evaluation.sweeps)
         staged += write_report(part, rows=rows, evaluation=evaluation, title=title)
         paths = tuple(final / path.relative_to(part) for path in staged)
         _publish(part, final)

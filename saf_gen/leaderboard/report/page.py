@@ -14,14 +14,21 @@ from markupsafe import Markup
 from saf_gen import __version__
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SequenceFailure, SweepSummary
-from saf_gen.leaderboard import Axis, AxisTable, LeaderboardRow, compose_notes, list_shown_columns, tabulate_by_axis
+from saf_gen.leaderboard import (
+    Axis,
+    AxisTable,
+    LeaderboardRow,
+    compose_leaderboard_notes,
+    list_shown_columns,
+    tabulate_by_axis,
+)
 from saf_gen.leaderboard.columns import format_percent
 from saf_gen.leaderboard.figures import inline_svg
 from saf_gen.leaderboard.report import page_tables
 from saf_gen.leaderboard.report.captions import FIGURE_CAPTIONS, MEASURES_CAPTION
 from saf_gen.leaderboard.report.choose_figures import ReportFigure
 from saf_gen.leaderboard.report.page_tables import PageTable
-from saf_gen.leaderboard.report.selections import list_selections
+from saf_gen.leaderboard.report.selections import list_page_selections
 from saf_gen.leaderboard.table_formats import count_noun
 
 SCRIPTS = ("tables.js", "board.js", "viewer.js")
@@ -65,9 +72,9 @@ def build_page(
     The table of measures summarises the focus curves of ``sweeps``; ``failures`` are sequences that could not be read.
     """
     script = "\n".join(map(_read_asset, SCRIPTS))
-    selections = list_selections(records)
+    selections = list_page_selections(records)
     ranked = list(dict.fromkeys([tuple(rows), *(s.rows for s in selections)]))
-    answers = page_tables.list_answers(records)
+    answers = page_tables.list_answers_for_page(records)
     methods = [row.method for row in rows]
     sequences = {r.sequence: r.data for r in records}
     numbers = {name: number for number, name in enumerate(sequences)}
@@ -87,11 +94,11 @@ def build_page(
             sections=_list_sections(tabulate_by_axis(records, methods), sweeps=sweeps, report_figures=report_figures),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
             board=page_tables.tabulate_leaderboard(ranked) if rows else None,
-            notes=" ".join(compose_notes(rows, records)),
+            notes=" ".join(compose_leaderboard_notes(rows, records)),
             answers=page_tables.tabulate_answers(answers[:MAX_ANSWERS]),
             columns=shown,
-            data_digests=page_tables.tabulate_names(sequences, name="sequence", value="content_sha256"),
-            method_digests=page_tables.tabulate_names(
+            data_digests=page_tables.tabulate_names_for_page(sequences, name="sequence", value="content_sha256"),
+            method_digests=page_tables.tabulate_names_for_page(
                 {r.method: f"{r.code}, constants of {r.tuning}" if r.tuning else r.code for r in records},
                 name="method",
                 value="code",

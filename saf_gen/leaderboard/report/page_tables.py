@@ -121,7 +121,7 @@ def tabulate_measures(sweeps: Sequence[SweepSummary]) -> PageTable | None:
     )
 
 
-def tabulate_names(values: Mapping[str, str], *, name: str, value: str) -> PageTable:
+def tabulate_names_for_page(values: Mapping[str, str], *, name: str, value: str) -> PageTable:
     """Return a table of names with a text for each; ``name`` and ``value`` are its headings."""
     return PageTable(
         f"{value} of each {name}",
@@ -130,7 +130,7 @@ def tabulate_names(values: Mapping[str, str], *, name: str, value: str) -> PageT
     )
 
 
-def list_answers(records: Sequence[Record]) -> list[list[str]]:
+def list_answers_for_page(records: Sequence[Record]) -> list[list[str]]:
     """Return the texts of each answer's row, the worst first: no answer before any error."""
     sizes = [inf if record.error_dof is None else abs(record.error_dof) for record in records]
     worst = sorted(enumerate(records, start=1), key=lambda item: -sizes[item[0] - 1])
@@ -151,7 +151,7 @@ def list_answers(records: Sequence[Record]) -> list[list[str]]:
 
 
 def tabulate_answers(answers: Sequence[Sequence[str]]) -> PageTable:
-    """Return the table of these rows of list_answers; the line number links to the file of records."""
+    """Return the table of these rows of list_answers_for_page; the line number links to the file of records."""
     columns = [
         PageColumn("method", kind="name"),
         PageColumn("sequence", kind="name"),

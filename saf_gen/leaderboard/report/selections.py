@@ -19,7 +19,7 @@ class Selection:
     rows: tuple[LeaderboardRow, ...]
 
 
-def list_selections(records: Sequence[Record]) -> list[Selection]:
+def list_page_selections(records: Sequence[Record]) -> list[Selection]:
     """Return a selection for each bin of each axis along which the sequences differ, axis by axis.
 
     Selections of the same sequences have the same rows.

@@ -11,12 +11,12 @@ from saf_gen.core.region import validate_window
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators.actuator import Actuator
-from saf_gen.optics.actuators.oscillator import integrate_lens
+from saf_gen.optics.actuators.oscillator import integrate_lens_oscillator
 from saf_gen.optics.actuators.trajectory import (
     Trajectory,
+    actuator_trajectory_at,
     apply_actuator_backlash,
     plan_actuator_move,
-    trajectory_state_at,
 )
 
 BLOCK = 4096
@@ -68,7 +68,7 @@ class ActuatedLens:
         if frames:
             omega = 2 * pi * self.actuator.resonance_hz
             pieces = np.array(_until(self._seat, (stop - 0.5) / self.readout_hz))
-            passed = integrate_lens(
+            passed = integrate_lens_oscillator(
                 pieces, self._swing, first, self.readout_hz, omega, self.actuator.damping, positions
             )
             del self._seat[:passed]
@@ -118,10 +118,10 @@ class ActuatedLens:
             miss = min(max(target + miss, 0.0), 1.0) - target
         aim = min(max(target + miss, 0.0), 1.0)
         begin = self.frames / self.readout_hz + actuator.latency_s
-        position, speed = trajectory_state_at(self._motor, begin)
+        position, speed = actuator_trajectory_at(self._motor, begin)
         limits = {"max_speed": actuator.speed, "acceleration": actuator.acceleration}
         motor = plan_actuator_move(aim, begin, position=position, speed=speed, **limits)
-        seat = apply_actuator_backlash(motor, trajectory_state_at(self._seat, begin)[0], backlash=actuator.backlash)
+        seat = apply_actuator_backlash(motor, actuator_trajectory_at(self._seat, begin)[0], backlash=actuator.backlash)
         return miss, _until(self._motor, begin) + motor, _until(self._seat, begin) + seat
 
     def _round_to_steps(self, position: float) -> float:

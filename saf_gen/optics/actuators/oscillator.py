@@ -77,7 +77,9 @@ def _advance(piece: Any, begin: Any, end: Any, off: Any, swing: Any, turned: Any
 
 
 @compiled
-def integrate_lens(pieces: Any, state: Any, first: Any, readout_hz: Any, omega: Any, damping: Any, out: Any) -> Any:
+def integrate_lens_oscillator(
+    pieces: Any, state: Any, first: Any, readout_hz: Any, omega: Any, damping: Any, out: Any
+) -> Any:
     """Fill ``out`` (frames,) with the positions of the lens in the middle of the readouts from ``first`` on.
 
     Shapes: pieces float64 (m, 4), the trajectory of the seat from the piece that contains the middle of the

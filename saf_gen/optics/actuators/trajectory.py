@@ -12,7 +12,7 @@ TrajectoryPiece = tuple[float, float, float, float]
 Trajectory = list[TrajectoryPiece]
 
 
-def trajectory_state_at(trajectory: Trajectory, seconds: float) -> tuple[float, float]:
+def actuator_trajectory_at(trajectory: Trajectory, seconds: float) -> tuple[float, float]:
     """Return position and speed at a time, which is not before the first piece."""
     begin, position, speed, acceleration = trajectory[bisect_right(trajectory, (seconds, inf)) - 1]
     elapsed = seconds - begin
