@@ -61,11 +61,11 @@ def show(
     name: Annotated[str, typer.Argument(help="Measure, search or MEASURE+SEARCH, with its form and options.")],
 ) -> None:
     """Show a measure or a search in full: formula, options, range, degree, cost and source."""
-    from saf_gen.benchmark.conformance.name_resolution import resolve_name
+    from saf_gen.benchmark.conformance.name_resolution import resolve_method_name
     from saf_gen.benchmark.method_spec import Method, split_method_region
     from saf_gen.cli._plugin_page import build_plugin_page
 
-    found = resolve_name(name)
+    found = resolve_method_name(name)
     if isinstance(found, Method):
         names, plug_ins = split_method_region(found.name)[0].split("+"), (found.measure, found.search)
         pages = list(zip(names, ("measures", "searches"), plug_ins, strict=True))
@@ -80,7 +80,7 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check that a method ends, keeps to travel and budget, repeats its answers, and never crashes."""
-    from saf_gen.benchmark.conformance import check_named as run
+    from saf_gen.benchmark.conformance import check_method_by_name as run
 
     results = []
     checks = run(name)

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def integrate_piecewise_linear(seconds: np.ndarray, *, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
+def integrate_piecewise_linear_gain(seconds: np.ndarray, *, times: np.ndarray, gains: np.ndarray) -> np.ndarray:
     """Return the integral from 0 to each time of the line through (``times``, ``gains``).
 
     ``times`` (N,) rise, with N at least 1; beyond both ends the line is level. The result is exact.

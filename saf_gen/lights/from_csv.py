@@ -7,7 +7,7 @@ import numpy as np
 
 from saf_gen.core.csv_table import parse_table
 from saf_gen.errors import BadInput
-from saf_gen.lights._piecewise_linear import integrate_piecewise_linear
+from saf_gen.lights._piecewise_linear import integrate_piecewise_linear_gain
 
 
 @dataclass(frozen=True)
@@ -34,4 +34,4 @@ class FromCsv:
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""
         times, gains = parse_table(self.file, ("time_s", "gain"))
-        return integrate_piecewise_linear(seconds, times=times, gains=gains)
+        return integrate_piecewise_linear_gain(seconds, times=times, gains=gains)

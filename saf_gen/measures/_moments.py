@@ -10,7 +10,7 @@ def sum_of_squares(numbers: np.ndarray) -> int | float:
     return np.vdot(numbers, numbers).item()
 
 
-def mean_square(numbers: np.ndarray) -> float:
+def mean_square_of_counts(numbers: np.ndarray) -> float:
     """Return the mean of squared numbers of any shape, 0.0 for an empty array."""
     return sum_of_squares(numbers) / numbers.size if numbers.size else 0.0
 

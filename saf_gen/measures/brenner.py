@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from saf_gen.measures._counts import counts_as_integers
-from saf_gen.measures._moments import mean_square
+from saf_gen.measures._moments import mean_square_of_counts
 
 
 @dataclass(frozen=True)
@@ -32,4 +32,4 @@ class Brenner:
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of counts (row, col) of any number type, in squared counts."""
         c = counts_as_integers(counts)
-        return mean_square(c[:, 2:] - c[:, :-2])
+        return mean_square_of_counts(c[:, 2:] - c[:, :-2])

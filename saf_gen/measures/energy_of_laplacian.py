@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from saf_gen.measures._counts import counts_as_integers
-from saf_gen.measures._moments import mean_square
+from saf_gen.measures._moments import mean_square_of_counts
 
 
 @dataclass(frozen=True)
@@ -37,4 +37,4 @@ class EnergyOfLaplacian:
             return 0.0
         # L is 36 at the centre less (1 4 1) along both axes.
         down = c[:-2] + 4 * c[1:-1] + c[2:]
-        return mean_square(36 * c[1:-1, 1:-1] - (down[:, :-2] + 4 * down[:, 1:-1] + down[:, 2:]))
+        return mean_square_of_counts(36 * c[1:-1, 1:-1] - (down[:, :-2] + 4 * down[:, 1:-1] + down[:, 2:]))

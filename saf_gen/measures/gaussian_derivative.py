@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.measures._counts import counts_as_floats
 from saf_gen.measures._filters import correlate_separable
-from saf_gen.measures._moments import mean_square
+from saf_gen.measures._moments import mean_square_of_counts
 from saf_gen.measures._options import check_measure_range
 
 
@@ -48,7 +48,7 @@ class GaussianDerivative:
         c = counts_as_floats(counts)
         if min(c.shape) < smooth.size:
             return 0.0
-        return mean_square(correlate_separable(c, smooth, slope, 1)) + mean_square(
+        return mean_square_of_counts(correlate_separable(c, smooth, slope, 1)) + mean_square_of_counts(
             correlate_separable(c, slope, smooth, 1)
         )
 

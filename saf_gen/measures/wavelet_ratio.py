@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.measures._counts import counts_as_floats
 from saf_gen.measures._filters import correlate_separable
-from saf_gen.measures._moments import mean_square
+from saf_gen.measures._moments import mean_square_of_counts
 from saf_gen.measures._options import check_measure_whole_number
 
 A, B = sqrt(10), sqrt(5 + 2 * sqrt(10))
@@ -58,7 +58,7 @@ class WaveletRatio:
             if min(remainder.shape) < LOW.size:
                 return 0.0
             bands = ((LOW, HIGH), (HIGH, LOW), (HIGH, HIGH))
-            details += sum(mean_square(correlate_separable(remainder, *band, 2)) for band in bands) / 4**level
+            details += sum(mean_square_of_counts(correlate_separable(remainder, *band, 2)) for band in bands) / 4**level
             remainder = correlate_separable(remainder, LOW, LOW, 2)
-        energy = mean_square(remainder) / 4**self.levels
+        energy = mean_square_of_counts(remainder) / 4**self.levels
         return details / energy if energy else 0.0

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from saf_gen.errors import BadInput, unknown
 from saf_gen.render import xml_scene
-from saf_gen.render.posed_shapes import validate_motions
+from saf_gen.render.posed_shapes import validate_rendered_motions
 from saf_gen.render.scene_script import call_script
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
@@ -54,7 +54,7 @@ def mitsuba_shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[st
     card, script = str(scene.folder / "scene.yaml"), str(scene.folder / "scene.py")
     moving = {name: (motion, card) for name, motion in scene.card.motion.items()}
     own = call_script(scene, "motion", default={}) if scene.has_script else {}
-    for name, motion in validate_motions(own, script).items():
+    for name, motion in validate_rendered_motions(own, script).items():
         if name in moving:
             raise BadInput(f"{name!r} moves by the card and by motion()", where=script, hint="keep one of the two")
         moving[name] = (motion, script)

@@ -161,7 +161,9 @@ def trace_paths(
         ]
         if moves:
             first_lens, step_lens = mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b)
-            paths += aperture_window(first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size)
+            paths += positions_through_aperture(
+                first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size
+            )
         dr.eval(*paths)
         yield (begin + count) / rows, TracedPaths(*paths)
 
@@ -185,7 +187,7 @@ def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: A
     return x * xx + a * xa, x * dxx + a * dxa, x * ax + a * aa, x * dax + a * daa
 
 
-def aperture_window(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:
+def positions_through_aperture(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:
     """Return begin and end, int32: first + k·step (m) lies in the aperture for begin <= k < end.
 
     |first + k·step|² = R² is a quadratic in k. The root for which the textbook formula subtracts nearly equal

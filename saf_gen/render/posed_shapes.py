@@ -13,7 +13,7 @@ from saf_gen.scene.keyframes import RigidMotion
 UNPOSABLE_TYPES = ("constant", "shapegroup")  # entries that a pose would leave as they are
 
 
-def validate_motions(document: Any, where: str) -> dict[str, RigidMotion]:
+def validate_rendered_motions(document: Any, where: str) -> dict[str, RigidMotion]:
     """Return the motions that ``motion(params)`` of a script gave, by shape.
 
     The keys are those of the card's ``motion``; a value may also be a RigidMotion. ``where`` names the

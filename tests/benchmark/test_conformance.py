@@ -20,7 +20,7 @@ from refusals import refusal
 from saf_gen import get_measure, get_motion, get_search
 from saf_gen.benchmark.conformance import check_measure, check_search
 from saf_gen.benchmark.conformance._check_result import CheckFailure
-from saf_gen.benchmark.conformance._declaration_checks import check_class
+from saf_gen.benchmark.conformance._declaration_checks import check_plugin_class
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, conformance_bell_curve
 from saf_gen.core.config import registry
 from saf_gen.measures import measure_names
@@ -40,7 +40,7 @@ def faults(results):
 
 def check_motion(motion, *, first=None):
     """A motion begins at ``first``, stays in the travel, and does not jump."""
-    check_class(motion)
+    check_plugin_class(motion)
     for duration in (0.5, 1.0):
         times = np.linspace(0, duration, 8001)
         times.flags.writeable = False

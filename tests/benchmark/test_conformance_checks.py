@@ -14,11 +14,11 @@ import pytest
 from refusals import refusal
 
 from saf_gen import get_measure, get_search
-from saf_gen.benchmark.conformance import CheckLimits, check_measure, check_method, check_named, check_search
+from saf_gen.benchmark.conformance import CheckLimits, check_measure, check_method, check_method_by_name, check_search
 from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, conformance_bell_curve
 from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, TARGET_RATE, write_conformance_recordings
-from saf_gen.benchmark.conformance.name_resolution import resolve_name
+from saf_gen.benchmark.conformance.name_resolution import resolve_method_name
 from saf_gen.benchmark.method_spec import Method, parse_method
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method
 from saf_gen.errors import BadInput
@@ -428,7 +428,7 @@ def test_a_method_is_not_tried_where_a_half_of_it_fails():
 @pytest.mark.parametrize("name", ["sd+argmax", "gradient_code_n_tfi+sgfs_causal", "sd_debiased+coarse_to_fine"])
 @pytest.mark.slow
 def test_methods_of_ours_conform(name):
-    found = list(check_named(name))
+    found = list(check_method_by_name(name))
     assert {f.part for f in found} == {"measure", "search", "method"}
     assert {f.level for f in found} == {"pass"}, found
 
@@ -508,19 +508,19 @@ def test_a_loop_without_end_is_stopped_by_the_number_of_scores_in_a_thread_too()
 def test_a_name_is_a_method_or_a_half_of_one(tmp_path):
     own = tmp_path / "own.py"
     own.write_text(OWN)
-    assert resolve_name("sd+argmax") == parse_method("sd+argmax")
-    assert resolve_name("argmax:window=50") == ("searches", get_search("argmax", window=50))
-    assert resolve_name("sd") == ("measures", get_measure("sd"))
-    assert resolve_name("variance_n_tfi") == ("measures", get_measure("variance_n_tfi"))
+    assert resolve_method_name("sd+argmax") == parse_method("sd+argmax")
+    assert resolve_method_name("argmax:window=50") == ("searches", get_search("argmax", window=50))
+    assert resolve_method_name("sd") == ("measures", get_measure("sd"))
+    assert resolve_method_name("variance_n_tfi") == ("measures", get_measure("variance_n_tfi"))
     for suffix in ("", "_n", "_tfi"):
-        assert resolve_name(f"{own}:Total{suffix}")[0] == "measures"
-    assert resolve_name(f"{own}:Middle")[0] == "searches"
+        assert resolve_method_name(f"{own}:Total{suffix}")[0] == "measures"
+    assert resolve_method_name(f"{own}:Middle")[0] == "searches"
     tuned = tmp_path / "best.json"
     trial = TuningTrial("sd+argmax:window=50", 1.0, 0.1)
     tuned.write_text(
         format_tuned_method(TunedMethod(trial.method, "d", "train", "recorded", "", "target", 1, "0", "0", (trial,)))
     )
-    assert resolve_name(f"@{tuned}").search.window == 50
+    assert resolve_method_name(f"@{tuned}").search.window == 50
 
 
 OWN = """\
@@ -566,6 +566,6 @@ class Nothing:
 )
 def test_a_name_that_is_neither_is_refused(tmp_path, name, problem, nearest):
     (tmp_path / "own.py").write_text(OWN)
-    error = refusal(check_named, name.format(own=tmp_path / "own.py"))
+    error = refusal(check_method_by_name, name.format(own=tmp_path / "own.py"))
     assert problem in error.problem
     assert nearest in str(error)

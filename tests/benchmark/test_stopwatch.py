@@ -176,7 +176,7 @@ def test_a_texture_on_film_is_paid_too(clock, monkeypatch):
     monkeypatch.setattr(interval_texture, "_look_ahead", clock.takes(LOOKS_UP, interval_texture._look_ahead))
     stream = InMemory(80, 4, 6)
     read, count = clock.takes(READS, stream.packed), clock.takes(COUNTS, stream.counts)
-    image, seconds = interval_texture.time_interval_texture_of_window(
+    image, seconds = interval_texture.time_texture_of_viewed_window(
         lambda a, b: read(a, b, (slice(None), slice(None))),
         lambda a, b: count(a, b, (slice(None), slice(None))),
         first=0,

@@ -87,7 +87,7 @@ def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
     first, step = random.normal(0, radius, (2, 4000)), random.normal(0, radius / 12, (2, 4000))
     step[:, :400] *= 1e-6  # hardly move
     step[:, 400:500] = 0
-    begin, end = one_pass.aperture_window(mi.Point2f(first), mi.Vector2f(step), radius=radius, positions=33)
+    begin, end = one_pass.positions_through_aperture(mi.Point2f(first), mi.Vector2f(step), radius=radius, positions=33)
     dr.eval(begin, end)
     k = np.arange(33)[:, None]
     counts = (np.array(begin) <= k) & (k < np.array(end))

@@ -1,6 +1,6 @@
 """Checks of anybody's method: whether it ends, keeps to travel and budget, and repeats its answers.
 
->>> for result in check_named("my_measure.py:Mine+argmax"): ...  # doctest: +SKIP
+>>> for result in check_method_by_name("my_measure.py:Mine+argmax"): ...  # doctest: +SKIP
 
 They hold for every registered measure and search; this project's tests run them over all of these.
 """
@@ -9,26 +9,26 @@ from collections.abc import Iterator
 
 from saf_gen.benchmark.conformance._check_result import CheckResult
 from saf_gen.benchmark.conformance._check_runner import CheckLimits, run_conformance_checks
-from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks
-from saf_gen.benchmark.conformance.measure_checks import measure_checks
-from saf_gen.benchmark.conformance.method_checks import method_checks
-from saf_gen.benchmark.conformance.name_resolution import resolve_name
+from saf_gen.benchmark.conformance.estimating_search_checks import list_estimating_conformance_checks
+from saf_gen.benchmark.conformance.measure_checks import list_measure_conformance_checks
+from saf_gen.benchmark.conformance.method_checks import list_method_conformance_checks
+from saf_gen.benchmark.conformance.name_resolution import resolve_method_name
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.parts import Measure, Search, commands
 
-__all__ = ["CheckLimits", "CheckResult", "check_measure", "check_method", "check_named", "check_search"]
+__all__ = ["CheckLimits", "CheckResult", "check_measure", "check_method", "check_method_by_name", "check_search"]
 
 LIMITS = CheckLimits()
 
 
-def check_named(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_method_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a method, or of a measure or a search alone, and yield their results.
 
     ``name`` is ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options;
     ``limits`` are scores and seconds after which a plug-in is stopped. Raises BadInput at once, for a name that is none
     of these.
     """
-    found = resolve_name(name)
+    found = resolve_method_name(name)
     if isinstance(found, Method):
         return check_method(found, limits)
     kind, plug_in = found
@@ -37,17 +37,17 @@ def check_named(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult
 
 def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a focus measure and yield their results."""
-    return run_conformance_checks("measure", measure_checks(measure), limits=limits)
+    return run_conformance_checks("measure", list_measure_conformance_checks(measure), limits=limits)
 
 
 def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a search, estimating or lens-commanding, and yield their results."""
     if commands(search):
         # Imported here because it reads OpenEXR files.
-        from saf_gen.benchmark.conformance.commanding_search_checks import commanding_checks
+        from saf_gen.benchmark.conformance.commanding_search_checks import list_commanding_conformance_checks
 
-        return run_conformance_checks("search", commanding_checks(search, limits), limits=limits)
-    return run_conformance_checks("search", estimating_checks(search, limits), limits=limits)
+        return run_conformance_checks("search", list_commanding_conformance_checks(search, limits), limits=limits)
+    return run_conformance_checks("search", list_estimating_conformance_checks(search, limits), limits=limits)
 
 
 def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
@@ -60,4 +60,4 @@ def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[Check
     if failed:
         yield CheckResult("method", "whole", "warn", "not run: a half of it fails", "mend that first")
         return
-    yield from run_conformance_checks("method", method_checks(method, limits), limits=limits)
+    yield from run_conformance_checks("method", list_method_conformance_checks(method, limits), limits=limits)

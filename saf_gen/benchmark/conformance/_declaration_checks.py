@@ -7,7 +7,7 @@ from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.parts import cite_source
 
 
-def check_class(plug_in: object) -> None:
+def check_plugin_class(plug_in: object) -> None:
     """Raise CheckFailure unless the plug-in is a frozen dataclass with a docstring."""
     cls = type(plug_in)
     if not is_dataclass(cls):
@@ -19,9 +19,9 @@ def check_class(plug_in: object) -> None:
         raise CheckFailure("its class has no docstring", "write what the plug-in does, its options and its range")
 
 
-def check_description(plug_in: object) -> str:
+def check_plugin_description(plug_in: object) -> str:
     """The plug-in is a frozen dataclass with a docstring and a source."""
-    check_class(plug_in)
+    check_plugin_class(plug_in)
     source = cite_source(plug_in)
     if not source:
         raise CheckFailure(

@@ -8,7 +8,7 @@ import numpy as np
 from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_method_answer_frame, check_same
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._declaration_checks import check_description
+from saf_gen.benchmark.conformance._declaration_checks import check_plugin_description
 from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, conformance_bell_curve
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
@@ -25,27 +25,27 @@ UNIT = 1024.0  # a power of two, so that scaled scores are the same to the last 
 ViewFactory = Callable[..., SyntheticRecording]
 
 
-def estimating_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
+def list_estimating_conformance_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
     """Return the checks of one search by name."""
     checks: dict[str, Callable[[Search, ViewFactory], str]] = {
-        "ends": check_ends,
-        "answers": check_answers,
-        "flat": check_flat,
-        "repeatable": check_repeatable,
-        "any unit": check_any_unit,
-        "finds a bell": check_finds_peak,
-        "stops early": check_stops_early,
-        "short": check_short,
+        "ends": check_method_ends,
+        "answers": check_method_answers,
+        "flat": check_method_flat,
+        "repeatable": check_method_repeatable,
+        "any unit": check_method_any_unit,
+        "finds a bell": check_method_finds_peak,
+        "stops early": check_method_stops_early,
+        "short": check_method_short,
     }
     record = partial(SyntheticRecording, limits=limits)
     return {
-        "described": partial(check_description, search),
-        "stated": partial(check_statements, search),
+        "described": partial(check_plugin_description, search),
+        "stated": partial(check_method_statements, search),
         **{name: partial(check, search, record) for name, check in checks.items()},
     }
 
 
-def check_statements(search: Search) -> str:
+def check_method_statements(search: Search) -> str:
     """Check that the search states whether it is causal, and that every other measure which it uses exists."""
     causal = getattr(search, "causal", None)
     if not isinstance(causal, bool):
@@ -62,7 +62,7 @@ def check_statements(search: Search) -> str:
     return f"causal: {'yes' if causal else 'no'}{f'; also uses {others}' if others else ''}"
 
 
-def find_accepted_length(search: Search, record: ViewFactory = SyntheticRecording) -> int:
+def find_recording_length_for_method(search: Search, record: ViewFactory = SyntheticRecording) -> int:
     """Return the length in frames of the shortest recording that the search does not refuse."""
     for frames in LENGTHS:
         try:
@@ -77,27 +77,27 @@ def find_accepted_length(search: Search, record: ViewFactory = SyntheticRecordin
     )
 
 
-def check_ends(search: Search, record: ViewFactory) -> str:
+def check_method_ends(search: Search, record: ViewFactory) -> str:
     """Check that the search ends, within a number of scores and of seconds."""
     costs = []
-    for frames in (find_accepted_length(search, record), LENGTHS[-1]):
+    for frames in (find_recording_length_for_method(search, record), LENGTHS[-1]):
         view = record(conformance_bell_curve(frames, 0.5))
         search(view)
         costs.append(f"{view.scores:,} scores of {frames:,} frames")
     return "; ".join(costs)
 
 
-def check_answers(search: Search, record: ViewFactory) -> str:
+def check_method_answers(search: Search, record: ViewFactory) -> str:
     """Check that the search returns an Answer, with a frame of the recording or none, whatever the curve."""
-    curves = _curves(find_accepted_length(search, record))
+    curves = _curves(find_recording_length_for_method(search, record))
     for name, curve in curves.items():
         check_method_answer_frame(search(record(curve)), len(curve), recording=name)
     return f"an answer in the recording, on {len(curves)} curves: peaks, noise, scores below 0"
 
 
-def check_flat(search: Search, record: ViewFactory) -> str:
+def check_method_flat(search: Search, record: ViewFactory) -> str:
     """Check that the search does not crash without a spike, with equal scores, or with the top of the curve cut off."""
-    frames = find_accepted_length(search, record)
+    frames = find_recording_length_for_method(search, record)
     answers = []
     for name, (curve, light) in {
         "an empty recording": (np.zeros(frames), 0.0),
@@ -109,25 +109,25 @@ def check_flat(search: Search, record: ViewFactory) -> str:
     return "; ".join(answers)
 
 
-def check_repeatable(search: Search, record: ViewFactory) -> str:
+def check_method_repeatable(search: Search, record: ViewFactory) -> str:
     """Check that the search gives the same answer for the same recording."""
-    for name, curve in _curves(find_accepted_length(search, record)).items():
+    for name, curve in _curves(find_recording_length_for_method(search, record)).items():
         first, again = search(record(curve)), search(record(curve))
         check_same(first, again, cause=f"the same recording gets another answer, on {name}")
     return "the same recording gets the same answer"
 
 
-def check_any_unit(search: Search, record: ViewFactory) -> str:
+def check_method_any_unit(search: Search, record: ViewFactory) -> str:
     """Check that the search gives the same answer for scores in another unit: each measure has its own."""
-    for name, curve in _curves(find_accepted_length(search, record)).items():
+    for name, curve in _curves(find_recording_length_for_method(search, record)).items():
         plain, scaled = search(record(curve)), search(record(curve, unit=UNIT))
         check_same(plain, scaled, cause=f"scores times {UNIT:g} change the answer, on {name}", hint=UNIT_HINT)
     return f"scores times {UNIT:g} give the same answer"
 
 
-def check_finds_peak(search: Search, record: ViewFactory) -> str:
+def check_method_finds_peak(search: Search, record: ViewFactory) -> str:
     """Check that the search finds a smooth peak without noise."""
-    frames = find_accepted_length(search, record)
+    frames = find_recording_length_for_method(search, record)
     found = [(peak, search(record(conformance_bell_curve(frames, peak))).frame) for peak in PEAK_FRACTIONS]
     words = ", ".join(f"{peak} as {'nothing' if at is None else f'{at / frames:.3f}'}" for peak, at in found)
     seen = f"peaks of the curve, fractions of the recording: {words}"
@@ -136,7 +136,7 @@ def check_finds_peak(search: Search, record: ViewFactory) -> str:
     return seen
 
 
-def check_stops_early(search: Search, record: ViewFactory) -> str:
+def check_method_stops_early(search: Search, record: ViewFactory) -> str:
     """If it states that it is causal, it does not ask for the end of a sweep with an early peak.
 
     In the closed loop the lens moves on until the end of the last window asked for. What was recorded until
@@ -159,7 +159,7 @@ def check_stops_early(search: Search, record: ViewFactory) -> str:
     return seen
 
 
-def check_short(search: Search, record: ViewFactory) -> str:
+def check_method_short(search: Search, record: ViewFactory) -> str:
     """Check that the search answers on a short recording, or refuses it with a message of one line."""
     refused = []
     for frames in SHORT_LENGTHS:

@@ -8,7 +8,7 @@ from saf_gen.benchmark.conformance._answer_checks import check_method_answer_fra
 from saf_gen.benchmark.conformance._check_result import CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
 from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, write_conformance_recordings
-from saf_gen.benchmark.conformance.estimating_search_checks import find_accepted_length
+from saf_gen.benchmark.conformance.estimating_search_checks import find_recording_length_for_method
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.parts import Answer, commands
@@ -19,17 +19,17 @@ TOLERANCE = 0.1  # fraction of the travel
 ACTUATOR = "voice_coil_hall"
 
 
-def method_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
+def list_method_conformance_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
     """Return the checks of one method by name."""
-    closed_loop: dict[str, Check] = {"running camera": partial(check_running_camera, method, limits)}
+    closed_loop: dict[str, Check] = {"running camera": partial(check_method_on_running_camera, method, limits)}
     if commands(method.search):
         return closed_loop
-    return {"recordings": partial(check_recordings, method), **closed_loop}
+    return {"recordings": partial(check_method_on_recordings, method), **closed_loop}
 
 
-def check_recordings(method: Method) -> str:
+def check_method_on_recordings(method: Method) -> str:
     """Check that the method repeats its answer on recordings that are empty, full, saturated, and of a sweep."""
-    frames = max(find_accepted_length(method.search), MIN_FRAMES)
+    frames = max(find_recording_length_for_method(method.search), MIN_FRAMES)
     answers: dict[str, Answer] = {}
     with tempfile.TemporaryDirectory(prefix="saf-gen-") as folder:
         for name, path in write_conformance_recordings(Path(folder), frames).items():
@@ -46,7 +46,7 @@ def check_recordings(method: Method) -> str:
     return seen
 
 
-def check_running_camera(method: Method, limits: CheckLimits) -> str:
+def check_method_on_running_camera(method: Method, limits: CheckLimits) -> str:
     """Check that the method keeps to travel and budget and repeats its run, in usual light, none, and too much."""
     # Imported here because it reads OpenEXR files.
     from saf_gen.benchmark.conformance import _closed_loop_trial as trial

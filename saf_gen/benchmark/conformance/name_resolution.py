@@ -11,7 +11,7 @@ from saf_gen.searches import get_search, search_names
 FORM_SUFFIXES = ("_n", "_tfi")
 
 
-def resolve_name(spec: str) -> Method | tuple[str, Any]:
+def resolve_method_name(spec: str) -> Method | tuple[str, Any]:
     """Return the method that a name stands for, or the kind (``measures``, ``searches``) and the plug-in.
 
     Raises BadInput for a name that is none of these, and for options that the plug-in refuses.

@@ -5,7 +5,7 @@ Only the rows that a region needs are encoded, and only when somebody looks.
 
 import numpy as np
 
-from saf_gen.benchmark.view.interval_texture import time_interval_texture_of_window
+from saf_gen.benchmark.view.interval_texture import time_texture_of_viewed_window
 from saf_gen.core import bits
 from saf_gen.core.region import Region
 from saf_gen.stack.capture import Capture
@@ -48,12 +48,12 @@ class CapturedFrames:
         return counts
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
-        """Return the texture from intervals of a window, float64 (h, w); see interval_texture_of_window."""
+        """Return the texture from intervals of a window, float64 (h, w); see texture_of_viewed_window."""
 
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
 
-        image, seconds = time_interval_texture_of_window(read, self.window, first=first, stop=stop)
+        image, seconds = time_texture_of_viewed_window(read, self.window, first=first, stop=stop)
         self.textures_s += seconds
         return image
 

@@ -35,7 +35,7 @@ def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
     return lambda frames: np.interp(frames, np.arange(len(lens)), lens)
 
 
-def draw_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
+def plot_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
     """Draw the truth as a line in the band of its depth of focus; over frames, one at every crossing."""
     over_frames = find_figure_position_axis(sweep) is None
     if over_frames and sweep.focus_position is not None:

@@ -30,9 +30,9 @@ from saf_gen.leaderboard.figures._style import (
 from saf_gen.leaderboard.figures._sweep_axis import (
     LENS_LINE,
     add_frame_axis_to_figure,
-    draw_truth,
     find_figure_position_axis,
     frames_to_axis,
+    plot_truth,
 )
 
 MAX_SEARCHES = 6
@@ -106,8 +106,8 @@ def plot_focus_curves(
         _set_height(axes, sweep, has_curves=bool(groups))
         draw_answer_rows(strip, drawn, shown=[*(group[0] for group in groups), *alone], styles=styles, sweep=sweep)
         add_frame_axis_to_figure(strip, sweep, label=axes)
-        draw_truth(axes, sweep)
-        draw_truth(strip, sweep, note=False)
+        plot_truth(axes, sweep)
+        plot_truth(strip, sweep, note=False)
         add_legend_below(figure, handles, names=names, note=note)
     return figure
 
