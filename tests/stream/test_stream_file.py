@@ -574,4 +574,5 @@ def test_memory_does_not_grow_with_time(tmp_path, monkeypatch, what):
                 stream.verify() if what == "verify" else stream.counts(0, 2_000 * count)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] < peaks[0] + time_block.nbytes
+    # Thirty blocks more are streamed; how many lie in the threads' hands at the peak varies by a few.
+    assert peaks[1] < peaks[0] + 5 * time_block.nbytes
