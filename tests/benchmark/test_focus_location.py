@@ -147,7 +147,7 @@ def test_without_a_depth_of_focus_only_what_is_met_is_known():
 
 
 def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
-    """300 random lenses, truths and tracks, seed named here: the rule of saf_gen.benchmark.judgement.judge,
+    """300 random lenses, truths and tracks, seed named here: the rule of saf_gen.benchmark.judgement.judge_answer,
     exactly."""
     random, seen = make_generator("test_reach", "judge"), set()
     for _ in range(300):

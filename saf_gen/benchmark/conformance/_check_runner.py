@@ -41,7 +41,7 @@ class CheckLimits:
 
 
 class LimitExceededError(BaseException):
-    """A plug-in exceeded its limits. A BaseException, so that none of its ``except Exception`` catches it."""
+    """A plug-in exceeded its limits; no ``except Exception`` of the plug-in catches a BaseException."""
 
 
 def run_conformance_checks(part: str, checks: Mapping[str, Check], *, limits: CheckLimits) -> Iterator[CheckResult]:
