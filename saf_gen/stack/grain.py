@@ -1,0 +1,259 @@
+"""Grain: what the finite number of light paths leaves in a picture, from two renders with independent noise.
+
+Let two renders of one picture be s + n and s + m. Their difference holds noise alone, and a product of the two holds
+the signal s² on average, because independent noise averages out. The same is true for every energy that a focus
+measure takes, since each is a mean of squares of linear filters L:
+
+    noise energy = mean L(first − second)² / (1 + ratio)          signal energy = mean L(first)·L(second)
+
+where ``ratio`` is that of the samples of the first render to those of the second; noise is that of the first, and its
+variance goes as one over the samples. Three energies are taken: ``contrast``, the variance, which over the squared mean
+is the measure ``sd``; ``brenner``; ``tenengrad``.
+
+**Intervals** hold at 95 %. The region is cut into square blocks, and grain is taken to be independent between blocks,
+not within them. The noise energy scatters as its blocks do round their mean; blocks of uneven noise thus widen the
+interval. The signal stays as it is: its product scatters by the sum over blocks of ((energy of first − energy of
+second)/2)², which has the variance of the product's noise, (s + n)(s + m): 2s²σ² + σ⁴ for each pixel of
+variance σ² (more than it where the two renders differ in samples). A quotient of the two gets Fieller's interval, which
+has no upper end where the signal cannot be told from 0.
+
+References
+----------
+.. [1] Fieller, J. Royal Statistical Society B 16(2), 1954, doi:10.1111/j.2517-6161.1954.tb00159.x.
+.. [2] Künsch, "The jackknife and the bootstrap for general stationary observations", Annals of Statistics 17(3), 1989,
+   doi:10.1214/aos/1176347265: blocks as units.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.special import stdtrit
+
+from saf_gen.errors import BadInput
+
+CONFIDENCE = 0.95
+BLOCK, MIN_BLOCKS = 8, 16
+"""Edge of a block in pixels, smaller where the region would have fewer blocks than these."""
+
+_DIFFERENCE, _SMOOTH = np.array([[-1.0, 0.0, 1.0]]), np.array([[1.0], [2.0], [1.0]])
+_FILTERS: Mapping[str, tuple[np.ndarray, ...]] = {
+    "contrast": (),  # the deviation from the mean, which is no filter of a few pixels
+    "brenner": (_DIFFERENCE,),
+    "tenengrad": (_SMOOTH * _DIFFERENCE, (_SMOOTH * _DIFFERENCE).T),
+}
+ENERGIES = tuple(_FILTERS)
+
+
+@dataclass(frozen=True)
+class GrainFigure:
+    """A measured number and the ends of its interval at 95 %."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Grain:
+    """The grain of a picture in a region.
+
+    mean : the mean of the picture, in its unit.
+    rms : root mean square of the noise, over the mean.
+    noise_over_signal : noise energy over the signal's, for each of ENERGIES; above 1 where noise outweighs the signal.
+
+    In a black region every figure is NaN, and so is an energy whose filter fits nowhere in the region.
+    """
+
+    mean: float
+    rms: GrainFigure
+    noise_over_signal: Mapping[str, GrainFigure]
+
+
+def estimate_grain(
+    first: np.ndarray, second: np.ndarray, *, mask: np.ndarray | None = None, ratio: float = 1.0
+) -> Grain:
+    """Estimate the grain of the first of two renders of one picture.
+
+    Parameters
+    ----------
+    first, second : (row, col), the region in two renders with independent noise, all lights mixed.
+    mask : bool (row, col), the pixels of the region that count; all by default. A filter counts where all of its
+        pixels do.
+    ratio : samples of ``first`` over those of ``second``.
+
+    Raises
+    ------
+    BadInput : shapes that differ, a mask that marks nothing, a ratio that is not above 0.
+    """
+    first, second, mask = _checked(first, second, mask=mask)
+    if not 0 < ratio < math.inf:
+        raise BadInput(f"ratio is {ratio!r}", allowed="samples over samples, above 0")
+    mean = float((first[mask].mean() + second[mask].mean()) / 2)
+    nan = GrainFigure(math.nan, math.nan, math.nan)
+    if not mean > 0:
+        return Grain(mean, nan, dict.fromkeys(ENERGIES, nan))
+    blocks = _block_numbers(mask)
+    noise = _sum_blocks([((first - second) ** 2 / (1 + ratio), mask)], blocks)
+    found = {}
+    for energy in ENERGIES:
+        responses = zip(_responses(first, energy, mask=mask), _responses(second, energy, mask=mask), strict=True)
+        pairs = [(a, b, valid) for (a, valid), (b, _) in responses]
+        noise_energy = _sum_blocks([((a - b) ** 2 / (1 + ratio), valid) for a, b, valid in pairs], blocks)
+        signal = _sum_blocks([(a * b, valid) for a, b, valid in pairs], blocks)
+        of_its_noise = _sum_blocks([((a * a - b * b) / 2, valid) for a, b, valid in pairs], blocks)
+        found[energy] = _quotient(
+            noise_energy,
+            float(signal.sums.sum()),
+            signal_variance=float(np.square(of_its_noise.sums).sum()),
+            ratio=ratio,
+        )
+    return Grain(mean, _relative_rms(noise, mean), found)
+
+
+def mean_energy(first: np.ndarray, second: np.ndarray, energy: str, *, mask: np.ndarray | None = None) -> float:
+    """Return the mean product of two pictures (row, col) behind the filters of an energy, one of ENERGIES.
+
+    Of a picture and itself it is the focus measure: ``variance``, ``brenner``, ``tenengrad``. Of two renders with
+    independent noise it is that of the picture without noise. Raises BadInput as :func:`estimate_grain` does.
+    """
+    first, second, mask = _checked(first, second, mask=mask)
+    pairs = zip(_responses(first, energy, mask=mask), _responses(second, energy, mask=mask), strict=True)
+    products = [((a * b)[valid], valid.sum()) for (a, valid), (b, _) in pairs]
+    count = int(products[0][1]) if products else 0  # the filters of one energy count at the same places
+    return float(sum(product.sum() for product, _ in products) / count) if count else 0.0
+
+
+def correlate_grain(
+    earlier: tuple[np.ndarray, np.ndarray], later: tuple[np.ndarray, np.ndarray], *, mask: np.ndarray | None = None
+) -> GrainFigure:
+    """Return the correlation of the grain of two moments, each given as two renders (row, col) of independent noise.
+
+    It is that of the differences of the two renders, pixel by pixel: 1 for grain that stands still, 0 for grain drawn
+    anew. The interval is a jackknife's over blocks, on Fisher's scale. NaN where a moment has no noise. Raises BadInput
+    as :func:`estimate_grain` does.
+    """
+    first, second, inside = _checked(*earlier, mask=mask)
+    one = first - second
+    first, second, _ = _checked(*later, mask=mask)
+    other = first - second
+    if one.shape != other.shape:
+        raise BadInput(f"the moments have the shapes {one.shape} and {other.shape}", allowed="one region for both")
+    blocks = _block_numbers(inside)
+    cross, square, square_of_other = (
+        _sum_blocks([(product, inside)], blocks).sums for product in (one * other, one**2, other**2)
+    )
+    if not (square.sum() > 0 and square_of_other.sum() > 0):
+        return GrainFigure(math.nan, math.nan, math.nan)
+
+    def fisher(left_out: np.ndarray) -> np.ndarray:
+        scale = np.sqrt((square.sum() - left_out * square) * (square_of_other.sum() - left_out * square_of_other))
+        return np.arctanh(np.clip((cross.sum() - left_out * cross) / np.maximum(scale, 1e-300), -1 + 1e-12, 1 - 1e-12))
+
+    value = float(fisher(np.zeros(1))[0])
+    without = fisher(np.ones(cross.size))
+    error = math.sqrt((cross.size - 1) / cross.size * float(np.square(without - without.mean()).sum()))
+    reach = _quantile(cross.size) * error
+    return GrainFigure(math.tanh(value), math.tanh(value - reach), math.tanh(value + reach))
+
+
+@dataclass(frozen=True)
+class _BlockSums:
+    """Sums over the blocks of a region, float64 (block,), and how many pixels went into each."""
+
+    sums: np.ndarray
+    counts: np.ndarray
+
+    @property
+    def variance(self) -> float:
+        """The variance of the total, from the scatter of blocks round the mean of their pixels."""
+        n, mean = self.sums.size, self.sums.sum() / self.counts.sum()
+        return float(n / (n - 1) * np.square(self.sums - mean * self.counts).sum()) if n > 1 else math.inf
+
+
+def _relative_rms(noise: _BlockSums, mean: float) -> GrainFigure:
+    """Return the root of the mean noise over the mean; its interval is symmetric in the logarithm."""
+    total = float(noise.sums.sum())
+    value = math.sqrt(total / float(noise.counts.sum())) / mean
+    if not total > 0:
+        return GrainFigure(0.0, 0.0, 0.0)
+    reach = _quantile(noise.sums.size) * math.sqrt(noise.variance) / total / 2
+    return GrainFigure(value, value * math.exp(-reach), value * math.exp(reach) if reach < 700 else math.inf)
+
+
+def _quotient(noise: _BlockSums, signal: float, *, signal_variance: float, ratio: float) -> GrainFigure:
+    """Return noise over signal with Fieller's interval, both being sums over the same pixels; NaN over none."""
+    if not noise.sums.size:
+        return GrainFigure(math.nan, math.nan, math.nan)
+    total, square = float(noise.sums.sum()), _quantile(noise.sums.size) ** 2
+    if not total > 0:
+        return GrainFigure(0.0, 0.0, 0.0)
+    value = total / signal if signal > 0 else math.inf
+    known = signal**2 - square * signal_variance
+    if not (known > 0 and signal > 0):
+        return GrainFigure(value, 0.0, math.inf)
+    # Where the difference happens to be large, the product is small: cov((n - m)^2, (s + n)(s + m)) = -2·var(n·m).
+    middle = total * signal + square * noise.variance * ratio / (1 + ratio)
+    root = math.sqrt(max(middle**2 - known * (total**2 - square * noise.variance), 0.0))
+    return GrainFigure(value, max((middle - root) / known, 0.0), (middle + root) / known)
+
+
+def _quantile(blocks: int) -> float:
+    """Return how many standard errors the interval reaches to either side: Student's t, by the number of blocks."""
+    return float(stdtrit(max(blocks - 1, 1), (1 + CONFIDENCE) / 2))
+
+
+def _responses(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield what each filter of an energy makes of an image, and where all its pixels lie in the mask.
+
+    An image smaller than the filter yields nothing.
+    """
+    if not _FILTERS[energy]:
+        yield image - image[mask].mean(), mask
+    for kernel in _FILTERS[energy]:
+        if kernel.shape[0] <= image.shape[0] and kernel.shape[1] <= image.shape[1]:
+            windows = sliding_window_view(image, kernel.shape)
+            valid = np.asarray(sliding_window_view(mask, kernel.shape).all(axis=(2, 3)))
+            yield np.einsum("ijkl,kl->ij", windows, kernel), valid
+
+
+def _checked(
+    first: np.ndarray, second: np.ndarray, *, mask: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    first, second = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    if first.ndim != 2 or first.shape != second.shape:
+        raise BadInput(
+            f"the renders have the shapes {first.shape} and {second.shape}", allowed="(row, col), both the same"
+        )
+    inside = np.ones(first.shape, bool) if mask is None else np.asarray(mask, bool)
+    if inside.shape != first.shape or not inside.any():
+        raise BadInput(
+            f"the mask has the shape {inside.shape} and marks {int(inside.sum())} pixels",
+            allowed=f"{first.shape}, at least one pixel marked",
+        )
+    return first, second, inside
+
+
+def _block_numbers(mask: np.ndarray) -> np.ndarray:
+    """Return the number of each pixel's block, int64 (row, col)."""
+    edge = int(min(max(math.sqrt(mask.sum() / MIN_BLOCKS), 1), BLOCK))
+    rows, columns = (np.arange(size) // edge for size in mask.shape)
+    return rows[:, None] * (columns[-1] + 1) + columns
+
+
+def _sum_blocks(responses: list[tuple[np.ndarray, np.ndarray]], blocks: np.ndarray) -> _BlockSums:
+    """Sum responses, each with where it is valid, over blocks; a response lies in the middle of its filter's pixels.
+
+    Blocks without any are left out.
+    """
+    size = int(blocks.max()) + 1
+    sums, counts = np.zeros(size), np.zeros(size)
+    for response, valid in responses:
+        top, left = ((whole - part) // 2 for whole, part in zip(blocks.shape, valid.shape, strict=True))
+        numbers = blocks[top : top + valid.shape[0], left : left + valid.shape[1]][valid]
+        sums += np.bincount(numbers, response[valid], minlength=size)
+        counts += np.bincount(numbers, minlength=size)
+    used = counts > 0
+    return _BlockSums(sums[used], counts[used])
