@@ -24,7 +24,7 @@ from saf_gen.optics import Drive, drive_from_dict
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack import exr
 
-FORMAT = "saf-gen focal stack 1"
+FORMAT = "saf-gen focal stack 2"
 UNIT = "W m^-2 sr^-1 at gain 1"
 HALF_BITS = 15  # the largest half float is just below 2^16
 
