@@ -17,6 +17,7 @@ __all__ = ["BENCHES", "BenchFigure", "BenchResults", "BenchSize", "run_benches"]
 
 BENCHES = {
     "stack": "the focal stack against Mitsuba's thin lens: time, and error at equal samples",
+    "grain": "noise that the renderer leaves in each scene's pictures, at rest and moving; time of a slice",
     "encode": "charge to spikes: rate, growth with the length, comparison with public encoders",
     "stream": "the stream file: write, size, three read patterns, file to scores",
     "score": "ten methods on six sequences",

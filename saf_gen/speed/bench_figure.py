@@ -5,7 +5,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class BenchFigure:
-    """One measured number; ``target`` is its upper limit if ``at_most``, else its lower limit."""
+    """One measured number; ``target`` is its upper limit if ``at_most``, else its lower limit.
+
+    ``low`` and ``high`` are the ends of its interval at 95 %, where it has one.
+    """
 
     bench: str
     what: str
@@ -13,6 +16,8 @@ class BenchFigure:
     unit: str
     target: float | None = None
     at_most: bool = False
+    low: float | None = None
+    high: float | None = None
 
     @property
     def met(self) -> bool | None:
@@ -32,6 +37,8 @@ class BenchSize:
     frames : frames of a recording; growth is measured from there to ten times as many.
     positions : positions of the usual and of the fine focal stack.
     samples, reference : samples per pixel of a focal stack, and of the reference that its error is measured against.
+    slice_samples : samples per pixel of a time slice.
+    scenes : names of the scenes whose grain is measured; all that can be found if empty.
     public_frames : frames for the public encoders; the slower ones get a tenth or a hundredth.
     sequences : recordings that ten methods run on.
     recipe : recipe of the whole job; '' stands for the project's recipes/sad_core.yaml.
@@ -42,6 +49,8 @@ class BenchSize:
     positions: tuple[int, int] = (129, 513)
     samples: int = 256
     reference: int = 2048
+    slice_samples: int = 16
+    scenes: tuple[str, ...] = ()
     public_frames: int = 200
     sequences: int = 6
     recipe: str = ""

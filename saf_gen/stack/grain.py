@@ -113,7 +113,7 @@ def estimate_grain(
     return Grain(mean, _relative_rms(noise, mean), found)
 
 
-def mean_energy(first: np.ndarray, second: np.ndarray, energy: str, *, mask: np.ndarray | None = None) -> float:
+def mean_energy(first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.ndarray | None = None) -> float:
     """Return the mean product of two pictures (row, col) behind the filters of an energy, one of ENERGIES.
 
     Of a picture and itself it is the focus measure: ``variance``, ``brenner``, ``tenengrad``. Of two renders with

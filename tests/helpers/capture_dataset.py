@@ -32,13 +32,19 @@ splits:
 
 def make_dataset(folder: Path, monkeypatch, recipe: str = RECIPE) -> Path:
     """Generate it below ``folder``; gives the dataset's folder."""
+    write_moving_plane(folder, monkeypatch)
+    path = folder / "takes.yaml"
+    path.write_text(recipe)
+    outcome = generate(resolve_recipe(path), folder / "takes", variant=VARIANT)
+    assert outcome.failed == {}
+    return outcome.folder
+
+
+def write_moving_plane(folder: Path, monkeypatch) -> Path:
+    """Write the scene below ``folder`` and make it known; gives the scene's folder."""
     scenes = folder / "scenes"
     shutil.copytree(SCENES / "plane", scenes / "plane")
     with (scenes / "plane" / "scene.yaml").open("a") as card:
         card.write(MOTION)
-    path = folder / "takes.yaml"
-    path.write_text(recipe)
     monkeypatch.setenv("SAF_GEN_SCENES", str(scenes))
-    outcome = generate(resolve_recipe(path), folder / "takes", variant=VARIANT)
-    assert outcome.failed == {}
-    return outcome.folder
+    return scenes / "plane"

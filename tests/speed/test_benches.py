@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from capture_dataset import write_moving_plane
 from small_dataset import HERE
 
 from saf_gen import speed
@@ -68,6 +69,21 @@ PROMISED = {
         "counts of one window of 2 frames": None,
         "counts of a region of 64×40": None,
     },
+    "grain": {
+        "plane, still, best focus: rms over mean": None,
+        "plane, still, position 1: noise over signal in C²": 1.0,
+        "plane, slice, best focus: rms over mean": 4.0,
+        "plane, slice, best focus: noise over signal in C²": None,
+        "plane, slice, a quarter away: noise over signal in C²": 5.0,
+        "plane, slice, position 0: noise over signal in Brenner": None,
+        "plane, slice, position 0: noise over signal in Tenengrad": None,
+        "correlation of grain with the next slice": None,
+        "correlation of grain with the slice 8 on": None,
+        "loaded, rendered at two positions and stored": None,
+        "worst slice: rms": 4.0,
+        "worst slice away from focus": 5.0,
+        "worst still": 1.0,
+    },
     "score": {"10 methods, 2 sequences of 400 frames": 30.0, "cost of a method over its measure's": None},
     "job": {
         "recipe to leaderboard": 120.0,
@@ -106,6 +122,37 @@ def test_a_bench_gives_every_figure_promised(name):
     promises_kept(name, [f for f in found if isinstance(f, BenchFigure)])
     assert [f for f in found if isinstance(f, str)] == []
     assert {done for _, done in stages} >= {0.0, 1.0}
+
+
+@pytest.mark.slow
+@needs_llvm
+def test_the_grain_of_a_moving_scene_is_measured_at_rest_and_in_slices(tmp_path, monkeypatch):
+    """Slices of 16 samples have more grain than stills of 64, by a factor of 2 where noise is plain."""
+    write_moving_plane(tmp_path, monkeypatch)
+    found, stages = measured("grain", replace(SMALL, positions=(9, 17), samples=64, scenes=("plane",)))
+    promises_kept("grain", found)
+    values = {f.what: f.value for f in found}
+    for place in ("best focus", "a quarter away", "position 0", "position 1"):
+        ratio = values[f"plane, slice, {place}: rms over mean"] / values[f"plane, still, {place}: rms over mean"]
+        assert 1.5 < ratio < 3
+    worst = max(f.value for f in found if "slice, " in f.what and f.what.endswith("rms over mean"))
+    assert next(f.value for f in found if f.what.startswith("worst slice: rms")) == worst
+    assert all(f.low <= f.value <= f.high for f in found if f.low is not None)
+    assert {stage for stage, _ in stages} == {"plane, at rest", "plane, time slices", "plane, later slices"}
+
+
+@needs_llvm
+def test_a_scene_whose_grain_cannot_be_measured_is_named(tmp_path, monkeypatch):
+    folder = write_moving_plane(tmp_path, monkeypatch)
+    (folder / "scene.py").write_text("def build(params):\n    return {}\n")
+    (remark,) = measured("grain", replace(SMALL, scenes=("plane",)))[0]
+    assert remark.startswith("grain: plane is left out: ")
+
+
+def test_the_grain_of_an_unknown_scene_is_refused(call):
+    code, _, err = call("bench", "grain", "--scene", "camell")
+    assert code == 2
+    assert "did you mean 'camel'" in err
 
 
 @pytest.mark.slow
@@ -171,7 +218,10 @@ def test_without_llvm_the_stack_bench_says_what_to_install(monkeypatch):
 
 
 RESULTS = BenchResults(
-    (BenchFigure("stream", "size", 0.25, "bit", 0.32, at_most=True), BenchFigure("stream", "read", 3.0, "s")),
+    (
+        BenchFigure("stream", "size", 0.25, "bit", 0.32, at_most=True),
+        BenchFigure("stream", "read", 3.0, "s", low=2.0, high=math.inf),
+    ),
     ("stream: a thing is left out",),
     {},
 )
@@ -187,9 +237,10 @@ def command(capsys, monkeypatch, results, *arguments):
 def test_json_holds_one_object_a_figure(capsys, monkeypatch):
     code, out, err = command(capsys, monkeypatch, RESULTS, "--json")
     assert code == 0
-    keys = ["bench", "what", "value", "unit", "target", "at_most", "met"]
+    keys = ["bench", "what", "value", "unit", "target", "at_most", "low", "high", "met"]
     assert [list(figure) for figure in json.loads(out)] == [keys, keys]
     assert [figure["met"] for figure in json.loads(out)] == [True, None]
+    assert [figure["high"] for figure in json.loads(out)] == [None, None], "JSON has no infinity"
     assert "a thing is left out" in err
 
 
@@ -198,6 +249,7 @@ def test_the_table_has_the_target_beside_the_figure(capsys, monkeypatch):
     (line,) = [line for line in out.splitlines() if "size" in line]
     cells = [cell.strip() for cell in line.split("│")[1:-1]]
     assert cells == ["stream", "size", "0.25", "bit", "≤ 0.32", "yes"]
+    assert "3 (2 to inf)" in out
 
 
 def test_a_failed_bench_is_named_after_the_figures_of_the_others(capsys, monkeypatch):

@@ -26,16 +26,18 @@ def renders(clean, sigma, random, count=2):
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_an_energy_is_the_focus_measure(energy):
     picture = make_generator("picture", 1).random((37, 53))
-    assert mean_energy(picture, picture, energy) == pytest.approx(get_measure(MEASURES[energy])(picture), rel=1e-12)
+    assert mean_energy(picture, picture, energy=energy) == pytest.approx(
+        get_measure(MEASURES[energy])(picture), rel=1e-12
+    )
 
 
 def test_the_energies_of_stripes_are_closed_forms():
     """Of A·sin(2πx/P): variance A²/2, Brenner 2A²·sin²(2π/P), Tenengrad 32A²·sin²(2π/P). Filters miss the border,
     so that the last two see two columns less than whole periods: 96 periods make that 0.2 %."""
     clean, s2 = stripes(5, 96 * PERIOD), math.sin(2 * math.pi / PERIOD) ** 2
-    assert mean_energy(clean, clean, "contrast") == pytest.approx(AMPLITUDE**2 / 2, rel=1e-12)
-    assert mean_energy(clean, clean, "brenner") == pytest.approx(2 * AMPLITUDE**2 * s2, rel=2e-3)
-    assert mean_energy(clean, clean, "tenengrad") == pytest.approx(32 * AMPLITUDE**2 * s2, rel=2e-3)
+    assert mean_energy(clean, clean, energy="contrast") == pytest.approx(AMPLITUDE**2 / 2, rel=1e-12)
+    assert mean_energy(clean, clean, energy="brenner") == pytest.approx(2 * AMPLITUDE**2 * s2, rel=2e-3)
+    assert mean_energy(clean, clean, energy="tenengrad") == pytest.approx(32 * AMPLITUDE**2 * s2, rel=2e-3)
 
 
 @pytest.mark.parametrize("sigma", [0.02, 0.3, 2.0])
@@ -47,7 +49,7 @@ def test_planted_noise_is_found(sigma):
     assert found.mean == pytest.approx(MEAN, rel=0.01 * (1 + sigma))
     assert found.rms.value == pytest.approx(sigma / MEAN, rel=0.02)
     for energy, factor in zip(ENERGIES, (1, 2, 24), strict=True):
-        expected = factor * sigma**2 / mean_energy(clean, clean, energy)
+        expected = factor * sigma**2 / mean_energy(clean, clean, energy=energy)
         assert found.noise_over_signal[energy].value == pytest.approx(expected, rel=0.04 + 0.2 * sigma)
 
 
@@ -81,7 +83,9 @@ def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
         return sigma * uneven(stream, clean.shape)
 
     many = [draw(make_generator("reference", n)) for n in range(400)]  # their mean is known to 0.2 %
-    expected = {e: np.mean([mean_energy(n, n, e) for n in many]) / mean_energy(clean, clean, e) for e in ENERGIES}
+    expected = {
+        e: np.mean([mean_energy(n, n, energy=e) for n in many]) / mean_energy(clean, clean, energy=e) for e in ENERGIES
+    }
     rms = sigma / MEAN * (1 if kind == "white" else math.sqrt((0.5**2 + 1.5**2) / 2))
     held = dict.fromkeys(("rms", *ENERGIES), 0)
     for _ in range(draws):
