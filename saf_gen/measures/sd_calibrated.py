@@ -18,9 +18,10 @@ class SpikeDispersionCalibrated:
     ``sd_debiased`` without the dark spikes. Their rate does not change with the light, so in ``sd`` they dilute the
     contrast as light falls, and their fixed pattern looks like texture. ``dark`` is their mean rate, spikes per pixel
     and readout, and ``dark_rms`` the rms of that rate over pixels, relative to its mean. Both come from one recording
-    with the lens cap on; the defaults are those of the sensor ``vidar_400x250``. The score does not move with the light
-    as long as each half counts a few spikes per pixel: see the search ``photon_aware``. Without the length of the
-    window it is ``sd_debiased``. The score is 0.0 where there is hardly any light, a tenth of the dark.
+    with the lens cap on; the defaults are those of the sensor ``vidar_400x250``. The score does not move with the
+    light as long as each half counts a few spikes per pixel: see the search ``photon_aware``. Without the length of
+    the window it is ``sd_debiased``, whose 1/12 it shares: an average over the fractions of a count. The score is 0.0
+    where there is hardly any light, a tenth of the dark.
 
     Range: 0 expected without contrast, else about the squared contrast; degree 0 but for the 1/12; cost 4:
     one multiplication and three additions per pixel.

@@ -16,9 +16,10 @@ class StructureCalibrated:
         Σ_l S(l)/l / ((ū_A − d_A)·(ū_B − d_B))        l = 1, 2, 4, … ``longest``;  d = dark·frames
         S(l) = Σ over rows and columns of  mean(Δ_l A · Δ_l B) + 2/12 − 2·dark_rms²·d_A·d_B
 
-    S is the structure function of second order. The two halves count independently, so shot noise drops out,
-    as in ``sd_debiased``, except for the spike that they share where they meet (2/12). Dark spikes and their
-    fixed pattern are subtracted as in ``sd_calibrated``, with the same ``dark`` and ``dark_rms``.
+    S is the structure function of second order. The two halves count independently, so shot noise drops out, as in
+    ``sd_debiased``, except for the spike that they share where they meet: twice 1/12, an average over the fractions of
+    a count, as there. Dark spikes and their fixed pattern are subtracted as in ``sd_calibrated``, with the same
+    ``dark`` and ``dark_rms``.
 
     The variance, as in ``sd``, is dominated by the longest scales, which a blur hardly touches: its focus curve is a
     low hill on a pedestal, which moves by more than the hill's height as the light changes. The shortest length alone

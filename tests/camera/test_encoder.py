@@ -156,7 +156,8 @@ def first_intervals(charge, sensor, frames, seed):
 def test_shot_noise_makes_the_variance_of_an_interval_the_threshold():
     """chi² of 40,000 independent intervals at 400 e- a spike, significance 1e-4, seed 9.
 
-    Reading out in steps of q = 8 e- adds q²/6, a triangle's variance.
+    Reading out in steps of q = 8 e- adds q²/6: of the exact law (test_counting_law.py) nothing else is left, because
+    the noise of an interval is 2.5 readouts.
     """
     charge = first_intervals(8.0, vidar(on=("shot",), threshold_e=400), 128, 9)
     expected = 400 + 8.0**2 / 6
@@ -184,7 +185,10 @@ def test_intervals_are_independent_in_time_and_between_pixels():
 
 
 def test_the_contrast_of_counts_is_light_plus_shot_noise_plus_phase():
-    """E[C²_obs] = C² + F/ū + q/ū² with F = 1/threshold, q = 1/6; 100,000 pixels, 5 sd allowed, seed 8."""
+    """E[C²_obs] = C² + F/ū + q/ū² with F = 1/threshold, q = 1/6; 100,000 pixels, 5 sd allowed, seed 8.
+
+    1/6 is the average law: it holds because what pixels expect runs over two whole spikes. See test_counting_law.py.
+    """
     theta, mean, frames = 100.0, 20.0, 400
     wanted = mean * np.linspace(0.95, 1.05, 100_000)  # spikes a pixel: whole periods of the phase
     charge = np.float32(wanted * theta / frames).reshape(1, 250, 400)

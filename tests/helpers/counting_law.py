@@ -1,0 +1,70 @@
+"""How counts of spikes, and intervals between them, are distributed: the exact law.
+
+A pixel fires whenever its charge has grown by one more threshold, and a spike belongs to the readout in which that
+happens. So a number of whole units is seen of something continuous, from a phase u that is spread evenly over the unit:
+
+    N = ⌊X + u⌋        counts: X is the charge of a window in thresholds; intervals: X is an interval in readouts
+
+Given X, N is one of the two whole numbers beside it, with mean X and variance f(1 − f), f the fraction of X. As a
+Fourier series that is f(1 − f) = 1/6 − π⁻² Σₖ cos(2πkX)/k², k = 1, 2, …. With X normal, of mean m and variance s², the
+mean of cos(2πkX) is cos(2πkm)·exp(−2π²k²s²), so
+
+    Var N = s² + 1/6 − π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k²
+
+With θ electrons a spike and a threshold noise of σ, relative to θ, an interval has s² = (1/θ + σ²)·m², the noise of one
+threshold, and a window of m thresholds has s² = (1/θ + σ²)·m, that of m of them. s² + 1/6 is the average over m, and
+the limit for large s: beyond 1/2 it is within 10⁻³.
+
+Counting from an even phase: D. R. Cox, Renewal Theory, 1962. The series, that of the Bernoulli polynomial B₂ = 1/6 −
+f(1 − f): https://dlmf.nist.gov/24.8.E1.
+"""
+
+import numpy as np
+from scipy import stats
+
+
+def oscillation(mean, variance):
+    """The last term of the law: what the average over ``mean`` does not know; from −1/12 to 1/6."""
+    k = np.arange(1, 4000)
+    return np.sum(np.cos(2 * np.pi * k * mean) * np.exp(-2 * (np.pi * k) ** 2 * variance) / k**2) / np.pi**2
+
+
+def count_variance(mean, variance):
+    """Variance of N for X of this mean and variance."""
+    return variance + 1 / 6 - oscillation(mean, variance)
+
+
+def count_probabilities(mean, variance):
+    """The whole numbers that N may be, and the probability of each, for a normal X of positive variance.
+
+    P(N = n) is the mean of max(0, 1 − |X − n|), a second difference of G(x), the mean of max(0, x − X).
+    """
+    sd = np.sqrt(variance)
+    n = np.arange(int(np.floor(mean - 9 * sd)) - 1, int(np.ceil(mean + 9 * sd)) + 2)
+    z = (np.arange(n[0] - 1, n[-1] + 2) - mean) / sd
+    g = sd * (z * stats.norm.cdf(z) + stats.norm.pdf(z))
+    return n, np.maximum(np.diff(g, 2), 0)
+
+
+def chi_squared(seen, mean, variance):
+    """p value of Pearson's test of whole numbers ``seen`` against the law; cells that expect below 10 are merged."""
+    n, p = count_probabilities(mean, variance)
+    found = np.bincount(np.clip(seen, n[0], n[-1]) - n[0], minlength=n.size)
+    common = p * seen.size >= 10
+    expected = np.append(p[common], 1 - p[common].sum()) * seen.size
+    found = np.append(found[common], found[~common].sum())
+    if expected[-1] < 10:  # the rest is too rare to be a cell
+        expected[-2], found[-2] = expected[-2:].sum(), found[-2:].sum()
+        expected, found = expected[:-1], found[:-1]
+    return float(stats.chi2.sf(((found - expected) ** 2 / expected).sum(), expected.size - 1))
+
+
+def standard_deviations_off(seen, mean, variance):
+    """How far the variance of ``seen`` about the law's mean lies from the law's, in its standard deviations.
+
+    The variance of such a mean of squares is (μ₄ − μ₂²)/n, with the law's own moments.
+    """
+    n, p = count_probabilities(mean, variance)
+    expected = count_variance(mean, variance)
+    fourth = (p * (n - mean) ** 4).sum()
+    return float((np.mean((seen - mean) ** 2) - expected) / np.sqrt((fourth - expected**2) / seen.size))
