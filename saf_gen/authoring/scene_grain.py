@@ -70,10 +70,12 @@ def measure_slice_grain(
     places: Mapping[str, float],
     positions: int,
     samples: int,
-    time_s: float,
+    time_s: float | None = None,
     progress: Callable[[float], None] = lambda done: None,
 ) -> dict[str, PlaceGrain]:
     """Measure grain at each place, from two time slices of a moment with two positions each.
+
+    The moment is by default that at which the scene is shown at rest.
 
     Raises BadInput for a scene that cannot be rendered.
     """
@@ -115,7 +117,13 @@ def measure_slice_correlation(
 
 
 def render_slice_pair(
-    renderer: SceneRenderer, seen: DepthAndTarget, position: float, *, positions: int, samples: int, time_s: float
+    renderer: SceneRenderer,
+    seen: DepthAndTarget,
+    *,
+    position: float,
+    positions: int,
+    samples: int,
+    time_s: float | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Render a moment twice with independent noise at the two positions round one; the nearer one, (row, col) each."""
     knot = position * (positions - 1)

@@ -35,7 +35,7 @@ def test_a_skeleton_passes_all_checks_as_it_is(here, kind):
     found = list(check_scene(find_scene("mine"), sensor, backend=VARIANT))
     assert [f for f in found if f.level != "ok"] == []
     assert {f.check for f in found} == set(
-        ("licence", "source", "geometry", "units", "reach", "exposure", "detail", "curve", "family")
+        ("licence", "source", "geometry", "units", "reach", "exposure", "detail", "curve", "grain", "family")
     )
 
 

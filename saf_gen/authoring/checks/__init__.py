@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_error, report_scene_ok
 from saf_gen.authoring.checks.focus_reach import check_scene_family, check_scene_reach, report_scene_target_unseen
 from saf_gen.authoring.checks.licence import check_scene_licence
+from saf_gen.authoring.checks.picture_grain import check_scene_grain
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.scene_units import check_scene_units
 from saf_gen.authoring.checks.sharpness_curve import check_scene_curve
@@ -28,6 +29,7 @@ __all__ = [
     "check_scene_detail",
     "check_scene_exposure",
     "check_scene_family",
+    "check_scene_grain",
     "check_scene_motion",
     "check_scene_reach",
     "check_scene_slices",
@@ -42,6 +44,7 @@ CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[SceneFinding]]
     check_scene_curve,
     check_scene_motion,
     check_scene_slices,
+    check_scene_grain,
     check_scene_family,
 )
 
