@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from saf_gen.core.files import unwritable_error
 from saf_gen.errors import BadInput
@@ -17,7 +18,8 @@ from saf_gen.stream.stream_file import open_stream
 class RenderJob:
     """Renders what a time-resolved stack lacks on disk, and returns the names of the pieces rendered.
 
-    ``label`` names the stack in messages, ``stacks`` is the folder of stacks, ``backend`` renders.
+    ``label`` names the stack in messages, ``stacks`` is the folder of stacks, ``backend`` renders. ``measure_grain``
+    measures the grain of what is stored, too.
     """
 
     label: str
@@ -26,6 +28,7 @@ class RenderJob:
     stacks: Path
     backend: str
     threads: int
+    measure_grain: bool = True
 
     @property
     def name(self) -> str:
@@ -37,16 +40,17 @@ class RenderJob:
 
     def run(self, report: ReportProgress) -> list[str]:
         from saf_gen.render import render_missing_stacks  # only a process that renders pays for loading Mitsuba
+        from saf_gen.render.second_render import measure_missing_grain
 
+        def progress(piece: str, done: float) -> None:
+            report(f"{self.name} · {piece}", done)
+
+        options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend, "threads": self.threads}
         try:
-            return render_missing_stacks(
-                self.scene,
-                self.time_stack.specs,
-                root=self.stacks,
-                backend_name=self.backend,
-                threads=self.threads,
-                progress=lambda piece, done: report(f"{self.name} · {piece}", done),
-            )
+            pieces = render_missing_stacks(self.scene, self.time_stack.specs, **options, progress=progress)
+            if self.measure_grain:
+                measure_missing_grain(self.scene, self.time_stack.specs, **options, progress=progress)
+            return pieces
         except OSError as error:
             raise unwritable_error(self.stacks, error) from error
 

@@ -13,9 +13,11 @@ from saf_gen.generate.plan import PlannedSequence
 from saf_gen.lights import light_group_gains
 from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.recording_grain import grain_along_recording
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stack.true_focus import find_true_focus, noise_free_stack_sharpness
 from saf_gen.stream.metadata import Metadata, Truth
+from saf_gen.stream.recorded_grain import PROVENANCE_KEY
 from saf_gen.stream.stream_writer import StreamWriter
 
 BLOCK_FRAMES = 2000  # of spikes in memory at a time: 25 MB packed at 400x250, whatever the length
@@ -58,6 +60,7 @@ class Recorder:
         truth = find_true_focus(plane_source, position)
         self._expose(charge_source, sequence.mean_rate, truth=truth)
         gain = light_group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
+        grain = grain_along_recording(plane_source, truth, position=position, gain=gain)
         metadata = Metadata(
             focus_position=position.astype(np.float32),
             image_distance=spec.drive.image_distance(position).astype(np.float32),
@@ -73,6 +76,7 @@ class Recorder:
                 "stack": "\n".join(spec.key for spec in time_stack.specs),
                 "stack_digest": plane_source.digest,
                 "variant": plane_source.backend,
+                **({} if grain is None else {PROVENANCE_KEY: grain.to_text()}),
             },
         )
         shape = (self.sensor.rows, self.sensor.columns)

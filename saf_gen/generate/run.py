@@ -83,7 +83,10 @@ def generate(
         raise unknown("variant", variant, allowed=BACKENDS)
     folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
     stacks = folder / "stacks"
-    to_render = resolved.stacks_to_render(folder)
+    to_render, by_stack = resolved.stacks_to_render(folder), resolved.sequences_by_stack()
+    for stack, users in by_stack.items():
+        if stack not in to_render and _lacks_grain(stack, users, folder=folder):
+            to_render[stack] = users
     backend_name = _choose_backend(variant) if to_render else variant
     _check_folder(resolved, folder)
     if cluster is None and len(resolved.sequences) == len(resolved.plan):
@@ -95,7 +98,6 @@ def generate(
         provenance=_provenance(resolved),
     )
     threads = max(1, usable_cores() // workers)
-    by_stack = resolved.sequences_by_stack()
 
     def record_jobs(stack: TimeResolvedStack) -> Iterator[RecordJob]:
         users = by_stack.get(stack, [])
@@ -110,7 +112,7 @@ def generate(
     jobs: list[Job] = []
     for stack, users in to_render.items():
         label, scene = users[0].stack_label(stack), users[0].scene
-        jobs.append(RenderJob(label, scene, stack, stacks, backend_name, usable_cores()))
+        jobs.append(RenderJob(label, scene, stack, stacks, backend_name, usable_cores(), stack in by_stack))
     for stack in by_stack:
         if stack not in to_render:
             jobs += record_jobs(stack)
@@ -130,6 +132,12 @@ def generate(
     manifest = _write_manifest(resolved, folder)
     _write_previews(resolved, folder)
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed)
+
+
+def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
+    """Return whether a stack is still to be recorded from and its grain was not measured, as after a run that stopped."""
+    missing = any(not (folder / sequence.planned.file).exists() for sequence in users)
+    return missing and not stack.has_grain(folder / "stacks")
 
 
 def _choose_backend(requested: str) -> str:

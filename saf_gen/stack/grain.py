@@ -29,7 +29,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import stdtrit
 
 from saf_gen.errors import BadInput
@@ -99,7 +98,9 @@ def estimate_grain(
     noise = _sum_blocks([((first - second) ** 2 / (1 + ratio), mask)], blocks)
     found = {}
     for energy in ENERGIES:
-        responses = zip(_responses(first, energy, mask=mask), _responses(second, energy, mask=mask), strict=True)
+        responses = zip(
+            filter_responses(first, energy, mask=mask), filter_responses(second, energy, mask=mask), strict=True
+        )
         pairs = [(a, b, valid) for (a, valid), (b, _) in responses]
         noise_energy = _sum_blocks([((a - b) ** 2 / (1 + ratio), valid) for a, b, valid in pairs], blocks)
         signal = _sum_blocks([(a * b, valid) for a, b, valid in pairs], blocks)
@@ -120,7 +121,7 @@ def mean_energy(first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.
     independent noise it is that of the picture without noise. Raises BadInput as :func:`estimate_grain` does.
     """
     first, second, mask = _checked(first, second, mask=mask)
-    pairs = zip(_responses(first, energy, mask=mask), _responses(second, energy, mask=mask), strict=True)
+    pairs = zip(filter_responses(first, energy, mask=mask), filter_responses(second, energy, mask=mask), strict=True)
     products = [((a * b)[valid], valid.sum()) for (a, valid), (b, _) in pairs]
     count = int(products[0][1]) if products else 0  # the filters of one energy count at the same places
     return float(sum(product.sum() for product, _ in products) / count) if count else 0.0
@@ -205,18 +206,23 @@ def _quantile(blocks: int) -> float:
     return float(stdtrit(max(blocks - 1, 1), (1 + CONFIDENCE) / 2))
 
 
-def _responses(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield what each filter of an energy makes of an image, and where all its pixels lie in the mask.
+def filter_responses(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield what each filter of an energy makes of an image (row, col), and where all its pixels lie in the mask.
 
     An image smaller than the filter yields nothing.
     """
     if not _FILTERS[energy]:
         yield image - image[mask].mean(), mask
     for kernel in _FILTERS[energy]:
-        if kernel.shape[0] <= image.shape[0] and kernel.shape[1] <= image.shape[1]:
-            windows = sliding_window_view(image, kernel.shape)
-            valid = np.asarray(sliding_window_view(mask, kernel.shape).all(axis=(2, 3)))
-            yield np.einsum("ijkl,kl->ij", windows, kernel), valid
+        rows, columns = (size - part + 1 for size, part in zip(image.shape, kernel.shape, strict=True))
+        if min(rows, columns) < 1:
+            return
+        response, valid = np.zeros((rows, columns)), np.ones((rows, columns), bool)
+        for (i, j), factor in np.ndenumerate(kernel):
+            valid &= mask[i : i + rows, j : j + columns]
+            if factor:
+                response += factor * image[i : i + rows, j : j + columns]
+        yield response, valid
 
 
 def _checked(

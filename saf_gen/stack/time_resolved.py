@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
+from saf_gen.stack.stack_grain import StackGrain, read_stack_grain
 
 FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two
 
@@ -58,6 +59,10 @@ class TimeResolvedStack:
         """Return how many stacks are stored under ``root`` before the first missing one, according to their notes."""
         return sum(1 for _ in takewhile(lambda spec: StackStore(root, spec).has_all_notes(), self.specs))
 
+    def has_grain(self, root: Path) -> bool:
+        """Return whether the grain of the stacks under ``root``, or of some of many, has been measured."""
+        return any(read_stack_grain(root, spec) is not None for spec in self.specs)
+
     def find_missing(self, root: Path) -> list[StackSpec]:
         """Return the stacks that are not whole under ``root``."""
         return [spec for spec in self.specs if StackStore(root, spec).missing_pieces()]
@@ -91,6 +96,7 @@ class PlaneSource:
     load_geometry : ``(j)`` gives the depth and the target mask of stack j.
     digest : SHA-256 over all stacks.
     backend : what rendered them.
+    load_grain : ``(j)`` gives the grain of stack j, None where it was not measured.
     """
 
     time_stack: TimeResolvedStack
@@ -98,6 +104,7 @@ class PlaneSource:
     load_geometry: Callable[[int], tuple[np.ndarray, np.ndarray]]
     digest: str
     backend: str
+    load_grain: Callable[[int], StackGrain | None] = lambda j: None
 
     @classmethod
     def from_folder(cls, time_stack: TimeResolvedStack, root: Path) -> "PlaneSource":
@@ -109,6 +116,7 @@ class PlaneSource:
             lambda j: stores[j].load_geometry(),
             time_stack.digest(root),
             ", ".join(sorted(set().union(*(store.backends() for store in stores)))),
+            lambda j: read_stack_grain(root, time_stack.specs[j]),
         )
 
     @classmethod

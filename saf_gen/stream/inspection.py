@@ -9,6 +9,7 @@ import numpy as np
 from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import read_manifest, verify_manifest_entry
+from saf_gen.stream.recorded_grain import read_recorded_grain
 from saf_gen.stream.stream_file import SpikeStream
 
 
@@ -35,6 +36,7 @@ def describe_stream_file(stream: SpikeStream) -> dict[str, str]:
         facts["depth of focus"] = f"{near:.5f} to {far:.5f} of the travel"
     else:
         facts["true focus"] = "unknown"
+    facts["grain"] = _describe_grain(stream)
     for name, text in stream.metadata.provenance.items():
         if name == "versions":
             facts["made with"] = ", ".join(f"{k} {v}" for k, v in json.loads(text).items())
@@ -55,6 +57,15 @@ def _describe_range(values: np.ndarray | None, unit: str) -> str:
     once = (steps >= 0).all() or (steps <= 0).all()
     text = f"{ends[0]:.4g} to {ends[1]:.4g} {unit}"
     return text if once else f"{text} with turns, within {low:.4g} to {high:.4g}"
+
+
+def _describe_grain(stream: SpikeStream) -> str:
+    """Return how much noise of the renderer is in the pictures behind a stream, as text."""
+    grain = read_recorded_grain(stream.metadata.provenance)
+    if grain is None or not math.isfinite(grain.rms_in_focus):
+        return "unknown"
+    low, high = grain.rms_range
+    return f"{grain.rms_in_focus:.2%} of the mean in focus, {low:.2%} to {high:.2%} along the recording"
 
 
 def _describe_crossings(stream: SpikeStream) -> str:

@@ -23,7 +23,9 @@ from saf_gen.lights import light_group_gains
 from saf_gen.render import backend
 from saf_gen.stack.exr import read_planes
 from saf_gen.stack.focal_stack import StackStore
+from saf_gen.stream.inspection import describe_stream_file
 from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.recorded_grain import read_recorded_grain
 
 VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
 
@@ -70,6 +72,41 @@ def test_a_recipe_becomes_streams_with_truth(made):
     # Mean rate 0.2 in the target at its best focus: 1.02 million pixel readouts round it, so sampling
     # noise is below 0.1 %; the light over the sweep varies by 1 % (bellows).
     assert counts.mean() / 400 == pytest.approx(0.2, rel=0.02)
+
+
+def test_every_recording_says_how_much_grain_its_pictures_have(made):
+    with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
+        grain = read_recorded_grain(stream.metadata.provenance)
+        told = describe_stream_file(stream)["grain"]
+        assert abs(grain.moments[grain.focus].frame - stream.truth.frame) <= 0.5
+    assert grain.samples == (16, 2)
+    assert 0.01 < grain.rms_in_focus < 0.3
+    assert told.startswith(f"{grain.rms_in_focus:.2%} of the mean in focus")
+
+
+def test_a_recording_without_grain_is_read_all_the_same(made):
+    path = made.folder / "test" / "plane-constant-00.h5"
+    with h5py.File(path, "a") as file:
+        del file["provenance/grain"]
+    with saf_gen.open_stream(path) as stream:
+        stream.verify()
+        assert read_recorded_grain(stream.metadata.provenance) is None
+        assert describe_stream_file(stream)["grain"] == "unknown"
+
+
+def test_grain_that_is_missing_is_measured_and_moves_no_spike(made, work):
+    """As after a run that was stopped between a stack and its grain: nothing is rendered but the second time."""
+    before = digests(made.folder)
+    (note,) = made.folder.rglob("grain.json")
+    note.unlink()
+    again = generate(work, made.folder, variant=VARIANT)
+    assert not note.exists(), "every recording is there: nobody needs it"
+    (made.folder / "test" / "plane-constant-00.h5").unlink()
+    again = generate(work, made.folder, variant=VARIANT)
+    assert note.exists()
+    assert again.rendered == []
+    assert again.recorded == ["plane-constant-00"]
+    assert digests(made.folder) == before
 
 
 def test_the_file_says_how_it_was_made(made):

@@ -1,0 +1,85 @@
+"""The grain of focal stacks that are stored: each is compared with a second, cheaper render of its own.
+
+The second render goes the way of the first, with the same code, lens and light. It differs in its number of samples,
+which enters a stack's key and with it the seeds of its paths, so that its noise is independent.
+
+A stack of a still scene is rendered again with an eighth of its samples. Of a moving scene a few time slices are, with
+half of theirs, spread evenly over the recording, and the one whose lens is nearest to its target's focus.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from saf_gen.render import render_missing_stacks
+from saf_gen.scene.scene_folder import Scene
+from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.stack_grain import measure_stack_grain, read_stack_grain, write_stack_grain
+
+STILL_PART, SLICE_PART = 8, 2  # samples of a stack over those of its second render
+EVENLY, ONE_IN = 6, 12  # time slices: at most so many, and at most one in so many
+
+
+def measure_missing_grain(
+    scene: Scene,
+    specs: Sequence[StackSpec],
+    *,
+    root: Path,
+    backend_name: str,
+    threads: int | None = None,
+    progress: Callable[[str, float], None] = lambda name, done: None,
+) -> None:
+    """Measure the grain of a scene's stored stacks and store it beside them, where that has not been done.
+
+    ``specs`` are one stack of a still scene, or one for each of many moments; those that see no target have no grain
+    to measure. The other arguments are those of :func:`saf_gen.render.render_missing_stacks`, which also says what is
+    raised.
+    """
+    chosen = list_grain_stacks(specs, root)
+    todo = [spec for spec in chosen if read_stack_grain(root, spec) is None]
+    if not todo:
+        return
+    part = SLICE_PART if len(specs) > 1 else STILL_PART
+    again = [replace(spec, samples=_fewer(spec.samples, part)) for spec in todo]
+    with TemporaryDirectory() as folder:
+        render_missing_stacks(
+            scene,
+            again,
+            root=Path(folder),
+            backend_name=backend_name,
+            threads=threads,
+            progress=lambda name, done: progress("grain", done),
+        )
+        for spec, second in zip(todo, again, strict=True):
+            store = StackStore(root, spec)
+            grain = measure_stack_grain(
+                store.load_planes(0, spec.rendered_count),
+                StackStore(Path(folder), second).load_planes(0, spec.rendered_count),
+                target=store.load_geometry()[1],
+                samples=(spec.samples, second.samples),
+            )
+            write_stack_grain(root, spec, grain)
+
+
+def list_grain_stacks(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:
+    """Return the stored stacks whose grain is measured: of a moving scene a few slices that see the target."""
+    seen = []
+    for spec in specs:
+        depth, target = StackStore(root, spec).load_geometry()
+        if target.any():
+            seen.append((spec, abs(float(spec.focus.mean()) - spec.drive.true_focus(depth[target]))))
+    if not seen:
+        return []
+    count = min(EVENLY, max(len(seen) // ONE_IN, 1))
+    chosen = {round(n) for n in np.linspace(0, len(seen) - 1, count + 2)[1:-1]}
+    chosen.add(min(range(len(seen)), key=lambda n: seen[n][1]))
+    return [seen[n][0] for n in sorted(chosen)]
+
+
+def _fewer(samples: int, part: int) -> int:
+    """Return a part of the samples, at least one, and never the same number: its seeds would be the same."""
+    fewer = max(samples // part, 1)
+    return fewer if fewer != samples else samples + 1

@@ -1,0 +1,57 @@
+"""The grain along a recording, from that of the focal stacks it is made from."""
+
+from itertools import chain
+
+import numpy as np
+
+from saf_gen.stack.stack_grain import StackGrain
+from saf_gen.stack.time_resolved import PlaneSource
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.recorded_grain import GrainMoment, RecordedGrain
+
+MOMENTS = 17  # along a recording of a still scene
+
+
+def grain_along_recording(
+    plane_source: PlaneSource, truth: Truth, *, position: np.ndarray, gain: np.ndarray
+) -> RecordedGrain | None:
+    """Return the grain at moments along a recording; None where that of its stacks is not known.
+
+    A still scene is taken at evenly spaced frames, with the frame in which the lens is nearest to the truth; a moving
+    one at the slices whose grain was measured. Between two rendered positions or slices a recording mixes pictures,
+    which lowers independent noise: the figure is that of the nearest picture, and so too large rather than too small.
+
+    Parameters
+    ----------
+    plane_source : the stacks.
+    truth : the true focus, for which ``position`` and ``track`` count.
+    position : (T,), where the lens is in each readout, 0 to 1.
+    gain : (T, light), the gains of the light groups.
+    """
+    time_stack = plane_source.time_stack
+    last = len(position) - 1
+    off = np.abs(position - (truth.position if truth.track is None else truth.track))
+    if time_stack.is_moving:
+        found = {min(frame, last): j for j, frame in enumerate(time_stack.slice_frames)}
+        measured = {t: (j, grain) for t, j in found.items() if (grain := plane_source.load_grain(j)) is not None}
+    else:
+        whole = plane_source.load_grain(0)
+        frames = chain(np.linspace(0, last, min(MOMENTS, last + 1)).round().astype(int).tolist(), [int(off.argmin())])
+        measured = {} if whole is None else {t: (0, whole) for t in frames}
+    if not measured:
+        return None
+    moments = tuple(
+        _moment(plane_source, t, j=j, grain=grain, position=float(position[t]), gain=gain[t])
+        for t, (j, grain) in sorted(measured.items())
+    )
+    focus = min(range(len(moments)), key=lambda n: off[moments[n].frame])
+    return RecordedGrain(moments, focus, next(iter(measured.values()))[1].samples)
+
+
+def _moment(
+    plane_source: PlaneSource, frame: int, *, j: int, grain: StackGrain, position: float, gain: np.ndarray
+) -> GrainMoment:
+    spec = plane_source.time_stack.specs[j]
+    index = int(np.abs(spec.focus - position).argmin())
+    rms, noise, signal = grain.mix(index, gain)
+    return GrainMoment(frame, float(spec.focus[index]), rms, noise, signal)

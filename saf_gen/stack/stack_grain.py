@@ -1,0 +1,156 @@
+"""The grain of a stored focal stack under any mix of its lights, and its file beside the stack.
+
+A stack is rendered a second time with fewer samples (:mod:`saf_gen.render.second_render`). Noise and signal are
+quadratic in the picture, and a picture is the sum of its light groups times their gains g. So for each position two
+symmetric matrices N and S over the light groups hold an energy for all gains: gᵀ·N·g and gᵀ·S·g.
+
+``grain.json`` in the folder of a stack is information about it, not part of it: no digest of the stack counts it, and
+it is read only for the stack that it names by digest.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.core.files import write_text_atomically
+from saf_gen.core.region import target_bounding_box
+from saf_gen.errors import BadInput
+from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.grain import ENERGIES, filter_responses
+
+FILE, FORMAT = "grain.json", "saf-gen grain 1"
+DIGITS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class StackGrain:
+    """The grain of a stack in the box round its target, for any gains of its lights.
+
+    samples : samples per pixel of the stack, and of the second render.
+    mean : float64 (focus, light), the mean radiance of the box.
+    square : float64 (focus, light, light), the mean square of the noise.
+    noise, signal : by name of the energy, float64 (focus, light, light).
+    """
+
+    samples: tuple[int, int]
+    mean: np.ndarray
+    square: np.ndarray
+    noise: Mapping[str, np.ndarray]
+    signal: Mapping[str, np.ndarray]
+
+    def mix(self, index: int, gain: np.ndarray) -> tuple[float, dict[str, float], dict[str, float]]:
+        """Return rms over mean, and noise and signal energies over the squared mean, at a rendered position.
+
+        ``gain`` (light,) are the gains of the light groups. All figures are NaN where the mix is black.
+        """
+        gain = np.asarray(gain, np.float64)
+        mean = float(gain @ self.mean[index])
+        if not mean > 0:
+            return math.nan, dict.fromkeys(ENERGIES, math.nan), dict.fromkeys(ENERGIES, math.nan)
+
+        def energy(matrix: np.ndarray) -> float:
+            return float(gain @ matrix[index] @ gain) / mean**2
+
+        noise, signal = ({name: energy(of[name]) for name in ENERGIES} for of in (self.noise, self.signal))
+        return math.sqrt(max(energy(self.square), 0.0)), noise, signal
+
+
+def measure_stack_grain(
+    first: np.ndarray, second: np.ndarray, *, target: np.ndarray, samples: tuple[int, int]
+) -> StackGrain:
+    """Measure the grain of a stack from a second render with independent noise.
+
+    The variance of noise is taken to go as one over the samples. Where the samples of a pixel are spread evenly it
+    falls faster: the second render, with fewer samples, then makes the figures too large, not too small.
+
+    Parameters
+    ----------
+    first, second : (light, focus, row, col), radiance.
+    target : bool (row, col); the figures are those of its bounding box.
+    samples : samples per pixel of ``first`` and of ``second``.
+
+    Raises
+    ------
+    BadInput : shapes that differ, an empty target.
+    """
+    if first.shape != second.shape or first.ndim != 4:
+        raise BadInput(
+            f"the renders have the shapes {first.shape} and {second.shape}", allowed="(light, focus, row, col), twice"
+        )
+    rows, columns = target_bounding_box(target)
+    lights, positions = first.shape[:2]
+    mean, square = np.empty((positions, lights)), np.empty((positions, lights, lights))
+    noise, signal = ({name: np.empty((positions, lights, lights)) for name in ENERGIES} for _ in "ab")
+    ratio = samples[0] / samples[1]
+    for k in range(positions):
+        one, other = (stack[:, k, rows, columns].astype(np.float64) for stack in (first, second))
+        mean[k] = one.mean(axis=(1, 2))  # the second is noisier
+        difference = (one - other).reshape(lights, -1)
+        square[k] = difference @ difference.T / difference.shape[1] / (1 + ratio)
+        for name in ENERGIES:
+            a, b = _responses(one, name), _responses(other, name)
+            count = _count_places(one.shape[1:], name)
+            noise[name][k] = (a - b) @ (a - b).T / (1 + ratio) / count
+            product = a @ b.T / count
+            signal[name][k] = (product + product.T) / 2
+    return StackGrain(samples, mean, square, noise, signal)
+
+
+def _responses(images: np.ndarray, energy: str) -> np.ndarray:
+    """Return what all filters of an energy make of images (light, row, col), float64 (light, response)."""
+    whole = np.ones(images.shape[1:], bool)
+    found = [[r.ravel() for r, _ in filter_responses(image, energy, mask=whole)] for image in images]
+    return np.array([np.concatenate(one) if one else np.full(1, np.nan) for one in found])
+
+
+def _count_places(shape: tuple[int, ...], energy: str) -> int:
+    """Return at how many places of an image the filters of an energy count, at least 1."""
+    whole = np.ones(shape)
+    return max((int(valid.sum()) for _, valid in filter_responses(whole, energy, mask=whole > 0)), default=1)
+
+
+def write_stack_grain(root: Path, spec: StackSpec, grain: StackGrain) -> None:
+    """Store the grain of a stack beside it; raises BadInput where that fails."""
+    document = {
+        "format": FORMAT,
+        "stack_digest": StackStore(root, spec).digest(),
+        "samples": list(grain.samples),
+        "light_groups": list(spec.groups),
+        "first_index": spec.first_index,
+        "mean": _rounded(grain.mean),
+        "square": _rounded(grain.square),
+        "noise": {name: _rounded(array) for name, array in grain.noise.items()},
+        "signal": {name: _rounded(array) for name, array in grain.signal.items()},
+    }
+    write_text_atomically(root / spec.key / FILE, json.dumps(document) + "\n")
+
+
+def read_stack_grain(root: Path, spec: StackSpec) -> StackGrain | None:
+    """Return the grain that is stored for a stack as it is now; None where none is, or it cannot be read."""
+    try:
+        document = json.loads((root / spec.key / FILE).read_text(encoding="utf-8"))
+        if document["format"] != FORMAT or document["stack_digest"] != StackStore(root, spec).digest():
+            return None
+        first, second = document["samples"]
+        mean, square = (np.array(document[key], np.float64) for key in ("mean", "square"))
+        noise, signal = (
+            {name: np.array(document[key][name], np.float64) for name in ENERGIES} for key in ("noise", "signal")
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    lights = len(spec.groups)
+    fits = mean.shape == (spec.rendered_count, lights) and square.shape == (spec.rendered_count, lights, lights)
+    if not fits or any(array.shape != square.shape for of in (noise, signal) for array in of.values()):
+        return None
+    return StackGrain((int(first), int(second)), mean, square, noise, signal)
+
+
+def _rounded(array: np.ndarray) -> list[object]:
+    """Return an array as nested lists of rounded numbers; what is no number becomes None, which reads as NaN."""
+    flat = [float(f"{x:.{DIGITS}g}") if math.isfinite(x) else None for x in array.ravel().tolist()]
+    nested: list[object] = np.array(flat, object).reshape(array.shape).tolist()
+    return nested
