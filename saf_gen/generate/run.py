@@ -135,7 +135,7 @@ def generate(
 
 
 def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-    """Return whether a stack is still to be recorded from and its grain was not measured, as after a run that stopped."""
+    """Return whether a stack that is to be recorded from has no grain measured, as after a run that was stopped."""
     missing = any(not (folder / sequence.planned.file).exists() for sequence in users)
     return missing and not stack.has_grain(folder / "stacks")
 
