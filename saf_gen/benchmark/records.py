@@ -21,7 +21,9 @@ from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput
 
 RECORDS_FILE = "records.jsonl"
-RECORD_FORMAT = "saf-gen record 4"
+RECORD_FORMAT, EARLIER_FORMAT = "saf-gen record 5", "saf-gen record 4"
+KEYS_SINCE_EARLIER = ("grain_rms", "grain_of_curve")
+"""Keys that a record of the earlier format does not have: they are then unknown."""
 HINT = "run saf-gen evaluate again"
 
 MAX_COUNT = 2**53
@@ -109,6 +111,10 @@ class Record:
     """cores.describe_machine(): ``seconds`` of two machines do not compare."""
     rig: str = ""
     """versions.evaluator_version() of the track."""
+    grain_rms: Travel | None = None
+    """Noise that the renderer left in the recorded pictures, rms over the mean in the target's box, at best focus."""
+    grain_of_curve: Travel | None = None
+    """The largest energy of that noise along the recording, over the range of the measure's focus curve."""
 
 
 def record_to_json(record: Record) -> dict[str, Any]:
@@ -165,6 +171,8 @@ def pop_record_format(document: Document, expected: str, *, what: str, hint: str
 
 
 def _parse_record(document: Document) -> Record:
+    if isinstance(document.data, dict) and document.data.get("format") == EARLIER_FORMAT:
+        document.data |= {"format": RECORD_FORMAT, **{key: document.data.get(key) for key in KEYS_SINCE_EARLIER}}
     pop_record_format(document, RECORD_FORMAT, what="record", hint=HINT)
     record = validate_document(Record, document, hint=HINT)
     if len(document.data) < len(_KEYS):  # one that has a default in memory

@@ -13,6 +13,7 @@ from saf_gen.core.files import write_text_atomically
 from saf_gen.leaderboard.axes import AxisTable, BinSummary, tabulate_by_axis
 from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_columns
 from saf_gen.leaderboard.csv_output import format_csv
+from saf_gen.leaderboard.grain_tables import tabulate_grain
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.statistics import CONFIDENCE, RESAMPLES
 from saf_gen.leaderboard.table_formats import (
@@ -75,6 +76,7 @@ def _format_json(
         },
         "axes": [_axis_to_json(table) for table in axes],
         "notes": compose_leaderboard_notes(rows, records),
+        "grain": [asdict(table) for table in tabulate_grain(records)],
         "data": {r.sequence: r.data for r in records},
         "code": {r.method: r.code for r in records},
         "tuning": {r.method: r.tuning for r in records if r.tuning},

@@ -6,6 +6,7 @@ from itertools import groupby
 from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.axes import AxisTable, BinSummary
 from saf_gen.leaderboard.columns import WIDE_TERMINAL_WIDTH, Column, format_percent, list_shown_columns
+from saf_gen.leaderboard.grain_tables import compose_grain_notes
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.statistics import MIN_SCENES
 
@@ -91,6 +92,7 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
             f"Intervals are 95 % of a paired bootstrap over {scenes} scenes"
             + ("; so few make them too narrow." if scenes < 4 * MIN_SCENES else ".")
         )
+    notes += compose_grain_notes(records)
     machines = sorted({r.machine for r in records if r.machine})
     if len(machines) > 1:
         notes.append(f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}.")

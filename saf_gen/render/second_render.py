@@ -61,7 +61,7 @@ def measure_missing_grain(
                 target=store.load_geometry()[1],
                 samples=(spec.samples, second.samples),
             )
-            write_stack_grain(root, spec, grain)
+            write_stack_grain(root, spec, grain=grain)
 
 
 def list_grain_stacks(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:

@@ -113,7 +113,7 @@ def _count_places(shape: tuple[int, ...], energy: str) -> int:
     return max((int(valid.sum()) for _, valid in filter_responses(whole, energy, mask=whole > 0)), default=1)
 
 
-def write_stack_grain(root: Path, spec: StackSpec, grain: StackGrain) -> None:
+def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None:
     """Store the grain of a stack beside it; raises BadInput where that fails."""
     document = {
         "format": FORMAT,

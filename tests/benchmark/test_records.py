@@ -37,6 +37,8 @@ FULL = replace(
     reversals=2,
     parameters="SpikeDispersion() + Argmax(window=100, refine=False)",
     machine="x86_64, 2 cores",
+    grain_rms=0.02,
+    grain_of_curve=0.3,
 )
 EMPTY = replace(
     BLANK, **{f.name: None for f in fields(Record) if NoneType in get_args(f.type)}, status="abstained", trace=()
@@ -137,8 +139,15 @@ def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, said)
     error = refusal(read, line)
     assert "not a record of this version" in error.problem
     assert said in error.problem
-    assert error.allowed == '"format": "saf-gen record 4"'
+    assert error.allowed == '"format": "saf-gen record 5"'
     assert error.hint == "run saf-gen evaluate again"
+
+
+def test_a_record_from_before_grain_was_known_is_read(read):
+    """Format 4 is format 5 without these keys; a line of format 5 must have them."""
+    line = {k: v for k, v in record_to_json(FULL).items() if not k.startswith("grain_")}
+    assert read({**line, "format": "saf-gen record 4"}) == [replace(FULL, grain_rms=None, grain_of_curve=None)]
+    assert "'grain_rms' is missing" in refusal(read, line).problem
 
 
 ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | dict.fromkeys(

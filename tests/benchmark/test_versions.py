@@ -66,8 +66,8 @@ def digest(values: object) -> str:
 
 
 def numbers(records: list[Record]) -> list[dict[str, object]]:
-    """What these records say but for the seconds, and for what names data, code and versions."""
-    left_out = ("seconds", "note", "data", "code", "machine", "parameters", "rig")
+    """What these records say but for seconds, for what names data, code and versions, and for the grain of the file."""
+    left_out = ("seconds", "note", "data", "code", "machine", "parameters", "rig", "grain_rms", "grain_of_curve")
     names = [f.name for f in fields(Record) if f.name not in left_out]
     return [{name: getattr(record, name) for name in names} for record in records]
 

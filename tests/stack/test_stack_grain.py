@@ -111,7 +111,7 @@ def stored(tmp_path, renders, grain):
     for group, radiance in zip(STORED.groups, renders[0].astype(np.float32), strict=True):
         store.write_group(group, radiance, backend="llvm")
     digest = store.digest()
-    write_stack_grain(tmp_path, STORED, grain)
+    write_stack_grain(tmp_path, STORED, grain=grain)
     assert store.digest() == digest, "grain is no part of the stack"
     assert store.missing_pieces() == []
     return tmp_path
@@ -146,7 +146,7 @@ def test_a_damaged_file_counts_as_missing(stored, spoil):
 
 def test_what_is_no_number_is_stored_as_json_knows_it(stored, grain):
     strange = replace(grain, signal={**grain.signal, "brenner": np.full_like(grain.square, np.nan)})
-    write_stack_grain(stored, STORED, strange)
+    write_stack_grain(stored, STORED, grain=strange)
     assert "NaN" not in (stored / STORED.key / FILE).read_text()
     assert math.isnan(read_stack_grain(stored, STORED).mix(4, GAINS[0])[2]["brenner"])
 

@@ -10,6 +10,7 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
+from saf_gen.benchmark.tracks.picture_grain import describe_picture_grain
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import (
     SequenceTask,
@@ -44,6 +45,8 @@ def run_closed_loop_sequence(
         rate = measure_rate_of_evaluated_stream(WindowCounts(stream, choose_method_region(stream, rate_region)[0]))
         budget = protocol.count_frames(sequence.capture)[0]
         common = describe_evaluated_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
+        if sequence.capture.truth.track is None:  # a moving scene has other slices here than the recording
+            common["grain_rms"] = describe_picture_grain(stream)["grain_rms"]
     if not all(commands(method.search) for method in methods):  # the others are given a sweep
         protocol.check_sweep(sequence.capture)
     for done, method in enumerate(methods, start=1):

@@ -11,6 +11,7 @@ from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.thumbnails import make_recording_thumbnails
+from saf_gen.benchmark.tracks.picture_grain import describe_picture_grain
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.search_run import run_search
 from saf_gen.benchmark.tracks.sequence_tasks import (
@@ -94,7 +95,17 @@ def run_recorded_sequence(
                 for prediction in predictions.for_sequence(task.id)
             ]
         records = [
-            _make_record(task, attempt, stream=stream, common={"region": region_name, **common}) for attempt in attempts
+            _make_record(
+                task,
+                attempt,
+                stream=stream,
+                common={
+                    "region": region_name,
+                    **describe_picture_grain(stream, attempt.method, region=region_name),
+                    **common,
+                },
+            )
+            for attempt in attempts
         ]
         sweep = SweepSummary(
             sequence=task.id,

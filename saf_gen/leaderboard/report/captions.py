@@ -33,6 +33,11 @@ FIGURE_CAPTIONS = {
     ),
 }
 """By kind of figure: a heading and what the figures show."""
+GRAIN_CAPTION = (
+    "Noise that the renderer left in the pictures: its root mean square over the mean in the box round the target, at"
+    " best focus, and its largest energy over the range of each measure's focus curve. Above a tenth it may move the"
+    " peak of the curve. Only measures of which recordings state it are here; Laplacians take more of it than these."
+)
 MEASURES_CAPTION = (
     "Quality of the focus curve of each measure, whatever searches it: medians over the sequences. The"
     " criteria are those of microscopy; curves.csv has every sequence."

@@ -25,7 +25,7 @@ from saf_gen.leaderboard import (
 from saf_gen.leaderboard.columns import format_percent
 from saf_gen.leaderboard.figures import inline_svg
 from saf_gen.leaderboard.report import page_tables
-from saf_gen.leaderboard.report.captions import FIGURE_CAPTIONS, MEASURES_CAPTION
+from saf_gen.leaderboard.report.captions import FIGURE_CAPTIONS, GRAIN_CAPTION, MEASURES_CAPTION
 from saf_gen.leaderboard.report.choose_figures import ReportFigure
 from saf_gen.leaderboard.report.page_tables import PageTable
 from saf_gen.leaderboard.report.selections import list_page_selections
@@ -91,7 +91,9 @@ def build_page(
             summary=_summarise(rows, records),
             leaders=[row for row in rows if row.rank == 1],
             failures=failures,
-            sections=_list_sections(tabulate_by_axis(records, methods), sweeps=sweeps, report_figures=report_figures),
+            sections=_list_sections(
+                tabulate_by_axis(records, methods), sweeps=sweeps, records=records, report_figures=report_figures
+            ),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
             board=page_tables.tabulate_leaderboard(ranked) if rows else None,
             notes=" ".join(compose_leaderboard_notes(rows, records)),
@@ -152,9 +154,13 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
 
 
 def _list_sections(
-    axes: Sequence[AxisTable], *, sweeps: Sequence[SweepSummary], report_figures: Sequence[ReportFigure]
+    axes: Sequence[AxisTable],
+    *,
+    sweeps: Sequence[SweepSummary],
+    records: Sequence[Record],
+    report_figures: Sequence[ReportFigure],
 ) -> list[PageSection]:
-    """Return the sections that have something to show: conditions, measures, then a section per scene."""
+    """Return the sections that have something to show: conditions, measures, grain, then a section per scene."""
     by_scene: dict[str, list[ReportFigure]] = {"": []}
     for figure in report_figures:
         by_scene.setdefault(figure.scene, []).append(figure)
@@ -165,6 +171,8 @@ def _list_sections(
         sections.append(PageSection("conditions", "By condition", conditions, tables))
     if measures := page_tables.tabulate_measures(sweeps):
         sections.append(PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION))
+    if grain := page_tables.tabulate_scene_grain(records):
+        sections.append(PageSection("grain", "Grain of the pictures", table=grain, caption=GRAIN_CAPTION))
     for number, (scene, figures) in enumerate(by_scene.items(), start=1):
         sections.append(PageSection(f"scene-{number}", scene, _group_figures(figures)))
     return sections

@@ -9,6 +9,7 @@ from saf_gen.benchmark.records import RECORDS_FILE, Record
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.leaderboard import AxisTable, Column, LeaderboardRow, assess_curves, list_shown_columns, summarise_measures
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
+from saf_gen.leaderboard.grain_tables import tabulate_grain
 from saf_gen.leaderboard.table_formats import count_noun, format_bin
 
 
@@ -116,6 +117,40 @@ def tabulate_measures(sweeps: Sequence[SweepSummary]) -> PageTable | None:
                     ]
                 )
                 for row in rows
+            ]
+        ],
+    )
+
+
+def tabulate_scene_grain(records: Sequence[Record]) -> PageTable | None:
+    """Return the grain of each scene, at rest and moving; None where no recording states it."""
+    tables = tabulate_grain(records)
+    if not tables:
+        return None
+    measures = list(dict.fromkeys(measure for table in tables for measure in table.of_curve))
+    return PageTable(
+        "Grain of the pictures",
+        [
+            PageColumn("scene", kind="name"),
+            PageColumn("motion", kind="text"),
+            PageColumn("sequences", "Sequences that state their grain, of all."),
+            PageColumn("rms", "Root mean square of the noise over the mean at best focus: median over sequences."),
+            PageColumn("worst", "The largest of them."),
+            *(PageColumn(measure, "Largest energy of the noise over the range of the curve.") for measure in measures),
+        ],
+        [
+            [
+                PageRow(
+                    [
+                        PageCell(table.scene),
+                        PageCell(table.scene_motion or "–"),
+                        PageCell(f"{table.sequences[1]} of {table.sequences[0]}"),
+                        *(PageCell(f"{x:.2%}") for x in table.rms or ()),
+                        *(PageCell("unknown") for _ in range(0 if table.rms else 2)),
+                        *(PageCell(f"{table.of_curve[m]:.3g}" if m in table.of_curve else "–") for m in measures),
+                    ]
+                )
+                for table in tables
             ]
         ],
     )

@@ -1,0 +1,45 @@
+"""What a record says of the grain of its sequence: noise that the renderer left in the pictures.
+
+A focus measure takes grain for texture. How much that matters depends on the measure: its energy in the grain is
+compared with the range of its focus curve, for those measures whose energy a recording states.
+"""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS
+from saf_gen.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
+from saf_gen.stream.recorded_grain import read_recorded_grain
+from saf_gen.stream.stream_file import SpikeStream
+
+ENERGY_OF_MEASURE: Mapping[str, str] = {
+    **dict.fromkeys(("sd", "sd_code", "sd_debiased", "sd_calibrated", "variance", "normalised_variance"), "contrast"),
+    "brenner": "brenner",
+    "tenengrad": "tenengrad",
+}
+
+
+def describe_picture_grain(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
+    """Return the fields of a record that state the grain of a recording; None where it is not known.
+
+    The curve of ``contrast`` has the range of the noise-free sharpness in the file, the others that of their signal
+    along the recording. Grain is known in the box round the target, and so not for a method that looks at the frame.
+    """
+    grain = read_recorded_grain(stream.metadata.provenance)
+    if grain is None:
+        return {"grain_rms": None, "grain_of_curve": None}
+    measure = method.split("+")[0].split(":")[0]
+    measure = measure.removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX)
+    energy, of_curve = ENERGY_OF_MEASURE.get(measure), math.nan
+    if energy is not None and region == "target":
+        sharpness = stream.truth.sharpness
+        known = np.empty(0) if sharpness is None or energy != "contrast" else sharpness[np.isfinite(sharpness)]
+        of_curve = grain.noise_over_curve(energy, curve_range=float(np.ptp(known)) if known.size else None)
+    return {"grain_rms": _known(grain.rms_in_focus), "grain_of_curve": _known(of_curve)}
+
+
+def _known(value: float) -> float | None:
+    """Return a figure as a record holds it: limited above, None for NaN."""
+    return None if math.isnan(value) else min(value, MAX_SECONDS_OR_TRAVELS)

@@ -1,0 +1,71 @@
+"""Grain in the leaderboard: how much noise of the renderer is in the pictures, and where it may decide an answer."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from saf_gen.benchmark.records import Record
+
+MAX_GRAIN_OF_CURVE = 0.1
+"""Above this fraction of the range of a focus curve, grain may decide where its peak is."""
+NAMED_MEASURES = 4
+
+
+@dataclass(frozen=True)
+class SceneGrain:
+    """The grain of a scene's sequences, at rest or moving; None where it is not known.
+
+    sequences : how many, and how many of them state their grain.
+    rms : median and largest rms over the mean at best focus.
+    of_curve : largest noise over the range of a curve, by measure.
+    """
+
+    scene: str
+    scene_motion: str | None
+    sequences: tuple[int, int]
+    rms: tuple[float, float] | None
+    of_curve: dict[str, float]
+
+
+def tabulate_grain(records: Iterable[Record]) -> list[SceneGrain]:
+    """Return the grain of each scene at rest and of each moving one, in order of appearance, if any is known."""
+    groups: dict[tuple[str, str | None], list[Record]] = {}
+    for record in records:
+        groups.setdefault((record.scene, record.scene_motion), []).append(record)
+    tables = []
+    for (scene, motion), own in groups.items():
+        rms = {r.sequence: r.grain_rms for r in own if r.grain_rms is not None}
+        of_curve: dict[str, float] = {}
+        for record in own:
+            if record.grain_of_curve is not None:
+                measure = _measure(record)
+                of_curve[measure] = max(of_curve.get(measure, 0.0), record.grain_of_curve)
+        counts = len({r.sequence for r in own}), len(rms)
+        figures = (median(rms.values()), max(rms.values())) if rms else None
+        tables.append(SceneGrain(scene, motion, counts, figures, of_curve))
+    return tables if any(table.rms for table in tables) else []
+
+
+def compose_grain_notes(records: Sequence[Record]) -> list[str]:
+    """Return a warning where grain is large against the focus curves of some measures, else nothing."""
+    known = sorted(
+        ((r.grain_of_curve, _measure(r), r.sequence) for r in records if r.grain_of_curve is not None), reverse=True
+    )
+    grainy = [one for one in known if one[0] > MAX_GRAIN_OF_CURVE]
+    if not grainy:
+        return []
+    measures = list(dict.fromkeys(measure for _, measure, _ in grainy))
+    named = ", ".join(measures[:NAMED_MEASURES])
+    if len(measures) > NAMED_MEASURES:
+        named += f" and {len(measures) - NAMED_MEASURES} more"
+    of_curve, measure, sequence = grainy[0]
+    found, all_known = (len({name for _, _, name in some}) for some in (grainy, known))
+    return [
+        f"Warning: noise of the renderer is more than {MAX_GRAIN_OF_CURVE:.0%} of the range of a focus curve on "
+        f"{found} of {all_known} sequences ({named}; at worst {of_curve:.2g} times the range, {measure} on "
+        f"{sequence}): with more samples per pixel these answers may be others."
+    ]
+
+
+def _measure(record: Record) -> str:
+    return record.method.split("+")[0]

@@ -1,0 +1,79 @@
+"""What records say of grain: planted in the provenance of a sweep, and read from files without it."""
+
+import math
+
+import numpy as np
+import pytest
+from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
+
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.stream.recorded_grain import GrainMoment, RecordedGrain
+from saf_gen.stream.stream_writer import write_stream
+
+NOISE = {"contrast": 0.004, "brenner": 0.03, "tenengrad": 0.5}
+SIGNALS = ({"contrast": 0.1, "brenner": 0.35, "tenengrad": 9.0}, {"contrast": 0.01, "brenner": 0.05, "tenengrad": 1.0})
+
+
+def planted():
+    moments = tuple(GrainMoment(t, t / 800, 0.02 * (1 + n), NOISE, SIGNALS[n]) for n, t in enumerate((300, 700)))
+    return RecordedGrain(moments, 0, (256, 32))
+
+
+@pytest.fixture
+def stream(tmp_path):
+    target = np.ones(SHAPE[1:], bool)
+    truth = make_truth(300.0, target=target, sharpness=np.array([0.02, 0.22, math.nan, 0.12]))
+
+    def write(provenance):
+        path = tmp_path / "test" / "a.h5"
+        path.parent.mkdir()
+        lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+        write_stream(path, make_spikes(300), focus_position=lens, truth=truth, provenance=provenance)
+        return path
+
+    return write
+
+
+def evaluated(path, *methods, **options):
+    return {record.method: record for record in evaluate(path, methods=methods, **options).records}
+
+
+@pytest.mark.parametrize(
+    ("measure", "expected"),
+    [
+        ("sd", 0.004 / 0.2),  # the range of /truth/sharpness
+        ("variance_n", 0.004 / 0.2),
+        ("sd_tfi", 0.004 / 0.2),
+        ("brenner", 0.03 / 0.3),  # the range of the signal along the recording
+        ("brenner_n_tfi", 0.03 / 0.3),
+        ("tenengrad", 0.5 / 8),
+        ("er_count", None),
+        ("squared_gradient", None),
+    ],
+)
+def test_grain_is_compared_with_the_curve_of_the_measure(stream, measure, expected):
+    record = evaluated(stream({"grain": planted().to_text()}), f"{measure}+argmax")[f"{measure}+argmax"]
+    assert record.grain_rms == pytest.approx(0.02)
+    assert record.grain_of_curve == (None if expected is None else pytest.approx(expected))
+
+
+def test_a_method_that_looks_at_the_frame_has_no_such_figure(stream):
+    record = evaluated(stream({"grain": planted().to_text()}), "sd+argmax", region="frame")["sd+argmax"]
+    assert record.grain_rms == pytest.approx(0.02)
+    assert record.grain_of_curve is None
+
+
+@pytest.mark.parametrize("provenance", [{}, {"grain": "spoilt"}])
+def test_a_recording_without_grain_is_evaluated_all_the_same(stream, provenance):
+    record = evaluated(stream(provenance), "sd+argmax")["sd+argmax"]
+    assert record.status == "answered"
+    assert (record.grain_rms, record.grain_of_curve) == (None, None)
+
+
+def test_predictions_have_the_grain_of_their_recording(stream, tmp_path):
+    stream({"grain": planted().to_text()})
+    folder = list_streams(tmp_path, {"id": "a"})
+    (tmp_path / "p.jsonl").write_text('{"method": "elsewhere", "sequence": "a", "frame": 300}\n')
+    record = evaluated(folder, predictions=tmp_path / "p.jsonl")["elsewhere"]
+    assert record.grain_rms == pytest.approx(0.02)
+    assert record.grain_of_curve is None
