@@ -78,7 +78,7 @@ class _View:
 
     @classmethod
     def render(cls, scene: Scene, sensor: Sensor, *, backend: str) -> "_View":
-        renderer = SceneRenderer(scene, sensor, backend_name=backend)
+        renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
         seen = renderer.trace_depth_and_target(allow_unseen_target=True)
         depths = seen.depth[seen.target]
         truth = scene.build_drive().true_focus(depths) if depths.size else float("nan")

@@ -35,7 +35,7 @@ class Judgement:
     error_dof: float | None = None
     """``error`` over the depth of focus, the distance between its near and far end."""
     blur_px: float | None = None
-    """Diameter of the target's blur at the answer, pixels."""
+    """Diameter of the target's blur at the answer, pixels; where waves count, in widths that the camera resolves."""
     success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
     """For each of SUCCESS_LIMITS_DOF, whether the answer lies that near."""
     lens_travel: float | None = None

@@ -54,6 +54,8 @@ def generate(
         f"{len(result.rendered)} pieces of focal stacks rendered"
     )
     out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
+    if result.without_diffraction:
+        out.print("rendered without diffraction: only the variants llvm and cuda have it")
     for name, problem in result.failed.items():
         print_error(f"{name} failed: {problem}", result.exit_code)
     if result.failed:

@@ -85,7 +85,8 @@ class RenderSettings(FrozenModel):
     A moving scene is rendered in time slices, ``slices_per_s`` of them (by default as many as its card says), with
     ``slice_samples`` per pixel (by default a quarter of ``samples``). A slice holds the positions that the recorded
     lens passes at its time. The closed-loop track needs all positions: ``whole_slices`` true renders them for the whole
-    recording; a number of seconds renders the slices up to then once more, at all positions.
+    recording; a number of seconds renders the slices up to then once more, at all positions. ``diffraction`` says
+    whether waves bend the light at the aperture; by default they do wherever the backend can render them.
     """
 
     samples: int = Field(ge=1, le=65_536)
@@ -93,6 +94,7 @@ class RenderSettings(FrozenModel):
     slice_samples: int | None = Field(default=None, ge=1, le=65_536)
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
     whole_slices: bool | float = False
+    diffraction: bool | None = None
 
     @field_validator("whole_slices", mode="before")
     @classmethod

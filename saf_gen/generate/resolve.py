@@ -21,7 +21,7 @@ from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack, focus_windows_of_stack_slices, frames_of_stack_slices
 
-MODEL = 2
+MODEL = 3
 """Raised whenever the same stack, recipe and seed would give other spikes: old files are then made anew."""
 
 STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound of what a stream takes on disk
@@ -86,6 +86,25 @@ class ResolvedRecipe:
         for sequence in self.sequences:
             found.setdefault(sequence.time_stack, []).append(sequence)
         return found
+
+    def without_diffraction(self) -> "ResolvedRecipe":
+        """Return the recipe with ``diffraction: false``."""
+
+        def geometric(sequence: ResolvedSequence) -> ResolvedSequence:
+            whole = sequence.closed_loop_stack
+            return replace(
+                sequence,
+                time_stack=sequence.time_stack.without_diffraction(),
+                closed_loop_stack=whole.without_diffraction() if whole else None,
+            )
+
+        render = self.recipe.render.model_copy(update={"diffraction": False})
+        return replace(
+            self,
+            recipe=self.recipe.model_copy(update={"render": render}),
+            plan=tuple(map(geometric, self.plan)),
+            sequences=tuple(map(geometric, self.sequences)),
+        )
 
     def stacks_to_render(self, folder: Path) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
         """Return the stacks that are not whole in this dataset folder; those of recordings come first."""
@@ -160,7 +179,8 @@ def resolve_recipe(
     for s in _distinct(planned, lambda s: s.motion):
         with located(where, prefix=f"the lens motion of {s.id}: "):
             lens_motion_at_readouts(s.motion, frames, readout_hz=hz)
-    resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
+    with located(where):
+        resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
     wanted = [sequence for sequence in resolved if split in (None, sequence.planned.split)]
     index, count = part
     return ResolvedRecipe(recipe, resolved, tuple(wanted[index - 1 :: count]), scenes, sensor)
@@ -191,15 +211,17 @@ def _resolve_stacks(
 ) -> tuple[TimeResolvedStack, TimeResolvedStack | None]:
     """Return the stack of the recording, and that of a closed-loop run where it is another one."""
     card, frames, hz = scene.card, recipe.camera.frames, sensor.readout_hz
-    spec = StackSpec.from_scene(
-        scene,
-        sensor,
-        positions=recipe.focus.positions,
-        samples=recipe.render.samples,
-        max_depth=recipe.render.max_depth,
-        f_number=recipe.camera.exposure.f_number,
-        time_s=card.still_s if card.slices_per_s is not None else 0.0,
-    )
+    with located("", prefix=f"scene {scene.id}: "):
+        spec = StackSpec.from_scene(
+            scene,
+            sensor,
+            positions=recipe.focus.positions,
+            samples=recipe.render.samples,
+            max_depth=recipe.render.max_depth,
+            f_number=recipe.camera.exposure.f_number,
+            wavelength_m=0.0 if recipe.render.diffraction is False else sensor.wavelength_m,
+            time_s=card.still_s if card.slices_per_s is not None else 0.0,
+        )
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0

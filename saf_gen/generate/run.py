@@ -34,7 +34,10 @@ PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "h5py", "isal", "OpenEXR")
 
 @dataclass(frozen=True)
 class GenerationResult:
-    """What one run made: pieces of stacks rendered, sequences recorded and kept, and failures by job name."""
+    """What one run made: pieces of stacks rendered, sequences recorded and kept, and failures by job name.
+
+    ``without_diffraction`` says that the renderer left waves out although the recipe does not ask for that.
+    """
 
     folder: Path
     manifest: Manifest
@@ -42,6 +45,7 @@ class GenerationResult:
     recorded: list[str]
     kept: list[str]
     failed: dict[str, SafGenError]
+    without_diffraction: bool = False
 
     @property
     def exit_code(self) -> int:
@@ -83,11 +87,18 @@ def generate(
         raise unknown("variant", variant, allowed=BACKENDS)
     folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
     stacks = folder / "stacks"
-    to_render, by_stack = resolved.stacks_to_render(folder), resolved.sequences_by_stack()
-    for stack, users in by_stack.items():
-        if stack not in to_render and _lacks_grain(stack, users, folder=folder):
-            to_render[stack] = users
-    backend_name = _choose_backend(variant) if to_render else variant
+    to_render = _find_work(resolved, folder)
+    backend_name, renders_waves = _choose_backend(variant) if to_render else (variant, True)
+    leave_out = not renders_waves and resolved.recipe.render.diffraction is not False
+    if leave_out:
+        if resolved.recipe.render.diffraction:
+            raise BadInput(
+                f"variant {backend_name} cannot render diffraction, which the recipe asks for",
+                allowed="llvm, cuda",
+                hint="or leave waves out with render: {diffraction: false}",
+            )
+        resolved = resolved.without_diffraction()
+        to_render = _find_work(resolved, folder)
     _check_folder(resolved, folder)
     if cluster is None and len(resolved.sequences) == len(resolved.plan):
         remove_stale_temporaries(folder)  # a shard or a cluster has neighbours at work in the folder
@@ -98,6 +109,7 @@ def generate(
         provenance=_provenance(resolved),
     )
     threads = max(1, usable_cores() // workers)
+    by_stack = resolved.sequences_by_stack()
 
     def record_jobs(stack: TimeResolvedStack) -> Iterator[RecordJob]:
         users = by_stack.get(stack, [])
@@ -131,7 +143,16 @@ def generate(
             (kept if result.kept else recorded).append(job.sequence.id)
     manifest = _write_manifest(resolved, folder)
     _write_previews(resolved, folder)
-    return GenerationResult(folder, manifest, rendered, recorded, kept, failed)
+    return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out)
+
+
+def _find_work(resolved: ResolvedRecipe, folder: Path) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
+    """Return the stacks that lack a piece, or their grain where they are to be recorded from, with their sequences."""
+    found = resolved.stacks_to_render(folder)
+    for stack, users in resolved.sequences_by_stack().items():
+        if stack not in found and _lacks_grain(stack, users, folder=folder):
+            found[stack] = users
+    return found
 
 
 def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
@@ -140,11 +161,13 @@ def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, fol
     return missing and not stack.has_grain(folder / "stacks")
 
 
-def _choose_backend(requested: str) -> str:
+def _choose_backend(requested: str) -> tuple[str, bool]:
+    """Return the backend to render with, and whether it renders diffraction."""
     with defer_interrupts():
         from saf_gen.render import backend  # loads Mitsuba: only where something must be rendered
 
-    return backend.choose_render_backend(requested)
+    chosen = backend.choose_render_backend(requested)
+    return chosen, backend.can_render_waves(chosen)
 
 
 def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:

@@ -1,17 +1,22 @@
 """The interface of focus drives, and the equations of the thin lens that they share.
 
 For focal length f, image distance v, object distance u and aperture radius R, 1/u + 1/v = 1/f. A ray through
-the lens point a with slope s in object space meets the sensor at x = -v·(s + a/u).
+the lens point a with slope s in object space meets the sensor at x = -v·(s + a/u). Light of wavelength λ spreads
+a point over a width of about λ·v/R even in focus: at the blur c = λ·v/R the wavefronts of centre and border of the
+aperture are a quarter of a wavelength apart.
 
 Depths are measured in the frame of the scene card, from the lens as the card positions it. A drive may bring
 lens and scene nearer to each other by ``shift`` metres; the lens then lies at that depth of the frame.
 """
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import asdict
 from typing import Any, ClassVar
 
 import numpy as np
+
+from saf_gen.errors import BadInput
 
 Positions = np.ndarray | float
 
@@ -52,13 +57,56 @@ class Drive(ABC):
     def true_focus(self, depths: np.ndarray) -> float:
         """Return the position that minimises the mean of c² over these depths (m)."""
 
-    @abstractmethod
-    def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
-        """Return the two positions, in rising order, at which the blur is one pixel.
+    def depth_of_focus(
+        self, depths: np.ndarray, pixel_pitch_m: float, *, wavelength_m: float = 0.0
+    ) -> tuple[float, float]:
+        """Return the two positions, in rising order, at which the blur is as wide as what the camera resolves in focus.
 
-        The blur is that of the one depth in focus at :meth:`true_focus`: a target with a depth range is never
-        sharp everywhere, and its mean blur might never be as small as a pixel.
+        That width is one pixel by geometric optics. With waves it is √(pixel² + (λ·v/R)²): widths of independent
+        blurs add in squares, and a blur of λ·v/R alone is Rayleigh's quarter wave, λ/(2·NA²) on either side of the
+        sensor with NA = R/v, λ/(2·(R/u)²) before the lens. The blur is that of the one depth in focus at
+        :meth:`true_focus`: a target with a depth range is never sharp everywhere, and its mean blur might never be as
+        small as a pixel.
+
+        Parameters
+        ----------
+        depths : depths (m) of the target's pixels, any shape.
+        pixel_pitch_m : width of a pixel.
+        wavelength_m : of the light; 0 leaves waves out.
+
+        Returns
+        -------
+        The positions, which may lie outside 0...1. One is infinite where the blur never grows so wide.
+
+        References
+        ----------
+        Lord Rayleigh, "Investigations in optics, with special reference to the spectroscope", Phil. Mag. 8, 403 (1879),
+        doi:10.1080/14786447908639715.
         """
+        truth = self.true_focus(depths)
+        in_focus = wavelength_m * float(self.image_distance(truth)) / self.aperture_radius_m
+        low, high = sorted(self._positions_of_blur(truth, math.hypot(pixel_pitch_m, in_focus)))
+        return low, high
+
+    def check_wave_depth(self, wavelength_m: float) -> None:
+        """Raise BadInput where waves alone keep more than the whole travel in focus, so that no position is best.
+
+        ``wavelength_m`` is that of the light; 0 leaves waves out.
+        """
+        width = wavelength_m * float(self.image_distance(0.5)) / self.aperture_radius_m
+        low, high = sorted(self._positions_of_blur(0.5, width))
+        if high - low > 1:
+            raise BadInput(
+                f"light of {wavelength_m * 1e9:.0f} nm through an aperture of {2e3 * self.aperture_radius_m:.3g} mm "
+                f"stays in focus over {high - low:.3g} times the travel",
+                allowed="a depth of focus by waves within the travel",
+                hint="open the aperture (a lower f_number), give the lens a longer travel, or leave waves out with "
+                "render: {diffraction: false}",
+            )
+
+    @abstractmethod
+    def _positions_of_blur(self, focused: float, blur_m: float) -> tuple[float, float]:
+        """Return the two positions at which a point in focus at ``focused`` is blurred by this diameter."""
 
     def focus_depth(self, position: Positions) -> np.ndarray:
         """Return the depth (m) of the plane in focus at each position, in the frame of the card."""

@@ -70,9 +70,8 @@ class FocalLengthDrive(Drive):
         """
         return float(self.position(float(np.mean(1 / np.asarray(depths, dtype=np.float64)))))
 
-    def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
-        """Return 1/u ± pitch/(2R·v) as positions; see :meth:`Drive.depth_of_focus`."""
-        sharp = 1 / float(self.object_distance(self.true_focus(depths)))
-        half = pixel_pitch_m / (2 * self.aperture_radius_m * self.image_distance_m)
-        low, high = sorted(float(self.position(sharp + sign * half)) for sign in (-1, 1))
-        return low, high
+    def _positions_of_blur(self, focused: float, blur_m: float) -> tuple[float, float]:
+        """Return 1/u ± blur/(2R·v) as positions."""
+        sharp = 1 / float(self.object_distance(focused))
+        half = blur_m / (2 * self.aperture_radius_m * self.image_distance_m)
+        return float(self.position(sharp - half)), float(self.position(sharp + half))

@@ -78,9 +78,8 @@ class ImageDistanceDrive(Drive):
         w = 1 / self.focal_length_m - 1 / np.asarray(depths, dtype=np.float64)
         return float(self.position(w.mean() / np.mean(w**2)))
 
-    def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
-        """Return v·(1 ± pitch/(2R)) as positions; see :meth:`Drive.depth_of_focus`."""
-        v = float(self.image_distance(self.true_focus(depths)))
-        half = pixel_pitch_m / (2 * self.aperture_radius_m)
-        low, high = sorted(float(self.position(v * (1 + sign * half))) for sign in (-1, 1))
-        return low, high
+    def _positions_of_blur(self, focused: float, blur_m: float) -> tuple[float, float]:
+        """Return v·(1 ± blur/(2R)) as positions."""
+        v = float(self.image_distance(focused))
+        half = blur_m / (2 * self.aperture_radius_m)
+        return float(self.position(v * (1 - half))), float(self.position(v * (1 + half)))

@@ -108,14 +108,10 @@ class Stage(Drive):
         rise = float(brentq(slope, 0, most, xtol=1e-12 * most)) if most > 0 else 0.0
         return float(self.position(nearest - u + rise))
 
-    def depth_of_focus(self, depths: np.ndarray, pixel_pitch_m: float) -> tuple[float, float]:
-        """Return 1/(d - z) = 1/u ± pitch/(2R·v) as positions; see :meth:`Drive.depth_of_focus`.
-
-        The far position is infinite if the blur never grows to a pixel.
-        """
-        z = float(self.shift(self.true_focus(depths)))
-        half = self._u * pixel_pitch_m / (2 * self.aperture_radius_m * self._v)
+    def _positions_of_blur(self, focused: float, blur_m: float) -> tuple[float, float]:
+        """Return 1/(d - z) = 1/u ± blur/(2R·v) as positions; the far one is infinite if it never blurs so much."""
+        z = float(self.shift(focused))
+        half = self._u * blur_m / (2 * self.aperture_radius_m * self._v)
         # d - u/(1 ± half), written so that the small difference is not lost.
-        distances = (half / (1 + half), -half / (1 - half) if half < 1 else -np.inf)
-        low, high = sorted(float(self.position(z + self._u * distance)) for distance in distances)
-        return low, high
+        near, far = half / (1 + half), -half / (1 - half) if half < 1 else -np.inf
+        return float(self.position(z + self._u * near)), float(self.position(z + self._u * far))

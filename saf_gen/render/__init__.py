@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core import seeds
+from saf_gen.errors import BadInput
 from saf_gen.render import _import_mitsuba, backend, depth_and_target, mitsuba_scene, posed_shapes
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.scene_renderer import stack_renderer
@@ -43,8 +44,15 @@ def render_missing_stacks(
 
     Raises
     ------
-    BadInput : for a scene that cannot be built, or whose target is out of sight.
+    BadInput : for a scene that cannot be built, or whose target is out of sight, and for diffraction with a backend
+        that cannot render it.
     """
+    if not backend.can_render_waves(backend_name) and any(spec.wavelength_m for spec in specs):
+        raise BadInput(
+            f"variant {backend_name} cannot render diffraction",
+            allowed="llvm, cuda",
+            hint="or leave waves out with render: {diffraction: false}",
+        )
     todo = [(spec, name) for spec in specs for name in StackStore(root, spec).missing_pieces()]
     if not todo:
         return []
@@ -101,7 +109,7 @@ def _render_piece(
     store = StackStore(root, spec)
     lit_scene, integrator = loaded
     camera = mitsuba_scene.camera_to_world(scene)
-    setup = RenderSetup(lit_scene, integrator, camera, spec.drive, spec, scene.card.unit_m)
+    setup = RenderSetup(lit_scene, integrator, camera, spec.drive, spec, scene.card.unit_m, spec.wavelength_m)
     if name == "geometry":
         seen = depth_and_target.trace_depth_and_target(
             setup, scene.card.target, allow_unseen_target=allow_unseen_target

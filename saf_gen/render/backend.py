@@ -66,6 +66,11 @@ def choose_render_backend(requested: str = "auto", machine: BackendProbe | None 
     return requested
 
 
+def can_render_waves(name: str) -> bool:
+    """Return whether a backend renders focal stacks with diffraction; scalar has Mitsuba's thin lens, and does not."""
+    return name != "scalar"
+
+
 def activate_render_backend(name: str, *, threads: int | None = None) -> None:
     """Switch Mitsuba to a backend and its number of threads, by default the cores this process may use.
 

@@ -5,7 +5,8 @@ with M the drive's transfer, linear in p. Rays are spread evenly over sensor and
 both that is wide enough that no position lacks rays (:func:`saf_gen.render.ray_sampling.compute_ray_coverage`). M
 keeps them evenly spread. Where the lens moves through the rays, a path counts only at the positions that have
 it inside the aperture. The paths that fall into a pixel are thus an even sample of pixel and aperture at
-every position, and their mean is unbiased.
+every position, and their mean is unbiased. Waves bend a path at the lens, which moves its line across the sensor
+(:mod:`saf_gen.render.diffraction`).
 """
 
 import math
@@ -19,6 +20,7 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.render.device_splat import DeviceAccumulator
+from saf_gen.render.diffraction import find_aperture_waves, place_bend_samples
 from saf_gen.render.host_splat import NEVER, VALUE_BITS, HostAccumulator, TracedPaths
 from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
@@ -111,7 +113,9 @@ def trace_paths(
     """
     drive, grid, units = setup.drive, setup.grid, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
-    covered = compute_ray_coverage(drive, grid, ends=(float(focus[0]), float(focus[-1])))
+    ends = float(focus[0]), float(focus[-1])
+    waves = find_aperture_waves(drive, grid, wavelength_m=setup.wavelength_m, ends=ends)
+    covered = compute_ray_coverage(drive, grid, ends=ends, bend_reach_m=waves.reach_m if waves else 0.0)
     # Each position still gets the requested samples through the part of the lens disc that is its aperture.
     samples = math.ceil(samples * (covered.radius_m / drive.aperture_radius_m) ** 2 - 1e-9)
     rows, columns = grid.rows + 2 * covered.rows, grid.columns + 2 * covered.columns
@@ -139,7 +143,8 @@ def trace_paths(
         # The band is traced column by column, so that the pixels that neighbours add to stay in the cache.
         height = dr.opaque(mi.UInt32, count)
         row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
-        across, down, lens = place_ray_samples(row * row_length + column, sample, seed=seed)
+        pixel = row * row_length + column
+        across, down, lens = place_ray_samples(pixel, sample, seed=seed)
         x = (mi.Float(column) + across - half_columns) * grid.pitch_m
         y = (mi.Float(row) + down - half_rows) * grid.pitch_m
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
@@ -151,6 +156,19 @@ def trace_paths(
         value = radiance.x if dr.size_v(radiance) == 1 else mi.luminance(radiance)
         first_x, step_x, first_a, step_a = _sensor_and_lens_line(setup, focus, x=x, a=a.x)
         first_y, step_y, first_b, step_b = _sensor_and_lens_line(setup, focus, x=y, a=a.y)
+        passed, window = a, []
+        if moves:
+            first_lens, step_lens = mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b)
+            window = positions_through_aperture(
+                first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size
+            )
+            middle_of_window = mi.Float(window[0] + window[1] - 1) / 2
+            passed = mi.Point2f(first_a + step_a * middle_of_window, first_b + step_b * middle_of_window)
+        if waves:
+            angle = waves.bend(passed, place_bend_samples(pixel, sample, seed=seed))
+            first_v, step_v = _image_distance_line(setup, focus)
+            first_x, first_y = first_x + first_v * angle.x, first_y + first_v * angle.y
+            step_x, step_y = step_x + step_v * angle.x, step_y + step_v * angle.y
         pitch = grid.pitch_m
         paths = [
             first_x / pitch + grid.columns / 2,
@@ -158,12 +176,8 @@ def trace_paths(
             step_x / pitch,
             step_y / pitch,
             value,
+            *window,
         ]
-        if moves:
-            first_lens, step_lens = mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b)
-            paths += positions_through_aperture(
-                first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size
-            )
         dr.eval(*paths)
         yield (begin + count) / rows, TracedPaths(*paths)
 
@@ -185,6 +199,12 @@ def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: A
     step = (last - first) / (focus.size - 1)
     xx, xa, ax, aa, dxx, dxa, dax, daa = map(_opaque, (*first.ravel(), *step.ravel()))
     return x * xx + a * xa, x * dxx + a * dxa, x * ax + a * aa, x * dax + a * daa
+
+
+def _image_distance_line(setup: RenderSetup, focus: np.ndarray) -> tuple[Any, Any]:
+    """Return v (m) at the first position and its step per position: by what an angle moves a path on the sensor."""
+    first, last = setup.drive.image_distance(focus[[0, -1]])
+    return _opaque(first), _opaque((last - first) / (focus.size - 1))
 
 
 def positions_through_aperture(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:

@@ -26,7 +26,7 @@ class RenderSetup:
     """A loaded scene (Mitsuba's own objects) in front of a lens with its focus drive and a sensor.
 
     ``to_world`` takes camera space, which looks along +z, to the world; both are in units of the scene, ``unit_m``
-    metres each.
+    metres each. ``wavelength_m`` is that of the light at the aperture; 0 leaves waves out.
     """
 
     mitsuba_scene: Any
@@ -35,6 +35,7 @@ class RenderSetup:
     drive: Drive
     grid: PixelGrid
     unit_m: float = 1.0
+    wavelength_m: float = 0.0
 
     def to_world_at(self, forward_m: float) -> Any:
         """Return the transform of camera space to the world for a lens moved ``forward_m`` metres towards the scene."""

@@ -28,15 +28,19 @@ def stack_renderer(backend_name: str) -> Callable[..., tuple[np.ndarray, int]]:
 class SceneRenderer:
     """The scene as its geometry describes it, at any moment and under any of its light groups.
 
-    ``max_depth`` is the longest light path, in segments; ``motions`` are those of the shapes, by name. Raises BadInput
+    ``max_depth`` is the longest light path, in segments; ``motions`` are those of the shapes, by name.
+    ``wavelength_m`` is that of the light in focal stacks; 0, and the backend scalar, leave waves out. Raises BadInput
     for a scene that cannot be built, and a backend that cannot run on this machine.
     """
 
     motions: dict[str, RigidMotion]
 
-    def __init__(self, scene: Scene, grid: PixelGrid, *, backend_name: str, max_depth: int = 6) -> None:
+    def __init__(
+        self, scene: Scene, grid: PixelGrid, *, backend_name: str, max_depth: int = 6, wavelength_m: float = 0.0
+    ) -> None:
         self.scene, self.grid, self.max_depth = scene, grid, max_depth
         self.backend_name = backend.choose_render_backend(backend_name)
+        self.wavelength_m = wavelength_m if backend.can_render_waves(self.backend_name) else 0.0
         backend.activate_render_backend(self.backend_name)
         self._described = mitsuba_scene.build_scene_dict(scene)
         self.motions = mitsuba_scene.mitsuba_shape_motions(scene, self._described)
@@ -62,7 +66,8 @@ class SceneRenderer:
         lit = tuple(self.scene.card.lights if groups is None else groups)
         loaded, integrator = self._loaded(lit, self._moment(time_s))
         to_world, unit_m = mitsuba_scene.camera_to_world(self.scene), self.scene.card.unit_m
-        return RenderSetup(loaded, integrator, to_world, self.scene.build_drive(f_number), grid or self.grid, unit_m)
+        drive = self.scene.build_drive(f_number)
+        return RenderSetup(loaded, integrator, to_world, drive, grid or self.grid, unit_m, self.wavelength_m)
 
     def trace_depth_and_target(
         self, *, time_s: float | None = None, allow_unseen_target: bool = False
@@ -109,6 +114,7 @@ class SceneRenderer:
             samples=samples,
             max_depth=self.max_depth,
             time_s=self._moment(time_s),
+            wavelength_m=self.wavelength_m,
             groups=groups,
             window=window,
         )

@@ -47,7 +47,7 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
     from saf_gen.authoring import scene_grain
     from saf_gen.render.scene_renderer import SceneRenderer
 
-    renderer = SceneRenderer(scene, sensor, backend_name="auto")
+    renderer = SceneRenderer(scene, sensor, backend_name="auto", wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_depth_and_target()
     truth = scene.build_drive().true_focus(seen.depth[seen.target])
     places = scene_grain.list_grain_places(truth)
@@ -90,7 +90,7 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
         what = f"{scene.id}, slice, {scene_grain.BEST_FOCUS}: correlation of grain with {later}"
         yield _percent(what, figure)
     report(f"{scene.id}, later slices", 0.5)
-    seconds = _time_slices(scene, renderer.backend_name, sensor=sensor, size=size, position=truth)
+    seconds = _time_slices(renderer, size=size, position=truth)
     report(f"{scene.id}, later slices", 1.0)
     what = f"{scene.id}, slice: loaded, rendered at two positions and stored"
     yield BenchFigure("grain", what, seconds, "s", MAX_SLICE_S.get(scene.id), at_most=True)
@@ -122,24 +122,26 @@ def _percent(what: str, figure: Any, *, goal: float | None = None) -> BenchFigur
     )
 
 
-def _time_slices(scene: Scene, backend_name: str, *, sensor: Sensor, size: BenchSize, position: float) -> float:
-    """Return the seconds per slice of a recording in which the lens rests at a position."""
+def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
+    """Return the seconds per slice of a recording in which the lens rests at a position, by a SceneRenderer."""
     from saf_gen.render import render_missing_stacks
 
     first = min(int(position * (size.positions[0] - 1)), size.positions[0] - 2)
+    scene = renderer.scene
     whole = StackSpec.from_scene(
         scene,
-        sensor,
+        renderer.grid,
         positions=size.positions[0],
         samples=size.slice_samples,
         max_depth=6,
         time_s=scene.card.still_s,
+        wavelength_m=renderer.wavelength_m,
         window=(first, first + 1),
     )
     step_s = 1 / (scene.card.slices_per_s or 1.0)
     specs = [replace(whole, time_s=whole.time_s + n * step_s) for n in range(2 + TIMED_SLICES)]
     with TemporaryDirectory() as folder:
-        options: dict[str, Any] = {"root": Path(folder), "backend_name": backend_name}
+        options: dict[str, Any] = {"root": Path(folder), "backend_name": renderer.backend_name}
         render_missing_stacks(scene, specs[:1], **options)  # compiles
         # The scene is built once for a whole recording: the difference of one slice and several leaves that out.
         _, one_s = time_call(render_missing_stacks, scene, specs[1:2], **options)

@@ -50,6 +50,7 @@ class StackSpec:
     time_s : the moment that is seen.
     positions : number of focus positions, evenly spaced over the whole travel.
     window : index of the first and the last position to render; a time slice needs only some.
+    wavelength_m : of the light at the aperture, which waves bend there; 0 for geometric optics.
     """
 
     scene: str
@@ -65,6 +66,7 @@ class StackSpec:
     params: str = "{}"
     time_s: float = 0.0
     window: tuple[int, int] | None = None
+    wavelength_m: float = 0.0
 
     @classmethod
     def from_scene(
@@ -76,16 +78,22 @@ class StackSpec:
         samples: int,
         max_depth: int,
         time_s: float,
+        wavelength_m: float,
         groups: Iterable[str] | None = None,
         f_number: float | None = None,
         window: tuple[int, int] | None = None,
     ) -> "StackSpec":
-        """Return the spec of a member of a scene's family before a sensor; ``groups`` are all by default."""
+        """Return the spec of a member of a scene's family before a sensor; ``groups`` are all by default.
+
+        Raises BadInput for an impossible travel, and where waves keep all of it in focus.
+        """
+        drive = scene.build_drive(f_number)
+        drive.check_wave_depth(wavelength_m)
         return cls(
             scene=scene.id,
             scene_digest=scene.digest,
             groups=tuple(scene.card.lights if groups is None else groups),
-            drive=scene.build_drive(f_number),
+            drive=drive,
             rows=grid.rows,
             columns=grid.columns,
             pitch_m=grid.pitch_m,
@@ -95,6 +103,7 @@ class StackSpec:
             params=json.dumps(dict(scene.params), sort_keys=True),
             time_s=time_s,
             window=window,
+            wavelength_m=wavelength_m,
         )
 
     @property

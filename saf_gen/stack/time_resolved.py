@@ -50,6 +50,10 @@ class TimeResolvedStack:
         specs = tuple(replace(spec, window=(0, spec.positions - 1)) for spec in self.specs)
         return TimeResolvedStack(self.slice_frames, specs)
 
+    def without_diffraction(self) -> "TimeResolvedStack":
+        """Return the same moments by geometric optics."""
+        return replace(self, specs=tuple(replace(spec, wavelength_m=0.0) for spec in self.specs))
+
     def truncated_to(self, frames: float) -> "TimeResolvedStack":
         """Return the stacks that the first ``frames`` readouts need, with the one after them."""
         count = 1 + sum(frame < frames for frame in self.slice_frames)

@@ -68,7 +68,7 @@ def _truth_at(plane_source: PlaneSource, j: int, *, position: float, frame: floa
     depth, target = plane_source.load_geometry(j)
     return Truth(
         position=position,
-        depth_of_focus=spec.drive.depth_of_focus(depth[target], spec.pitch_m),
+        depth_of_focus=spec.drive.depth_of_focus(depth[target], spec.pitch_m, wavelength_m=spec.wavelength_m),
         frame=frame,
         depth=depth,
         target=target,

@@ -28,7 +28,7 @@ class Truth:
     Parameters
     ----------
     position : optical best focus of the target, fraction of the travel.
-    depth_of_focus : the two positions at which the blur of the target reaches one pixel.
+    depth_of_focus : the two positions at which the blur of the target is as wide as what the camera resolves in focus.
     frame : fractional frame, from 0, at which the lens first passes ``position``.
     depth : float32 (H, W), m.
     target : bool (H, W), the pixels that should be in focus.

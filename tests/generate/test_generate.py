@@ -271,3 +271,25 @@ def test_a_group_without_a_schedule_stays_at_gain_one():
     )
     assert gains[:, 0] == pytest.approx(0.5)
     assert gains[:, 1] == pytest.approx(1.0)
+
+
+def test_scalar_renders_geometric_stacks_and_says_so(work, small_recipe, tmp_path, call):
+    """The file says that it was made without diffraction, has the geometric depth of focus, and is kept."""
+    code, told, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "scalar")
+    assert code == 0
+    assert "rendered without diffraction: only the variants llvm and cuda have it" in told
+    (spec,) = work.without_diffraction().sequences_by_stack().popitem()[0].specs
+    assert StackStore(tmp_path / "ds" / "stacks", spec).missing_pieces() == []
+    with saf_gen.open_stream(tmp_path / "ds" / "test" / "plane-constant-00.h5") as stream:
+        depths = stream.truth.depth[stream.truth.target]
+        assert stream.truth.depth_of_focus == spec.drive.depth_of_focus(depths, spec.pitch_m)
+        assert "diffraction: false" in stream.metadata.provenance["recipe"]
+    again = generate(work, tmp_path / "ds", variant="scalar")
+    assert (len(again.kept), again.recorded, again.rendered) == (3, [], [])
+
+
+def test_scalar_refuses_a_recipe_that_asks_for_diffraction(small_recipe, test_scenes, tmp_path):
+    small_recipe.write_text(small_recipe.read_text().replace("max_depth: 3", "max_depth: 3, diffraction: true"))
+    problem = refusal(generate, resolve_recipe(small_recipe), tmp_path / "ds", variant="scalar")
+    assert_says(problem, "variant scalar cannot render diffraction | llvm, cuda | diffraction: false")
+    assert not (tmp_path / "ds").exists()

@@ -192,3 +192,29 @@ def test_whole_slices_for_no_time_is_refused(tmp_path, said):
     text = GOOD.replace("render: {samples: 4}", f"render: {{samples: 4, whole_slices: {said}}}")
     with pytest.raises(BadInput, match=f"whole_slices.*{said}.*seconds above 0"):
         read(tmp_path, text)
+
+
+def test_a_lens_that_waves_keep_in_focus_is_told_before_anything_is_rendered(tmp_path):
+    path = tmp_path / "r.yaml"
+    path.write_text(GOOD.replace("{mean_rate: 0.2}", "{mean_rate: 0.2, f_number: 64}"))
+    assert_says(
+        refusal(resolve_recipe, path),
+        "r.yaml | scene usaf_target: light of 555 nm through an aperture of 0.547 mm stays in focus over 7.48 times "
+        "the travel | by waves within the travel | diffraction: false",
+    )
+    path.write_text(path.read_text().replace("samples: 4", "samples: 4, diffraction: false"))
+    assert resolve_recipe(path).sequences
+
+
+@pytest.mark.parametrize(
+    ("key", "wavelength_m"), [("", 555e-9), (", diffraction: true", 555e-9), (", diffraction: false", 0)]
+)
+def test_stacks_have_the_sensors_waves_unless_they_are_switched_off(tmp_path, key, wavelength_m):
+    path = tmp_path / "r.yaml"
+    path.write_text(GOOD.replace("samples: 4", f"samples: 4{key}"))
+    resolved = resolve_recipe(path)
+    specs = {spec for sequence in resolved.sequences for spec in sequence.time_stack.specs}
+    assert {spec.wavelength_m for spec in specs} == {wavelength_m}
+    geometric = resolved.without_diffraction()
+    assert {s.time_stack.specs[0].wavelength_m for s in geometric.sequences + geometric.plan} == {0.0}
+    assert geometric.recipe.render.diffraction is False

@@ -1,5 +1,7 @@
 """The thin lens and its drives, against their own equations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from refusals import refusal
@@ -116,6 +118,55 @@ def test_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus(lens):
     low, high = lens.depth_of_focus(np.full(4, depth), PITCH)
     assert low < lens.true_focus(np.full(4, depth)) < high
     assert lens.blur_diameter(np.array([low, high]), depth) == pytest.approx(PITCH, rel=1e-6)
+
+
+@every_drive
+def test_waves_add_in_squares_to_the_depth_of_focus(lens):
+    """At its ends the blur is √(pixel² + (λ·v/R)²); by waves alone it is Rayleigh's quarter wave: c = 4·W·λ·v/R."""
+    depth = float(lens.focus_depth(0.4))
+    v = float(lens.image_distance(lens.best_position(depth)))
+    width = 555e-9 * v / lens.aperture_radius_m
+    for pitch in (PITCH, 0.0):
+        ends = lens.depth_of_focus(np.full(4, depth), pitch, wavelength_m=555e-9)
+        assert ends[0] < float(lens.best_position(depth)) < ends[1]
+        blur = lens.blur_diameter(np.array(ends), depth)
+        assert blur == pytest.approx(np.hypot(pitch, width), rel=1e-6)
+    waves = blur * lens.aperture_radius_m / (4 * 555e-9 * v)
+    assert waves == pytest.approx(0.25, rel=1e-6)
+    assert lens.depth_of_focus(np.full(4, depth), PITCH, wavelength_m=0.0) == lens.depth_of_focus(
+        np.full(4, depth), PITCH
+    )
+
+
+@pytest.mark.parametrize(
+    ("objective", "geometric_m", "by_waves_m"),
+    [
+        (Stage(0.018, 1.8, 10, (-1e-4, 1e-4)), 3.96e-6, 4.35e-6),  # usaf_microscope, lily_anther
+        (Stage(0.008, 1.2, 25, (-2.5e-5, 2.5e-5)), 0.998e-6, 1.73e-6),  # cardiac_muscle
+    ],
+)
+def test_half_depths_of_focus_under_the_microscopes(objective, geometric_m, by_waves_m):
+    """u²·pitch/(2R·v) and λ·u²/(2R²) alone, and the root of the sum of their squares together; within 0.3 %."""
+    depth = np.array([objective.focus_depth(0.5)])
+    micrometres = abs(objective.travel_m[1] - objective.travel_m[0])
+    for pitch, wave, expected in (
+        (PITCH, 0.0, geometric_m),
+        (0.0, 555e-9, by_waves_m),
+        (PITCH, 555e-9, np.hypot(geometric_m, by_waves_m)),
+    ):
+        low, high = objective.depth_of_focus(depth, pitch, wavelength_m=wave)
+        assert (high - low) / 2 * micrometres == pytest.approx(expected, rel=3e-3)
+
+
+def test_a_lens_that_waves_keep_in_focus_all_the_way_is_refused():
+    pinhole = replace(MACRO, f_number=64.0)
+    error = refusal(pinhole.check_wave_depth, 555e-9)
+    assert "light of 555 nm through an aperture of 0.547 mm stays in focus over" in error.problem
+    assert error.allowed == "a depth of focus by waves within the travel"
+    assert "diffraction: false" in error.hint
+    pinhole.check_wave_depth(0.0)
+    for lens in LENSES:
+        lens.check_wave_depth(555e-9)
 
 
 def test_the_microscopes_depth_of_focus_is_a_micrometre_to_each_side():

@@ -17,7 +17,14 @@ from saf_gen.stack.stack_grain import FILE, read_stack_grain
 def specs_of(scene, times, *, samples, window=(3, 4)):
     return [
         StackSpec.from_scene(
-            scene, SENSOR_GRID, positions=9, samples=samples, max_depth=3, time_s=time_s, window=window
+            scene,
+            SENSOR_GRID,
+            positions=9,
+            samples=samples,
+            max_depth=3,
+            time_s=time_s,
+            wavelength_m=0.0,
+            window=window,
         )
         for time_s in times
     ]

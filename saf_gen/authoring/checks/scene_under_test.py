@@ -33,7 +33,7 @@ class SceneUnderTest:
     @cached_property
     def renderer(self) -> SceneRenderer:
         """The renderer of the built scene."""
-        return SceneRenderer(self.scene, self.sensor, backend_name=self.backend)
+        return SceneRenderer(self.scene, self.sensor, backend_name=self.backend, wavelength_m=self.sensor.wavelength_m)
 
     @property
     def drive(self) -> Drive:
@@ -57,8 +57,9 @@ class SceneUnderTest:
 
     @cached_property
     def depth_of_focus(self) -> tuple[float, float]:
-        """The focus positions at which the target's blur is one pixel."""
-        return self.drive.depth_of_focus(self.target_depths_m, self.sensor.pitch_m)
+        """The focus positions at which the target's blur is as wide as what the camera resolves."""
+        waves = self.renderer.wavelength_m
+        return self.drive.depth_of_focus(self.target_depths_m, self.sensor.pitch_m, wavelength_m=waves)
 
     @property
     def half_depth_of_focus(self) -> float:

@@ -30,7 +30,7 @@ def preview_scene(scene: Scene, sensor: Sensor, *, path: Path, backend: str = "a
 
 def make_contact_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> ContactSheet:
     """Render what the sheet of a scene shows."""
-    renderer = SceneRenderer(scene, sensor, backend_name=backend)
+    renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_depth_and_target(allow_unseen_target=True)
     positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if renderer.is_slow else (POSITIONS, SAMPLES)
     stack = renderer.render_stack(seen, positions=positions, samples=samples)

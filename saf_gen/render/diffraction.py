@@ -1,0 +1,109 @@
+"""Waves at the aperture: each path is bent where it passes the lens (Heisenberg uncertainty ray bending).
+
+A path that passes a round aperture of radius R at r from its centre is known to lie within d of it, where d is
+the distance to the edge: R - r along the radius, and √(R² - r²), half of the chord, across it. Its direction
+behind the lens is then uncertain by σ = λ/(4π·d) rad in either of the two. The bend moves the place where the path
+meets the sensor by v·angle, and leaves the light that it carries alone: that comes from the slope before the lens.
+v is linear in the position for every drive, so a bent path is still a straight line through the stack.
+
+What this stands for can be read off the exact transfer. At the frequency ν it is the mean over the lens of the
+geometric phase, taken over the points whose two neighbours at ±λνv/2 both lie in the aperture (the ambiguity
+function of a disc: Brenner et al. 1983). So each point of the lens has a transfer of its own, which is 1 up to the
+frequency at which a neighbour leaves the aperture, 2d/(λv) along the radius and across it, and 0 beyond. Paths can
+have no negative weight, and so no transfer that sharp; a spread of directions with the standard deviation σ falls
+off at the same place. Angles are drawn evenly from the ellipse with the semi-axes 2σ. Below the Nyquist frequency of
+20 µm, for 555 nm and 0 to 1.5 wavelengths of defocus, the transfer is then within 0.039 of the exact one at R/v =
+0.024 and 0.052 at 0.015. With normal angles of the same σ it would be within 0.042 and 0.074; without bending it is
+0.36 and 0.57 off. An ellipse also ends: no path is bent by more than 2σ.
+
+At the edge σ grows without bound. The distances are therefore taken to be at least d_min, a twentieth of R, or less
+where a path bent there would move by less than a pixel. The largest move, λ·v/(2π·d_min), is the width by which the
+guard band grows. No light is lost by that: the tenth of the paths that pass nearer to the edge are bent as if they
+passed at d_min, and 3 % of the light, which Airy's rings bring farther than 3.2·λ·v/R away, stays within.
+
+References
+----------
+E. R. Freniere, G. G. Gregory and R. A. Hassler, "Edge diffraction in Monte Carlo ray tracing", Proc. SPIE 3780, 151
+(1999), doi:10.1117/12.363773.
+K.-H. Brenner, A. W. Lohmann and J. Ojeda-Castañeda, "The ambiguity function as a polar display of the OTF", Opt.
+Commun. 44, 323 (1983), doi:10.1016/0030-4018(83)90221-4.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.optics import Drive
+from saf_gen.render.ray_sampling import place_on_kronecker_sequence
+from saf_gen.stack.focal_stack import PixelGrid
+
+NEAREST_EDGE = 0.05  # of the radius: paths that pass nearer to the edge are bent as if they passed there
+# Two more dimensions of a Kronecker sequence: powers of the root of x^3 = x + 1, in 0.32 fixed point. With 1 and the
+# four of ray_sampling, of x^5 = x + 1, they are independent over the rational numbers.
+PLASTIC = 1.324717957244746
+BEND_STEPS = tuple(round(PLASTIC ** -(j + 1) * 2**32) & 0xFFFFFFFF for j in range(2))
+FIRST_DIMENSION = 4  # after those of pixel and lens
+
+
+@dataclass(frozen=True)
+class ApertureWaves:
+    """Light of one wavelength at the aperture of a lens with its drive.
+
+    wavelength_m : λ, above 0.
+    radius_m : R of the aperture.
+    nearest_edge_m : d_min, the least distance to the edge that a bend is drawn for.
+    reach_m : the largest move of a path on the sensor.
+    """
+
+    wavelength_m: float
+    radius_m: float
+    nearest_edge_m: float
+    reach_m: float
+
+    def bend(self, lens_point: Any, even: Any) -> Any:
+        """Return the angles (rad, small) along x and y by which paths are bent at these points of the aperture.
+
+        Parameters
+        ----------
+        lens_point : mi.Point2f, m from the lens's centre; points outside are taken to lie on the edge.
+        even : mi.Point2f, evenly spread over the unit square.
+        """
+        # Numbers that the kernel reads; as constants, every lens would need a kernel of its own.
+        radius, nearest, doubled = (
+            dr.opaque(mi.Float, number)
+            for number in (self.radius_m, self.nearest_edge_m, self.wavelength_m / (2 * math.pi))
+        )
+        r = dr.norm(lens_point)
+        outward = dr.select(r > 0, mi.Vector2f(lens_point) / r, mi.Vector2f(1, 0))
+        inside = dr.maximum(radius - r, 0)
+        along, across = dr.maximum(inside, nearest), dr.maximum(dr.sqrt(inside * (radius + r)), nearest)
+        in_disc = mi.warp.square_to_uniform_disk_concentric(even) * doubled  # 2σ = λ/(2π·d)
+        radial, tangential = in_disc.x / along, in_disc.y / across
+        return mi.Vector2f(outward.x * radial - outward.y * tangential, outward.y * radial + outward.x * tangential)
+
+
+def find_aperture_waves(
+    drive: Drive, grid: PixelGrid, *, wavelength_m: float, ends: tuple[float, float] = (0.0, 1.0)
+) -> ApertureWaves | None:
+    """Return the waves at a lens between two positions; None for the wavelength 0, which leaves them out."""
+    if not wavelength_m:
+        return None
+    radius = drive.aperture_radius_m
+    farthest = float(np.max(drive.image_distance(np.array(ends))))
+    one_pixel = wavelength_m * farthest / (2 * math.pi * grid.pitch_m)
+    nearest = min(NEAREST_EDGE * radius, one_pixel)
+    return ApertureWaves(wavelength_m, radius, nearest, wavelength_m * farthest / (2 * math.pi * nearest))
+
+
+def place_bend_samples(pixel: Any, sample: Any, *, seed: int) -> Any:
+    """Return each sample's point of the unit square (mi.Point2f) that its bend is drawn with.
+
+    It depends on pixel, sample and seed alone, and fills the square evenly together with the sample's places in the
+    pixel and on the lens.
+    """
+    across, down = place_on_kronecker_sequence(pixel, sample, steps=BEND_STEPS, seed=seed + FIRST_DIMENSION)
+    return mi.Point2f(across, down)
