@@ -91,8 +91,11 @@ class Drive(ABC):
     def check_wave_depth(self, wavelength_m: float) -> None:
         """Raise BadInput where waves alone keep more than the whole travel in focus, so that no position is best.
 
-        ``wavelength_m`` is that of the light; 0 leaves waves out.
+        ``wavelength_m`` is that of the light; 0 leaves waves out. An aperture of zero passes no light and is refused
+        too.
         """
+        if not self.aperture_radius_m > 0:
+            raise BadInput("the aperture has no width", allowed="a finite f_number, above 0")
         width = wavelength_m * float(self.image_distance(0.5)) / self.aperture_radius_m
         low, high = sorted(self._positions_of_blur(0.5, width))
         if high - low > 1:

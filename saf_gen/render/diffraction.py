@@ -6,7 +6,7 @@ behind the lens is then uncertain by σ = λ/(4π·d) rad in either of the two. 
 meets the sensor by v·angle, and leaves the light that it carries alone: that comes from the slope before the lens.
 v is linear in the position for every drive, so a bent path is still a straight line through the stack.
 
-What this stands for can be read off the exact transfer. At the frequency ν it is the mean over the lens of the
+What this stands for can be read off the exact optical transfer. At the frequency ν it is the mean over the lens of the
 geometric phase, taken over the points whose two neighbours at ±λνv/2 both lie in the aperture (the ambiguity
 function of a disc: Brenner et al. 1983). So each point of the lens has a transfer of its own, which is 1 up to the
 frequency at which a neighbour leaves the aperture, 2d/(λv) along the radius and across it, and 0 beyond. Paths can

@@ -1,8 +1,8 @@
 """One pass over all focus positions, against Mitsuba's thin lens rendered at each position.
 
-Both use the same scene, sensor grid and number of samples. The thin lens has a box filter and its focus
-distance in a variable, so that it is compiled once. Both errors are taken against the mean of many thin-lens
-renders with other seeds; the noise of that reference, known from their scatter, is subtracted.
+Both use the same scene, sensor grid and number of samples, and geometric optics: the thin lens has no waves. It has
+a box filter, and its focus distance in a variable, so that it is compiled once. Both errors are taken against the
+mean of many thin-lens renders with other seeds; the noise of that reference, known from their scatter, is subtracted.
 """
 
 import math

@@ -165,6 +165,7 @@ def test_a_lens_that_waves_keep_in_focus_all_the_way_is_refused():
     assert error.allowed == "a depth of focus by waves within the travel"
     assert "diffraction: false" in error.hint
     pinhole.check_wave_depth(0.0)
+    assert refusal(replace(MACRO, f_number=np.inf).check_wave_depth, 555e-9).problem == "the aperture has no width"
     for lens in LENSES:
         lens.check_wave_depth(555e-9)
 
