@@ -24,17 +24,22 @@ def generate(
     split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
     shard: Annotated[str, typer.Option(help="I/N: generate every N-th sequence, starting with the I-th.")] = "1/1",
     variant: Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")] = "auto",
+    keep_slices: Annotated[
+        str, typer.Option(help="Time slices of moving scenes to keep in the end: all, closed-loop or none.")
+    ] = "all",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what would be made, and make nothing.")] = False,
 ) -> None:
     """Generate a dataset from a recipe, or resume one that was stopped."""
     with defer_interrupts():
+        from saf_gen.generate.job_order import validate_keep_slices
         from saf_gen.generate.resolve import resolve_recipe
         from saf_gen.generate.run import generate as make
 
+    validate_keep_slices(keep_slices)
     work = resolve_recipe(recipe, part=_shard(shard), split=split)
     target = folder or Path("datasets") / work.recipe.name
     if dry_run:
-        _print_plan(work, target)
+        _print_plan(work, target, keep_slices)
         return
     with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
@@ -48,11 +53,15 @@ def generate(
                 logged.add(name)  # a log file has no bars, but one line per finished piece
                 err.print(f"done: {name}")
 
-        result = make(work, target, workers=workers, variant=variant, cluster=cluster, report=report)
+        result = make(
+            work, target, workers=workers, variant=variant, cluster=cluster, keep_slices=keep_slices, report=report
+        )
     out.print(
         f"{len(result.recorded)} sequences recorded, {len(result.kept)} kept from before, "
         f"{len(result.rendered)} pieces of focal stacks rendered"
     )
+    if result.freed_bytes:
+        out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {keep_slices})")
     out.print(f"dataset: {target}   (next: saf-gen evaluate {target})")
     if result.without_diffraction:
         out.print("rendered without diffraction: only the variants llvm and cuda have it")
@@ -69,7 +78,9 @@ def _shard(text: str) -> tuple[int, int]:
     return int(index), int(count)
 
 
-def _print_plan(work: "ResolvedRecipe", target: Path) -> None:
+def _print_plan(work: "ResolvedRecipe", target: Path, keep_slices: str) -> None:
+    from saf_gen.generate.job_order import KEEP_SLICES
+
     table = Table(title=f"{work.recipe.name}: {len(work.sequences)} sequences in {target}")
     for column in ("sequence", "split", "frames", "seed", "already there"):
         table.add_column(column)
@@ -78,9 +89,13 @@ def _print_plan(work: "ResolvedRecipe", target: Path) -> None:
         there = "yes" if (target / s.file).exists() else "no"
         table.add_row(s.id, s.split, str(work.recipe.camera.frames), str(s.seed), there)
     out.print(table)
-    missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(target).items()]
+    missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(target, keep_slices).items()]
     out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all are there'}")
-    seconds, needed = work.estimate_seconds(target), work.estimate_bytes(target)
+    seconds, needed = work.estimate_seconds(target, keep_slices), work.estimate_bytes(target, keep_slices)
+    sizes = {choice: work.kept_slice_bytes(choice) for choice in KEEP_SLICES}
+    if sizes["all"]:
+        listed = ", ".join(f"{choice} {size / 1e9:.2f} GB" for choice, size in sizes.items())
+        out.print(f"time slices kept in the end: {listed}; chosen: --keep-slices {keep_slices}")
     out.print(f"disk still needed: about {needed / 1e9:.2f} GB; time: about {seconds:.0f} s on two cores with LLVM")
 
 

@@ -60,6 +60,12 @@ def unwritable_error(path: Path, error: OSError) -> BadInput:
     return BadInput(f"{path} cannot be written: {reason}", hint=hint)
 
 
+def undeletable_error(path: Path, error: OSError) -> BadInput:
+    """Return the error for a file, or something in a folder, that cannot be deleted."""
+    reason = os.strerror(error.errno) if error.errno else str(error)
+    return BadInput(f"{path}: nothing can be deleted there: {reason}", hint="change its permissions")
+
+
 def remove_stale_temporaries(folder: Path) -> None:
     """Remove the temporary files below ``folder`` whose process, on this machine, has ended.
 

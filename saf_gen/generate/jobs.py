@@ -1,17 +1,17 @@
-"""The two kinds of work of a dataset, as values that can be sent to another process."""
+"""The kinds of work of a dataset, as values that can be sent to another process."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from saf_gen.core.files import unwritable_error
-from saf_gen.errors import BadInput
+from saf_gen.core.files import undeletable_error, unwritable_error
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.generate.plan import PlannedSequence
 from saf_gen.generate.recorder import Recorder
+from saf_gen.generate.recordings import verified_recording_digest
 from saf_gen.scene.scene_folder import Scene
+from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
-from saf_gen.stream.stream_file import open_stream
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,14 @@ class RenderJob:
 
 @dataclass(frozen=True)
 class RecordResult:
-    """A finished sequence: the digest of its content, and whether an earlier run had already made it."""
+    """A finished sequence: the digest of its content, and whether an earlier run had already made it.
+
+    With ``lacks_slices`` it is not finished: its file is damaged, and the time slices have been deleted meanwhile.
+    """
 
     content_sha256: str
     kept: bool
+    lacks_slices: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,9 +89,11 @@ class RecordJob:
 
     def run(self, report: ReportProgress) -> RecordResult:
         report(self.name, 0.0)
-        digest = _digest_if_whole(self.path, self.fingerprint)
+        digest = verified_recording_digest(self.path, self.fingerprint)
         kept = digest is not None
         if digest is None:
+            if self.time_stack.is_moving and self.time_stack.find_missing(self.stacks):
+                return RecordResult("", kept=False, lacks_slices=True)
             try:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 digest = self.recorder.record(
@@ -104,15 +110,35 @@ class RecordJob:
         return RecordResult(digest, kept)
 
 
-def _digest_if_whole(path: Path, fingerprint: str) -> str | None:
-    """Return the digest of a finished file of this very sequence, or None where none is whole."""
-    if not path.is_file():
-        return None
-    try:
-        with open_stream(path) as stream:
-            if stream.metadata.provenance.get("fingerprint") != fingerprint:
-                return None
-            stream.verify()
-            return stream.content_sha256
-    except BadInput:
-        return None
+@dataclass(frozen=True)
+class DeleteJob:
+    """Deletes time slices once every recording made from them has been read back and is whole; returns the bytes freed.
+
+    ``needed_by`` are path and fingerprint of these recordings: of the whole recipe, not of one shard or split alone.
+    If one of them is missing, damaged or another, nothing is deleted and the result is 0. The notes of slices stay, so
+    that their recordings are known to be made from them; where there are no recordings, notes go too.
+    """
+
+    label: str
+    specs: tuple[StackSpec, ...]
+    stacks: Path
+    needed_by: tuple[tuple[Path, str], ...]
+
+    @property
+    def name(self) -> str:
+        return f"delete time slices of {self.label}"
+
+    @property
+    def takes_all_cores(self) -> bool:
+        return False
+
+    def run(self, report: ReportProgress) -> int:
+        report(self.name, 0.0)
+        freed, stores = 0, [StackStore(self.stacks, spec) for spec in self.specs]
+        if all(verified_recording_digest(path, fingerprint) for path, fingerprint in self.needed_by):
+            try:
+                freed = sum(store.delete_pictures() if self.needed_by else store.delete() for store in stores)
+            except OSError as error:
+                raise undeletable_error(self.stacks, error) from error
+        report(self.name, 1.0)
+        return freed

@@ -15,6 +15,7 @@ from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, located, unknown
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
+from saf_gen.generate.recordings import has_recording
 from saf_gen.lights import light_group_gains
 from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.scene.scene_folder import Scene, find_scene
@@ -47,9 +48,16 @@ class ResolvedSequence:
     frames: int
     recipe_seed: int
 
+    @property
+    def closed_loop_slices(self) -> TimeResolvedStack | None:
+        """The time slices that a closed-loop run needs; None where nothing moves or no slice holds all positions."""
+        if self.time_stack.is_moving and self.time_stack.holds_full_travel:
+            return self.time_stack
+        return self.closed_loop_stack
+
     def stack_label(self, stack: TimeResolvedStack) -> str:
         """Return what progress bars and listings call a stack of this sequence."""
-        is_whole = stack.is_moving and stack == stack.with_full_travel()
+        is_whole = stack.is_moving and stack.holds_full_travel
         return f"{self.planned.label}{', all positions' if is_whole else ''}"
 
     def fingerprint(self, stack_digest: str) -> str:
@@ -106,37 +114,70 @@ class ResolvedRecipe:
             sequences=tuple(map(geometric, self.sequences)),
         )
 
-    def stacks_to_render(self, folder: Path) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
-        """Return the stacks that are not whole in this dataset folder; those of recordings come first."""
-        found = self.sequences_by_stack()
-        for sequence in self.sequences:
-            if sequence.closed_loop_stack is not None:
-                found.setdefault(sequence.closed_loop_stack, []).append(sequence)
-        return {stack: users for stack, users in found.items() if stack.find_missing(folder / "stacks")}
+    def stacks_to_render(
+        self, folder: Path, keep_slices: str = "all"
+    ) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
+        """Return the stacks that are not whole in this dataset folder; those of recordings come first.
 
-    def estimate_bytes(self, folder: Path) -> int:
-        """Return about how many bytes of disk the work still to do takes, rounded up."""
-        pixels = self.sensor.rows * self.sensor.columns
-        missing = self._missing_stacks(folder)
-        rendered = sum(len(s.groups) * s.rendered_count * pixels * (2 if s.window else 4) for s in missing)
+        Time slices that were deleted after all their recordings had been made are not among them, unless the closed
+        loop needs them and ``keep_slices`` is not "none".
+        """
+        stacks = folder / "stacks"
+        found = {
+            stack: users
+            for stack, users in self.sequences_by_stack().items()
+            if stack.find_missing(stacks) and not self._is_recorded(stack, users, folder=folder)
+        }
+        for_closed_loop: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
+        for sequence in self.sequences:
+            slices = sequence.closed_loop_slices
+            if keep_slices != "none" and slices is not None and slices not in found:
+                for_closed_loop.setdefault(slices, []).append(sequence)
+        return found | {stack: users for stack, users in for_closed_loop.items() if stack.find_missing(stacks)}
+
+    def _is_recorded(self, stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
+        """Whether all recordings from time slices whose notes are still there are made; their content is not read."""
+        if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
+            return False
+        digest = stack.digest(folder / "stacks")
+        return all(has_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
+
+    def kept_slice_bytes(self, keep_slices: str) -> int:
+        """Return about how many bytes the time slices of these sequences take that ``keep_slices`` keeps in the end."""
+        kept: set[StackSpec] = set()
+        for sequence in self.sequences:
+            if keep_slices == "all" and sequence.time_stack.is_moving:
+                kept |= set(sequence.time_stack.specs)
+            if keep_slices != "none" and sequence.closed_loop_slices is not None:
+                kept |= set(sequence.closed_loop_slices.specs)
+        return sum(map(_stored_bytes, kept))
+
+    def estimate_bytes(self, folder: Path, keep_slices: str = "all") -> int:
+        """Return about how many bytes of disk the work still to do takes while it is done, rounded up."""
+        rendered = sum(map(_stored_bytes, self._missing_stacks(folder, keep_slices)))
         return rendered + int(self._missing_pixel_frames(folder) * STREAM_BITS_PER_PIXEL_FRAME / 8)
 
-    def estimate_seconds(self, folder: Path) -> float:
+    def estimate_seconds(self, folder: Path, keep_slices: str = "all") -> float:
         """Return roughly how many seconds the work still to do takes on two cores with LLVM."""
         pixels = self.sensor.rows * self.sensor.columns
         rendering = sum(
             len(s.groups) * (LOAD_S + pixels * (s.samples / PATHS_PER_S + s.rendered_count * PLANE_S_PER_PIXEL))
-            for s in self._missing_stacks(folder)
+            for s in self._missing_stacks(folder, keep_slices)
         )
         return rendering + self._missing_pixel_frames(folder) / PIXEL_FRAMES_PER_S
 
-    def _missing_stacks(self, folder: Path) -> set[StackSpec]:
+    def _missing_stacks(self, folder: Path, keep_slices: str) -> set[StackSpec]:
         stacks = folder / "stacks"
-        return {spec for stack in self.stacks_to_render(folder) for spec in stack.find_missing(stacks)}
+        return {spec for stack in self.stacks_to_render(folder, keep_slices) for spec in stack.find_missing(stacks)}
 
     def _missing_pixel_frames(self, folder: Path) -> int:
         missing = sum(not (folder / sequence.planned.file).exists() for sequence in self.sequences)
         return missing * self.sensor.rows * self.sensor.columns * self.recipe.camera.frames
+
+
+def _stored_bytes(spec: StackSpec) -> int:
+    """Return about how many bytes of disk a stack takes, without depth and target."""
+    return len(spec.groups) * spec.rendered_count * spec.rows * spec.columns * (2 if spec.window else 4)
 
 
 def resolve_recipe(

@@ -3,11 +3,9 @@
 import json
 import platform
 import shutil
-from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -18,7 +16,8 @@ from saf_gen.core.cores import defer_interrupts, usable_cores
 from saf_gen.core.files import check_writable, remove_stale_temporaries
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_dataset_card
-from saf_gen.generate.executor import Job, ReportProgress, run_generation_jobs
+from saf_gen.generate.executor import ReportProgress, run_generation_jobs
+from saf_gen.generate.job_order import JobOrder, find_stacks_to_render, validate_keep_slices
 from saf_gen.generate.jobs import RecordJob, RenderJob
 from saf_gen.generate.plan import recipe_fingerprint
 from saf_gen.generate.recorder import Recorder
@@ -37,6 +36,7 @@ class GenerationResult:
     """What one run made: pieces of stacks rendered, sequences recorded and kept, and failures by job name.
 
     ``without_diffraction`` says that the renderer left waves out although the recipe does not ask for that.
+    ``freed_bytes`` is the disk that deleted time slices took.
     """
 
     folder: Path
@@ -46,6 +46,7 @@ class GenerationResult:
     kept: list[str]
     failed: dict[str, SafGenError]
     without_diffraction: bool = False
+    freed_bytes: int = 0
 
     @property
     def exit_code(self) -> int:
@@ -63,6 +64,7 @@ def generate(
     workers: int = 1,
     variant: str = "auto",
     cluster: str | None = None,
+    keep_slices: str = "all",
     report: ReportProgress = lambda name, done: None,
 ) -> GenerationResult:
     """Make a dataset, or what is missing of it.
@@ -77,29 +79,28 @@ def generate(
     workers : sequences recorded at a time.
     variant : the rendering backend: "auto", "cuda", "llvm" or "scalar".
     cluster : address of a Dask scheduler to run on, instead of this machine's cores.
+    keep_slices : the time slices of moving scenes that stay when all that is recorded from them is made and whole:
+        "all"; "closed-loop", those that a closed-loop run needs; or "none", and none are rendered for the closed loop.
     report : is called with the name of a job and the fraction of it that is done, 0...1.
 
     Raises
     ------
-    BadInput : before anything is made: for a backend that cannot run here, and a folder that cannot be used.
+    BadInput : before anything is made: for an unknown backend or choice of slices, for a backend that cannot run here,
+        and for a folder that cannot be used.
     """
     if variant not in BACKENDS:
         raise unknown("variant", variant, allowed=BACKENDS)
+    validate_keep_slices(keep_slices)
     folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
-    stacks = folder / "stacks"
-    to_render = _find_work(resolved, folder)
+    to_render = find_stacks_to_render(resolved, folder, keep_slices=keep_slices)
     backend_name, renders_waves = _choose_backend(variant) if to_render else (variant, True)
     leave_out = not renders_waves and resolved.recipe.render.diffraction is not False
     if leave_out:
         if resolved.recipe.render.diffraction:
-            raise BadInput(
-                f"variant {backend_name} cannot render diffraction, which the recipe asks for",
-                allowed="llvm, cuda",
-                hint="or leave waves out with render: {diffraction: false}",
-            )
+            raise _no_waves_error(backend_name, "the recipe asks for")
         resolved = resolved.without_diffraction()
-        to_render = _find_work(resolved, folder)
-    _check_folder(resolved, folder)
+        to_render = find_stacks_to_render(resolved, folder, keep_slices=keep_slices)
+    _check_folder(resolved, folder, keep_slices=keep_slices)
     if cluster is None and len(resolved.sequences) == len(resolved.plan):
         remove_stale_temporaries(folder)  # a shard or a cluster has neighbours at work in the folder
     recorder = Recorder(
@@ -108,57 +109,34 @@ def generate(
         device_seed=seeds.derive_seed(resolved.recipe.seed, "device"),
         provenance=_provenance(resolved),
     )
-    threads = max(1, usable_cores() // workers)
-    by_stack = resolved.sequences_by_stack()
-
-    def record_jobs(stack: TimeResolvedStack) -> Iterator[RecordJob]:
-        users = by_stack.get(stack, [])
-        digest = stack.digest(stacks) if users else ""
-        for s in users:
-            path, fingerprint = folder / s.planned.file, s.fingerprint(digest)
-            yield RecordJob(recorder, s.planned, stack, stacks, path, fingerprint, threads)
-
-    def follow_up(job: Job, result: Any) -> Iterable[Job]:
-        return record_jobs(job.time_stack) if isinstance(job, RenderJob) else ()
-
-    jobs: list[Job] = []
-    for stack, users in to_render.items():
-        label, scene = users[0].stack_label(stack), users[0].scene
-        jobs.append(RenderJob(label, scene, stack, stacks, backend_name, usable_cores(), stack in by_stack))
-    for stack in by_stack:
-        if stack not in to_render:
-            jobs += record_jobs(stack)
+    order = JobOrder(
+        resolved,
+        folder,
+        to_render=to_render,
+        recorder=recorder,
+        keep_slices=keep_slices,
+        threads=max(1, usable_cores() // workers),
+        choose_backend=lambda: _choose_backend_for(resolved, variant),
+    )
     rendered: list[str] = []
-    recorded: list[str] = []
-    kept: list[str] = []
+    recordings: dict[str, bool] = {}  # by id, whether an earlier run had made it
     failed: dict[str, SafGenError] = {}
+    freed = 0
     for job, result, error in run_generation_jobs(
-        jobs, workers=workers, report=report, follow_up=follow_up, address=cluster
+        order.first_jobs(), workers=workers, report=report, follow_up=order.jobs_after, address=cluster
     ):
         if error is not None:
             failed[job.name] = error
         elif isinstance(job, RenderJob):
             rendered += [f"{job.label} · {piece}" for piece in result]
-        else:
-            (kept if result.kept else recorded).append(job.sequence.id)
+        elif not isinstance(job, RecordJob):
+            freed += result
+        elif not result.lacks_slices:
+            recordings[job.sequence.id] = result.kept
+    recorded, kept = ([name for name, was_there in recordings.items() if was_there == one] for one in (False, True))
     manifest = _write_manifest(resolved, folder)
     _write_previews(resolved, folder)
-    return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out)
-
-
-def _find_work(resolved: ResolvedRecipe, folder: Path) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
-    """Return the stacks that lack a piece, or their grain where they are to be recorded from, with their sequences."""
-    found = resolved.stacks_to_render(folder)
-    for stack, users in resolved.sequences_by_stack().items():
-        if stack not in found and _lacks_grain(stack, users, folder=folder):
-            found[stack] = users
-    return found
-
-
-def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-    """Return whether a stack that is to be recorded from has no grain measured, as after a run that was stopped."""
-    missing = any(not (folder / sequence.planned.file).exists() for sequence in users)
-    return missing and not stack.has_grain(folder / "stacks")
+    return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
 
 def _choose_backend(requested: str) -> tuple[str, bool]:
@@ -168,6 +146,22 @@ def _choose_backend(requested: str) -> tuple[str, bool]:
 
     chosen = backend.choose_render_backend(requested)
     return chosen, backend.can_render_waves(chosen)
+
+
+def _choose_backend_for(resolved: ResolvedRecipe, requested: str) -> str:
+    """Return the backend to render with; raise BadInput where stacks have diffraction that it cannot render."""
+    chosen, renders_waves = _choose_backend(requested)
+    if not renders_waves and resolved.recipe.render.diffraction is not False:
+        raise _no_waves_error(chosen, "deleted time slices had")
+    return chosen
+
+
+def _no_waves_error(backend_name: str, which: str) -> BadInput:
+    return BadInput(
+        f"variant {backend_name} cannot render diffraction, which {which}",
+        allowed="llvm, cuda",
+        hint="or leave waves out with render: {diffraction: false}",
+    )
 
 
 def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
@@ -181,7 +175,7 @@ def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     }
 
 
-def _check_folder(resolved: ResolvedRecipe, folder: Path) -> None:
+def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -> None:
     if (folder / "manifest.json").exists():
         name = read_manifest(folder).name
         if name != resolved.recipe.name:
@@ -191,7 +185,7 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path) -> None:
             )
     check_writable(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    needed, free = resolved.estimate_bytes(folder), shutil.disk_usage(folder).free
+    needed, free = resolved.estimate_bytes(folder, keep_slices), shutil.disk_usage(folder).free
     if needed > free:
         raise BadInput(
             f"the dataset needs about {needed / 1e6:,.0f} MB in {folder}, {free / 1e6:,.0f} MB are free",

@@ -78,14 +78,12 @@ class Capture:
                 hint="run saf-gen generate again",
             )
         whole = time_stack.with_full_travel()
+        if moving and whole == time_stack and whole.count_stored(stacks) < len(specs):
+            raise _lacking_slices_error(provenance.get("recipe", ""), where)
         if moving and whole != time_stack:
             frames = min(frames, slice_frames[max(whole.count_stored(stacks) - 1, 0)])
             if frames < 2 * FRAMES_PER_BYTE:
-                raise BadInput(
-                    "its time slices hold only the positions that the recorded sweep passed",
-                    where=where,
-                    hint="set render: {whole_slices: SECONDS} in the recipe and run saf-gen generate again",
-                )
+                raise _lacking_slices_error(provenance.get("recipe", ""), where)
             plane_source = PlaneSource.from_folder(whole.truncated_to(frames), stacks)
             slices = plane_source.digest
         return cls(plane_source, sensor, gain, scale, seed, device_seed, stream.truth, frames, slices)
@@ -105,3 +103,18 @@ class Capture:
         """Return the camera before its first readout, with the noise of the recording."""
         shape = self.sensor.rows, self.sensor.columns
         return Encoder(self.sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads)
+
+
+def _lacking_slices_error(recipe: str, where: str) -> BadInput:
+    """Return the error for a moving scene without slices of all positions; ``recipe`` is the text of its recipe."""
+    if "whole_slices: " in recipe and "whole_slices: false" not in recipe:
+        return BadInput(
+            "its time slices for the closed loop were not kept",
+            where=where,
+            hint="run saf-gen generate again with --keep-slices closed-loop, or use --track recorded",
+        )
+    return BadInput(
+        "its time slices hold only the positions that the recorded sweep passed",
+        where=where,
+        hint="set render: {whole_slices: SECONDS} in the recipe and run saf-gen generate again",
+    )

@@ -11,6 +11,7 @@ stored as float16: the rounding of at most 0.05 % is far below their noise and h
 import hashlib
 import json
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -184,8 +185,26 @@ class StackStore:
         return [name for name in self.pieces if not self._is_whole(name)]
 
     def has_all_notes(self) -> bool:
-        """Return whether all pieces have a note; the pieces themselves are checked when they are read."""
+        """Return whether all pieces have a note, also where their pictures have been deleted."""
         return all(self._note(name) for name in self.pieces)
+
+    def has_all_pictures(self) -> bool:
+        """Return whether all pieces are there with their notes; what they hold is checked when they are read."""
+        return self.has_all_notes() and all((self.folder / f"{name}.exr").is_file() for name in self.pieces)
+
+    def delete_pictures(self) -> int:
+        """Delete all pictures and keep the notes, which say what they were; return the bytes that this frees.
+
+        The digest stays the same, so a recording still knows that it was made from this stack.
+        """
+        return sum(_delete(self.folder / f"{name}.exr") for name in self.pieces)
+
+    def delete(self) -> int:
+        """Delete the whole stack, notes too; return the bytes that this frees."""
+        freed = self.delete_pictures() + sum(_delete(self.folder / f"{name}.json") for name in self.pieces)
+        with suppress(OSError):  # not empty: something else lies in it
+            self.folder.rmdir()
+        return freed
 
     def digest(self) -> str:
         """Return a SHA-256 over the digests of the pieces, as their notes hold them."""
@@ -263,6 +282,16 @@ class StackStore:
         note = {"format": FORMAT, **facts, "sha256": sha256, "spec": self.spec.as_dict()}
         with write_atomically(self.folder / f"{name}.json") as part:
             part.write_text(json.dumps(note, indent=1))
+
+
+def _delete(path: Path) -> int:
+    """Delete a file and return its size; 0 where there is none."""
+    try:
+        size = path.stat().st_size
+        path.unlink()
+    except FileNotFoundError:
+        return 0
+    return size
 
 
 def _to_half_floats(radiance: np.ndarray) -> tuple[np.ndarray, int]:

@@ -45,6 +45,11 @@ class TimeResolvedStack:
         """Whether the scene moves."""
         return len(self.specs) > 1
 
+    @property
+    def holds_full_travel(self) -> bool:
+        """Whether every stack holds all focus positions, as the closed loop needs."""
+        return all(spec.rendered_count == spec.positions for spec in self.specs)
+
     def with_full_travel(self) -> "TimeResolvedStack":
         """Return the same moments at all focus positions."""
         specs = tuple(replace(spec, window=(0, spec.positions - 1)) for spec in self.specs)
@@ -60,8 +65,8 @@ class TimeResolvedStack:
         return TimeResolvedStack(self.slice_frames[:count], self.specs[:count])
 
     def count_stored(self, root: Path) -> int:
-        """Return how many stacks are stored under ``root`` before the first missing one, according to their notes."""
-        return sum(1 for _ in takewhile(lambda spec: StackStore(root, spec).has_all_notes(), self.specs))
+        """Return how many stacks are stored under ``root`` before the first missing one; none of them is read."""
+        return sum(1 for _ in takewhile(lambda spec: StackStore(root, spec).has_all_pictures(), self.specs))
 
     def has_grain(self, root: Path) -> bool:
         """Return whether the grain of the stacks under ``root``, or of some of many, has been measured."""
@@ -70,6 +75,10 @@ class TimeResolvedStack:
     def find_missing(self, root: Path) -> list[StackSpec]:
         """Return the stacks that are not whole under ``root``."""
         return [spec for spec in self.specs if StackStore(root, spec).missing_pieces()]
+
+    def has_all_notes(self, root: Path) -> bool:
+        """Return whether the notes of all stacks are there, also where their pictures have been deleted."""
+        return all(StackStore(root, spec).has_all_notes() for spec in self.specs)
 
     def digest(self, root: Path) -> str:
         """Return a SHA-256 over the stacks as they are stored under ``root``."""

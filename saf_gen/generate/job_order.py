@@ -1,0 +1,164 @@
+"""The jobs of one run of ``generate``: which may start at once, and which follow when one has ended."""
+
+from collections import defaultdict
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from saf_gen.core.cores import usable_cores
+from saf_gen.errors import unknown
+from saf_gen.generate.executor import Job
+from saf_gen.generate.jobs import DeleteJob, RecordJob, RenderJob
+from saf_gen.generate.recorder import Recorder
+from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
+from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.stack.time_resolved import TimeResolvedStack
+
+KEEP_SLICES = ("all", "closed-loop", "none")
+"""Which time slices stay: all; those that a closed-loop run needs; none, and none are rendered for the closed loop."""
+
+
+def validate_keep_slices(keep_slices: str) -> str:
+    """Return the choice; raise BadInput where there is no such."""
+    if keep_slices not in KEEP_SLICES:
+        raise unknown("choice of time slices to keep:", keep_slices, allowed=KEEP_SLICES)
+    return keep_slices
+
+
+def find_stacks_to_render(
+    resolved: ResolvedRecipe, folder: Path, *, keep_slices: str
+) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
+    """Return the stacks that lack a piece, or their grain where they are to be recorded from, with their sequences."""
+    found = resolved.stacks_to_render(folder, keep_slices)
+    for stack, users in resolved.sequences_by_stack().items():
+        if stack not in found and _lacks_grain(stack, users, folder=folder):
+            found[stack] = users
+    return found
+
+
+def _lacks_grain(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
+    """Return whether a stack that is to be recorded from has no grain measured, as after a run that was stopped."""
+    missing = any(not (folder / sequence.planned.file).exists() for sequence in users)
+    return missing and not stack.has_grain(folder / "stacks")
+
+
+class JobOrder:
+    """The order of the jobs that a dataset folder still needs.
+
+    Stacks that are missing are rendered, and what is recorded from each follows. A recording whose time slices were
+    deleted is read first: only if its file is damaged are they rendered again. Slices that ``keep_slices`` does not
+    keep are deleted when the last recording that needs them, of the whole recipe, is made.
+
+    ``to_render`` is what :func:`find_stacks_to_render` found. ``choose_backend`` returns the backend to render with;
+    it is called once, where something must be rendered.
+    """
+
+    def __init__(
+        self,
+        resolved: ResolvedRecipe,
+        folder: Path,
+        *,
+        to_render: dict[TimeResolvedStack, list[ResolvedSequence]],
+        recorder: Recorder,
+        keep_slices: str,
+        threads: int,
+        choose_backend: Callable[[], str],
+    ) -> None:
+        self._resolved, self._folder, self._stacks = resolved, folder, folder / "stacks"
+        self._recorder, self._threads, self._choose_backend = recorder, threads, choose_backend
+        self._keep_slices = keep_slices
+        self._by_stack = resolved.sequences_by_stack()
+        self._to_render = to_render
+        self._finished: set[str] = set()
+        self._rendered_again: set[TimeResolvedStack] = set()
+
+    def first_jobs(self) -> list[Job]:
+        """Return the jobs that wait for no other."""
+        jobs: list[Job] = [self._render_job(stack, users[0]) for stack, users in self._to_render.items()]
+        for stack in self._by_stack:
+            if stack not in self._to_render:
+                jobs += self._record_jobs(stack)
+        return [*jobs, *self._jobs_that_delete_unrecorded()]
+
+    def jobs_after(self, job: Job, result: Any) -> list[Job]:
+        """Return the jobs that may start now that one has succeeded."""
+        if isinstance(job, RenderJob):
+            return self._record_jobs(job.time_stack)
+        if not isinstance(job, RecordJob):
+            return []
+        if result.lacks_slices:
+            if job.time_stack in self._rendered_again:
+                return []
+            self._rendered_again.add(job.time_stack)
+            return [self._render_job(job.time_stack, self._by_stack[job.time_stack][0])]
+        self._finished.add(job.sequence.id)
+        return self._jobs_that_delete(job.sequence.id)
+
+    @cached_property
+    def _backend(self) -> str:
+        return self._choose_backend()
+
+    def _render_job(self, stack: TimeResolvedStack, user: ResolvedSequence) -> Job:
+        label = user.stack_label(stack)
+        measure_grain = stack in self._by_stack
+        return RenderJob(label, user.scene, stack, self._stacks, self._backend, usable_cores(), measure_grain)
+
+    def _record_jobs(self, stack: TimeResolvedStack) -> list[Job]:
+        users = self._by_stack.get(stack, [])
+        self._finished -= {s.planned.id for s in users}
+        digest = stack.digest(self._stacks) if users else ""
+        return [
+            RecordJob(
+                self._recorder,
+                s.planned,
+                stack,
+                self._stacks,
+                self._folder / s.planned.file,
+                s.fingerprint(digest),
+                self._threads,
+            )
+            for s in users
+        ]
+
+    @cached_property
+    def _deletable(self) -> dict[frozenset[str], list[StackSpec]]:
+        """The slices that are not to be kept, by the ids of all sequences of the recipe that are recorded from them."""
+        if self._keep_slices == "all":
+            return {}
+        users: defaultdict[StackSpec, set[str]] = defaultdict(set)
+        kept: set[StackSpec] = set()
+        for sequence in self._resolved.plan:
+            of_recording = sequence.time_stack.specs if sequence.time_stack.is_moving else ()
+            for spec in of_recording:
+                users[spec].add(sequence.planned.id)
+            for spec in sequence.closed_loop_slices.specs if sequence.closed_loop_slices else ():
+                users[spec] |= set()
+                if self._keep_slices == "closed-loop":
+                    kept.add(spec)
+        groups: defaultdict[frozenset[str], list[StackSpec]] = defaultdict(list)
+        for spec in users:
+            if spec not in kept:
+                groups[frozenset(users[spec])].append(spec)
+        return groups
+
+    def _jobs_that_delete(self, just_finished: str) -> list[Job]:
+        """Return the deletion of every group of slices whose recordings in this run are all made by now."""
+        ours = {s.planned.id for s in self._resolved.sequences}
+        return [
+            self._delete_job(users, specs)
+            for users, specs in self._deletable.items()
+            if just_finished in users and users & ours <= self._finished
+        ]
+
+    def _jobs_that_delete_unrecorded(self) -> list[Job]:
+        """Return the deletion of slices that only a closed-loop run would need, left by an earlier run."""
+        specs = [spec for spec in self._deletable.get(frozenset(), []) if (self._stacks / spec.key).exists()]
+        return [self._delete_job(frozenset(), specs)] if specs else []
+
+    def _delete_job(self, users: frozenset[str], specs: list[StackSpec]) -> Job:
+        needed_by = [s for s in self._resolved.plan if s.planned.id in users]
+        label = needed_by[0].planned.label if needed_by else "the closed loop"
+        digests = {stack: stack.digest(self._stacks) for stack in {s.time_stack for s in needed_by}}
+        files = tuple((self._folder / s.planned.file, s.fingerprint(digests[s.time_stack])) for s in needed_by)
+        return DeleteJob(label, tuple(specs), self._stacks, files)

@@ -1,0 +1,297 @@
+"""Time slices are deleted when nothing needs them any more, and never before; what was recorded from them is kept."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import capture_dataset
+import pytest
+from capture_dataset import VARIANT
+from refusals import assert_says, refusal
+
+import saf_gen
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.stack import focal_stack
+from saf_gen.stack.capture import Capture
+from saf_gen.stream.inspection import verify_dataset
+from saf_gen.stream.manifest import read_manifest
+
+pytestmark = pytest.mark.slow
+
+RECIPE = capture_dataset.RECIPE.replace("whole_slices: true", "whole_slices: 0.02")
+"""Half of the 40 ms have slices of all positions beside the others."""
+MOVING = ["plane-dynamic-constant-00", "plane-dynamic-lamp_only-00"]
+CHOICES = ["all", "closed-loop", "none"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The dataset with all of its slices; tests get copies of it."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as patch:
+        yield capture_dataset.make_dataset(folder, patch, RECIPE)
+
+
+@pytest.fixture
+def work(made, tmp_path, monkeypatch):
+    monkeypatch.setenv("SAF_GEN_SCENES", str(made.parent / "scenes"))
+    (tmp_path / "takes.yaml").write_text(RECIPE)
+    return resolve_recipe(tmp_path / "takes.yaml")
+
+
+@pytest.fixture
+def copy(made, tmp_path):
+    shutil.copytree(made, tmp_path / "takes")
+    return tmp_path / "takes"
+
+
+def digests(folder):
+    return {e.id: e.content_sha256 for e in read_manifest(folder).sequences}
+
+
+def pictures(folder, stack):
+    """Those files of a time-resolved stack that hold pictures, and that are there."""
+    return [path for spec in stack.specs for path in (folder / "stacks" / spec.key).glob("*.exr")]
+
+
+def slices(work):
+    """The time slices of the moving plane's recordings, and of its closed loop."""
+    moving = next(s for s in work.plan if s.planned.scene_motion == "dynamic")
+    return moving.time_stack, moving.closed_loop_slices
+
+
+def run_again(work, folder, choice):
+    """What another run renders and records, with everything kept."""
+    again = generate(work, folder, variant=VARIANT, keep_slices=choice)
+    assert again.failed == {}
+    return again
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+def test_each_choice_keeps_what_it_says_and_the_recordings(work, made, copy, choice):
+    """11 slices of some positions and 6 of all, each depth and two lights; the scene at rest keeps its stack."""
+    recorded_from, for_closed_loop = slices(work)
+    still = next(s.time_stack for s in work.plan if s.planned.scene_motion == "static")
+    before = {path: path.stat().st_size for path in copy.glob("stacks/*/*")}
+    result = run_again(work, copy, choice)
+    assert (result.rendered, result.recorded) == ([], [])
+    assert len(result.kept) == 4
+    here = [len(pictures(copy, stack)) for stack in (still, recorded_from, for_closed_loop)]
+    assert here == {"all": [3, 33, 18], "closed-loop": [3, 0, 18], "none": [3, 0, 0]}[choice]
+    assert result.freed_bytes == sum(size for path, size in before.items() if not path.exists())
+    assert digests(copy) == digests(made)
+    assert verify_dataset(copy) == (4, {})
+    once_more = run_again(work, copy, choice)
+    assert (once_more.rendered, once_more.recorded, once_more.freed_bytes) == ([], [], 0)
+
+
+@pytest.mark.parametrize("choice", ["closed-loop", "none"])
+def test_a_dataset_made_with_a_choice_has_the_recordings_of_any_other(work, made, tmp_path, choice):
+    result = run_again(work, tmp_path / "fresh", choice)
+    assert digests(tmp_path / "fresh") == digests(made)
+    assert result.freed_bytes > 0
+    recorded_from, for_closed_loop = slices(work)
+    assert pictures(tmp_path / "fresh", recorded_from) == []
+    assert len(pictures(tmp_path / "fresh", for_closed_loop)) == {"closed-loop": 18, "none": 0}[choice]
+    assert any("all positions" in piece for piece in result.rendered) == (choice == "closed-loop")
+
+
+def test_the_sizes_are_those_of_the_planes(work, tmp_path):
+    """Half floats of 40 × 64 pixels and two lights."""
+    plane = 2 * 40 * 64 * 2
+    recorded_from, for_closed_loop = slices(work)
+    some = plane * sum(spec.rendered_count for spec in recorded_from.specs)
+    whole = plane * 9 * 6
+    assert {spec.rendered_count for spec in for_closed_loop.specs} == {9}
+    assert [work.kept_slice_bytes(choice) for choice in CHOICES] == [some + whole, whole, 0]
+    expected = [work.estimate_bytes(tmp_path / "new", choice) for choice in CHOICES]
+    assert [expected[0] - one for one in expected] == [0, 0, whole]
+
+
+def test_a_dry_run_says_what_each_choice_keeps(work, tmp_path, call):
+    sizes = ", ".join(f"{choice} {work.kept_slice_bytes(choice) / 1e9:.2f} GB" for choice in CHOICES)
+    recipe, folder = tmp_path / "takes.yaml", tmp_path / "dry"
+    code, shown, _ = call("generate", recipe, "--out", folder, "--dry-run", "--keep-slices", "none")
+    assert code == 0
+    shown = " ".join(shown.split())
+    assert f"time slices kept in the end: {sizes}; chosen: --keep-slices none" in shown
+    assert "all positions" not in shown
+    assert not folder.exists()
+
+
+def test_an_unknown_choice_is_refused_before_anything_is_made(work, tmp_path, call):
+    assert_says(refusal(generate, work, tmp_path / "ds", keep_slices="closed_loop"), "'closed_loop' | 'closed-loop'")
+    assert not (tmp_path / "ds").exists()
+    code, _, shown = call("generate", tmp_path / "takes.yaml", "--keep-slices", "some")
+    assert code == 2
+    assert "allowed: all, closed-loop, none" in " ".join(shown.split())
+
+
+def test_the_closed_loop_runs_as_before_without_the_slices_of_recordings(work, made, copy):
+    run_again(work, copy, "closed-loop")
+    for name in MOVING:
+        with saf_gen.open_stream(copy / "test" / f"{name}.h5") as stream:
+            here, there = (Capture.from_stream(stream, folder / "stacks") for folder in (copy, made))
+        assert (here.frames, here.slices) == (there.frames, there.slices)
+        assert here.plane_source.digest == there.plane_source.digest
+        assert (here.plane_source.load_planes(3, 2, 4) == there.plane_source.load_planes(3, 2, 4)).all()
+
+
+@pytest.mark.parametrize("whole", ["true", "0.02"])
+def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(made, tmp_path, monkeypatch, whole):
+    """And the same command with another choice does it: the recordings stay."""
+    monkeypatch.setenv("SAF_GEN_SCENES", str(made.parent / "scenes"))
+    path, folder = tmp_path / "takes.yaml", tmp_path / "takes"
+    path.write_text(RECIPE.replace("whole_slices: 0.02", f"whole_slices: {whole}"))
+    run_again(resolve_recipe(path), folder, "none")
+    with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
+        error = refusal(Capture.from_stream, stream, folder / "stacks")
+    assert_says(error, "were not kept | generate again with --keep-slices closed-loop, or use --track recorded")
+    again = run_again(resolve_recipe(path), folder, "closed-loop")
+    assert {piece.split(" · ")[0] for piece in again.rendered} == {"plane, dynamic, all positions"}
+    assert len(again.kept) + len(again.recorded) == 4
+    with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
+        assert Capture.from_stream(stream, folder / "stacks").frames == {"true": 800, "0.02": 400}[whole]
+
+
+def test_a_shard_deletes_nothing_that_another_needs(work, made, tmp_path):
+    """Of the two moving recordings each shard makes one; the second to end deletes."""
+    folder, recorded_from = tmp_path / "shards", slices(work)[0]
+    shards = [resolve_recipe(tmp_path / "takes.yaml", part=(i, 2)) for i in (1, 2)]
+    assert [sum(s.planned.scene_motion == "dynamic" for s in shard.sequences) for shard in shards] == [1, 1]
+    assert run_again(shards[0], folder, "closed-loop").freed_bytes == 0
+    assert len(pictures(folder, recorded_from)) == 33
+    second = run_again(shards[1], folder, "closed-loop")
+    assert second.rendered == []
+    assert second.freed_bytes > 0
+    assert pictures(folder, recorded_from) == []
+    assert digests(folder) == digests(made)
+    assert run_again(work, folder, "closed-loop").rendered == []
+
+
+def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(made, tmp_path, monkeypatch):
+    """The lens goes all the way, or stops short of its end: the first slices serve both."""
+    monkeypatch.setenv("SAF_GEN_SCENES", str(made.parent / "scenes"))
+    table = tmp_path / "short.csv"
+    table.write_text("time_s,position\n0,0\n0.03,0.75\n0.04,0.75\n")
+    ways = "motion: {choice: [{kind: sweep}, {kind: from_csv, file: short.csv}]}"
+    text = RECIPE.replace("positions: 9}", f"positions: 9, {ways}}}")
+    path = tmp_path / "takes.yaml"
+    path.write_text(text.replace("scene_motion: [static, dynamic]", "repeats: 4, scene_motion: [dynamic]"))
+    work = resolve_recipe(path)
+    stacks = {s.planned.motion["kind"]: s.time_stack for s in work.plan}
+    shared = set(stacks["sweep"].specs) & set(stacks["from_csv"].specs)
+    assert 4 < len(shared) < 11
+    one = replace(work, sequences=tuple(s for s in work.plan if s.planned.motion["kind"] == "sweep"))
+    other = replace(work, sequences=tuple(s for s in work.plan if s.planned.motion["kind"] == "from_csv"))
+    folder = tmp_path / "two"
+    assert run_again(one, folder, "none").freed_bytes > 0
+    left = {path.parent.name for path in pictures(folder, stacks["sweep"])}
+    assert left == {spec.key for spec in shared}
+    rest = run_again(other, folder, "none")
+    assert len(rest.rendered) == 3 * (11 - len(shared))
+    assert list(folder.glob("stacks/*/*.exr")) == []
+    assert verify_dataset(folder) == (len(work.plan), {})
+
+
+def test_a_damaged_recording_has_its_slices_rendered_again(work, copy):
+    """They are deleted again after it; the other recordings are read, and kept if the slices are the same bits."""
+    before = digests(copy)
+    run_again(work, copy, "closed-loop")
+    damaged = copy / "test" / f"{MOVING[0]}.h5"
+    content = bytearray(damaged.read_bytes())
+    with saf_gen.open_stream(damaged) as stream:
+        fingerprint = stream.metadata.provenance["fingerprint"]
+    middle = len(content) * 3 // 4
+    content[middle : middle + 64] = bytes(64)
+    damaged.write_bytes(content)
+    again = run_again(work, copy, "closed-loop")
+    assert len(again.rendered) == 33
+    assert MOVING[0] in again.recorded
+    assert sorted(again.recorded + again.kept) == sorted(before)
+    assert pictures(copy, slices(work)[0]) == []
+    assert verify_dataset(copy) == (4, {})
+    with saf_gen.open_stream(damaged) as stream:
+        if stream.metadata.provenance["fingerprint"] == fingerprint:
+            assert digests(copy) == before
+
+
+def test_more_repeats_have_the_slices_rendered_again(work, copy, tmp_path):
+    run_again(work, copy, "closed-loop")
+    (tmp_path / "takes.yaml").write_text(RECIPE.replace("scene_motion:", "repeats: 2, scene_motion:"))
+    more = resolve_recipe(tmp_path / "takes.yaml")
+    again = run_again(more, copy, "closed-loop")
+    assert len(again.rendered) == 33
+    assert {"plane-dynamic-constant-01", "plane-dynamic-lamp_only-01"} <= set(again.recorded)
+    assert pictures(copy, slices(more)[0]) == []
+    assert verify_dataset(copy) == (8, {})
+
+
+def test_a_recording_that_cannot_be_made_leaves_the_slices(work, copy, monkeypatch):
+    (copy / "test" / f"{MOVING[1]}.h5").unlink()
+
+    def failing(self, sequence, *args, **kwargs):
+        raise OSError(28, "no space")
+
+    monkeypatch.setattr("saf_gen.generate.recorder.Recorder.record", failing)
+    again = generate(work, copy, variant=VARIANT, keep_slices="none")
+    assert list(again.failed) == [f"record {MOVING[1]}"]
+    recorded_from, for_closed_loop = slices(work)
+    assert len(pictures(copy, recorded_from)) == 33
+    assert pictures(copy, for_closed_loop) == []  # no recording needs them
+
+
+def test_a_run_that_ends_amid_deleting_goes_on_there(work, made, copy, monkeypatch):
+    delete, calls = focal_stack._delete, []
+
+    def interrupted(path):
+        calls.append(path)
+        if len(calls) > 10:
+            raise KeyboardInterrupt
+        return delete(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(focal_stack, "_delete", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            generate(work, copy, variant=VARIANT, keep_slices="closed-loop")
+    recorded_from = slices(work)[0]
+    assert 0 < len(pictures(copy, recorded_from)) < 33
+    again = run_again(work, copy, "closed-loop")
+    assert (again.rendered, again.recorded) == ([], [])
+    assert pictures(copy, recorded_from) == []
+    assert digests(copy) == digests(made)
+
+
+KILLED = {
+    "after the first slice": ["stacks/*/lamp.exr"],
+    "after the first recording": ["test/*dynamic*.h5"],
+    "after the last recording": [f"test/{name}.h5" for name in MOVING],
+}
+
+
+@pytest.mark.parametrize("files", KILLED.values(), ids=KILLED)
+def test_a_killed_run_goes_on_and_renders_nothing_twice(work, made, tmp_path, files):
+    """SIGKILL to the whole process group when these files are there, then the same command."""
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "saf_gen", "generate", str(tmp_path / "takes.yaml"), "--out", str(folder)]
+    command += ["--variant", VARIANT, "--keep-slices", "closed-loop"]
+    run = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while not all(list(folder.glob(name)) for name in files) and run.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.001)
+    os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+    recordings = {path: path.read_bytes() for path in folder.glob("test/*.h5")}
+    there = {path.relative_to(folder) for path in folder.glob("stacks/*/*.json")}
+    again = run_again(work, folder, "closed-loop")
+    assert digests(folder) == digests(made)
+    assert len(again.rendered) <= 3 + 33 + 18 - len(there)
+    for path, content in recordings.items():
+        assert path.read_bytes() == content
+    assert pictures(folder, slices(work)[0]) == []
+    assert len(pictures(folder, slices(work)[1])) == 18
