@@ -39,7 +39,7 @@ def generate(
     work = resolve_recipe(recipe, part=_shard(shard), split=split)
     target = folder or Path("datasets") / work.recipe.name
     if dry_run:
-        _print_plan(work, target, keep_slices)
+        _print_plan(work, target, keep_slices=keep_slices)
         return
     with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
@@ -78,7 +78,7 @@ def _shard(text: str) -> tuple[int, int]:
     return int(index), int(count)
 
 
-def _print_plan(work: "ResolvedRecipe", target: Path, keep_slices: str) -> None:
+def _print_plan(work: "ResolvedRecipe", target: Path, *, keep_slices: str) -> None:
     from saf_gen.generate.job_order import KEEP_SLICES
 
     table = Table(title=f"{work.recipe.name}: {len(work.sequences)} sequences in {target}")
