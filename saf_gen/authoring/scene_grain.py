@@ -6,10 +6,11 @@ that place needs. All lights are at gain 1, as the card has them; the region is 
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from saf_gen.camera import Sensor
 from saf_gen.core.region import Region, target_bounding_box
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
@@ -36,6 +37,18 @@ def list_grain_places(true_focus: float) -> dict[str, float]:
     """Return the positions (0 to 1) at which grain is measured, by name."""
     away = true_focus + QUARTER if true_focus < 0.5 else true_focus - QUARTER
     return {BEST_FOCUS: true_focus, AWAY: away, "position 0": 0.0, "position 1": 1.0}
+
+
+def crop_sensor_to_target(sensor: Sensor, target: np.ndarray) -> Sensor:
+    """Return the sensor without the border that a target, bool (row, col), leaves free on both sides alike.
+
+    The optical axis stays in its middle, so that each pixel that is left sees what it saw.
+    """
+    rows, columns = target_bounding_box(target)
+    kept = []
+    for span, size in ((rows, sensor.rows), (columns, sensor.columns)):
+        kept.append(size - 2 * min(span.start, size - span.stop))
+    return replace(sensor, rows=kept[0], columns=kept[1])
 
 
 def measure_still_grain(

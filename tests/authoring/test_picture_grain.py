@@ -2,7 +2,9 @@
 
 import math
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from capture_dataset import write_moving_plane
 from written_scenes import VARIANT, needs_llvm, write_scene
@@ -10,8 +12,9 @@ from written_scenes import VARIANT, needs_llvm, write_scene
 from saf_gen.authoring import scene_grain
 from saf_gen.authoring.checks import SceneUnderTest, check_scene_grain
 from saf_gen.authoring.checks.picture_grain import _compare_with_goals
-from saf_gen.authoring.scene_grain import AWAY, BEST_FOCUS, PlaceGrain, list_grain_places
+from saf_gen.authoring.scene_grain import AWAY, BEST_FOCUS, PlaceGrain, crop_sensor_to_target, list_grain_places
 from saf_gen.camera import get_sensor
+from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.grain import ENERGIES, Grain, GrainFigure
 
@@ -25,6 +28,30 @@ def planted(rms, contrast, *, known=True):
 @pytest.mark.parametrize(("truth", "away"), [(0.3, 0.55), (0.5, 0.25), (0.9, 0.65)])
 def test_a_quarter_away_lies_on_the_longer_side(truth, away):
     assert list_grain_places(truth)[AWAY] == pytest.approx(away)
+
+
+@pytest.mark.parametrize("shape", [(250, 400), (41, 64)], ids=str)
+def test_a_cropped_sensor_sees_the_same_target_round_the_same_axis(shape):
+    sensor = get_sensor("vidar_400x250", rows=shape[0], columns=shape[1])
+    target = np.zeros(shape, bool)
+    target[9:30, 20:55] = True
+    cropped = crop_sensor_to_target(sensor, target)
+    top, left = (shape[0] - cropped.rows) / 2, (shape[1] - cropped.columns) / 2
+    assert (top, left) == (9, 20 if shape[1] == 400 else 9)
+    assert target[int(top) : shape[0] - int(top), int(left) : shape[1] - int(left)].sum() == target.sum()
+
+
+@needs_llvm
+def test_a_pixel_of_a_cropped_sensor_sees_what_it_saw(tmp_path, monkeypatch, small_sensor):
+    write_moving_plane(tmp_path, monkeypatch)
+    sensor = get_sensor(str(small_sensor))
+    cropped = replace(sensor, rows=sensor.rows - 12, columns=sensor.columns - 20)
+    whole, part = (
+        SceneRenderer(find_scene("plane"), grid, backend_name=VARIANT).trace_depth_and_target()
+        for grid in (sensor, cropped)
+    )
+    assert np.array_equal(part.target, whole.target[6:-6, 10:-10])
+    assert part.depth == pytest.approx(whole.depth[6:-6, 10:-10], rel=1e-6)
 
 
 @pytest.mark.parametrize(

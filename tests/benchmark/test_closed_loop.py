@@ -51,6 +51,17 @@ def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
     )  # fmt: skip
 
 
+def test_records_state_the_grain_of_the_pictures_at_rest(dataset):
+    """Of a moving scene the closed loop has other slices than the recording, whose grain the file states."""
+    protocol = ClosedLoopProtocol(IDEAL, budget_s=0.02)
+    found = {
+        r.scene_motion: r for r in evaluate_module.evaluate(dataset, methods=["sd+argmax"], protocol=protocol).records
+    }
+    assert 0.005 < found["static"].grain_rms < 0.5
+    assert found["dynamic"].grain_rms is None
+    assert found["static"].grain_of_curve is None
+
+
 class GoTo:
     """A search that sends the lens to a position and says so."""
 
