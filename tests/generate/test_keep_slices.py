@@ -102,8 +102,8 @@ def test_a_dataset_made_with_a_choice_has_the_recordings_of_any_other(work, made
 
 
 def test_the_sizes_are_those_of_the_planes(work, tmp_path):
-    """Half floats of 40 × 64 pixels and two lights."""
-    plane = 2 * 40 * 64 * 2
+    """One and a half bytes, compressed, for each of 40 × 64 pixels and two lights."""
+    plane = 2 * 40 * 64 * 3 // 2
     recorded_from, for_closed_loop = slices(work)
     some = plane * sum(spec.rendered_count for spec in recorded_from.specs)
     whole = plane * 9 * 6

@@ -1,11 +1,15 @@
 """OpenEXR planes come back as they went."""
 
+from contextlib import suppress
+
 import numpy as np
 import OpenEXR
 import pytest
 from refusals import refusal
 
-from saf_gen.stack.exr import read_planes, write_planes
+from saf_gen.errors import BadInput
+from saf_gen.stack import exr_parts
+from saf_gen.stack.exr import read_planes, write_plane_blocks, write_planes
 
 
 def test_planes_and_attributes_come_back_bit_for_bit(tmp_path):
@@ -87,3 +91,83 @@ def test_a_file_that_is_not_ours_is_refused(tmp_path, make, problem):
     assert str(path) in error.problem
     assert problem in error.problem
     assert error.hint.startswith("delete it")
+
+
+def blocks_of(path, count, shape=(37, 13), seed=1):
+    """Planes that differ little from one to the next, written in blocks."""
+    random = np.random.default_rng(seed)
+    planes = {f"focus.{k:04d}": (random.random(shape) + 0.1 * k).astype(np.float16) for k in range(5, 5 + count)}
+    write_plane_blocks(path, planes, attributes={"unit": "m", "exponent": "3"})
+    return planes
+
+
+def same_bits(one, other):
+    return one.dtype == other.dtype and np.array_equal(one.view(np.uint16), other.view(np.uint16))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 8, 9, 17, 24])
+def test_planes_in_blocks_come_back_bit_for_bit(tmp_path, count):
+    """37 lines are two chunks of 16 and one of 5; blocks are full, not full, or one."""
+    planes = blocks_of(tmp_path / "a.exr", count)
+    back, attributes = read_planes(tmp_path / "a.exr")
+    assert list(back) == list(planes)
+    assert all(same_bits(back[name], planes[name]) for name in planes)
+    assert attributes == {"unit": "m", "exponent": "3"}
+
+
+@pytest.mark.parametrize("kind", ["noise", "flat", "odd bits"])
+def test_blocks_keep_every_bit_pattern(tmp_path, kind):
+    """Noise does not get smaller, and its chunks are stored as they are; all 65,536 half floats, NaN and -0 too."""
+    bits = {
+        "noise": np.random.default_rng(3).integers(0, 1 << 16, (9, 32, 64)),
+        "flat": np.full((9, 32, 64), 0x3C00),
+        "odd bits": np.arange(9 * 32 * 256).reshape(9, 32, 256) * 8191,
+    }[kind].astype(np.uint16)
+    planes = {f"p{k}": plane.view(np.float16) for k, plane in enumerate(bits)}
+    write_plane_blocks(tmp_path / "a.exr", planes, attributes={})
+    back, _ = read_planes(tmp_path / "a.exr")
+    assert all(same_bits(back[name], planes[name]) for name in planes)
+    size, raw = (tmp_path / "a.exr").stat().st_size, bits.nbytes
+    assert {"noise": size > raw, "flat": size < raw / 5, "odd bits": True}[kind]
+
+
+def test_blocks_are_what_openexr_reads(tmp_path):
+    planes = blocks_of(tmp_path / "a.exr", 10)
+    parts = OpenEXR.File(str(tmp_path / "a.exr")).parts
+    assert [part.header["planes"].split() for part in parts] == [list(planes)[:8], list(planes)[8:]]
+    for part in parts:
+        picture = part.channels["Y"].pixels
+        for k, name in enumerate(part.header["planes"].split()):
+            assert same_bits(np.ascontiguousarray(picture[:, k::8]), planes[name])
+
+
+def test_a_few_planes_are_read_from_their_blocks_alone(tmp_path, monkeypatch):
+    planes, read = blocks_of(tmp_path / "a.exr", 30), []
+    read_half_picture = exr_parts.read_half_picture
+
+    def counted(path, part):
+        read.append(part.number)
+        return read_half_picture(path, part)
+
+    monkeypatch.setattr(exr_parts, "read_half_picture", counted)
+    back, _ = read_planes(tmp_path / "a.exr", ["focus.0013", "focus.0012", "focus.0014"])
+    assert list(back) == ["focus.0013", "focus.0012", "focus.0014"]
+    assert all(same_bits(back[name], planes[name]) for name in back)
+    assert read == [1, 0]  # each once
+    assert "focus.0040" in refusal(read_planes, tmp_path / "a.exr", ["focus.0040"]).problem
+
+
+def test_damaged_blocks_are_refused(tmp_path):
+    """Cut anywhere, in one line. So is a changed byte, or it gives other numbers, which the stack's digest tells."""
+    blocks_of(tmp_path / "a.exr", 9)
+    content = (tmp_path / "a.exr").read_bytes()
+    random = np.random.default_rng(7)
+    for length in (*range(0, 900, 60), *random.integers(900, len(content) - 1, 20).tolist()):
+        (tmp_path / "b.exr").write_bytes(content[:length])
+        assert refusal(read_planes, tmp_path / "b.exr").hint.startswith("delete it")
+    for place in (*range(0, 1200, 7), *random.integers(1200, len(content), 60).tolist()):
+        changed = bytearray(content)
+        changed[place] ^= 0x55
+        (tmp_path / "b.exr").write_bytes(changed)
+        with suppress(BadInput):  # and no other error
+            read_planes(tmp_path / "b.exr")

@@ -1,0 +1,133 @@
+"""Single parts of an OpenEXR file of many, whose scan lines are compressed: OpenEXR itself reads all parts or none.
+
+The layout is that of *OpenEXR File Layout*, https://openexr.com/en/latest/OpenEXRFileLayout.html: headers, a table of
+offsets for each part, then chunks of 16 lines. ZIP is zlib's deflate of a chunk's bytes, the even ones before the odd
+ones, each as its difference to the one before.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+MAGIC, MULTI_PART = 20000630, 0x1000
+ZIP, LINES_PER_CHUNK = 3, 16
+MOST_HEADER_BYTES = 1 << 20
+MOST_DEFLATED = 1100  # bytes that one byte of deflate can stand for: 1,032 at most
+
+
+@dataclass(frozen=True)
+class PartHeader:
+    """One part of a file.
+
+    number : its place among the parts.
+    texts : its text attributes by name.
+    rows, columns : size of its picture.
+    table : where in the file its table of chunk offsets begins.
+    multi_part : whether its chunks say which part they belong to, as in a file of several.
+    """
+
+    number: int
+    texts: dict[str, str]
+    rows: int
+    columns: int
+    table: int
+    multi_part: bool
+
+    @property
+    def chunks(self) -> int:
+        return -(-self.rows // LINES_PER_CHUNK)
+
+
+def read_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
+    """Return the headers of all parts; none where the first part has no text attribute of the name ``marked``.
+
+    Raises OSError, ValueError or struct.error for what is no whole EXR file, and ValueError where a part with that
+    attribute is not a picture of one half-float channel with ZIP compression.
+    """
+    with path.open("rb") as file:
+        found = _read_attributes(file.read(MOST_HEADER_BYTES))
+    attributes, position, multi_part = found
+    if marked not in _texts(attributes[0]):
+        return []
+    parts = []
+    for number, one in enumerate(attributes):
+        left, top, right, bottom = struct.unpack("<4i", one["dataWindow"][1])
+        channel = one["channels"][1]
+        name_end = channel.index(0)
+        # Of a channel: name, type (1 is HALF), linear, reserved, sampling in x and y; a zero byte ends the list.
+        is_half = struct.unpack_from("<i", channel, name_end + 1)[0] == 1 and len(channel) == name_end + 18
+        if not is_half or one["compression"][1] != bytes([ZIP]):
+            raise ValueError(f"part {number} is not one channel of half floats with ZIP compression")
+        part = PartHeader(number, _texts(one), bottom - top + 1, right - left + 1, position, multi_part)
+        position += 8 * part.chunks
+        parts.append(part)
+    return parts
+
+
+def read_half_picture(path: Path, part: PartHeader) -> np.ndarray:
+    """Return the picture of a part, float16 (row, col).
+
+    Raises OSError, ValueError, struct.error or zlib.error where the file is damaged or truncated.
+    """
+    if 2 * part.rows * part.columns > MOST_DEFLATED * path.stat().st_size:
+        raise ValueError("it is truncated, or its size is wrong")
+    picture = np.empty((part.rows, part.columns), "<f2")
+    with path.open("rb") as file:
+        file.seek(part.table)
+        offsets = struct.unpack(f"<{part.chunks}Q", file.read(8 * part.chunks))
+        for n, offset in enumerate(offsets):
+            lines = picture[n * LINES_PER_CHUNK : (n + 1) * LINES_PER_CHUNK]
+            lines[:] = _read_chunk(file, offset, part=part, values=lines.size).reshape(lines.shape)
+    return picture
+
+
+def _read_chunk(file: BinaryIO, offset: int, *, part: PartHeader, values: int) -> np.ndarray:
+    """Return the values of one chunk, float16 (values,)."""
+    file.seek(offset)
+    if part.multi_part and struct.unpack("<i", file.read(4)) != (part.number,):
+        raise ValueError(f"part {part.number} has a chunk of another")
+    _, size = struct.unpack("<2i", file.read(8))
+    stored = file.read(size)
+    if size == 2 * values:  # what does not get smaller is stored as it is
+        return np.frombuffer(stored, "<f2", values)
+    steps = np.frombuffer(zlib.decompress(stored), np.uint8)
+    if steps.size != 2 * values:
+        raise ValueError(f"part {part.number} has a chunk of {steps.size} bytes, not {2 * values}")
+    steps = steps.copy()
+    steps[1:] -= 128
+    np.add.accumulate(steps, out=steps)
+    in_order = np.empty(2 * values, np.uint8)
+    in_order[0::2], in_order[1::2] = steps[:values], steps[values:]
+    return in_order.view("<f2")
+
+
+def _read_attributes(head: bytes) -> tuple[list[dict[str, tuple[str, bytes]]], int, bool]:
+    """Return type and value of the attributes of each part, where the headers end, and whether there may be many."""
+    magic, version = struct.unpack_from("<2I", head)
+    if magic != MAGIC:
+        raise ValueError("it does not begin as one")
+    multi_part = bool(version & MULTI_PART)
+    parts: list[dict[str, tuple[str, bytes]]] = []
+    position = 8
+    while not (multi_part and parts and head[position] == 0):
+        one = {}
+        while head[position] != 0:
+            name_end = head.index(0, position)
+            type_end = head.index(0, name_end + 1)
+            (size,) = struct.unpack_from("<i", head, type_end + 1)
+            begin = type_end + 5
+            one[head[position:name_end].decode()] = head[name_end + 1 : type_end].decode(), head[begin : begin + size]
+            position = begin + size
+        position += 1
+        parts.append(one)
+        if not multi_part:
+            break
+    return parts, position + multi_part, multi_part
+
+
+def _texts(attributes: dict[str, tuple[str, bytes]]) -> dict[str, str]:
+    return {name: value.decode() for name, (kind, value) in attributes.items() if kind == "string"}
