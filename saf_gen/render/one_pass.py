@@ -68,7 +68,9 @@ def render_stack(
         most = 64 * _brightest(trace_paths(setup, focus, samples=1, seed=seeds.derive_seed(seed, "trial")))
     # A pixel's sum stays below 2**VALUE_BITS for four times the requested samples, or for twice those that
     # come together where a very long travel makes the image smallest.
-    scale = 2.0**VALUE_BITS / (max(4.0, 2 * _densest(setup, focus)) * samples * most)
+    # Paths that waves bend are spread as by chance: of 8 or fewer, more than 32 come together once in 10¹⁰ pixels.
+    together = max(4.0 * samples, 2 * _densest(setup, focus) * samples, 32.0)
+    scale = 2.0**VALUE_BITS / (together * most)
     accumulator = choose_accumulator(on_device)
     shape = (focus.size, setup.grid.rows, setup.grid.columns)
     bands = accumulator.split_into_bands(shape)
