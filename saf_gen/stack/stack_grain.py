@@ -4,8 +4,8 @@ A stack is rendered a second time with fewer samples (:mod:`saf_gen.render.secon
 quadratic in the picture, and a picture is the sum of its light groups times their gains g. So for each position two
 symmetric matrices N and S over the light groups hold an energy for all gains: gᵀ·N·g and gᵀ·S·g.
 
-``grain.json`` in the folder of a stack is information about it, not part of it: no digest of the stack counts it, and
-it is read only for the stack that it names by digest.
+``stack.grain.json`` in the folder of a stack is information about it, not part of it: no digest of the stack counts it,
+and it is read only for the stack that it names by digest.
 """
 
 import json
@@ -22,7 +22,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.grain import ENERGIES, filter_responses
 
-FILE, FORMAT = "grain.json", "saf-gen grain 1"
+FILE, FORMAT = "stack.grain.json", "saf-gen grain 1"  # a light group may be called grain, and none has a dot
 DIGITS = 7
 
 

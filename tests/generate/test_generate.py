@@ -97,7 +97,7 @@ def test_a_recording_without_grain_is_read_all_the_same(made):
 def test_grain_that_is_missing_is_measured_and_moves_no_spike(made, work):
     """As after a run that was stopped between a stack and its grain: nothing is rendered but the second time."""
     before = digests(made.folder)
-    (note,) = made.folder.rglob("grain.json")
+    (note,) = made.folder.rglob("stack.grain.json")
     note.unlink()
     again = generate(work, made.folder, variant=VARIANT)
     assert not note.exists(), "every recording is there: nobody needs it"

@@ -287,7 +287,7 @@ def test_a_killed_run_goes_on_and_renders_nothing_twice(work, made, tmp_path, fi
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
     recordings = {path: path.read_bytes() for path in folder.glob("test/*.h5")}
-    there = [path for path in folder.glob("stacks/*/*.json") if path.stem != "grain"]
+    there = [path for path in folder.glob("stacks/*/*.json") if path.stem != "stack.grain"]
     again = run_again(work, folder, "closed-loop")
     assert digests(folder) == digests(made)
     assert len(again.rendered) <= 3 + 33 + 18 - len(there)

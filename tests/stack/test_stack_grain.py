@@ -103,6 +103,11 @@ def test_what_cannot_be_compared_is_refused(renders):
 STORED = replace(SPEC, rows=ROWS, columns=COLUMNS)
 
 
+def test_no_light_group_can_have_the_name_of_the_file():
+    """Groups are of lower-case letters, digits, - and _; the notes of a piece are GROUP.json."""
+    assert "." in FILE.removesuffix(".json")
+
+
 @pytest.fixture
 def stored(tmp_path, renders, grain):
     """A stack on disk with its grain; gives the root."""
