@@ -1,7 +1,6 @@
 """Depth and the target's pixels, from which the true focus follows; traced without light."""
 
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import drjit as dr
@@ -11,6 +10,8 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.render.render_setup import RenderSetup, SensorGrid, make_camera_dict, make_film_dict
 
+BESIDE_PX = 1 / 256  # how far from a pixel's centre a second and a third ray go, either way
+BESIDE_DIRECTION = 0.554  # rad: along no line that a mesh has by design
 APERTURE_RAYS = 64  # per side, across the aperture, that look for a surface the lens would run into
 
 
@@ -29,7 +30,7 @@ class DepthAndTarget:
 def trace_depth_and_target(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, allow_unseen_target: bool = False
 ) -> DepthAndTarget:
-    """Trace depth and the target mask with one ray through each pixel's centre.
+    """Trace depth and the target mask through each pixel's centre.
 
     The scale of the image may change over the travel, so the mask is traced where the target is in focus. Its distance
     is first learnt at the middle of the travel, or at an end where the middle does not show it. With
@@ -41,12 +42,12 @@ def trace_depth_and_target(
     """
     drive = setup.drive
     _check_lens_travel(setup)
-    middle = trace_at(setup, target_shapes, position=0.5)
-    ends = (trace_at(setup, target_shapes, position=end) for end in (0.0, 1.0))  # lazy: rarely needed
-    sight = next((seen for seen in chain((middle,), ends) if seen.target.any()), None)
+    # Lazy: the ends are rarely needed. These only tell where to look.
+    glances = ((end, trace_at(setup, target_shapes, position=end, rays=1)) for end in (0.5, 0.0, 1.0))
+    place, sight = next(((end, seen) for end, seen in glances if seen.target.any()), (0.5, None))
     if sight is None:
         if allow_unseen_target:
-            return middle
+            return trace_at(setup, target_shapes, position=0.5)
         raise _out_of_sight_error(setup, target_shapes)
     depths = sight.depth[sight.target]
     best = drive.true_focus(depths)
@@ -58,10 +59,10 @@ def trace_depth_and_target(
             hint="move the target, or give the lens a longer travel",
         )
     focused = trace_at(setup, target_shapes, position=min(max(best, 0.0), 1.0))
-    if focused.target.any() or (allow_unseen_target and sight is middle):
+    if focused.target.any() or (allow_unseen_target and place == 0.5):
         return focused
     if allow_unseen_target:
-        return middle
+        return trace_at(setup, target_shapes, position=0.5)
     raise BadInput(
         f"the target ({', '.join(target_shapes)}) is out of the frame where it is in focus, at {best:.3f} of "
         "the travel: the scale of the image changes over it",
@@ -81,14 +82,38 @@ def _out_of_sight_error(setup: RenderSetup, target_shapes: tuple[str, ...]) -> B
     )
 
 
-def trace_at(setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float) -> DepthAndTarget:
-    """Return what the camera sees through each pixel\'s centre at one focus position."""
-    sensor = {"type": "perspective", **make_camera_dict(setup, position)}
+def trace_at(setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, rays: int = 3) -> DepthAndTarget:
+    """Return what the camera sees through each pixel's centre at one focus position.
+
+    The edge that two triangles share is not watertight: a ray that meets it exactly may slip through, and where a seam
+    lies on pixel centres, as in a box turned by 45°, some do. So each pixel has three rays on a short line, and what
+    lies at the middle depth of the three is seen. On a surface that is the ray in the middle, whatever its slope; at
+    an outline it is what the ray in the middle and one of the others see. With ``rays`` 1 there is only that in the
+    middle.
+    """
     forward = float(setup.drive.shift(position))
-    axial, shape = _first_surfaces(setup, sensor, forward_m=forward)
+    sights = [
+        _first_surfaces(setup, _aimed_beside_centres(setup, position, beside_px=beside_px), forward_m=forward)
+        for beside_px in (0.0, -BESIDE_PX, BESIDE_PX)[:rays]
+    ]
+    axials, shapes = (np.stack(planes) for planes in zip(*sights, strict=True))
+    middle = np.argsort(axials, axis=0, kind="stable")[rays // 2 : rays // 2 + 1]
+    middle[np.take_along_axis(axials, middle, axis=0) == axials[:1]] = 0
+    axial, shape = (np.take_along_axis(planes, middle, axis=0)[0] for planes in (axials, shapes))
     depth = (axial + forward).astype(np.float32)
     wanted = [_shape_index(s, i) for i, s in enumerate(setup.mitsuba_scene.shapes()) if s.id() in target_shapes]
     return DepthAndTarget(depth, np.isin(shape, wanted))
+
+
+def _aimed_beside_centres(setup: RenderSetup, position: float, *, beside_px: float) -> dict[str, Any]:
+    """Return a pinhole camera whose rays go so many pixels beside the centres of the pixels."""
+    across, down = beside_px * np.cos(BESIDE_DIRECTION), beside_px * np.sin(BESIDE_DIRECTION)
+    return {
+        "type": "perspective",
+        **make_camera_dict(setup, position),
+        "principal_point_offset_x": float(across) / setup.grid.columns,
+        "principal_point_offset_y": float(down) / setup.grid.rows,
+    }
 
 
 def _check_lens_travel(setup: RenderSetup) -> None:

@@ -72,11 +72,6 @@ def load_lit_mitsuba_scene(
     The other emitters are left out rather than dimmed, so that no sample is spent on a dark lamp. Their
     shapes stay and still cast shadows.
 
-    Meshes are watertight: Embree, which intersects rays on llvm and scalar, tests triangles in its robust mode. Its
-    faster default lets some rays slip through the edge that two triangles share: 3 to 25 in a million random ones, and
-    far more of those through pixel centres where a seam lies on them (Woop, Benthin and Wald, *Watertight ray/triangle
-    intersection*, JCGT 2(1), 2013).
-
     Raises BadInput for a scene that Mitsuba cannot load.
     """
     lit = {name: entry if name in emitters else _without_light(entry) for name, entry in described.items()}
@@ -85,8 +80,7 @@ def load_lit_mitsuba_scene(
     try:
         # Loaded by one thread: several would number the shapes in the order in which they finish. A kernel's
         # code holds these numbers, so every load would compile its kernels anew.
-        described_scene = {"type": "scene", "embree_use_robust_intersections": True, **lit}
-        loaded = mi.load_dict(described_scene, parallel=False, optimize=False)
+        loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise BadInput(f"Mitsuba cannot load the scene: {error}") from error
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})

@@ -120,6 +120,8 @@ def _read_attributes(head: bytes) -> tuple[list[dict[str, tuple[str, bytes]]], i
             type_end = head.index(0, name_end + 1)
             (size,) = struct.unpack_from("<i", head, type_end + 1)
             begin = type_end + 5
+            if size < 0:  # it would be read for ever
+                raise ValueError("it has an attribute of negative size")
             one[head[position:name_end].decode()] = head[name_end + 1 : type_end].decode(), head[begin : begin + size]
             position = begin + size
         position += 1

@@ -95,9 +95,9 @@ def test_a_target_in_sight_over_the_whole_travel_is_traced_twice(patch, passing,
     """At the middle of the travel and where it is in focus: the mask is that of the second."""
     setup, positions, trace_at = patch(MACRO, 0.5, 0.3, 0.5), [], depth_and_target.trace_at
 
-    def counted(setup, shapes, *, position):
+    def counted(setup, shapes, *, position, **rays):
         positions.append(position)
-        return trace_at(setup, shapes, position=position)
+        return trace_at(setup, shapes, position=position, **rays)
 
     monkeypatch.setattr(depth_and_target, "trace_at", counted)
     seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
