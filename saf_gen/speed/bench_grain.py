@@ -21,7 +21,12 @@ from saf_gen.stack.focal_stack import StackSpec
 
 MAX_SLICE_S = {"fan": 1.9, "crossroad": 2.9, "cardiac_muscle": 0.7}
 TIMED_SLICES = 3
-ENERGY_NAMES = {"contrast": "C²", "brenner": "Brenner", "tenengrad": "Tenengrad"}
+ENERGY_NAMES = {
+    "contrast": "C²",
+    "brenner": "Brenner",
+    "tenengrad": "Tenengrad",
+    "variance_of_laplacian": "the variance of the Laplacian",
+}
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
@@ -106,9 +111,10 @@ def _place_figures(
     for place, grain in found.items():
         for region, figure, goal in (("", grain.box.rms, max_rms), (" on the target alone", grain.target.rms, None)):
             yield _percent(f"{label}, {place}: rms over mean{region}", figure, goal=goal)
-        for energy, figure in grain.box.noise_over_signal.items():
+        for energy, name in ENERGY_NAMES.items():
             goal = max_contrast.get(place) if energy == "contrast" else None
-            yield _percent(f"{label}, {place}: noise over signal in {ENERGY_NAMES[energy]}", figure, goal=goal)
+            figure = grain.box.noise_over_signal[energy]
+            yield _percent(f"{label}, {place}: noise over signal in {name}", figure, goal=goal)
 
 
 def _percent(what: str, figure: Any, *, goal: float | None = None) -> BenchFigure:

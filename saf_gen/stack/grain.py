@@ -7,8 +7,9 @@ measure takes, since each is a mean of squares of linear filters L:
     noise energy = mean L(first − second)² / (1 + ratio)          signal energy = mean L(first)·L(second)
 
 where ``ratio`` is that of the samples of the first render to those of the second; noise is that of the first, and its
-variance goes as one over the samples. Three energies are taken: ``contrast``, the variance, which over the squared mean
-is the measure ``sd``; ``brenner``; ``tenengrad``.
+variance goes as one over the samples. The energies are those of focus measures of the same names: ``brenner``,
+``tenengrad``, ``squared_gradient``, ``energy_of_laplacian``, ``variance_of_laplacian``; and ``contrast``, the measure
+``variance``, which over the squared mean is ``sd``.
 
 **Intervals** hold at 95 %. The region is cut into square blocks, and grain is taken to be independent between blocks,
 not within them. The noise energy scatters as its blocks do round their mean; blocks of uneven noise thus widen the
@@ -39,10 +40,15 @@ BLOCK, MIN_BLOCKS = 8, 16
 
 _DIFFERENCE, _SMOOTH = np.array([[-1.0, 0.0, 1.0]]), np.array([[1.0], [2.0], [1.0]])
 _FILTERS: Mapping[str, tuple[np.ndarray, ...]] = {
-    "contrast": (),  # the deviation from the mean, which is no filter of a few pixels
+    "contrast": (np.ones((1, 1)),),
     "brenner": (_DIFFERENCE,),
     "tenengrad": (_SMOOTH * _DIFFERENCE, (_SMOOTH * _DIFFERENCE).T),
+    "squared_gradient": (np.array([[-1.0, 1.0]]),),
+    "energy_of_laplacian": (np.array([[-1.0, -4.0, -1.0], [-4.0, 20.0, -4.0], [-1.0, -4.0, -1.0]]),),
+    "variance_of_laplacian": (np.array([[0.0, -1.0, 0.0], [-1.0, 4.0, -1.0], [0.0, -1.0, 0.0]]) / 6,),
 }
+_ROUND_THEIR_MEAN = ("contrast", "variance_of_laplacian")
+"""Energies that are variances: the mean of the responses is taken off."""
 ENERGIES = tuple(_FILTERS)
 
 
@@ -117,7 +123,7 @@ def estimate_grain(
 def mean_energy(first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.ndarray | None = None) -> float:
     """Return the mean product of two pictures (row, col) behind the filters of an energy, one of ENERGIES.
 
-    Of a picture and itself it is the focus measure: ``variance``, ``brenner``, ``tenengrad``. Of two renders with
+    Of a picture and itself it is the focus measure of that name, ``variance`` for ``contrast``. Of two renders with
     independent noise it is that of the picture without noise. Raises BadInput as :func:`estimate_grain` does.
     """
     first, second, mask = _checked(first, second, mask=mask)
@@ -211,8 +217,6 @@ def filter_responses(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Ite
 
     An image smaller than the filter yields nothing.
     """
-    if not _FILTERS[energy]:
-        yield image - image[mask].mean(), mask
     for kernel in _FILTERS[energy]:
         rows, columns = (size - part + 1 for size, part in zip(image.shape, kernel.shape, strict=True))
         if min(rows, columns) < 1:
@@ -222,6 +226,8 @@ def filter_responses(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Ite
             valid &= mask[i : i + rows, j : j + columns]
             if factor:
                 response += factor * image[i : i + rows, j : j + columns]
+        if energy in _ROUND_THEIR_MEAN and valid.any():
+            response -= response[valid].mean()
         yield response, valid
 
 

@@ -20,7 +20,7 @@ class GrainMoment:
 
     position : of the rendered plane nearest to the lens, 0 to 1.
     rms : root mean square of the noise over the mean.
-    noise, signal : energies over the squared mean, by name (``contrast``, ``brenner``, ``tenengrad``); what a focus
+    noise, signal : energies over the squared mean, by name, those of :data:`saf_gen.stack.grain.ENERGIES`: what a focus
         measure of that name, divided by the squared brightness, gets from the noise and from the picture without it.
     """
 

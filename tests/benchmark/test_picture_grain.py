@@ -48,7 +48,7 @@ def evaluated(path, *methods, **options):
         ("brenner_n_tfi", 0.03 / 0.3),
         ("tenengrad", 0.5 / 8),
         ("er_count", None),
-        ("squared_gradient", None),
+        ("squared_gradient", None),  # the file says nothing of it
     ],
 )
 def test_grain_is_compared_with_the_curve_of_the_measure(stream, measure, expected):

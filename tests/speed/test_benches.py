@@ -77,6 +77,7 @@ PROMISED = {
         "plane, slice, a quarter away: noise over signal in C²": 5.0,
         "plane, slice, position 0: noise over signal in Brenner": None,
         "plane, slice, position 0: noise over signal in Tenengrad": None,
+        "plane, slice, position 0: noise over signal in the variance of the Laplacian": None,
         "correlation of grain with the next slice": None,
         "correlation of grain with the slice 8 on": None,
         "loaded, rendered at two positions and stored": None,

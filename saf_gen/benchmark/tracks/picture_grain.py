@@ -11,13 +11,13 @@ import numpy as np
 
 from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS
 from saf_gen.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
+from saf_gen.stack.grain import ENERGIES
 from saf_gen.stream.recorded_grain import read_recorded_grain
 from saf_gen.stream.stream_file import SpikeStream
 
 ENERGY_OF_MEASURE: Mapping[str, str] = {
     **dict.fromkeys(("sd", "sd_code", "sd_debiased", "sd_calibrated", "variance", "normalised_variance"), "contrast"),
-    "brenner": "brenner",
-    "tenengrad": "tenengrad",
+    **{name: name for name in ENERGIES if name != "contrast"},
 }
 
 

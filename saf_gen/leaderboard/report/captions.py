@@ -36,7 +36,7 @@ FIGURE_CAPTIONS = {
 GRAIN_CAPTION = (
     "Noise that the renderer left in the pictures: its root mean square over the mean in the box round the target, at"
     " best focus, and its largest energy over the range of each measure's focus curve. Above a tenth it may move the"
-    " peak of the curve. Only measures of which recordings state it are here; Laplacians take more of it than these."
+    " peak of the curve. Only measures whose energy recordings state are here."
 )
 MEASURES_CAPTION = (
     "Quality of the focus curve of each measure, whatever searches it: medians over the sequences. The"
