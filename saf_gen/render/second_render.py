@@ -20,6 +20,7 @@ from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.stack_grain import measure_stack_grain, read_stack_grain, write_stack_grain
 
 STILL_PART, SLICE_PART = 8, 2  # samples of a stack over those of its second render
+POSITIONS = 33  # of a stack
 EVENLY, ONE_IN = 6, 12  # time slices: at most so many, and at most one in so many
 
 
@@ -55,11 +56,13 @@ def measure_missing_grain(
         )
         for spec, second in zip(todo, again, strict=True):
             store = StackStore(root, spec)
+            depth, target = store.load_geometry()
             grain = measure_stack_grain(
                 store.load_planes(0, spec.rendered_count),
                 StackStore(Path(folder), second).load_planes(0, spec.rendered_count),
-                target=store.load_geometry()[1],
+                target=target,
                 samples=(spec.samples, second.samples),
+                indices=_choose_positions(spec, spec.drive.true_focus(depth[target])),
             )
             write_stack_grain(root, spec, grain=grain)
 
@@ -77,6 +80,12 @@ def list_grain_stacks(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]
     chosen = {round(n) for n in np.linspace(0, len(seen) - 1, count + 2)[1:-1]}
     chosen.add(min(range(len(seen)), key=lambda n: seen[n][1]))
     return [seen[n][0] for n in sorted(chosen)]
+
+
+def _choose_positions(spec: StackSpec, true_focus: float) -> np.ndarray:
+    """Return which rendered positions to measure: evenly spaced ones, and the one nearest to the true focus."""
+    evenly = np.linspace(0, spec.rendered_count - 1, min(spec.rendered_count, POSITIONS)).round().astype(np.int64)
+    return np.union1d(evenly, np.abs(spec.focus - true_focus).argmin())
 
 
 def _fewer(samples: int, part: int) -> int:

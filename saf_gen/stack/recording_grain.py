@@ -52,6 +52,7 @@ def _moment(
     plane_source: PlaneSource, frame: int, *, j: int, grain: StackGrain, position: float, gain: np.ndarray
 ) -> GrainMoment:
     spec = plane_source.time_stack.specs[j]
-    index = int(np.abs(spec.focus - position).argmin())
+    measured = spec.focus[grain.indices]
+    index = int(np.abs(measured - position).argmin())
     rms, noise, signal = grain.mix(index, gain)
-    return GrainMoment(frame, float(spec.focus[index]), rms, noise, signal)
+    return GrainMoment(frame, float(measured[index]), rms, noise, signal)

@@ -31,21 +31,24 @@ class StackGrain:
     """The grain of a stack in the box round its target, for any gains of its lights.
 
     samples : samples per pixel of the stack, and of the second render.
+    indices : which of the rendered positions were measured, int64 (focus,), rising.
     mean : float64 (focus, light), the mean radiance of the box.
     square : float64 (focus, light, light), the mean square of the noise.
     noise, signal : by name of the energy, float64 (focus, light, light).
     """
 
     samples: tuple[int, int]
+    indices: np.ndarray
     mean: np.ndarray
     square: np.ndarray
     noise: Mapping[str, np.ndarray]
     signal: Mapping[str, np.ndarray]
 
     def mix(self, index: int, gain: np.ndarray) -> tuple[float, dict[str, float], dict[str, float]]:
-        """Return rms over mean, and noise and signal energies over the squared mean, at a rendered position.
+        """Return rms over mean, and noise and signal energies over the squared mean, at a position that was measured.
 
-        ``gain`` (light,) are the gains of the light groups. All figures are NaN where the mix is black.
+        ``index`` counts those, as ``indices`` does; ``gain`` (light,) are the gains of the light groups. All figures are
+        NaN where the mix is black.
         """
         gain = np.asarray(gain, np.float64)
         mean = float(gain @ self.mean[index])
@@ -60,7 +63,12 @@ class StackGrain:
 
 
 def measure_stack_grain(
-    first: np.ndarray, second: np.ndarray, *, target: np.ndarray, samples: tuple[int, int]
+    first: np.ndarray,
+    second: np.ndarray,
+    *,
+    target: np.ndarray,
+    samples: tuple[int, int],
+    indices: np.ndarray | None = None,
 ) -> StackGrain:
     """Measure the grain of a stack from a second render with independent noise.
 
@@ -72,6 +80,7 @@ def measure_stack_grain(
     first, second : (light, focus, row, col), radiance.
     target : bool (row, col); the figures are those of its bounding box.
     samples : samples per pixel of ``first`` and of ``second``.
+    indices : the positions to measure, rising; all by default.
 
     Raises
     ------
@@ -82,22 +91,23 @@ def measure_stack_grain(
             f"the renders have the shapes {first.shape} and {second.shape}", allowed="(light, focus, row, col), twice"
         )
     rows, columns = target_bounding_box(target)
-    lights, positions = first.shape[:2]
+    indices = np.arange(first.shape[1]) if indices is None else np.asarray(indices)
+    lights, positions = first.shape[0], indices.size
     mean, square = np.empty((positions, lights)), np.empty((positions, lights, lights))
     noise, signal = ({name: np.empty((positions, lights, lights)) for name in ENERGIES} for _ in "ab")
     ratio = samples[0] / samples[1]
-    for k in range(positions):
-        one, other = (stack[:, k, rows, columns].astype(np.float64) for stack in (first, second))
+    counts = {name: _count_places((rows.stop - rows.start, columns.stop - columns.start), name) for name in ENERGIES}
+    for k, index in enumerate(indices):
+        one, other = (stack[:, index, rows, columns].astype(np.float64) for stack in (first, second))
         mean[k] = one.mean(axis=(1, 2))  # the second is noisier
         difference = (one - other).reshape(lights, -1)
         square[k] = difference @ difference.T / difference.shape[1] / (1 + ratio)
         for name in ENERGIES:
             a, b = _responses(one, name), _responses(other, name)
-            count = _count_places(one.shape[1:], name)
-            noise[name][k] = (a - b) @ (a - b).T / (1 + ratio) / count
-            product = a @ b.T / count
+            noise[name][k] = (a - b) @ (a - b).T / (1 + ratio) / counts[name]
+            product = a @ b.T / counts[name]
             signal[name][k] = (product + product.T) / 2
-    return StackGrain(samples, mean, square, noise, signal)
+    return StackGrain(samples, indices, mean, square, noise, signal)
 
 
 def _responses(images: np.ndarray, energy: str) -> np.ndarray:
@@ -107,7 +117,7 @@ def _responses(images: np.ndarray, energy: str) -> np.ndarray:
     return np.array([np.concatenate(one) if one else np.full(1, np.nan) for one in found])
 
 
-def _count_places(shape: tuple[int, ...], energy: str) -> int:
+def _count_places(shape: tuple[int, int], energy: str) -> int:
     """Return at how many places of an image the filters of an energy count, at least 1."""
     whole = np.ones(shape)
     return max((int(valid.sum()) for _, valid in filter_responses(whole, energy, mask=whole > 0)), default=1)
@@ -120,7 +130,7 @@ def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None
         "stack_digest": StackStore(root, spec).digest(),
         "samples": list(grain.samples),
         "light_groups": list(spec.groups),
-        "first_index": spec.first_index,
+        "indices": grain.indices.tolist(),
         "mean": _rounded(grain.mean),
         "square": _rounded(grain.square),
         "noise": {name: _rounded(array) for name, array in grain.noise.items()},
@@ -136,17 +146,19 @@ def read_stack_grain(root: Path, spec: StackSpec) -> StackGrain | None:
         if document["format"] != FORMAT or document["stack_digest"] != StackStore(root, spec).digest():
             return None
         first, second = document["samples"]
+        indices = np.array(document["indices"], np.int64)
         mean, square = (np.array(document[key], np.float64) for key in ("mean", "square"))
         noise, signal = (
             {name: np.array(document[key][name], np.float64) for name in ENERGIES} for key in ("noise", "signal")
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    lights = len(spec.groups)
-    fits = mean.shape == (spec.rendered_count, lights) and square.shape == (spec.rendered_count, lights, lights)
-    if not fits or any(array.shape != square.shape for of in (noise, signal) for array in of.values()):
+    lights, positions = len(spec.groups), indices.size
+    fits = mean.shape == (positions, lights) and square.shape == (positions, lights, lights) and indices.ndim == 1
+    inside = positions > 0 and indices.min() >= 0 and indices.max() < spec.rendered_count
+    if not (fits and inside) or any(array.shape != square.shape for of in (noise, signal) for array in of.values()):
         return None
-    return StackGrain((int(first), int(second)), mean, square, noise, signal)
+    return StackGrain((int(first), int(second)), indices, mean, square, noise, signal)
 
 
 def _rounded(array: np.ndarray) -> list[object]:

@@ -7,7 +7,7 @@ from small_dataset import SPEC
 from written_scenes import SENSOR_GRID, VARIANT, needs_llvm
 
 from saf_gen.render import render_missing_stacks
-from saf_gen.render.second_render import list_grain_stacks, measure_missing_grain
+from saf_gen.render.second_render import _choose_positions, list_grain_stacks, measure_missing_grain
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.grain import estimate_grain
@@ -103,3 +103,12 @@ def test_slices_that_see_no_target_are_left_out(tmp_path):
 def test_a_still_scene_has_its_one_stack(tmp_path):
     (spec,) = store_geometry(tmp_path, [True], [0.5], [None])
     assert list_grain_stacks([spec], tmp_path) == [spec]
+
+
+def test_a_long_stack_is_measured_at_some_positions_and_in_focus():
+    spec = StackSpec(**{**vars(SPEC), "positions": 513})
+    chosen = _choose_positions(spec, 0.2512)
+    assert 33 <= chosen.size <= 34
+    assert {0, 129, 512} <= set(chosen.tolist())
+    assert np.diff(chosen).max() <= 16
+    assert _choose_positions(SPEC, 0.5).tolist() == list(range(9))

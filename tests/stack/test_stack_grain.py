@@ -87,6 +87,12 @@ def test_the_signal_falls_away_from_focus_and_the_noise_does_not(grain):
     assert curve[0] < 0.05 * curve[4]
 
 
+def test_some_positions_are_those_of_all(renders, grain):
+    some = measure_stack_grain(*renders, target=TARGET, samples=SAMPLES, indices=[0, 4, 5])
+    assert some.indices.tolist() == [0, 4, 5]
+    assert some.mix(1, GAINS[1]) == grain.mix(4, GAINS[1])
+
+
 def test_a_dark_mix_has_no_figures(grain):
     rms, of_noise, signal = grain.mix(4, np.zeros(2))
     assert all(math.isnan(x) for x in (rms, *of_noise.values(), *signal.values()))
@@ -139,7 +145,13 @@ def test_grain_of_another_stack_is_not_taken(stored):
 
 
 @pytest.mark.parametrize(
-    "spoil", [lambda text: text[:-200], lambda text: "[]", lambda text: text.replace('"square": [', '"square": [0, ')]
+    "spoil",
+    [
+        lambda text: text[:-200],
+        lambda text: "[]",
+        lambda text: text.replace('"square": [', '"square": [0, '),
+        lambda text: text.replace('"indices": [0', '"indices": [90'),
+    ],
 )
 def test_a_damaged_file_counts_as_missing(stored, spoil):
     path = stored / STORED.key / FILE
@@ -180,6 +192,13 @@ def test_a_still_recording_has_moments_and_its_focus(grain):
     assert found.rms_range[0] <= found.rms_in_focus <= found.rms_range[1]
 
 
+def test_a_moment_has_the_nearest_position_that_was_measured(renders):
+    some = measure_stack_grain(*renders, target=TARGET, samples=SAMPLES, indices=[0, 3, 8])
+    found = grain_along_recording(sweep_source(some), Truth(position=0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    assert found.moments[found.focus].position == 3 / 8
+    assert {moment.position for moment in found.moments} == {0.0, 3 / 8, 1.0}
+
+
 def test_a_lens_that_never_meets_the_truth_has_its_nearest_frame(grain):
     found = grain_along_recording(sweep_source(grain), Truth(position=1.2), position=SWEEP, gain=np.ones((FRAMES, 2)))
     assert found.moments[found.focus].frame == FRAMES - 1
@@ -203,6 +222,7 @@ def cut(grain, first, last):
     part = slice(first, last + 1)
     return replace(
         grain,
+        indices=np.arange(last + 1 - first),
         mean=grain.mean[part],
         square=grain.square[part],
         noise={name: array[part] for name, array in grain.noise.items()},
