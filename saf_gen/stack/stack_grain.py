@@ -47,8 +47,8 @@ class StackGrain:
     def mix(self, index: int, gain: np.ndarray) -> tuple[float, dict[str, float], dict[str, float]]:
         """Return rms over mean, and noise and signal energies over the squared mean, at a position that was measured.
 
-        ``index`` counts those, as ``indices`` does; ``gain`` (light,) are the gains of the light groups. All figures are
-        NaN where the mix is black.
+        ``index`` counts those, as ``indices`` does; ``gain`` (light,) are the gains of the light groups. All figures
+        are NaN where the mix is black.
         """
         gain = np.asarray(gain, np.float64)
         mean = float(gain @ self.mean[index])
