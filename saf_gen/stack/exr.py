@@ -32,20 +32,23 @@ def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Ma
     OpenEXR.File(header, channels).write(str(path))
 
 
-def write_plane_blocks(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str]) -> None:
-    """Write float16 planes (row, col) of one shape, compressed without loss, that can still be read a few at a time.
+def write_plane_blocks(
+    path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str], together: int = BLOCK
+) -> None:
+    """Write planes (row, col) of one shape and type, compressed without loss, that can still be read a few at a time.
 
-    Each part of the file holds a block of up to ``BLOCK`` planes, in the order given, as one picture in which the
-    values of a pixel stand side by side: its columns are pixel · planes + plane. Its attribute ``planes`` names them; a
-    last block that is not full repeats its last plane. ``attributes`` are those of the first part. EXR's ZIP stores
-    differences of neighbours, and neighbours in focus are more alike than neighbours on the sensor: planes of a focal
-    stack take a seventh less than as pictures.
+    They are stored as float16 or else float32. Each part of the file holds a block of up to ``together`` planes, in
+    the order given, as one picture in which the values of a pixel stand side by side: its columns are pixel · planes +
+    plane. Its attribute ``planes`` names them; a last block that is not full repeats its last plane. ``attributes``
+    are those of the first part. EXR's ZIP stores differences of neighbours, and neighbours in focus are more alike
+    than neighbours on the sensor: planes of a focal stack take a seventh less than as pictures.
     """
-    width = min(BLOCK, len(planes))
+    width = min(together, len(planes))
+    stored = np.float16 if all(plane.dtype == np.float16 for plane in planes.values()) else np.float32
     parts = []
     extra: Mapping[str, str] = attributes  # in the first part alone
     for block in _batches(planes, width):
-        pixels = [np.asarray(planes[name], dtype=np.float16) for name in block]
+        pixels = [np.asarray(planes[name], dtype=stored) for name in block]
         pixels += [pixels[-1]] * (width - len(block))
         picture = np.stack(pixels, axis=-1).reshape(pixels[0].shape[0], -1)
         header: dict[str, object] = {
@@ -92,13 +95,13 @@ def _read_blocks(
     path: Path, blocks: list[exr_parts.PartHeader], *, names: Iterable[str] | None
 ) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     places = {name: (part, place) for part in blocks for place, name in enumerate(part.texts["planes"].split())}
+    width = len(blocks[0].texts["planes"].split())  # the first block is full
     pictures: dict[int, np.ndarray] = {}
     planes = {}
     for name in places if names is None else names:
         part, place = places[name]
         if part.number not in pictures:
-            pictures[part.number] = exr_parts.read_half_picture(path, part)
-        width = min(BLOCK, len(places))
+            pictures[part.number] = exr_parts.read_picture(path, part)
         planes[name] = pictures[part.number][:, place::width].copy()
     attributes = {key: text for key, text in blocks[0].texts.items() if key not in ("planes", "name", "type")}
     return planes, attributes

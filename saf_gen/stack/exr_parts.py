@@ -15,6 +15,7 @@ import numpy as np
 
 MAGIC, MULTI_PART = 20000630, 0x1000
 ZIP, LINES_PER_CHUNK = 3, 16
+STORED = {1: "<f2", 2: "<f4"}
 MOST_HEADER_BYTES = 1 << 20
 MOST_DEFLATED = 1100  # bytes that one byte of deflate can stand for: 1,032 at most
 
@@ -25,6 +26,7 @@ class PartHeader:
 
     number : its place among the parts.
     texts : its text attributes by name.
+    dtype : type of its values, little-endian float16 or float32.
     rows, columns : size of its picture.
     table : where in the file its table of chunk offsets begins.
     multi_part : whether its chunks say which part they belong to, as in a file of several.
@@ -32,6 +34,7 @@ class PartHeader:
 
     number: int
     texts: dict[str, str]
+    dtype: np.dtype
     rows: int
     columns: int
     table: int
@@ -46,7 +49,7 @@ def read_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
     """Return the headers of all parts; none where the first part has no text attribute of the name ``marked``.
 
     Raises OSError, ValueError or struct.error for what is no whole EXR file, and ValueError where a part with that
-    attribute is not a picture of one half-float channel with ZIP compression.
+    attribute is not a picture of one channel of floats with ZIP compression.
     """
     with path.open("rb") as file:
         found = _read_attributes(file.read(MOST_HEADER_BYTES))
@@ -58,51 +61,52 @@ def read_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
         left, top, right, bottom = struct.unpack("<4i", one["dataWindow"][1])
         channel = one["channels"][1]
         name_end = channel.index(0)
-        # Of a channel: name, type (1 is HALF), linear, reserved, sampling in x and y; a zero byte ends the list.
-        is_half = struct.unpack_from("<i", channel, name_end + 1)[0] == 1 and len(channel) == name_end + 18
-        if not is_half or one["compression"][1] != bytes([ZIP]):
-            raise ValueError(f"part {number} is not one channel of half floats with ZIP compression")
-        part = PartHeader(number, _texts(one), bottom - top + 1, right - left + 1, position, multi_part)
+        # Of a channel: name, type, linear, reserved, sampling in x and y; a zero byte ends the list.
+        dtype = STORED.get(struct.unpack_from("<i", channel, name_end + 1)[0])
+        if dtype is None or len(channel) != name_end + 18 or one["compression"][1] != bytes([ZIP]):
+            raise ValueError(f"part {number} is not one channel of floats with ZIP compression")
+        size = bottom - top + 1, right - left + 1
+        part = PartHeader(number, _texts(one), np.dtype(dtype), *size, position, multi_part)
         position += 8 * part.chunks
         parts.append(part)
     return parts
 
 
-def read_half_picture(path: Path, part: PartHeader) -> np.ndarray:
-    """Return the picture of a part, float16 (row, col).
+def read_picture(path: Path, part: PartHeader) -> np.ndarray:
+    """Return the picture of a part, (row, col) of its type.
 
     Raises OSError, ValueError, struct.error or zlib.error where the file is damaged or truncated.
     """
-    if 2 * part.rows * part.columns > MOST_DEFLATED * path.stat().st_size:
+    if part.dtype.itemsize * part.rows * part.columns > MOST_DEFLATED * path.stat().st_size:
         raise ValueError("it is truncated, or its size is wrong")
-    picture = np.empty((part.rows, part.columns), "<f2")
+    picture = np.empty((part.rows, part.columns), part.dtype)
     with path.open("rb") as file:
         file.seek(part.table)
         offsets = struct.unpack(f"<{part.chunks}Q", file.read(8 * part.chunks))
         for n, offset in enumerate(offsets):
             lines = picture[n * LINES_PER_CHUNK : (n + 1) * LINES_PER_CHUNK]
-            lines[:] = _read_chunk(file, offset, part=part, values=lines.size).reshape(lines.shape)
+            lines[:] = _read_chunk(file, offset, part=part, size=lines.nbytes).view(part.dtype).reshape(lines.shape)
     return picture
 
 
-def _read_chunk(file: BinaryIO, offset: int, *, part: PartHeader, values: int) -> np.ndarray:
-    """Return the values of one chunk, float16 (values,)."""
+def _read_chunk(file: BinaryIO, offset: int, *, part: PartHeader, size: int) -> np.ndarray:
+    """Return the bytes of one chunk, uint8 (size,)."""
     file.seek(offset)
     if part.multi_part and struct.unpack("<i", file.read(4)) != (part.number,):
         raise ValueError(f"part {part.number} has a chunk of another")
-    _, size = struct.unpack("<2i", file.read(8))
-    stored = file.read(size)
-    if size == 2 * values:  # what does not get smaller is stored as it is
-        return np.frombuffer(stored, "<f2", values)
-    steps = np.frombuffer(zlib.decompress(stored), np.uint8)
-    if steps.size != 2 * values:
-        raise ValueError(f"part {part.number} has a chunk of {steps.size} bytes, not {2 * values}")
+    _, packed_size = struct.unpack("<2i", file.read(8))
+    packed = file.read(packed_size)
+    if packed_size == size:  # what does not get smaller is stored as it is
+        return np.frombuffer(packed, np.uint8, size)
+    steps = np.frombuffer(zlib.decompress(packed), np.uint8)
+    if steps.size != size:
+        raise ValueError(f"part {part.number} has a chunk of {steps.size} bytes, not {size}")
     steps = steps.copy()
     steps[1:] -= 128
     np.add.accumulate(steps, out=steps)
-    in_order = np.empty(2 * values, np.uint8)
-    in_order[0::2], in_order[1::2] = steps[:values], steps[values:]
-    return in_order.view("<f2")
+    in_order = np.empty(size, np.uint8)
+    in_order[0::2], in_order[1::2] = steps[: size // 2], steps[size // 2 :]
+    return in_order
 
 
 def _read_attributes(head: bytes) -> tuple[list[dict[str, tuple[str, bytes]]], int, bool]:

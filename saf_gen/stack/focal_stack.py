@@ -278,8 +278,11 @@ class StackStore:
         with write_atomically(self.folder / f"{name}.exr") as part:
             drive = json.dumps(self.spec.drive.as_dict())
             attributes = {"format": FORMAT, "stack": self.spec.key, "drive": drive, **facts}
-            write = exr.write_planes if name == "geometry" or not self.spec.window else exr.write_plane_blocks
-            write(part, planes, attributes=attributes)
+            if self.spec.window:
+                together = 1 if name == "geometry" else exr.BLOCK
+                exr.write_plane_blocks(part, planes, attributes=attributes, together=together)
+            else:
+                exr.write_planes(part, planes, attributes=attributes)
             sha256 = hashlib.sha256(part.read_bytes()).hexdigest()
         note = {"format": FORMAT, **facts, "sha256": sha256, "spec": self.spec.as_dict()}
         with write_atomically(self.folder / f"{name}.json") as part:

@@ -115,6 +115,19 @@ def test_planes_in_blocks_come_back_bit_for_bit(tmp_path, count):
     assert attributes == {"unit": "m", "exponent": "3"}
 
 
+@pytest.mark.parametrize("together", [1, 2, 8])
+def test_planes_of_four_bytes_come_back_from_blocks_too(tmp_path, together):
+    depth = np.random.default_rng(2).random((37, 13)).astype(np.float32)
+    depth[3, 4] = np.inf
+    planes = {"depth": depth, "target": (depth > 0.5).astype(np.float32), "noise": depth[::-1].copy()}
+    write_plane_blocks(tmp_path / "a.exr", planes, attributes={}, together=together)
+    back, _ = read_planes(tmp_path / "a.exr")
+    assert {name: plane.dtype for name, plane in back.items()} == dict.fromkeys(planes, np.dtype(np.float32))
+    assert all(np.array_equal(back[name], planes[name]) for name in planes)
+    parts = OpenEXR.File(str(tmp_path / "a.exr")).parts
+    assert len(parts) == -(-3 // together)
+
+
 @pytest.mark.parametrize("kind", ["noise", "flat", "odd bits"])
 def test_blocks_keep_every_bit_pattern(tmp_path, kind):
     """Noise does not get smaller, and its chunks are stored as they are; all 65,536 half floats, NaN and -0 too."""
@@ -143,13 +156,13 @@ def test_blocks_are_what_openexr_reads(tmp_path):
 
 def test_a_few_planes_are_read_from_their_blocks_alone(tmp_path, monkeypatch):
     planes, read = blocks_of(tmp_path / "a.exr", 30), []
-    read_half_picture = exr_parts.read_half_picture
+    read_picture = exr_parts.read_picture
 
     def counted(path, part):
         read.append(part.number)
-        return read_half_picture(path, part)
+        return read_picture(path, part)
 
-    monkeypatch.setattr(exr_parts, "read_half_picture", counted)
+    monkeypatch.setattr(exr_parts, "read_picture", counted)
     back, _ = read_planes(tmp_path / "a.exr", ["focus.0013", "focus.0012", "focus.0014"])
     assert list(back) == ["focus.0013", "focus.0012", "focus.0014"]
     assert all(same_bits(back[name], planes[name]) for name in back)
