@@ -19,7 +19,7 @@ from saf_gen.stack.grain import Grain, GrainFigure, correlate_grain, estimate_gr
 
 BEST_FOCUS, AWAY = "best focus", "a quarter away"
 QUARTER = 0.25
-STILL_SAMPLES, SLICE_SAMPLES, POSITIONS = 256, 16, 129  # of the project's recipes
+STILL_SAMPLES, SLICE_SAMPLES, POSITIONS = 64, 16, 129  # of the project's recipes
 MAX_SLICE_RMS, MAX_SLICE_CONTRAST, MAX_STILL_CONTRAST = 0.04, 0.05, 0.01
 """Goals: rms over the mean in time slices, and noise over signal in the squared contrast of slices and of stills."""
 

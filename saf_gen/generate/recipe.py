@@ -87,6 +87,7 @@ class RenderSettings(FrozenModel):
     lens passes at its time. The closed-loop track needs all positions: ``whole_slices`` true renders them for the whole
     recording; a number of seconds renders the slices up to then once more, at all positions. ``diffraction`` says
     whether waves bend the light at the aperture; by default they do wherever the backend can render them.
+    ``estimator`` "plain" takes each light path as it was traced, without bias and with more grain.
     """
 
     samples: int = Field(ge=1, le=65_536)
@@ -95,6 +96,7 @@ class RenderSettings(FrozenModel):
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
     whole_slices: bool | float = False
     diffraction: bool | None = None
+    estimator: Literal["filtered", "plain"] = "filtered"
 
     @field_validator("whole_slices", mode="before")
     @classmethod

@@ -20,7 +20,12 @@ from saf_gen.lights import light_group_gains
 from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
-from saf_gen.stack.time_resolved import TimeResolvedStack, focus_windows_of_stack_slices, frames_of_stack_slices
+from saf_gen.stack.time_resolved import (
+    TimeResolvedStack,
+    focus_windows_of_stack_slices,
+    frames_of_stack_slices,
+    moments_that_tell_shading,
+)
 
 MODEL = 3
 """Raised whenever the same stack, recipe and seed would give other spikes: old files are then made anew."""
@@ -267,6 +272,7 @@ def _resolve_stacks(
             max_depth=recipe.render.max_depth,
             f_number=recipe.camera.exposure.f_number,
             wavelength_m=0.0 if recipe.render.diffraction is False else sensor.wavelength_m,
+            estimator=recipe.render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,
         )
     if sequence.scene_motion == "static":
@@ -275,9 +281,12 @@ def _resolve_stacks(
     position = lens_motion_at_readouts(sequence.motion, frames, readout_hz=hz)
     starts = frames_of_stack_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
     windows = focus_windows_of_stack_slices(position, starts, positions=spec.positions)
+    times = [start / hz for start in starts]
+    filtered = recipe.render.estimator == "filtered"
+    moments = moments_that_tell_shading(times) if filtered else [()] * len(times)
     slices = (
-        replace(spec, samples=recipe.render.samples_per_slice, time_s=start / hz, window=window)
-        for start, window in zip(starts, windows, strict=True)
+        replace(spec, samples=recipe.render.samples_per_slice, time_s=time_s, window=window, moments_s=told)
+        for time_s, window, told in zip(times, windows, moments, strict=True)
     )
     stack = TimeResolvedStack(starts, tuple(slices))
     whole_frames = recipe.render.all_positions_s * hz

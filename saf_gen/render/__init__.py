@@ -1,6 +1,5 @@
 """The renderer: from a scene to the files of its focal stack. The only package that imports Mitsuba."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +7,10 @@ from typing import Any
 
 from saf_gen.core import seeds
 from saf_gen.errors import BadInput
-from saf_gen.render import _import_mitsuba, backend, depth_and_target, mitsuba_scene, posed_shapes
+from saf_gen.render import _import_mitsuba, backend, depth_and_target, estimators, mitsuba_scene, posed_shapes
+from saf_gen.render.moment_shading import MomentShading
 from saf_gen.render.render_setup import RenderSetup
-from saf_gen.render.scene_renderer import stack_renderer
+from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
@@ -36,7 +36,7 @@ def render_missing_stacks(
     backend_name : 'cuda', 'llvm' or 'scalar'. A JIT backend traces every path once for all focus positions;
         scalar renders position by position.
     threads : by default the cores that this process may use.
-    progress : called with the name of a piece (a light group, or 'geometry') and the fraction of it done.
+    progress : called with what is rendered ('light', all groups together, or 'geometry') and the fraction of all done.
 
     Returns
     -------
@@ -59,70 +59,84 @@ def render_missing_stacks(
     backend.activate_render_backend(backend_name, threads=threads)
     described = mitsuba_scene.build_scene_dict(scene)
     motions = mitsuba_scene.mitsuba_shape_motions(scene, described)
-    remaining = Counter(name for _, name in todo)
-    total = dict(remaining)
-    loaded, lit = None, None  # Mitsuba's scene with its integrator; the moment and light group that it shows
-    for spec, name in todo:
+    emitting = mitsuba_scene.mitsuba_emitter_names(described)
+    # Moments of one scene share their camera rays: what noise is left in them does not flicker where nothing moves.
+    base = replace(specs[0], time_s=0.0, window=None, moments_s=())
+    shown = _ShownScene(scene, base, described=described, motions=motions)
+    paths = MomentShading(shown.show, seed=seeds.derive_seed("stack", base.key), emitting=emitting)
+    moments = [(spec, missing) for spec in specs if (missing := StackStore(root, spec).missing_pieces())]
+    for n, (spec, missing) in enumerate(moments):
 
-        def report(fraction: float, name: str = name) -> None:
-            progress(name, 1 - (remaining[name] - fraction) / total[name])
+        def report(name: str, done: float, n: int = n) -> None:
+            progress(name, (n + done) / len(moments))
 
-        report(0.0)
-        # Depth and target need no light of their own: they are traced under the first group's.
-        group = spec.groups[0] if name == "geometry" else name
-        if (spec.time_s, group) != lit:
-            # The scene before is released first. The new one then gets the same indices in Dr.Jit's registry,
-            # which are part of a kernel's code, and finds its kernels in the cache: this saves 0.2 to 0.6 s.
-            loaded = None
-            moment = posed_shapes.pose_shapes(described, motions, time_s=spec.time_s, unit_m=scene.card.unit_m)
-            loaded = mitsuba_scene.load_lit_mitsuba_scene(moment, scene.card.lights[group], max_depth=spec.max_depth)
-            lit = spec.time_s, group
-        _render_piece(
-            scene,
-            loaded,
-            spec=spec,
-            name=name,
-            root=root,
+        store = StackStore(root, spec)
+        if "geometry" in missing:
+            report("geometry", 0.0)
+            seen = depth_and_target.trace_depth_and_target(
+                shown.show(spec.time_s)[spec.groups[0]], scene.card.target, allow_unseen_target=len(specs) > 1
+            )
+            store.write_geometry(seen.depth, seen.target, backend=backend_name)
+        if missing == ["geometry"]:
+            report("geometry", 1.0)
+            continue
+        shading = None
+        if spec.estimator == "filtered" and backend_name != "scalar":
+            shading = paths.estimate(
+                spec.moments_s or (spec.time_s,), samples=spec.samples, progress=lambda done: report("light", done / 2)
+            )
+        begun = 0.5 if shading is not None else 0.0
+
+        def report_light(done: float, begun: float = begun) -> None:
+            report("light", begun + (1 - begun) * done)
+
+        found = estimators.render_light_groups(
+            shown.show(spec.time_s),
             backend_name=backend_name,
-            allow_unseen_target=len(specs) > 1,
-            progress=report,
+            estimator=spec.estimator,
+            positions=spec.positions,
+            samples=spec.samples,
+            window=spec.window,
+            seed=seeds.derive_seed("stack", base.key, "pictures"),
+            emitting=emitting,
+            shading=shading,
+            progress=report_light,
         )
-        remaining[name] -= 1
-        report(0.0)
+        # Light groups are always rendered together, so that a picture is the same whichever of them was missing.
+        for name, (radiance, clipped) in found.items():
+            if name in missing:
+                store.write_group(name, radiance, backend=backend_name, clipped=clipped)
     if len(specs) == 1:
         return [name for _, name in todo]
     return [f"{name} at {spec.time_s:.4f} s" for spec, name in todo]
 
 
-def _render_piece(
-    scene: Scene,
-    loaded: Any,
-    *,
-    spec: StackSpec,
-    name: str,
-    root: Path,
-    backend_name: str,
-    allow_unseen_target: bool,
-    progress: Callable[[float], None],
-) -> None:
-    """Render one piece of one stack and store it; ``loaded`` is the lit scene and its integrator."""
-    store = StackStore(root, spec)
-    lit_scene, integrator = loaded
-    camera = mitsuba_scene.camera_to_world(scene)
-    setup = RenderSetup(lit_scene, integrator, camera, spec.drive, spec, scene.card.unit_m, spec.wavelength_m)
-    if name == "geometry":
-        seen = depth_and_target.trace_depth_and_target(
-            setup, scene.card.target, allow_unseen_target=allow_unseen_target
-        )
-        store.write_geometry(seen.depth, seen.target, backend=backend_name)
-        return
-    radiance, clipped = stack_renderer(backend_name)(
-        setup,
-        positions=spec.positions,
-        window=spec.window,
-        samples=spec.samples,
-        # Moments of one scene share their noise: it does not flicker where nothing moves.
-        seed=seeds.derive_seed("stack", replace(spec, time_s=0.0, window=None).key, name),
-        progress=progress,
-    )
-    store.write_group(name, radiance, backend=backend_name, clipped=clipped)
+class _ShownScene:
+    """A scene loaded at one moment at a time, under each of its light groups."""
+
+    def __init__(
+        self, scene: Scene, spec: StackSpec, *, described: dict[str, Any], motions: dict[str, RigidMotion]
+    ) -> None:
+        self._scene, self._spec, self._described, self._motions = scene, spec, described, motions
+        self._camera = mitsuba_scene.camera_to_world(scene)
+        self._time_s: float | None = None
+        self._setups: dict[str, RenderSetup] = {}
+
+    def show(self, time_s: float) -> dict[str, RenderSetup]:
+        """Return the scene at a time (s) under each light group; what was returned for another time is released."""
+        if time_s == self._time_s:
+            return self._setups
+        # The scenes before are released first. The new ones then get the same indices in Dr.Jit's registry, which are
+        # part of a kernel's code, and find their kernels in the cache: this saves 0.2 to 0.6 s each.
+        self._setups.clear()
+        card, spec = self._scene.card, self._spec
+        moment = posed_shapes.pose_shapes(self._described, self._motions, time_s=time_s, unit_m=card.unit_m)
+        for group in spec.groups:
+            loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
+                moment, card.lights[group], max_depth=spec.max_depth
+            )
+            self._setups[group] = RenderSetup(
+                loaded, integrator, self._camera, spec.drive, spec, card.unit_m, spec.wavelength_m
+            )
+        self._time_s = time_s
+        return self._setups

@@ -49,14 +49,20 @@ class DeviceAccumulator:
         most = dr.opaque(mi.Float64, self.most)
         radiance = mi.Float64(paths.radiance)
         bright = radiance > most
+        if paths.weight is not None:
+            bright &= paths.weight > 0
         # Rounded half up without an addition to the product: only a shift of integers follows it.
         twice = mi.Int64(dr.select(bright, most, radiance) * dr.opaque(mi.Float64, 2 * self.scale))
         word = (((twice + 1) >> 1) << COUNT_BITS) + 1
+        if paths.weight is not None:
+            word *= mi.Int64(paths.weight)
         # As opaque values rather than constants of the kernel, these can change without a new kernel.
         focus, rows, columns, top = (dr.opaque(mi.Int32, n) for n in (self.focus, self.rows, self.columns, self.top))
         begin, stop = mi.Int32(0), focus
         if paths.begin is not None:
             begin, stop = mi.Int32(paths.begin), dr.minimum(paths.end, focus)
+        if paths.weight is not None:
+            stop = dr.select(paths.weight > 0, stop, begin)
         x = paths.first_x + _product(begin, paths.step_x)
         y = paths.first_y + _product(begin, paths.step_y)
         column, right, to_x, pace_x = _axis(x, paths.step_x)

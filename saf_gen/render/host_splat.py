@@ -31,6 +31,7 @@ class TracedPaths(NamedTuple):
     step_x, step_y : float32 (path,), how far it moves from one position to the next, in pixels.
     radiance : float32 (path,).
     begin, end : int32 (path,), each path counts at positions begin <= k < end; None for all positions.
+    weight : uint32 (path,), how many samples each path counts for, 0 for none at all; None for one each.
     """
 
     first_x: Any
@@ -40,6 +41,7 @@ class TracedPaths(NamedTuple):
     radiance: Any
     begin: Any = None
     end: Any = None
+    weight: Any = None
 
     def to_host(self) -> "TracedPaths":
         """Return Dr.Jit's arrays as numpy arrays, without a copy where the device is the host (LLVM)."""
@@ -50,11 +52,13 @@ class HostAccumulator:
     """Sums of all rows of a stack, added to by the cores.
 
     shape : (focus, row, col) of the stack. band : first row and the one after the last, here always all rows.
-    scale, most : as :func:`splat_paths` takes them.
+    scale, most : as :func:`splat_paths` takes them. stacks : how many stacks share the memory for sums.
     """
 
-    def __init__(self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float) -> None:
-        self.sums = allocate_path_accumulators(nb.get_num_threads(), shape)
+    def __init__(
+        self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float, stacks: int = 1
+    ) -> None:
+        self.sums = allocate_path_accumulators(nb.get_num_threads(), shape, stacks=stacks)
         self.scale, self.most = scale, most
 
     @staticmethod
@@ -66,20 +70,22 @@ class HostAccumulator:
         """Add paths (Dr.Jit arrays), and return the number of clipped samples among them."""
         host = paths.to_host()
         line = (host.first_x, host.first_y, host.step_x, host.step_y)
-        return int(splat_paths(self.sums, *line, host.radiance, self.scale, self.most, host.begin, host.end))
+        window = host.begin, host.end, host.weight
+        return int(splat_paths(self.sums, *line, host.radiance, self.scale, self.most, *window))
 
     def mean_radiance(self) -> np.ndarray:
         """Return the mean radiance, float32 (focus, row, col)."""
         return mean_radiance_of_paths(self.sums, self.scale)
 
 
-def allocate_path_accumulators(workers: int, shape: tuple[int, int, int]) -> np.ndarray:
+def allocate_path_accumulators(workers: int, shape: tuple[int, int, int], *, stacks: int = 1) -> np.ndarray:
     """Return empty accumulators, one per worker: int64 (worker, row, col, focus).
 
-    There are fewer than ``workers`` where they would take more than ACCUMULATOR_BYTES, but at least one.
+    There are fewer than ``workers`` where those of ``stacks`` stacks would take more than ACCUMULATOR_BYTES, but at
+    least one.
     """
     focus, rows, columns = shape
-    workers = max(1, min(workers, ACCUMULATOR_BYTES // (8 * focus * rows * columns)))
+    workers = max(1, min(workers, ACCUMULATOR_BYTES // (8 * stacks * focus * rows * columns)))
     return np.zeros((workers, rows, columns, focus), dtype=np.int64)
 
 
@@ -97,15 +103,19 @@ def _axis(first, step):
 
 
 @nb.njit(nogil=True, cache=True)
-def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end):
+def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end, weight):
     rows, columns, focus = sums.shape
     clipped = 0
     for i in range(a, b):
+        if weight is not None and weight[i] == 0:
+            continue
         radiance = value[i]
         if radiance > most:
             radiance = most
             clipped += 1
         word = (np.int64(radiance * scale + 0.5) << COUNT_BITS) + 1
+        if weight is not None:
+            word *= np.int64(weight[i])
         k, stop = 0, focus
         x, y = first_x[i], first_y[i]
         if begin is not None:  # decided when compiled: drives without a window lose no time on it
@@ -137,7 +147,7 @@ def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most
 
 
 @nb.njit(parallel=True, cache=True)
-def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begin=None, end=None):
+def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begin=None, end=None, weight=None):
     """Add paths, the fields of :class:`TracedPaths`, to the accumulators; return the number of clipped samples.
 
     ``sums`` is int64 (worker, row, col, focus), changed in place; ``scale`` is the fixed-point units per unit of
@@ -149,7 +159,7 @@ def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begi
         a = value.size * worker // workers
         b = value.size * (worker + 1) // workers
         clipped[worker] = _splat_some(
-            sums[worker], a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end
+            sums[worker], a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end, weight
         )
     return clipped.sum()
 

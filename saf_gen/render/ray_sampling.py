@@ -12,12 +12,6 @@ import numpy as np
 from saf_gen.optics import Drive
 from saf_gen.stack.focal_stack import PixelGrid
 
-# Kronecker sequence over pixel and lens (4 dimensions): powers of the root of x^5 = x + 1, in 0.32 fixed
-# point. Any number of samples is spread well, where orthogonal arrays need the square of a prime.
-# M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
-GOLDEN = 1.1673039782614187
-STEPS = tuple(round(GOLDEN ** -(j + 1) * 2**32) & 0xFFFFFFFF for j in range(4))
-
 
 @dataclass(frozen=True)
 class RayCoverage:
@@ -56,17 +50,46 @@ def compute_ray_coverage(
     return RayCoverage(guards[0], guards[1], float(lens.max()))
 
 
-def place_ray_samples(pixel: Any, sample: Any, *, seed: int) -> tuple[Any, Any, Any]:
-    """Return each sample's offsets in its pixel (two, in 0...1) and its point on the unit square of the lens.
+def place_ray_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tuple[Any, Any, Any]:
+    """Return each ray's offsets in its pixel (two, in 0...1) and its point on the unit square of the lens.
 
-    Every pixel shifts the same sequence by offsets of its own.
+    The rays of a pixel follow Sobol's sequence in two dimensions over the pixel. Over the lens they follow it too, each
+    ``samples`` of them in another order. So every part of either is met in proportion to its area. Every pixel flips
+    the digits by words of its own, and has its own order.
 
     References
     ----------
-    R. Cranley and T. N. L. Patterson, SIAM J. Numer. Anal. 13, 904 (1976), doi:10.1137/0713071.
+    I. M. Sobol', USSR Comput. Math. Math. Phys. 7(4), 86 (1967), doi:10.1016/0041-5553(67)90144-9.
+    T. Kollig and A. Keller, Comput. Graph. Forum 21, 557 (2002), doi:10.1111/1467-8659.00706, for the flipped digits.
     """
-    across, down, first, second = place_on_kronecker_sequence(pixel, sample, steps=STEPS, seed=seed)
-    return across, down, mi.Point2f(first, second)
+    words: list[Any] = []
+    for j in range(3):
+        word: Any = dr.opaque(mi.UInt32, (seed + j) & 0xFFFFFFFF)
+        words += mi.sample_tea_32(pixel, word, 6)
+    across, down, first, second, order, _ = words
+    in_block = sample % samples
+    other = mi.permute_kensler(in_block, samples, order) + (sample - in_block)
+    return (
+        _fraction(dr.brev(sample) ^ across),
+        _fraction(_second_of_sobol(sample) ^ down),
+        mi.Point2f(_fraction(dr.brev(other) ^ first), _fraction(_second_of_sobol(other) ^ second)),
+    )
+
+
+def _second_of_sobol(index: Any) -> Any:
+    """Return the second dimension of Sobol's sequence in 0.32 fixed point; the first is the reversed ``index``.
+
+    Its matrix is Pascal's triangle modulo 2, five times the Kronecker product of (1 1; 0 1): five steps apply it.
+    (Mitsuba's own functions of this name keep the type of the variant that a process used first.)
+    """
+    for shift, mask in ((16, 0x0000FFFF), (8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+        index = index ^ ((index >> shift) & mask)
+    return dr.brev(index)
+
+
+def _fraction(fixed: Any) -> Any:
+    """Return 0.32 fixed point as float32 below 1, which holds 24 bits."""
+    return mi.Float(fixed >> 8) * 2.0**-24
 
 
 def place_on_kronecker_sequence(pixel: Any, sample: Any, *, steps: Iterable[int], seed: int) -> Iterator[Any]:
@@ -78,4 +101,4 @@ def place_on_kronecker_sequence(pixel: Any, sample: Any, *, steps: Iterable[int]
         word: Any = dr.opaque(mi.UInt32, (seed + j) & 0xFFFFFFFF)
         offset, _ = mi.sample_tea_32(pixel, word, 6)
         fixed = offset + sample * mi.UInt32(step)
-        yield mi.Float(fixed >> 8) * 2.0**-24  # 24 bits: what a float32 holds below 1
+        yield _fraction(fixed)

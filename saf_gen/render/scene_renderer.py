@@ -1,6 +1,6 @@
 """A scene set up to be looked at: a member of its family in front of a lens and a sensor, nothing stored."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -9,20 +9,17 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.core.region import Region
-from saf_gen.render import backend, depth_and_target, irradiance, mitsuba_scene, one_pass, posed_shapes, thin_lens
+from saf_gen.render import backend, depth_and_target, estimators, irradiance, mitsuba_scene, posed_shapes, thin_lens
 from saf_gen.render import texel_footprints as texels
 from saf_gen.render.depth_and_target import DepthAndTarget
+from saf_gen.render.moment_shading import MomentShading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, PixelGrid, StackSpec
+from saf_gen.stack.time_resolved import SHADING_MOMENTS
 
 PINHOLE_F_NUMBER = 64.0  # the smallest stop a card may have: no blur is as wide as a pixel
-
-
-def stack_renderer(backend_name: str) -> Callable[..., tuple[np.ndarray, int]]:
-    """Return the function that renders a focal stack fastest with a backend."""
-    return thin_lens.render_stack if backend_name == "scalar" else one_pass.render_stack
 
 
 class SceneRenderer:
@@ -118,17 +115,26 @@ class SceneRenderer:
             groups=groups,
             window=window,
         )
+        setups = {name: self.prepare(lit, time_s=time_s) for name, lit in groups.items()}
         seed = seeds.derive_seed("studio", replace(spec, time_s=0.0, window=None).key, run)
-        radiance = [
-            stack_renderer(self.backend_name)(
-                self.prepare(lit, time_s=time_s),
-                positions=positions,
-                samples=samples,
-                window=window,
-                seed=seeds.derive_seed(seed, group),
-            )[0]
-            for group, lit in groups.items()
-        ]
+        emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
+        shading = None
+        if window is not None and not self.is_slow:
+            # A time slice is told by several moments. Here the scene stands still for as many.
+            paths = MomentShading(lambda at_s: setups, seed=seed, emitting=emitting)
+            shading = paths.estimate([spec.time_s] * SHADING_MOMENTS, samples=samples)
+        found = estimators.render_light_groups(
+            setups,
+            backend_name=self.backend_name,
+            estimator=spec.estimator,
+            positions=positions,
+            samples=samples,
+            window=window,
+            seed=seed,
+            emitting=emitting,
+            shading=shading,
+        )
+        radiance = [found[name][0] for name in groups]
         return FocalStack(spec, np.stack(radiance), seen.depth, seen.target, self.backend_name)
 
     def render_pinhole(

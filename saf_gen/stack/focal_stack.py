@@ -51,8 +51,11 @@ class StackSpec:
     params : the member of the scene's family, as JSON.
     time_s : the moment that is seen.
     positions : number of focus positions, evenly spaced over the whole travel.
+    moments_s : the moments whose light paths tell the shading of surfaces to the filtered estimator, the last of them
+        that of the stack; () for this one alone.
     window : index of the first and the last position to render; a time slice needs only some.
     wavelength_m : of the light at the aperture, which waves bend there; 0 for geometric optics.
+    estimator : 'filtered' or 'plain', how llvm and cuda find radiance from light paths; scalar has a plain one.
     """
 
     scene: str
@@ -69,6 +72,8 @@ class StackSpec:
     time_s: float = 0.0
     window: tuple[int, int] | None = None
     wavelength_m: float = 0.0
+    estimator: str = "filtered"
+    moments_s: tuple[float, ...] = ()
 
     @classmethod
     def from_scene(
@@ -81,6 +86,7 @@ class StackSpec:
         max_depth: int,
         time_s: float,
         wavelength_m: float,
+        estimator: str = "filtered",
         groups: Iterable[str] | None = None,
         f_number: float | None = None,
         window: tuple[int, int] | None = None,
@@ -106,6 +112,7 @@ class StackSpec:
             time_s=time_s,
             window=window,
             wavelength_m=wavelength_m,
+            estimator=estimator,
         )
 
     @property
@@ -126,6 +133,7 @@ class StackSpec:
             fields = json.loads(path.read_text())["spec"]
             window = fields.pop("window")
             fields |= {"drive": drive_from_dict(fields["drive"]), "groups": tuple(fields["groups"])}
+            fields["moments_s"] = tuple(fields["moments_s"])
             spec = cls(**fields, window=None if window is None else tuple(window))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise BadInput(

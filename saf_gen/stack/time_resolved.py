@@ -7,7 +7,7 @@ that this is exact at every readout.
 """
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, takewhile
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.stack_grain import StackGrain, read_stack_grain
 
+SHADING_MOMENTS = 9  # whose light paths tell the shading of a time slice, its own among them
 FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two
 
 
@@ -151,6 +152,14 @@ def frames_of_stack_slices(frames: int, *, readout_hz: float, slices_per_s: floa
     """
     step = max(FRAMES_PER_BYTE, int(readout_hz / slices_per_s) // FRAMES_PER_BYTE * FRAMES_PER_BYTE)
     return tuple(range(0, frames + step, step))
+
+
+def moments_that_tell_shading(times_s: Sequence[float]) -> list[tuple[float, ...]]:
+    """Return for each time slice the moments (s) whose light paths tell its shading: its own and those before it.
+
+    Before the first there are none: it stands in for them, and tells as much with other paths.
+    """
+    return [tuple(times_s[max(n - back, 0)] for back in reversed(range(SHADING_MOMENTS))) for n in range(len(times_s))]
 
 
 def focus_windows_of_stack_slices(

@@ -332,16 +332,17 @@ def test_the_loss_of_stripes_is_that_of_the_discs_transfer(tmp_path, monkeypatch
 
 
 def test_something_sharper_in_the_box_is_told(skeleton, sensor):
-    """A faint target before a wall of strong print: the box is sharpest where the wall is."""
+    """A card without print, on its corner, before a wall of strong print: its box is sharpest where the wall is."""
     pairs = (
+        ('t.rotate([0, 1, 0], params["tilt_deg"])', "t.rotate([0, 0, 1], 45)"),
         ('"reflectance": printed(params["square_mm"] / 1000)', '"reflectance": 0.3'),
         (
             '"bsdf": {"type": "diffuse", "reflectance": 0.3},\n        },\n        "lamp"',
-            '"bsdf": {"type": "diffuse", "reflectance": printed(0.02)},\n        },\n        "lamp"',
+            '"bsdf": {"type": "diffuse", "reflectance": printed(0.004)},\n        },\n        "lamp"',
         ),
-        ("WIDTH_M = 0.1\n", "WIDTH_M = 0.05\n"),
+        ("WIDTH_M = 0.1\n", "WIDTH_M = 0.015\n"),
         ("WIDTH_M / square_m)", "1.0 / square_m)"),
-        ("TEXEL_M = 0.0001", "TEXEL_M = 0.002"),
+        ("TEXEL_M = 0.0001", "TEXEL_M = 0.001"),
         ("[0.65, 0.40]", "[0.9, 0.40]"),
     )
     level, text = found(skeleton(*pairs), sensor, "curve")[0]

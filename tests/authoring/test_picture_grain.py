@@ -91,8 +91,10 @@ def test_a_contrast_that_noise_hides_needs_no_samples():
 @pytest.mark.slow
 @needs_llvm
 def test_slices_with_the_samples_it_says_pass(tmp_path, monkeypatch, small_sensor):
-    """A lamp of some size on a plane: 7 % at 16 samples. With what is proposed each figure meets its goal."""
-    write_moving_plane(tmp_path, monkeypatch)
+    """A lamp of some size on a plane of rough metal, whose paths share nothing. With the samples proposed it passes."""
+    script = write_moving_plane(tmp_path, monkeypatch) / "scene.py"
+    metal = '"type": "roughconductor",\n                "alpha": 0.3,\n                "specular_reflectance"'
+    script.write_text(script.read_text().replace('"type": "diffuse",\n                "reflectance"', metal))
     subject = SceneUnderTest(find_scene("plane"), get_sensor(str(small_sensor)), backend=VARIANT)
     _, finding = check_scene_grain(subject)
     assert finding.level == "warning"

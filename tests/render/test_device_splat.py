@@ -24,16 +24,17 @@ def llvm():
     backend.activate_render_backend("llvm")
 
 
-def traced(arrays, window=()):
-    return TracedPaths(*map(mi.Float, arrays), *map(mi.Int32, window))
+def traced(arrays, window=(), weight=None):
+    weights = None if weight is None else mi.UInt32(weight)
+    return TracedPaths(*map(mi.Float, arrays), *map(mi.Int32, window), weight=weights)
 
 
-def both(arrays, window, shape):
+def both(arrays, window, shape, weight=None):
     """Sums (row, col, focus) of all workers together, stack and clipped, by the cores and by the device."""
     found = []
     for kind in (HostAccumulator, DeviceAccumulator):
         sums = kind(shape, (0, shape[1]), scale=SCALE, most=MOST)
-        clipped = sums.add(traced(arrays, window))
+        clipped = sums.add(traced(arrays, window, weight))
         whole = sums.sums.sum(axis=0) if kind is HostAccumulator else sums.sums.numpy()
         found.append((whole.reshape(*shape[1:], shape[0]), sums.mean_radiance(), clipped))
     return found
@@ -55,6 +56,20 @@ def test_sums_stack_and_clipped_are_those_of_the_cores(llvm, shape, windowed):
     assert_same(host, device)
     assert 4000 < host[2] < 6000
     assert (host[1] > 0).mean() > 0.9
+
+
+@needs_llvm
+@pytest.mark.parametrize("windowed", [False, True])
+@pytest.mark.parametrize("most", [0, 1, 4, 1000])
+def test_weighted_paths_are_those_of_the_cores(llvm, windowed, most):
+    """Weights 0...most: of paths that count for nothing, nothing is left, nor are they counted as clipped."""
+    shape = (17, 9, 13)
+    arrays = paths(5, 20_000, shape)
+    weight = np.random.default_rng(4).integers(0, most + 1, 20_000).astype(np.uint32)
+    host, device = both(arrays, windows(8, 20_000, shape) if windowed else (), shape, weight)
+    assert_same(host, device)
+    assert host[2] == np.count_nonzero((arrays[4] > np.float64(MOST)) & (weight > 0))
+    assert host[1].any() == (most > 0)
 
 
 @needs_llvm

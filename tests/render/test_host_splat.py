@@ -71,3 +71,41 @@ def test_fireflies_are_clipped_and_counted():
     value = np.array([1, 2, 500], dtype=np.float32)
     assert host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, value, 2.0**20, 100.0) == 1
     assert host_splat.mean_radiance_of_paths(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)
+
+
+@pytest.mark.parametrize("windowed", [False, True])
+def test_a_weight_counts_a_path_as_often(windowed):
+    """Bit for bit the sums of each path added as many times as its weight says; the clipped are counted as paths."""
+    shape, count = (17, 9, 13), 5000
+    arrays = [*paths(7, count, shape)]
+    window = windows(9, count, shape) if windowed else (None, None)
+    weight = np.random.default_rng(3).integers(0, 5, count).astype(np.uint32)
+    often = np.repeat(np.arange(count), weight)
+    weighted, one_by_one = (host_splat.allocate_path_accumulators(2, shape) for _ in range(2))
+    clipped = host_splat.splat_paths(weighted, *arrays, 2.0**30, 0.9, *window, weight)
+    repeated = [None if array is None else array[often] for array in (*arrays, *window)]
+    host_splat.splat_paths(one_by_one, *repeated[:5], 2.0**30, 0.9, *repeated[5:])
+    assert np.array_equal(weighted.sum(axis=0), one_by_one.sum(axis=0))
+    assert clipped == np.count_nonzero((arrays[4] > 0.9) & (weight > 0)) > 100
+
+
+def test_a_weight_of_one_changes_no_bit_and_of_zero_leaves_nothing():
+    shape = (17, 9, 13)
+    arrays = paths(6, 5000, shape)
+    found = []
+    for weight in (None, np.ones(5000, dtype=np.uint32), np.zeros(5000, dtype=np.uint32)):
+        sums = host_splat.allocate_path_accumulators(2, shape)
+        clipped = host_splat.splat_paths(sums, *arrays, 2.0**30, 0.9, None, None, weight)
+        found.append((sums, clipped))
+    assert np.array_equal(found[0][0], found[1][0])
+    assert found[0][1] == found[1][1] > 0
+    assert not found[2][0].any()
+    assert found[2][1] == 0
+
+
+def test_stacks_that_share_the_memory_have_fewer_workers():
+    shape = (129, 250, 400)
+    room = host_splat.ACCUMULATOR_BYTES // (8 * 129 * 250 * 400)
+    assert len(host_splat.allocate_path_accumulators(64, shape)) == room
+    assert len(host_splat.allocate_path_accumulators(64, shape, stacks=3)) == room // 3
+    assert len(host_splat.allocate_path_accumulators(64, shape, stacks=1000)) == 1

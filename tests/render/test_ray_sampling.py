@@ -8,8 +8,8 @@ from scipy.stats import chi2
 from written_scenes import needs_llvm
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
-from saf_gen.render import backend, one_pass
-from saf_gen.render.ray_sampling import compute_ray_coverage
+from saf_gen.render import backend, camera_rays
+from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
 from saf_gen.render.render_setup import SensorGrid
 
 GRID = SensorGrid(rows=12, columns=20, pitch_m=100e-6)
@@ -87,7 +87,8 @@ def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
     first, step = random.normal(0, radius, (2, 4000)), random.normal(0, radius / 12, (2, 4000))
     step[:, :400] *= 1e-6  # hardly move
     step[:, 400:500] = 0
-    begin, end = one_pass.positions_through_aperture(mi.Point2f(first), mi.Vector2f(step), radius=radius, positions=33)
+    line = mi.Point2f(first), mi.Vector2f(step)
+    begin, end = camera_rays.positions_through_aperture(*line, radius=radius, positions=33)
     dr.eval(begin, end)
     k = np.arange(33)[:, None]
     counts = (np.array(begin) <= k) & (k < np.array(end))
@@ -95,3 +96,83 @@ def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
     assert 0.1 < inside.mean() < 0.9
     assert (counts == inside).mean() > 0.9999
     assert np.array(begin).min() >= 0
+
+
+def samples_of(samples, *, pixels=64, seed=5):
+    """Offsets in the pixel and points on the lens of each pixel's samples, (4, pixel, sample)."""
+    backend.activate_render_backend("llvm")
+    index = dr.arange(mi.UInt32, pixels * samples)
+    across, down, lens = place_ray_samples(index // samples, index % samples, samples=samples, seed=seed)
+    return np.array([across, down, lens.x, lens.y], dtype=np.float64).reshape(4, pixels, samples)
+
+
+@needs_llvm
+@pytest.mark.parametrize("samples", [16, 64, 256])
+def test_every_box_of_one_samples_area_holds_one_sample(samples):
+    """Elementary intervals of every shape, 1 × 1/N to 1/N × 1, over pixel and lens of each of 64 pixels."""
+    placed, bits = samples_of(samples), samples.bit_length() - 1
+    assert (placed >= 0).all()
+    assert (placed < 1).all()
+    for first, second in (placed[:2], placed[2:]):
+        for across in range(bits + 1):
+            box = np.int64(first * 2**across) * 2 ** (bits - across) + np.int64(second * 2 ** (bits - across))
+            assert (np.sort(box, axis=1) == np.arange(samples)).all()
+
+
+@needs_llvm
+@pytest.mark.parametrize("samples", [1, 3, 24, 100, 1000])
+def test_counts_that_are_no_power_of_two_are_even_too(samples):
+    """Every box anchored at the corner holds its share within (log₂N + 2)/N of all: the bound of a (0,2)-sequence.
+
+    H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods (1992), theorem 4.12: N·D* is at most
+    log₂(N)/2 + 3/2 in base 2 and two dimensions; flipping digits keeps the net. The lens takes the same points.
+    """
+    placed, corner = samples_of(samples, pixels=8), np.linspace(0, 1, 21)
+    for first, second in (placed[:2], placed[2:]):
+        for a in corner:
+            for b in corner:
+                share = ((first < a) & (second < b)).mean(axis=1)
+                assert np.abs(share - a * b).max() * samples <= np.log2(samples) + 2
+
+
+@needs_llvm
+def test_pixel_and_lens_are_independent():
+    """Which sample of a pixel meets which part of the lens is by chance: χ² of 4 × 4 × 4 × 4 boxes, 2,048 pixels of 64.
+
+    Significance 1e-6. The bound is one-sided: the nets make counts of the two halves more even than chance does.
+    """
+    placed = samples_of(64, pixels=2048)
+    boxes, _ = np.histogramdd(placed.reshape(4, -1).T, bins=4, range=[(0, 1)] * 4)
+    expected = placed[0].size / boxes.size
+    assert ((boxes - expected) ** 2 / expected).sum() < chi2.ppf(1 - 1e-6, boxes.size - 1)
+
+
+@needs_llvm
+def test_every_pixel_and_every_seed_has_points_of_its_own():
+    placed = samples_of(16, pixels=256)
+    assert np.array_equal(placed, samples_of(16, pixels=256))
+    for other in (samples_of(16, pixels=256, seed=6), samples_of(16, pixels=256, seed=7)):
+        assert (placed != other).mean() > 0.999
+    for axis in placed:
+        assert len(np.unique(axis[:, 0])) > 250  # 256 pixels: chance alone repeats none of 2^24 values
+    # The order on the lens is the pixel's own, too: the 16 boxes of the lens, sample by sample. Orders are drawn from a
+    # few thousand, so that some of 256 are the same.
+    box = np.int64(placed[2] * 4) * 4 + np.int64(placed[3] * 4)
+    assert len(np.unique(np.bitwise_xor(box, box[:, :1]), axis=0)) > 230
+
+
+@needs_llvm
+def test_the_mean_over_pixels_is_even_over_each_place():
+    """χ² of 32 parts of each of the four axes over 8,192 pixels of 3 samples, significance 1e-6 each."""
+    placed = samples_of(3, pixels=8192)
+    for axis in placed:
+        counts, _ = np.histogram(axis, bins=32, range=(0, 1))
+        expected = axis.size / 32
+        assert ((counts - expected) ** 2 / expected).sum() < chi2.ppf(1 - 1e-6, 31)
+
+
+@needs_llvm
+def test_samples_are_the_same_whatever_backend_was_used_before():
+    llvm = samples_of(16)
+    backend.activate_render_backend("scalar")
+    assert np.array_equal(samples_of(16), llvm)

@@ -1,0 +1,174 @@
+"""Camera rays for a one-pass stack, and where each meets the sensor at every focus position.
+
+A ray that meets sensor and lens at (x, a) at the middle position meets them at M(p)·(x, a) at position p,
+with M the drive's transfer, linear in p. Rays are spread evenly over sensor and lens, and over a border round
+both that is wide enough that no position lacks rays (:func:`saf_gen.render.ray_sampling.compute_ray_coverage`). M
+keeps them evenly spread. Where the lens moves through the rays, a path counts only at the positions that have
+it inside the aperture. The paths that fall into a pixel are thus an even sample of pixel and aperture at
+every position, and their mean is unbiased. Waves bend a path at the lens, which moves its line across the sensor
+(:mod:`saf_gen.render.diffraction`).
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.render.diffraction import find_aperture_waves, place_bend_samples
+from saf_gen.render.host_splat import NEVER, TracedPaths
+from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
+from saf_gen.render.render_setup import RenderSetup
+
+RAYS_PER_PASS = 1 << 22
+
+
+class CameraRays(NamedTuple):
+    """The rays of a band of rows at the middle of some focus positions; arrays are of Dr.Jit (ray,).
+
+    Attributes
+    ----------
+    done : fraction of the rows done with this band, 0...1.
+    begin : the band's first row, which names its random numbers.
+    first : number of its first ray among all rays.
+    samples : rays per pixel; those of one pixel follow each other.
+    pixel, sample : UInt32, number of the pixel and of the ray in it.
+    x, y : where rays meet the sensor, m from its middle.
+    lens : Point2f, where they meet the lens, m from its centre.
+    slope_x, slope_y : their slopes in object space.
+    ray : RayDifferential3f in the world.
+    """
+
+    done: float
+    begin: int
+    first: int
+    samples: int
+    pixel: Any
+    sample: Any
+    x: Any
+    y: Any
+    lens: Any
+    slope_x: Any
+    slope_y: Any
+    ray: Any
+
+
+def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, seed: int) -> Iterator[CameraRays]:
+    """Yield the rays of band after band of rows for these focus positions (at least two, evenly spaced)."""
+    drive, grid, units = setup.drive, setup.grid, 1 / setup.unit_m
+    middle = float(focus[0] + focus[-1]) / 2
+    ends = float(focus[0]), float(focus[-1])
+    waves = find_aperture_waves(drive, grid, wavelength_m=setup.wavelength_m, ends=ends)
+    covered = compute_ray_coverage(drive, grid, ends=ends, bend_reach_m=waves.reach_m if waves else 0.0)
+    # Each position still gets the requested samples through the part of the lens disc that is its aperture.
+    requested, samples = samples, math.ceil(samples * (covered.radius_m / drive.aperture_radius_m) ** 2 - 1e-9)
+    rows, columns = grid.rows + 2 * covered.rows, grid.columns + 2 * covered.columns
+    rows_per_pass = max(1, RAYS_PER_PASS // (columns * samples))
+    inverse_v, inverse_u = (
+        opaque_number(np.float32(1) / np.float32(distance(middle)))
+        for distance in (drive.image_distance, drive.object_distance)
+    )
+    # Rays start where the lens is farthest from the scene; trace_depth_and_target() has made sure that no
+    # surface lies between.
+    farthest = float(drive.shift(focus).min())
+    ahead = opaque_number(farthest - float(drive.shift(middle)))
+    farthest, radius = opaque_number(farthest), opaque_number(covered.radius_m)
+    half_rows, half_columns = opaque_number(rows / 2), opaque_number(columns / 2)
+    samples_word, row_length = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, columns)
+    transform = mi.Transform4f(setup.to_world)
+    for begin in range(0, rows, rows_per_pass):
+        count = min(rows_per_pass, rows - begin)
+        index = dr.arange(mi.UInt32, count * columns * samples)
+        pixel, sample = index // samples_word, index % samples_word
+        # The band is traced column by column, so that the pixels that neighbours add to stay in the cache.
+        height = dr.opaque(mi.UInt32, count)
+        row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
+        pixel = row * row_length + column
+        across, down, lens = place_ray_samples(pixel, sample, samples=requested, seed=seed)
+        x = (mi.Float(column) + across - half_columns) * grid.pitch_m
+        y = (mi.Float(row) + down - half_rows) * grid.pitch_m
+        a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
+        # Slope in object space. The equal (a - x)/v - a/f would lose digits where u is much larger than f.
+        slope_x, slope_y = -(x * inverse_v + a.x * inverse_u), -(y * inverse_v + a.y * inverse_u)
+        origin = mi.Point3f(a.x + slope_x * ahead, a.y + slope_y * ahead, farthest) * units
+        ray = mi.RayDifferential3f(transform @ origin, transform @ dr.normalize(mi.Vector3f(slope_x, slope_y, 1)))
+        done, first = (begin + count) / rows, begin * columns * samples
+        yield CameraRays(done, begin, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray)
+
+
+def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:
+    """Return the lines on which rays cross the sensor from position to position, without radiance, not yet evaluated.
+
+    ``focus`` and ``seed`` are those that the rays were cast with.
+    """
+    drive, grid = setup.drive, setup.grid
+    first_x, step_x, first_a, step_a = _sensor_and_lens_line(setup, focus, x=rays.x, a=rays.lens.x)
+    first_y, step_y, first_b, step_b = _sensor_and_lens_line(setup, focus, x=rays.y, a=rays.lens.y)
+    passed, window = rays.lens, []
+    if float(drive.shift(focus).min()) != float(drive.shift(float(focus[0] + focus[-1]) / 2)):
+        first_lens, step_lens = mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b)
+        window = positions_through_aperture(first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size)
+        middle_of_window = mi.Float(window[0] + window[1] - 1) / 2
+        passed = mi.Point2f(first_a + step_a * middle_of_window, first_b + step_b * middle_of_window)
+    waves = find_aperture_waves(drive, grid, wavelength_m=setup.wavelength_m, ends=(float(focus[0]), float(focus[-1])))
+    if waves:
+        angle = waves.bend(passed, place_bend_samples(rays.pixel, rays.sample, seed=seed))
+        first_v, step_v = _image_distance_line(setup, focus)
+        first_x, first_y = first_x + first_v * angle.x, first_y + first_v * angle.y
+        step_x, step_y = step_x + step_v * angle.x, step_y + step_v * angle.y
+    pitch = grid.pitch_m
+    return TracedPaths(
+        first_x / pitch + grid.columns / 2,
+        first_y / pitch + grid.rows / 2,
+        step_x / pitch,
+        step_y / pitch,
+        None,
+        *window,
+    )
+
+
+def opaque_number(value: Any) -> Any:
+    """Return a number that the kernel reads; as a constant, every value would need a kernel of its own."""
+    return dr.opaque(mi.Float, float(value))
+
+
+def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
+    """Return where rays meet the sensor at the first position, their step per position, and both on the lens.
+
+    All are in metres.
+
+    Steps come from the difference of the ends in double precision: single precision would keep three digits
+    for a stage that moves by micrometres at millimetres.
+    """
+    first, last = setup.drive.ray_transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
+    step = (last - first) / (focus.size - 1)
+    xx, xa, ax, aa, dxx, dxa, dax, daa = map(opaque_number, (*first.ravel(), *step.ravel()))
+    return x * xx + a * xa, x * dxx + a * dxa, x * ax + a * aa, x * dax + a * daa
+
+
+def _image_distance_line(setup: RenderSetup, focus: np.ndarray) -> tuple[Any, Any]:
+    """Return v (m) at the first position and its step per position: by what an angle moves a path on the sensor."""
+    first, last = setup.drive.image_distance(focus[[0, -1]])
+    return opaque_number(first), opaque_number((last - first) / (focus.size - 1))
+
+
+def positions_through_aperture(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:
+    """Return begin and end, int32: first + k·step (m) lies in the aperture for begin <= k < end.
+
+    |first + k·step|² = R² is a quadratic in k. The root for which the textbook formula subtracts nearly equal
+    numbers is computed as q/(...), so that a ray that hardly moves keeps its digits.
+    """
+    first, step = first / radius, step / radius
+    q, b, c = 1 - dr.squared_norm(first), dr.dot(first, step), dr.squared_norm(step)
+    root = dr.sqrt(dr.maximum(b * b + c * q, 0))  # below 0 the ray misses: it leaves before it enters
+    far = root + dr.abs(b)  # 0 for a ray that does not move across the lens: it is always inside, or never
+    one = dr.select(far > 0, q / far, dr.copysign(float(NEVER), q))
+    other = dr.select(c > 0, far / c, float(NEVER))
+    last = opaque_number(positions - 1)
+    leaves = dr.select(b > 0, one, other)
+    enters = dr.select(b > 0, -other, -one)
+    begin = mi.Int32(dr.ceil(dr.clip(enters, 0, last + 1)))
+    end = mi.Int32(dr.floor(dr.clip(leaves, -1, last))) + 1
+    return [begin, end]

@@ -1,0 +1,256 @@
+"""A focal stack with finer grain than its light paths have: shading is shared, visibility and texture are not.
+
+Most of the noise of a traced picture comes from the light that a path finds, by chance, where it meets a surface; the
+rest from which bit of texture is seen through which part of the lens. So both are sampled on their own:
+
+1. whole light paths, under each light group, tell the shading of the surfaces that camera rays meet first
+   (:mod:`saf_gen.render.shading_cells`). They start evenly over all of the travel, so that what they tell does not
+   depend on where the lens is;
+2. PRIMARY_RAYS times as many camera rays, the same for all groups, are traced to their first surface only. Each brings
+   the reflectance there times the shading that the cells know.
+
+A ray that first meets a surface which cannot share shading (:mod:`saf_gen.render.surface_hits`) is traced on, one in
+PRIMARY_RAYS of them, and counts for all.
+
+A moving scene is rendered at many moments. Shading that stays where it is from one to the next is told by the paths of
+MOMENTS of them, a quarter as many each; what has changed since is found by the latest alone, where it shows above
+the noise.
+
+The result has a bias where shading changes within a cell, which falls as samples grow; docs/physics.md has its size.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from typing import Any, NamedTuple
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.core import seeds
+from saf_gen.render import one_pass
+from saf_gen.render.camera_rays import CameraRays, cast_camera_rays, land_on_sensor
+from saf_gen.render.layered_splat import BlurScale, LayeredSums
+from saf_gen.render.render_setup import RenderSetup, positions_to_render
+from saf_gen.render.shading_cells import ShadingCells, ShadingField, SurfaceHits
+from saf_gen.render.surface_hits import SurfaceFinder
+
+PRIMARY_RAYS = 6  # per light path
+UNSHARED_PATHS = 2  # light paths per requested one where no surface shares shading
+WHOLE_TRAVEL = np.array([0.0, 1.0])
+
+
+def gather_shading(
+    setups: Mapping[str, RenderSetup],
+    *,
+    samples: int,
+    seed: int,
+    emitting: Collection[str] = (),
+    progress: Callable[[float], None] = lambda done: None,
+) -> ShadingCells:
+    """Trace whole light paths of a scene's light groups, and return what they tell about the shading of its surfaces.
+
+    Needs a JIT backend (llvm or cuda). What a group's paths tell does not depend on which others are traced.
+
+    Parameters
+    ----------
+    setups : the same scene under each light group, by name.
+    samples : light paths per pixel and light group, at least.
+    seed : seed of the paths.
+    emitting : ids of the shapes that are lamps under any group of the scene.
+    progress : called with the fraction done, 0...1.
+    """
+    finder = SurfaceFinder(next(iter(setups.values())), emitting=emitting)
+    bands = _trace_whole_paths(setups, finder, samples=samples, seed=seed)
+    opening = next(bands)
+    most = _brightest([opening], setups)
+    if opening.done < 1:  # brighter paths than 64 times the brightest at one sample per pixel are fireflies
+        trial = _trace_whole_paths(setups, finder, samples=1, seed=seeds.derive_seed(seed, "trial"))
+        most = {name: 64 * value for name, value in _brightest(trial, setups).items()}
+    cells = ShadingCells(len(setups))
+    for band in chain([opening], bands):
+        cells.add(band.hits, np.stack([np.minimum(band.radiance[name], np.float32(most[name])) for name in setups]))
+        progress(band.done)
+    return cells
+
+
+def estimate_shading(moments: Sequence[ShadingCells]) -> ShadingField:
+    """Return the shading at the last of some moments, from what the paths of all of them tell."""
+    together = ShadingCells.merged(moments).estimate()
+    return together if len(moments) == 1 else moments[-1].estimate(together)
+
+
+def render_with_shading(
+    setups: Mapping[str, RenderSetup],
+    shading: ShadingField,
+    *,
+    positions: int,
+    samples: int,
+    seed: int,
+    emitting: Collection[str] = (),
+    window: tuple[int, int] | None = None,
+    progress: Callable[[float], None] = lambda done: None,
+    on_device: bool | None = None,
+) -> dict[str, tuple[np.ndarray, int]]:
+    """Render a scene's light groups together, at evenly spaced focus positions.
+
+    Needs a JIT backend (llvm or cuda).
+
+    Parameters
+    ----------
+    setups : the same scene under each light group, by name.
+    shading : the shading of its surfaces under each of these groups, in their order.
+    samples : PRIMARY_RAYS times as many camera rays per pixel and position, at least, of which ``samples`` are traced
+        on where they meet a surface that shares no shading; UNSHARED_PATHS times as many, all traced on, where no
+        surface shares any.
+    emitting : ids of the shapes that are lamps under any group of the scene.
+    positions, seed, window, progress, on_device : see :func:`saf_gen.render.one_pass.render_stack`.
+
+    Returns
+    -------
+    For each group the stack, float32 (focus, row, col), and the number of light paths that were clipped as fireflies.
+    """
+    focus = positions_to_render(positions, window)
+    first = next(iter(setups.values()))
+    finder = SurfaceFinder(first, emitting=emitting)
+    # Where nothing is shared, rays that are not traced on would tell nothing.
+    rays_per_path = PRIMARY_RAYS if shading.keys.size else 1
+    samples *= PRIMARY_RAYS if shading.keys.size else UNSHARED_PATHS
+    sums: _Sums | None = None
+    clipped = dict.fromkeys(setups, 0)
+    for rays in cast_camera_rays(first, focus, samples=samples, seed=seed):
+        hits = finder.find(rays, focus)
+        values = shading.reflect(hits, first=rays.first, seed=seed)
+        weight, chosen = _choose_rays_to_trace_on(rays, hits, rays_per_path=rays_per_path)
+        if chosen.size:
+            for n, (name, setup) in enumerate(setups.items()):
+                values[n, chosen] = _trace_on(
+                    setup, rays, chosen=chosen, seed=seeds.derive_seed(seed, name, rays.begin)
+                )
+        if sums is None:
+            # As in a plain stack: the brightest of one band, or 64 times it where there are more.
+            most = np.maximum(values.max(axis=1, initial=0.0), np.finfo(np.float32).tiny) * (
+                1 if rays.done >= 1 else 64
+            )
+            sums = _Sums(setups, focus, samples=samples, most=most.astype(float), on_device=on_device)
+        for n, name in enumerate(setups):
+            clipped[name] += int(np.count_nonzero(values[n] > most[n]))
+        sums.add(rays, values, hits=hits, seed=seed, weight=weight)
+        progress(rays.done)
+    assert sums is not None
+    return {name: (stack, clipped[name]) for name, stack in zip(setups, sums.mean_radiance(), strict=True)}
+
+
+class WholePaths(NamedTuple):
+    """Whole light paths of a band of rows: what they met first and, for each light group, float32 (path,) radiance."""
+
+    done: float
+    hits: SurfaceHits
+    radiance: dict[str, np.ndarray]
+
+
+def _trace_whole_paths(
+    setups: Mapping[str, RenderSetup], finder: SurfaceFinder, *, samples: int, seed: int
+) -> Iterator[WholePaths]:
+    """Trace the same camera rays on under every light group; the random numbers behind them are each group's own."""
+    sampler = mi.load_dict({"type": "independent"})
+    for rays in cast_camera_rays(next(iter(setups.values())), WHOLE_TRAVEL, samples=samples, seed=seed):
+        hits, radiance = finder.find(rays, WHOLE_TRAVEL), {}
+        for name, setup in setups.items():
+            sampler.seed(seeds.derive_seed(seed, name, rays.begin) & 0xFFFFFFFF, hits.shape.size)
+            radiance[name] = _trace(setup, rays.ray, sampler=sampler)
+        yield WholePaths(rays.done, hits, radiance)
+
+
+def _trace_on(setup: RenderSetup, rays: CameraRays, *, chosen: np.ndarray, seed: int) -> np.ndarray:
+    """Return the radiance of some of the rays, traced as whole light paths, float32 (chosen,)."""
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed & 0xFFFFFFFF, chosen.size)
+    return _trace(setup, dr.gather(type(rays.ray), rays.ray, mi.UInt32(chosen)), sampler=sampler)
+
+
+def _trace(setup: RenderSetup, ray: Any, *, sampler: Any) -> np.ndarray:
+    """Return the radiance along rays; it is a kernel of its own, so that no other group changes its bits."""
+    traced, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, ray)
+    value = traced.x if dr.size_v(traced) == 1 else mi.luminance(traced)
+    dr.eval(value)
+    return np.nan_to_num(value.numpy(), nan=0.0, posinf=0.0, neginf=0.0)  # a path without a finite value is lost
+
+
+def _brightest(bands: Iterable[WholePaths], names: Iterable[str]) -> dict[str, float]:
+    """Return the largest radiance of all paths for each light group, or 1.0 where all are dark."""
+    most = dict.fromkeys(names, 0.0)
+    for band in bands:
+        most = {name: max(value, float(band.radiance[name].max())) for name, value in most.items()}
+    return {name: value or 1.0 for name, value in most.items()}
+
+
+def _choose_rays_to_trace_on(
+    rays: CameraRays, hits: SurfaceHits, *, rays_per_path: int
+) -> tuple[np.ndarray | None, np.ndarray]:
+    """Return how many rays each ray counts for, uint32 or None for one each, and the indices of those to trace on.
+
+    Rays that met no surface that shares shading are taken from the first of a pixel's: one for each ``rays_per_path``,
+    the last for what is left.
+    """
+    alone = hits.shape == 0
+    if not alone.any():
+        return None, np.empty(0, dtype=np.uint32)
+    if rays_per_path == 1:
+        return None, np.flatnonzero(alone).astype(np.uint32)
+    traced = -(-rays.samples // rays_per_path)
+    sample = rays.sample.numpy()
+    weight = np.where(sample < traced, rays_per_path, 0)
+    weight[sample == traced - 1] = rays.samples - rays_per_path * (traced - 1)
+    weight = np.where(alone, weight, 1).astype(np.uint32)
+    return weight, np.flatnonzero(alone & (weight > 0)).astype(np.uint32)
+
+
+class _Sums:
+    """Sums of paths for every light group: in layers where there are few positions, else all together."""
+
+    def __init__(
+        self,
+        setups: Mapping[str, RenderSetup],
+        focus: np.ndarray,
+        *,
+        samples: int,
+        most: np.ndarray,
+        on_device: bool | None,
+    ) -> None:
+        self._setup, self._focus = next(iter(setups.values())), focus
+        grid, drive = self._setup.grid, self._setup.drive
+        shape = (focus.size, grid.rows, grid.columns)
+        self._layers = None
+        if LayeredSums.has_room(shape, len(setups)):
+            scale = np.array([one_pass.fixed_point_scale(self._setup, focus, samples=samples, most=m) for m in most])
+            blur = BlurScale.from_drive(drive, focus, pitch_m=grid.pitch_m)
+            self._layers = LayeredSums(shape, blur=blur, scale=scale, most=most)
+        else:
+            self._single = [
+                one_pass.start_sums(setup, focus, samples=samples, most=m, stacks=len(setups), on_device=on_device)
+                for setup, m in zip(setups.values(), most, strict=True)
+            ]
+
+    def add(
+        self, rays: CameraRays, radiance: np.ndarray, *, hits: SurfaceHits, seed: int, weight: np.ndarray | None
+    ) -> None:
+        """Add rays, cast with this seed, with the radiance that they bring under each group, float32 (light, ray)."""
+        line = land_on_sensor(rays, self._setup, focus=self._focus, seed=seed)
+        radius = self._setup.drive.aperture_radius_m
+        lens = rays.lens.x / radius, rays.lens.y / radius
+        dr.eval(*(array for array in line if array is not None), *lens)
+        if self._layers is not None:
+            line = line.to_host()._replace(weight=weight)
+            on_lens = lens[0].numpy(), lens[1].numpy()
+            self._layers.add(line, radiance, lens=on_lens, distance=hits.distance)
+            return
+        weights = None if weight is None else mi.UInt32(weight)
+        for sums, values in zip(self._single, radiance, strict=True):
+            sums.add(line._replace(radiance=mi.Float(values), weight=weights))
+
+    def mean_radiance(self) -> Iterable[np.ndarray]:
+        """Return the mean radiance for each group, float32 (focus, row, col)."""
+        if self._layers is not None:
+            return self._layers.mean_radiance()
+        return [sums.mean_radiance() for sums in self._single]

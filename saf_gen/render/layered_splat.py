@@ -1,0 +1,290 @@
+"""Adds traced paths to a few focus positions in layers of equal blur, so that what is blurred is averaged over its
+blur.
+
+Away from focus a point of the scene spreads over a disc, so the true picture of it has no detail much finer than that
+disc; the noise of its paths has. The paths of a position are therefore sorted into layers by their blur, from the
+nearest to the farthest, and each layer is smoothed by a Gaussian of a small part of its own blur before the layers are
+put over each other from front to back: what is in focus stays as it was traced, and a sharp edge before a blurred wall
+stays sharp (Vaidyanathan et al. 2015, whose filter this is, without their frequency analysis).
+
+For a layer, the fraction that it covers of what the layers before it leave free is as smooth as its own blur, and so
+is its radiance. Both are ratios of smoothed sums. The disc of a path is drawn smaller by what the Gaussian adds, so
+that the blur keeps its second moment: no width changes, and truth does not move.
+
+References
+----------
+K. Vaidyanathan, J. Munkberg, P. Clarberg and M. Salvi, "Layered light field reconstruction for defocus blur", ACM
+Trans. Graph. 34(2), 23 (2015), doi:10.1145/2699647.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+
+from saf_gen.optics import Drive
+from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths
+
+SMOOTHING = 0.2  # standard deviation of the Gaussian over that of the disc of the least blurred paths of a layer
+LEAST_BLUR = 3.0  # pixels: what is blurred less is not smoothed
+LAYERS_PER_OCTAVE = 2
+OCTAVES = 5
+SIDE = LAYERS_PER_OCTAVE * OCTAVES  # layers before the focused one, and as many behind it
+LAYERS = 2 * SIDE + 1
+MOST_POSITIONS = 16  # of a window that sums in layers are made for
+SIGMAS = 3.0  # where the Gaussian is cut off
+
+
+@dataclass(frozen=True)
+class BlurScale:
+    """By how much a lens blurs at each of some positions, each float64 (focus,).
+
+    diameter : 2R·v over the pixel pitch, pixels times metres.
+    inverse_distance : 1/u, 1/m.
+    shift : how much nearer (m) the lens is to the scene than where depths are measured from.
+    """
+
+    diameter: np.ndarray
+    inverse_distance: np.ndarray
+    shift: np.ndarray
+
+    @classmethod
+    def from_drive(cls, drive: Drive, focus: np.ndarray, *, pitch_m: float) -> "BlurScale":
+        """Return the scale at these positions, for depths measured from the lens at the middle between the ends."""
+        shift = drive.shift(focus) - drive.shift(float(focus[0] + focus[-1]) / 2)
+        diameter = 2 * drive.aperture_radius_m * drive.image_distance(focus) / pitch_m
+        return cls(diameter, 1 / drive.object_distance(focus), shift)
+
+
+class LayeredSums:
+    """Sums of paths in layers, for all light groups of a scene at a few positions.
+
+    Parameters
+    ----------
+    shape : (focus, row, col) of the stacks.
+    blur : the blur at each position.
+    scale, most : float64 (light,), fixed-point units per unit of radiance, and the largest radiance.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], *, blur: BlurScale, scale: np.ndarray, most: np.ndarray) -> None:
+        focus, rows, columns = shape
+        workers = max(1, min(nb.get_num_threads(), ACCUMULATOR_BYTES // self.bytes_needed(shape, most.size)))
+        self._sums = np.zeros((workers, focus, LAYERS, rows, columns, most.size), dtype=np.int64)
+        self._scale, self._most = scale, most
+        self._blur = tuple(
+            np.asarray(array, dtype=np.float32) for array in (blur.diameter, blur.inverse_distance, blur.shift)
+        )
+
+    @staticmethod
+    def bytes_needed(shape: tuple[int, int, int], groups: int) -> int:
+        """Return the bytes of the sums of one worker."""
+        return 8 * math.prod(shape) * LAYERS * groups
+
+    @classmethod
+    def has_room(cls, shape: tuple[int, int, int], groups: int) -> bool:
+        """Return whether stacks of this shape are summed in layers: at most a few positions, on no huge sensor."""
+        return shape[0] <= MOST_POSITIONS and cls.bytes_needed(shape, groups) <= ACCUMULATOR_BYTES
+
+    def add(
+        self, line: TracedPaths, radiance: np.ndarray, *, lens: tuple[np.ndarray, np.ndarray], distance: np.ndarray
+    ) -> None:
+        """Add paths.
+
+        Parameters
+        ----------
+        line : where they cross the sensor, as numpy arrays; its ``radiance`` is not read.
+        lens : float32 (path,) each, where they pass the lens along x and y, over the radius of its aperture.
+        distance : float32 (path,), axial distance (m) of the surface that they meet first from the lens at the middle
+            position; inf where they meet none, 0 for paths that are not to be smoothed.
+        radiance : float32 (light, path).
+        """
+        _add_paths(
+            self._sums,
+            (line.first_x, line.first_y, line.step_x, line.step_y),
+            radiance,
+            (self._scale, self._most),
+            line.begin,
+            line.end,
+            line.weight,
+            (distance, *lens),
+            self._blur,
+        )
+
+    def mean_radiance(self) -> np.ndarray:
+        """Return the mean radiance, float32 (light, focus, row, col); a pixel that no path met is 0."""
+        _, focus, _, rows, columns, groups = self._sums.shape
+        out = np.empty((groups, focus, rows, columns), dtype=np.float32)
+        for k in range(focus):
+            _compose(self._sums[:, k], self._scale, out=out[:, k])
+        return out
+
+
+@nb.njit(inline="always")
+def _layer_of(blur):
+    """Return the layer of a signed blur (pixels; above 0 nearer than the focus), nearest first."""
+    size = abs(blur)
+    if size < np.float32(LEAST_BLUR):
+        return SIDE
+    step = min(int(math.log2(size / np.float32(LEAST_BLUR)) * LAYERS_PER_OCTAVE), SIDE - 1) + 1
+    return SIDE - step if blur > 0 else SIDE + step
+
+
+@nb.njit(inline="always")
+def _sigma(layer):
+    """Return the standard deviation (pixels) of a layer's Gaussian, 0 for the focused layer."""
+    step = abs(layer - SIDE)
+    return SMOOTHING * LEAST_BLUR * 2.0 ** ((step - 1) / LAYERS_PER_OCTAVE) / 4 if step else 0.0
+
+
+@nb.njit(nogil=True, cache=True)
+def _add_some(sums, a, b, line, values, units, begin, end, weight, points, blurs):
+    first_x, first_y, step_x, step_y = line
+    scale, most = units
+    distance, lens_x, lens_y = points
+    diameter, inverse_distance, shift = blurs
+    focus, _, rows, columns, groups = sums.shape
+    words = np.empty(groups, dtype=np.int64)
+    for i in range(a, b):
+        times = np.int64(1) if weight is None else np.int64(weight[i])
+        if times == 0:
+            continue
+        for g in range(groups):
+            radiance = min(np.float64(values[g, i]), most[g])
+            words[g] = ((np.int64(radiance * scale[g] + 0.5) << COUNT_BITS) + 1) * times
+        k, stop = 0, focus
+        if begin is not None:
+            k, stop = begin[i], min(end[i], focus)
+        while k < stop:
+            x, y = first_x[i] + np.float32(k) * step_x[i], first_y[i] + np.float32(k) * step_y[i]
+            layer = SIDE
+            if distance[i] > 0:
+                blur = diameter[k] * (np.float32(1) / (distance[i] - shift[k]) - inverse_distance[k])
+                layer = _layer_of(blur)
+                if layer != SIDE:
+                    # Variances: (4σ)²/16 of the Gaussian and (blur·(1 - inward))²/16 of the smaller disc give blur²/16.
+                    ratio = np.float32(4 * _sigma(layer)) / blur
+                    inward = np.float32(0.5) * blur * (np.float32(1) - math.sqrt(np.float32(1) - ratio * ratio))
+                    x -= inward * lens_x[i]
+                    y -= inward * lens_y[i]
+            column, row = math.floor(x), math.floor(y)
+            if 0 <= row < rows and 0 <= column < columns:
+                for g in range(groups):
+                    sums[k, layer, row, column, g] += words[g]
+            k += 1
+
+
+@nb.njit(parallel=True, cache=True)
+def _add_paths(sums, line, values, units, begin, end, weight, points, blurs):
+    workers, paths = sums.shape[0], values.shape[1]
+    for worker in nb.prange(workers):
+        a, b = paths * worker // workers, paths * (worker + 1) // workers
+        _add_some(sums[worker], a, b, line, values, units, begin, end, weight, points, blurs)
+
+
+def gaussian_taps(sigma: float) -> np.ndarray:
+    """Return a Gaussian's weights over pixels, from the middle outwards, that add up to 1 on both sides together.
+
+    Each weight is the integral over its pixel, as of samples spread over theirs; below half a pixel of standard
+    deviation, where that would add the pixel's own variance, the weights are those of three points with the right
+    variance.
+    """
+    if sigma == 0:
+        return np.ones(1)
+    if sigma < 0.5:
+        return np.array([1 - sigma**2, sigma**2 / 2])
+    edges = np.arange(math.ceil(SIGMAS * sigma) + 1) - 0.5
+    inner = math.sqrt(max(sigma**2 - 1 / 12, 1e-9))  # the integral over a pixel adds its variance
+    mass = np.array([0.5 * (1 + math.erf(e / inner / math.sqrt(2))) for e in (*edges, edges[-1] + 1)])
+    taps = np.diff(mass)
+    return taps / (taps[0] + 2 * taps[1:].sum())
+
+
+def _compose(sums: np.ndarray, scale: np.ndarray, *, out: np.ndarray) -> None:
+    """Fill in the image, float32 (light, row, col), of one position from its sums (worker, layer, row, col, light)."""
+    planes, samples = _split_layers(sums, scale)
+    layers = np.flatnonzero(samples)
+    planes = planes[layers]
+    counts = planes[:, -1]
+    rest = np.cumsum(counts[::-1], axis=0)[::-1]  # samples of a layer and of all behind it
+    planes = np.concatenate([planes, rest[:, None]], axis=1)
+    kernels = [gaussian_taps(_sigma(layer)) for layer in layers]
+    taps = np.zeros((layers.size, max((kernel.size for kernel in kernels), default=1)), np.float32)
+    for n, kernel in enumerate(kernels):
+        taps[n, : kernel.size] = kernel
+    _smooth(planes, taps, np.array([kernel.size for kernel in kernels], dtype=np.int64))
+    _put_together(planes, out)
+
+
+@nb.njit(parallel=True, cache=True)
+def _split_layers(sums, scale):
+    """Return radiance sums and, last, samples, float32 (layer, light + 1, row, col), and the samples of each layer."""
+    workers, layers, rows, columns, groups = sums.shape
+    mask = (np.int64(1) << COUNT_BITS) - 1
+    planes = np.empty((layers, groups + 1, rows, columns), np.float32)
+    samples = np.zeros((rows, layers))
+    for row in nb.prange(rows):
+        for layer in range(layers):
+            for column in range(columns):
+                count = np.int64(0)
+                for g in range(groups):
+                    total = np.int64(0)
+                    for worker in range(workers):
+                        total += sums[worker, layer, row, column, g]
+                    planes[layer, g, row, column] = (total >> COUNT_BITS) / scale[g]
+                    count = total & mask
+                planes[layer, groups, row, column] = count
+                samples[row, layer] += count
+    return planes, samples.sum(axis=0)
+
+
+@nb.njit(parallel=True, cache=True)
+def _smooth(planes, taps, sizes):
+    """Convolve planes (layer, plane, row, col) in place with the kernel of their layer, from its middle outwards.
+
+    Beyond the border there is nothing.
+    """
+    layers, count, rows, columns = planes.shape
+    for n in nb.prange(layers * count):
+        layer, reach = n // count, sizes[n // count] - 1
+        if reach == 0:
+            continue
+        plane, kernel = planes[layer, n % count], taps[layer]
+        across = np.zeros((rows + 2 * reach, columns), planes.dtype)
+        padded = np.zeros(columns + 2 * reach, planes.dtype)
+        for row in range(rows):
+            padded[reach : reach + columns] = plane[row]
+            out = across[row + reach]
+            for column in range(columns):
+                out[column] = kernel[0] * padded[column + reach]
+            for t in range(1, reach + 1):
+                for column in range(columns):
+                    out[column] += kernel[t] * (padded[column + reach - t] + padded[column + reach + t])
+        for row in range(rows):
+            middle = row + reach
+            for column in range(columns):
+                plane[row, column] = kernel[0] * across[middle, column]
+            for t in range(1, reach + 1):
+                for column in range(columns):
+                    plane[row, column] += kernel[t] * (across[middle - t, column] + across[middle + t, column])
+
+
+@nb.njit(parallel=True, cache=True)
+def _put_together(planes, out):
+    """Put layers over each other, from front to back: each covers a part of what those before it leave free."""
+    layers, groups = planes.shape[0], planes.shape[1] - 2
+    for row in nb.prange(planes.shape[2]):
+        for column in range(planes.shape[3]):
+            free = np.float32(1)
+            for g in range(groups):
+                out[g, row, column] = 0
+            for layer in range(layers):
+                count, rest = planes[layer, groups, row, column], planes[layer, groups + 1, row, column]
+                if count > 0:
+                    weight = free * min(count / rest, np.float32(1)) / count
+                    for g in range(groups):
+                        out[g, row, column] += weight * planes[layer, g, row, column]
+                    free -= weight * count
+            if free < 1:
+                for g in range(groups):
+                    out[g, row, column] /= 1 - free

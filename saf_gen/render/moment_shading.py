@@ -1,0 +1,64 @@
+"""The shading of a moving scene at each of its moments, told by the light paths of several of them."""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+from saf_gen.core import seeds
+from saf_gen.render.filtered_pass import estimate_shading, gather_shading
+from saf_gen.render.render_setup import RenderSetup
+from saf_gen.render.shading_cells import ShadingCells, ShadingField
+
+PART_OF_SAMPLES = 4  # samples of a stack over the light paths that each of several moments traces
+
+
+class MomentShading:
+    """Gathers light paths moment by moment, each only once as long as the next stack needs it.
+
+    Parameters
+    ----------
+    show : loads the scene at a moment (s) and returns it under each of its light groups.
+    seed : seed of all paths.
+    emitting : ids of the shapes that are lamps under any group.
+    """
+
+    def __init__(
+        self, show: Callable[[float], Mapping[str, RenderSetup]], *, seed: int, emitting: Collection[str]
+    ) -> None:
+        self._show, self._seed, self._emitting = show, seed, emitting
+        self._gathered: dict[tuple[float, int, int], ShadingCells] = {}
+
+    def estimate(
+        self, moments_s: Sequence[float], *, samples: int, progress: Callable[[float], None] = lambda done: None
+    ) -> ShadingField:
+        """Return the shading at the last of some moments, in rising order; one that comes again has other paths.
+
+        ``samples`` is that of the stack: each of several moments traces a quarter of it.
+        """
+        each = samples if len(moments_s) == 1 else -(-samples // PART_OF_SAMPLES)
+        needed = [(time_s, copy, each) for time_s, copy in _number_copies(moments_s)]
+        self._gathered = {key: cells for key, cells in self._gathered.items() if key in needed}
+        for n, key in enumerate(needed):
+            if key not in self._gathered:
+                time_s, copy, _ = key
+
+                def report(done: float, n: int = n) -> None:
+                    progress((n + done) / len(needed))
+
+                self._gathered[key] = gather_shading(
+                    self._show(time_s),
+                    samples=each,
+                    seed=seeds.derive_seed(self._seed, "light paths", repr(time_s), copy),
+                    emitting=self._emitting,
+                    progress=report,
+                )
+        return estimate_shading([self._gathered[key] for key in needed])
+
+
+def _number_copies(moments_s: Sequence[float]) -> list[tuple[float, int]]:
+    """Return each moment with the number of times that it comes again after it."""
+    later: Counter[float] = Counter()
+    numbered = []
+    for time_s in reversed(moments_s):
+        numbered.append((time_s, later[time_s]))
+        later[time_s] += 1
+    return numbered[::-1]
