@@ -166,7 +166,17 @@ def _trace_on(setup: RenderSetup, rays: CameraRays, *, chosen: np.ndarray, seed:
     """Return the radiance of some of the rays, traced as whole light paths, float32 (chosen,)."""
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed & 0xFFFFFFFF, chosen.size)
-    return _trace(setup, dr.gather(type(rays.ray), rays.ray, mi.UInt32(chosen)), sampler=sampler)
+    index = mi.UInt32(_align(chosen))
+    return _trace(setup, dr.gather(type(rays.ray), rays.ray, index), sampler=sampler)
+
+
+def _align(array: np.ndarray) -> np.ndarray:
+    """Return a copy at a multiple of 64 bytes: a kernel's code holds how the memory that it reads is aligned."""
+    room = np.empty(array.nbytes + 64, dtype=np.uint8)
+    begin = -room.ctypes.data % 64
+    copy = room[begin : begin + array.nbytes].view(array.dtype)
+    copy[:] = array
+    return copy
 
 
 def _trace(setup: RenderSetup, ray: Any, *, sampler: Any) -> np.ndarray:

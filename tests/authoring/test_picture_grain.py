@@ -58,8 +58,8 @@ def test_a_pixel_of_a_cropped_sensor_sees_what_it_saw(tmp_path, monkeypatch, sma
     ("focus", "end", "moving", "said"),
     [
         ((0.02, 0.001), (0.02, 0.009), False, None),
-        ((0.02, 0.001), (0.02, 0.03), False, "samples: 1024"),  # 256 · 3 = 768
-        ((0.02, 0.001), (0.02, 0.0401), False, "samples: 2048"),  # 1027
+        ((0.02, 0.001), (0.02, 0.03), False, "samples: 256"),  # 64 · 3 = 192
+        ((0.02, 0.001), (0.02, 0.0401), False, "samples: 512"),  # 257
         ((0.3, 0.001), (0.3, 0.001), False, None),  # at rest the contrast alone has a goal
         ((0.03, 0.5), (0.03, 0.04), True, None),  # in focus the rms alone has one
         ((0.08, 0.001), (0.03, 0.04), True, "slice_samples: 64"),  # twice the goal: four times the samples

@@ -114,7 +114,7 @@ def test_generate_says_what_it_made_and_what_is_next(first):
 
 def test_a_log_gets_one_line_for_each_piece_of_work(first):
     lines = first[1].stderr.splitlines()
-    assert "done: render plane · lamp" in lines
+    assert "done: render plane · light" in lines
     assert "done: record plane-constant-00" in lines
     assert len(lines) == len(set(lines))
 

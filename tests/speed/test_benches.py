@@ -128,14 +128,16 @@ def test_a_bench_gives_every_figure_promised(name):
 @pytest.mark.slow
 @needs_llvm
 def test_the_grain_of_a_moving_scene_is_measured_at_rest_and_in_slices(tmp_path, monkeypatch):
-    """Slices of 16 samples have more grain than stills of 64, by a factor of 2 where noise is plain."""
+    """Slices of 16 samples have more grain than stills of 64, by a factor of 2 where noise is plain.
+
+    Shared shading has less than that: nine moments tell a slice's."""
     write_moving_plane(tmp_path, monkeypatch)
     found, stages = measured("grain", replace(SMALL, positions=(9, 17), samples=64, scenes=("plane",)))
     promises_kept("grain", found)
     values = {f.what: f.value for f in found}
     for place in ("best focus", "a quarter away", "position 0", "position 1"):
         ratio = values[f"plane, slice, {place}: rms over mean"] / values[f"plane, still, {place}: rms over mean"]
-        assert 1.5 < ratio < 3
+        assert 1.1 < ratio < 3
     worst = max(f.value for f in found if "slice, " in f.what and f.what.endswith("rms over mean"))
     assert next(f.value for f in found if f.what.startswith("worst slice: rms")) == worst
     assert all(f.low <= f.value <= f.high for f in found if f.low is not None)
