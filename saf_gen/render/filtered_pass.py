@@ -116,29 +116,47 @@ def render_with_shading(
     # Where nothing is shared, rays that are not traced on would tell nothing.
     rays_per_path = PRIMARY_RAYS if shading.keys.size else 1
     samples *= PRIMARY_RAYS if shading.keys.size else UNSHARED_PATHS
-    sums: _Sums | None = None
-    clipped = dict.fromkeys(setups, 0)
-    for rays in cast_camera_rays(first, focus, samples=samples, seed=seed):
-        hits = finder.find(rays, focus)
-        values = shading.reflect(hits, first=rays.first, seed=seed)
-        weight, chosen = _choose_rays_to_trace_on(rays, hits, rays_per_path=rays_per_path)
-        if chosen.size:
-            for n, (name, setup) in enumerate(setups.items()):
-                values[n, chosen] = _trace_on(
-                    setup, rays, chosen=chosen, seed=seeds.derive_seed(seed, name, rays.begin)
-                )
-        if sums is None:
-            # As in a plain stack: the brightest of one band, or 64 times it where there are more.
-            most = np.maximum(values.max(axis=1, initial=0.0), np.finfo(np.float32).tiny) * (
-                1 if rays.done >= 1 else 64
-            )
-            sums = _Sums(setups, focus, samples=samples, most=most.astype(float), on_device=on_device)
-        for n, name in enumerate(setups):
-            clipped[name] += int(np.count_nonzero(values[n] > most[n]))
-        sums.add(rays, values, hits=hits, seed=seed, weight=weight)
-        progress(rays.done)
-    assert sums is not None
-    return {name: (stack, clipped[name]) for name, stack in zip(setups, sums.mean_radiance(), strict=True)}
+
+    def bring_light(samples: int, seed: int) -> Iterator[LitRays]:
+        for rays in cast_camera_rays(first, focus, samples=samples, seed=seed):
+            hits = finder.find(rays, focus)
+            values = shading.reflect(hits, first=rays.first, seed=seed)
+            weight, chosen = _choose_rays_to_trace_on(rays, hits, rays_per_path=rays_per_path)
+            for n, (name, setup) in enumerate(setups.items() if chosen.size else ()):
+                its_seed = seeds.derive_seed(seed, name, rays.begin)
+                values[n, chosen] = _trace_on(setup, rays, chosen=chosen, seed=its_seed)
+            yield LitRays(rays, hits, values, weight)
+
+    bands = bring_light(samples, seed)
+    opening = next(bands)
+    most = _brightest_rays([opening])
+    if opening.rays.done < 1:  # as in a plain stack: of all of the picture, not of its first rows
+        most = 64 * _brightest_rays(bring_light(1, seeds.derive_seed(seed, "trial")))
+    sums = _Sums(setups, focus, samples=samples, most=most, on_device=on_device)
+    clipped = np.zeros(len(setups), dtype=int)
+    for band in chain([opening], bands):
+        clipped += np.count_nonzero(band.radiance > most[:, None], axis=1)
+        sums.add(band.rays, band.radiance, hits=band.hits, seed=seed, weight=band.weight)
+        progress(band.rays.done)
+    return {name: (stack, int(n)) for name, stack, n in zip(setups, sums.mean_radiance(), clipped, strict=True)}
+
+
+class LitRays(NamedTuple):
+    """Camera rays of a band of rows, what they met, and what they bring.
+
+    radiance : float32 (light, ray). weight : how many rays each counts for, uint32 (ray,); None for one each.
+    """
+
+    rays: CameraRays
+    hits: SurfaceHits
+    radiance: np.ndarray
+    weight: np.ndarray | None
+
+
+def _brightest_rays(bands: Iterable[LitRays]) -> np.ndarray:
+    """Return the largest radiance of all rays for each light group, float64 (light,), or 1.0 where all are dark."""
+    most = np.max([band.radiance.max(axis=1) for band in bands], axis=0).astype(np.float64)
+    return np.where(most > 0, most, 1.0)
 
 
 class WholePaths(NamedTuple):

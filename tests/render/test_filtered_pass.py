@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from written_scenes import SENSOR_GRID, load_setup, needs_llvm, write_scene
 
-from saf_gen.render import estimators, filtered_pass, one_pass
+from saf_gen.render import camera_rays, estimators, filtered_pass, one_pass
 from saf_gen.render.moment_shading import MomentShading
 from saf_gen.scene.scene_folder import find_scene
 
@@ -98,6 +98,28 @@ def test_a_light_group_has_the_same_bits_alone(still_life):
         )
         assert np.array_equal(shading.shading[:, 0], both.shading[:, list(still_life).index(name)])
     assert set(together) == set(still_life)
+
+
+@needs_llvm
+@pytest.mark.parametrize("window", [None, (2, 3)], ids=["all positions at once", "layers of a few"])
+def test_nothing_is_clipped_because_the_first_rows_are_dark(still_life, monkeypatch, window):
+    """In bands of four rows, of which the first see no light. A few rays through glass may be fireflies, of 140,000."""
+    setups = {"lamp": still_life["lamp"]}
+    shading = filtered_pass.estimate_shading(
+        [filtered_pass.gather_shading(setups, samples=8, seed=4, emitting=["lamp", "room"])]
+    )
+    below = shading.shading.copy()
+    rows = (shading.keys >> np.uint64(14)) & np.uint64((1 << 14) - 1)
+    finest = (shading.keys >> np.uint64(59)) & np.uint64(7) == 0
+    below[finest & (rows < 4096 + 2 * 10)] = 0  # half pixels: the first ten rows
+    dark = replace(shading, shading=below)
+    asked = {"positions": 5, "samples": 4, "seed": 2, "emitting": ["lamp", "room"], "window": window}
+    at_once, _ = filtered_pass.render_with_shading(setups, dark, **asked)["lamp"]
+    monkeypatch.setattr(camera_rays, "RAYS_PER_PASS", 4 * 90 * 24)
+    in_bands, clipped = filtered_pass.render_with_shading(setups, dark, **asked)["lamp"]
+    assert clipped < 10
+    assert in_bands.mean() == pytest.approx(at_once.mean(), rel=0.05)
+    assert in_bands.max() > 0.5 * at_once.max()
 
 
 @needs_llvm
