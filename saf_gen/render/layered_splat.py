@@ -1,5 +1,4 @@
-"""Adds traced paths to a few focus positions in layers of equal blur, so that what is blurred is averaged over its
-blur.
+"""Adds traced paths to a few focus positions in layers of equal blur, each averaged over a part of its blur.
 
 Away from focus a point of the scene spreads over a disc, so the true picture of it has no detail much finer than that
 disc; the noise of its paths has. The paths of a position are therefore sorted into layers by their blur, from the

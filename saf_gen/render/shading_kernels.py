@@ -60,6 +60,7 @@ def cell_keys(shape, column, row, depth, u, v):
 
 @nb.njit(cache=True)
 def parent_keys(keys):
+    """Return the key of the next larger cell round each."""
     parents = np.empty_like(keys)
     for i in range(keys.size):
         parents[i] = _parent_key(keys[i])
@@ -76,17 +77,35 @@ def _find(slots, keys, key):
     return slot
 
 
+@nb.njit(inline="always")
+def _find_or_add(slots, keys, key, count):
+    """Return the index of a key among ``keys``, where it is the next of ``count`` if it is new, and the new count."""
+    slot = _find(slots, keys, key)
+    if slots[slot] < 0:
+        slots[slot] = count
+        keys[count] = key
+        count += 1
+    return slots[slot], count
+
+
+@nb.njit(inline="always")
+def _find_round(slots, keys, key):
+    """Return the index of a key, or of the smallest known cell round it; -1 where nothing is known."""
+    slot = _find(slots, keys, key)
+    while slots[slot] < 0 and (key >> _LEVEL) & U(7) < U(LEVELS - 1):
+        key = _parent_key(key)
+        slot = _find(slots, keys, key)
+    return slots[slot]
+
+
 @nb.njit(cache=True)
 def add_paths(slots, keys, surface, light, count, path_keys, reflectance, radiance):
+    """Add paths to the sums of their cells, and return the number of cells."""
     for i in range(path_keys.size):
         if path_keys[i] == 0:
             continue
-        slot = _find(slots, keys, path_keys[i])
-        if slots[slot] < 0:
-            slots[slot] = count
-            keys[count] = path_keys[i]
-            count += 1
-        cell, rho = slots[slot], np.float64(reflectance[i])
+        cell, count = _find_or_add(slots, keys, path_keys[i], count)
+        rho = np.float64(reflectance[i])
         surface[cell, 0] += 1
         surface[cell, 1] += rho
         surface[cell, 2] += rho * rho
@@ -100,28 +119,22 @@ def add_paths(slots, keys, surface, light, count, path_keys, reflectance, radian
 
 @nb.njit(cache=True)
 def add_cells(slots, keys, surface, light, count, more_keys, more_surface, more_light):
+    """Add the sums of other cells, and return the number of cells."""
     for i in range(more_keys.size):
-        slot = _find(slots, keys, more_keys[i])
-        if slots[slot] < 0:
-            slots[slot] = count
-            keys[count] = more_keys[i]
-            count += 1
-        surface[slots[slot]] += more_surface[i]
-        light[slots[slot]] += more_light[i]
+        cell, count = _find_or_add(slots, keys, more_keys[i], count)
+        surface[cell] += more_surface[i]
+        light[cell] += more_light[i]
     return count
 
 
 @nb.njit(parallel=True, cache=True)
 def find_shading(slots, keys, shading, wanted):
+    """Return the shading of the wanted cells, or of the smallest known one round each, else 0: (cell, light)."""
     out = np.zeros((wanted.size, shading.shape[1]), dtype=np.float32)
     for i in nb.prange(wanted.size):
-        key = wanted[i]
-        slot = _find(slots, keys, key)
-        while slots[slot] < 0 and (key >> _LEVEL) & U(7) < U(LEVELS - 1):
-            key = _parent_key(key)
-            slot = _find(slots, keys, key)
-        if slots[slot] >= 0:
-            out[i] = shading[slots[slot]]
+        cell = _find_round(slots, keys, wanted[i])
+        if cell >= 0:
+            out[i] = shading[cell]
     return out
 
 
@@ -155,19 +168,14 @@ def _fill_slots(slots, keys):
 def _unique(slots, keys, found, index):
     count = 0
     for i in range(keys.size):
-        slot = _find(slots, found, keys[i])
-        if slots[slot] < 0:
-            slots[slot] = count
-            found[count] = keys[i]
-            count += 1
-        index[i] = slots[slot]
+        index[i], count = _find_or_add(slots, found, keys[i], count)
     return count
 
 
 def group_keys(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the distinct keys, and the index into them of each key."""
     found, index = np.empty_like(keys), np.empty(keys.size, dtype=np.int64)
-    slots = np.full(1 << int(2 * max(keys.size, 1) - 1).bit_length(), -1, dtype=np.int32)
+    slots = index_keys(keys[:0], room=keys.size)
     count = _unique(slots, keys, found, index)
     return found[:count].copy(), index
 
@@ -194,6 +202,7 @@ def _ratio(surface, radiance):
 
 @nb.njit(cache=True)
 def mean_shading(surface, light):
+    """Return each cell's own shading, (cell, light)."""
     out = np.empty(light.shape[:2])
     for i in range(out.shape[0]):
         for g in range(out.shape[1]):
@@ -255,6 +264,7 @@ def shrink(surface, light, around, pool, pool_surface, pool_residual, sigmas):
 
 @nb.njit(parallel=True, cache=True)
 def reflect(slots, keys, shading, out, first, seed, shape, column, row, depth, u, v, reflectance):
+    """Fill in the radiance that surfaces reflect to rays, float32 (light, ray), where shading is known."""
     for i in nb.prange(shape.size):
         if shape[i] == 0:
             continue
@@ -263,17 +273,9 @@ def reflect(slots, keys, shading, out, first, seed, shape, column, row, depth, u
         y = np.float32((word >> U(20)) & U(0xFFFFF)) * np.float32(2.0**-20) - np.float32(0.5)
         z = np.float32((word >> U(40)) & U(0xFFFFF)) * np.float32(2.0**-20) - np.float32(0.5)
         key = _cell_key(shape[i], column[i] + FINEST * x, row[i] + FINEST * y, depth[i] + z, u[i], v[i])
-        slot = _find(slots, keys, key)
-        if (
-            slots[slot] < 0
-        ):  # beside the moved place there is nothing of this kind: take the cell itself, or one round it
-            key = _cell_key(shape[i], column[i], row[i], depth[i], u[i], v[i])
-            slot = _find(slots, keys, key)
-            for _ in range(1, LEVELS):
-                if slots[slot] >= 0:
-                    break
-                key = _parent_key(key)
-                slot = _find(slots, keys, key)
-        if slots[slot] >= 0:
+        cell = slots[_find(slots, keys, key)]
+        if cell < 0:  # beside the moved place there is nothing of this kind: take the cell itself, or one round it
+            cell = _find_round(slots, keys, _cell_key(shape[i], column[i], row[i], depth[i], u[i], v[i]))
+        if cell >= 0:
             for g in range(out.shape[0]):
-                out[g, i] = reflectance[i] * shading[slots[slot], g]
+                out[g, i] = reflectance[i] * shading[cell, g]
