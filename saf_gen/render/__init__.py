@@ -81,7 +81,7 @@ def render_missing_stacks(
             report("geometry", 1.0)
             continue
         shading = None
-        if spec.estimator == "filtered" and backend_name != "scalar":
+        if estimators.shares_shading(spec.estimator, backend_name=backend_name):
             shading = paths.estimate(
                 spec.moments_s or (spec.time_s,), samples=spec.samples, progress=lambda done: report("light", done / 2)
             )
@@ -93,7 +93,6 @@ def render_missing_stacks(
         found = estimators.render_light_groups(
             shown.show(spec.time_s),
             backend_name=backend_name,
-            estimator=spec.estimator,
             positions=spec.positions,
             samples=spec.samples,
             window=spec.window,

@@ -10,11 +10,15 @@ from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import ShadingField
 
 
+def shares_shading(estimator: str, *, backend_name: str) -> bool:
+    """Return whether an estimator needs the shading of surfaces: 'filtered' does, but with scalar all are plain."""
+    return estimator == "filtered" and backend_name != "scalar"
+
+
 def render_light_groups(
     setups: Mapping[str, RenderSetup],
     *,
     backend_name: str,
-    estimator: str,
     positions: int,
     samples: int,
     seed: int,
@@ -28,29 +32,17 @@ def render_light_groups(
     Parameters
     ----------
     setups : the same scene under each light group, by name.
-    backend_name : 'llvm' or 'cuda', which trace all positions at once; or 'scalar', which renders position by position
-        and knows no estimator but Mitsuba's own, a plain one.
-    estimator : 'filtered' (:mod:`saf_gen.render.filtered_pass`) or 'plain' (:mod:`saf_gen.render.one_pass`).
+    backend_name : 'llvm' or 'cuda', which trace all positions at once; or 'scalar', which renders position by position.
     samples : light paths per pixel, position and light group, at least.
-    shading : what the filtered estimator is to take for the shading of surfaces; by default what light paths of this
-        scene tell.
+    shading : of the scene's surfaces, for the filtered estimator (:mod:`saf_gen.render.filtered_pass`); None for a
+        plain one (:mod:`saf_gen.render.one_pass`, or with scalar Mitsuba's own).
     positions, seed, emitting, window, progress : see :func:`saf_gen.render.filtered_pass.render_with_shading`.
 
     Returns
     -------
     For each group the stack, float32 (focus, row, col), and the number of light paths that were clipped as fireflies.
     """
-    if estimator == "filtered" and backend_name != "scalar":
-        own = shading is None
-        if shading is None:
-            cells = filtered_pass.gather_shading(
-                setups,
-                samples=samples,
-                seed=seeds.derive_seed(seed, "light paths"),
-                emitting=emitting,
-                progress=lambda done: progress(done / 2),
-            )
-            shading = filtered_pass.estimate_shading([cells])
+    if shading is not None:
         return filtered_pass.render_with_shading(
             setups,
             shading,
@@ -59,7 +51,7 @@ def render_light_groups(
             seed=seeds.derive_seed(seed, "primary rays"),
             emitting=emitting,
             window=window,
-            progress=lambda done: progress((1 + done) / 2 if own else done),
+            progress=progress,
         )
     render_stack = thin_lens.render_stack if backend_name == "scalar" else one_pass.render_stack
     found = {}

@@ -119,14 +119,15 @@ class SceneRenderer:
         seed = seeds.derive_seed("studio", replace(spec, time_s=0.0, window=None).key, run)
         emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
         shading = None
-        if window is not None and not self.is_slow:
+        if estimators.shares_shading(spec.estimator, backend_name=self.backend_name):
             # A time slice is told by several moments. Here the scene stands still for as many.
-            paths = MomentShading(lambda at_s: setups, seed=seed, emitting=emitting)
-            shading = paths.estimate([spec.time_s] * SHADING_MOMENTS, samples=samples)
+            moments = [spec.time_s] * (1 if window is None else SHADING_MOMENTS)
+            shading = MomentShading(lambda at_s: setups, seed=seed, emitting=emitting).estimate(
+                moments, samples=samples
+            )
         found = estimators.render_light_groups(
             setups,
             backend_name=self.backend_name,
-            estimator=spec.estimator,
             positions=positions,
             samples=samples,
             window=window,

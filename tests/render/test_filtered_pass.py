@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from written_scenes import SENSOR_GRID, load_setup, needs_llvm, write_scene
 
-from saf_gen.render import camera_rays, estimators, filtered_pass, one_pass
+from saf_gen.render import camera_rays, filtered_pass, one_pass
 from saf_gen.render.moment_shading import MomentShading
 from saf_gen.scene.scene_folder import find_scene
 
@@ -34,16 +34,9 @@ def still_life(tmp_path, monkeypatch):
 
 
 def filtered(setups, *, samples=16, seed=1, positions=5, window=None):
-    found = estimators.render_light_groups(
-        setups,
-        backend_name="llvm",
-        estimator="filtered",
-        positions=positions,
-        samples=samples,
-        seed=seed,
-        emitting=["lamp", "room"],
-        window=window,
-    )
+    asked = {"samples": samples, "emitting": ["lamp", "room"]}
+    shading = filtered_pass.estimate_shading([filtered_pass.gather_shading(setups, seed=1000 + seed, **asked)])
+    found = filtered_pass.render_with_shading(setups, shading, positions=positions, seed=seed, window=window, **asked)
     return {name: stack for name, (stack, _) in found.items()}
 
 
@@ -72,18 +65,19 @@ def test_the_mean_of_a_picture_is_that_of_the_plain_estimator(still_life, window
 
 
 @needs_llvm
-def test_shared_shading_leaves_less_noise_than_twice_the_light_paths(still_life):
-    """Noise of two renders each, in focus and away from it: filtered at 16 samples, plain at 32; seeds are fixed.
+def test_shared_shading_leaves_a_fourth_of_the_noise_of_twice_the_light_paths(still_life):
+    """Squared differences of two renders each, filtered at 16 samples and plain at 32; seeds are fixed.
 
-    Measured: the variance is 2 to 4 times less. Half of the picture is glass, sky or edges, which share nothing.
+    The median over pixels is that of the wall; the mean is that of a few paths that meet the lamp through the glass.
+    Measured with four pairs of seeds: 8.0 to 10.0 times less.
     """
-    variance = lambda one, other: float(((one - other) ** 2).mean())  # noqa: E731
+    variance = lambda one, other: float(np.median((one - other) ** 2))  # noqa: E731
     shared = [sum(filtered(still_life, seed=s).values()) for s in (1, 2)]
     plain = [
         sum(one_pass.render_stack(setup, positions=5, samples=32, seed=s)[0] for setup in still_life.values())
         for s in (1, 2)
     ]
-    assert variance(*shared) < variance(*plain)
+    assert variance(*shared) < variance(*plain) / 4
 
 
 @needs_llvm
