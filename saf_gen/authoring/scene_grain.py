@@ -16,6 +16,7 @@ from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.grain import Grain, GrainFigure, correlate_grain, estimate_grain
+from saf_gen.stack.time_resolved import SHADING_MOMENTS
 
 BEST_FOCUS, AWAY = "best focus", "a quarter away"
 QUARTER = 0.25
@@ -144,7 +145,13 @@ def render_slice_pair(
     nearer = min(max(round(knot) - first, 0), 1)
     one, other = (
         renderer.render_stack(
-            seen, positions=positions, samples=samples, window=(first, first + 1), time_s=time_s, run=run
+            seen,
+            positions=positions,
+            samples=samples,
+            window=(first, first + 1),
+            time_s=time_s,
+            run=run,
+            moments=SHADING_MOMENTS,
         )
         for run in (1, 2)
     )

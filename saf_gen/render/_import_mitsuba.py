@@ -2,6 +2,10 @@
 
 While it loads, Dr.Jit writes a complaint about a missing LLVM straight to stderr. It is silenced here, and
 :mod:`saf_gen.render.backend` says in plain words what is missing.
+
+Numba's threads (OpenMP) would wait for their next work in a busy loop, on cores that Dr.Jit's threads and other
+processes need: a picture of few pixels then takes twice the processor time. Here they are told to sleep, before the
+first of them starts; whoever wants them awake sets OMP_WAIT_POLICY.
 """
 
 import os
@@ -22,6 +26,8 @@ def _silent_stderr() -> Iterator[None]:
         os.close(original)
         os.close(null)
 
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 with _silent_stderr():
     import drjit

@@ -17,7 +17,6 @@ from saf_gen.render.render_setup import RenderSetup
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, PixelGrid, StackSpec
-from saf_gen.stack.time_resolved import SHADING_MOMENTS
 
 PINHOLE_F_NUMBER = 64.0  # the smallest stop a card may have: no blur is as wide as a pixel
 
@@ -96,11 +95,13 @@ class SceneRenderer:
         time_s: float | None = None,
         together: bool = False,
         run: int = 0,
+        moments: int = 1,
     ) -> FocalStack:
         """Render the focal stack at evenly spaced positions, or at a window of them.
 
         ``together`` renders all lights at once, as one group with the name 'all'. Runs of different numbers
-        have independent noise.
+        have independent noise. ``moments`` tell the shading: several that of a time slice of a recording, as
+        long as nothing has moved. Here the scene stands still for all of them.
         """
         lights = self.scene.card.lights
         groups = {"all": tuple(lights)} if together else {name: (name,) for name in lights}
@@ -120,11 +121,8 @@ class SceneRenderer:
         emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
         shading = None
         if estimators.shares_shading(spec.estimator, backend_name=self.backend_name):
-            # A time slice is told by several moments. Here the scene stands still for as many.
-            moments = [spec.time_s] * (1 if window is None else SHADING_MOMENTS)
-            shading = MomentShading(lambda at_s: setups, seed=seed, emitting=emitting).estimate(
-                moments, samples=samples
-            )
+            paths = MomentShading(lambda at_s: setups, seed=seed, emitting=emitting)
+            shading = paths.estimate([spec.time_s] * moments, samples=samples)
         found = estimators.render_light_groups(
             setups,
             backend_name=self.backend_name,

@@ -33,6 +33,7 @@ SIGNIFICANT = 2.0  # standard errors by which now must differ from other moments
 SIGNIFICANT_LEVEL = 2  # and the level of the smallest cells in which it may: few paths are of now
 POOL = 2  # levels up: the neighbourhood that variances are estimated in is four cells wide
 PATHS_AT_ONCE = 1 << 18
+ROOM = 1 << 17  # cells that there is room for at first
 
 
 class SurfaceHits(NamedTuple):
@@ -64,10 +65,10 @@ class ShadingCells:
 
     def __init__(self, groups: int) -> None:
         self.groups, self.count = groups, 0
-        self._slots = np.full(1 << 20, -1, dtype=np.int32)
-        self._keys = np.zeros(1 << 17, dtype=np.uint64)
-        self._surface = np.zeros((1 << 17, 3))  # paths, sum of ρ, sum of ρ²
-        self._light = np.zeros((1 << 17, groups, 3))  # sums of L, L² and L·ρ
+        self._slots = np.full(8 * ROOM, -1, dtype=np.int32)
+        self._keys = np.zeros(ROOM, dtype=np.uint64)
+        self._surface = np.zeros((ROOM, 3))  # paths, sum of ρ, sum of ρ²
+        self._light = np.zeros((ROOM, groups, 3))  # sums of L, L² and L·ρ
 
     def add(self, hits: SurfaceHits, radiance: np.ndarray) -> None:
         """Add paths by their first surfaces; ``radiance`` is float32 (light, path). Split calls give the same bits."""

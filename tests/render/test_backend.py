@@ -48,3 +48,17 @@ def test_doctor_works_without_any_llvm_and_says_what_to_install(tmp_path):
     assert "no LLVM library was found" in run.stdout
     assert "to be faster: install LLVM 17 or newer" in run.stdout
     assert "│ scalar" in run.stdout
+
+
+def test_threads_that_wait_for_work_sleep():
+    """What OpenMP itself says, in a process of its own; numba may have another kind of threads."""
+    code = (
+        "import numba, numpy, saf_gen.render.shading_kernels as kernels\n"
+        "kernels.cell_keys(numpy.ones(9, 'u4'), *numpy.ones((5, 9), 'f4'))\n"
+        "print(numba.threading_layer())"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"} | {"OMP_DISPLAY_ENV": "TRUE"}
+    run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    if run.stdout.strip() != "omp":
+        pytest.skip(f"numba's threads are {run.stdout.strip()}")
+    assert "OMP_WAIT_POLICY = 'PASSIVE'" in run.stderr.upper()

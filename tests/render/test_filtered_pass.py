@@ -51,8 +51,9 @@ def test_the_mean_of_a_picture_is_that_of_the_plain_estimator(still_life, window
     left out, glass counted once in place of six times, or a lamp without its light is 10 % off and more.
     """
     blocks = lambda stack: stack.reshape(len(stack), 4, 10, 4, 16).mean(axis=(2, 4), dtype=np.float64)  # noqa: E731
+    found = [filtered(still_life, samples=64, seed=s, window=window) for s in range(8)]
     for name, setup in still_life.items():
-        ours = np.array([blocks(filtered(still_life, samples=64, seed=s, window=window)[name]) for s in range(8)])
+        ours = np.array([blocks(stacks[name]) for stacks in found])
         plain = np.array(
             [
                 blocks(one_pass.render_stack(setup, positions=5, samples=64, seed=100 + s, window=window)[0])
