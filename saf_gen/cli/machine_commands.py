@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -10,7 +11,9 @@ from rich.progress import TaskID
 from rich.table import Table
 
 import saf_gen
+from saf_gen.cli._bench_table import make_figure_table, make_scene_table
 from saf_gen.cli._terminal import err, out, print_error, progress_bars
+from saf_gen.errors import BadInput
 
 
 def bench(
@@ -21,11 +24,18 @@ def bench(
     scenes: Annotated[
         list[str] | None, typer.Option("--scene", help="Scene for the bench grain; repeat for more (default: all).")
     ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder that keeps the grain of each scene: the same command then goes on there."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Measure speed, file size and memory at full size, each beside its target (about twenty minutes)."""
+    if names and "grain" not in names and (scenes or folder):
+        option = "--scene" if scenes else "--out"
+        raise BadInput(f"{option} is for the bench grain, which is not among {', '.join(names)}", hint="leave it out")
     from saf_gen.scene.scene_folder import find_scene
-    from saf_gen.speed import BenchSize, run_benches
+    from saf_gen.speed import BenchFigure, BenchSize, SceneFound, run_benches
 
     for scene in scenes or ():
         find_scene(scene)
@@ -39,30 +49,31 @@ def bench(
                     err.print(stage)
             bars.update(tasks[stage], completed=done)
 
-        results = run_benches(names or [], BenchSize(scenes=tuple(scenes or ())), report=report)
+        shown: list[BenchFigure] = []
+
+        def show(scene: SceneFound) -> None:
+            figures = [f for f in scene.found if isinstance(f, BenchFigure)]
+            if figures and not as_json:
+                shown.extend(figures)
+                table, lines = make_scene_table(scene.scene, figures)
+                out.print(table, *lines, sep="\n")
+            seconds = scene.seconds_left
+            left = f", about {seconds / 60:.0f} min left" if seconds else ""
+            err.print(f"grain: {scene.scene} is done, {scene.number} of {scene.count}{left}")
+
+        size = BenchSize(scenes=tuple(scenes or ()))
+        results = run_benches(names or [], size, folder=folder, report=report, show=show)
     if as_json:
         figures = [_finite({**asdict(figure), "met": figure.met}) for figure in results.figures]
         out.file.write(json.dumps(figures, indent=1, ensure_ascii=False) + "\n")
     else:
-        table = Table("bench", "what", "measured", "unit", "target", "met")
-        marks = {True: "yes", False: "no", None: ""}
-        for f in results.figures:
-            target = "" if f.target is None else f"{'≤' if f.at_most else '≥'} {f.target:g}"
-            value = _number(f.value)
-            if f.low is not None and f.high is not None:
-                value += f" ({_number(f.low)} to {_number(f.high)})"
-            table.add_row(f.bench, f.what, value, f.unit, target, marks[f.met])
-        out.print(table)
+        out.print(make_figure_table(f for f in results.figures if f not in shown))
     for remark in results.remarks:
         err.print(remark)
     for name, problem in results.failed.items():
         print_error(f"bench {name} failed: {problem}", problem.exit_code)
     if results.failed:
         raise typer.Exit(1 if results.figures else max(e.exit_code for e in results.failed.values()))
-
-
-def _number(value: float) -> str:
-    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
 
 
 def _finite(figure: dict[str, Any]) -> dict[str, Any]:

@@ -5,15 +5,17 @@ not a test: a busy or old machine may miss a target without anything being wrong
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
+from pathlib import Path
 
 from saf_gen.errors import SafGenError, unknown
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.speed.bench_figure import BenchFigure, BenchSize
 from saf_gen.speed.fresh_process import peak_memory_gib, run_in_fresh_process
+from saf_gen.speed.grain_by_scene import SceneFound, measure_scenes
 
-__all__ = ["BENCHES", "BenchFigure", "BenchResults", "BenchSize", "run_benches"]
+__all__ = ["BENCHES", "BenchFigure", "BenchResults", "BenchSize", "SceneFound", "run_benches"]
 
 BENCHES = {
     "stack": "the focal stack against Mitsuba's thin lens: time, and error at equal samples",
@@ -23,7 +25,7 @@ BENCHES = {
     "score": "ten methods on six sequences",
     "job": "the paper's synthetic set, recipe to leaderboard, and again under another light",
 }
-MAX_MEMORY_GIB = 2.0
+PEAK_MEMORY, MAX_MEMORY_GIB = "peak memory of a process", 2.0
 
 
 @dataclass(frozen=True)
@@ -36,13 +38,19 @@ class BenchResults:
 
 
 def run_benches(
-    names: Sequence[str], size: BenchSize, *, report: ReportProgress = lambda stage, done: None
+    names: Sequence[str],
+    size: BenchSize,
+    *,
+    folder: Path | None = None,
+    report: ReportProgress = lambda stage, done: None,
+    show: Callable[[SceneFound], None] = lambda found: None,
 ) -> BenchResults:
     """Run benches (keys of BENCHES; all if empty) one after the other, each in a fresh process.
 
-    ``report`` is called with what is being measured and the fraction of it that is done, 0 to 1. A bench that cannot
-    run here (no LLVM, no recipe) is among the failed ones; the others continue. Raises BadInput for an unknown name,
-    before anything is measured.
+    The bench of grain has a process for each scene. ``show`` is called with what was found of it, and ``folder`` keeps
+    that for a run that goes on. ``report`` is called with what is being measured and the fraction of it that is done,
+    0 to 1. A bench that cannot run here (no LLVM, no recipe) is among the failed ones; the others continue. Raises
+    BadInput for an unknown name, before anything is measured.
     """
     for name in names:
         if name not in BENCHES:
@@ -51,7 +59,10 @@ def run_benches(
     failed: dict[str, SafGenError] = {}
     for name in dict.fromkeys(names or BENCHES):
         try:
-            found += run_in_fresh_process(_measure, name, size, report=report)
+            if name == "grain":
+                found += _measure_grain(size, folder=folder, report=report, show=show)
+            else:
+                found += run_in_fresh_process(_measure, name, size, report=report)
         except SafGenError as error:
             failed[name] = error
     figures = tuple(f for f in found if isinstance(f, BenchFigure))
@@ -64,5 +75,26 @@ def _measure(name: str, size: BenchSize, *, report: ReportProgress) -> list[Benc
     run_bench = import_module(f"saf_gen.speed.bench_{name}").run_bench
     return [
         *run_bench(size, lambda stage, done: report(f"{name}: {stage}", done)),
-        BenchFigure(name, "peak memory of a process", peak_memory_gib(), "GiB", MAX_MEMORY_GIB, at_most=True),
+        BenchFigure(name, PEAK_MEMORY, peak_memory_gib(), "GiB", MAX_MEMORY_GIB, at_most=True),
     ]
+
+
+def _measure_grain(
+    size: BenchSize, *, folder: Path | None, report: ReportProgress, show: Callable[[SceneFound], None]
+) -> list[BenchFigure | str]:
+    """Return what the bench of grain finds of all scenes, the worst of them, and the largest of their peak memories."""
+    found: list[BenchFigure | str] = []
+    peaks = []
+
+    def measure(size: BenchSize) -> list[BenchFigure | str]:
+        return run_in_fresh_process(_measure, "grain", size, report=report)
+
+    for scene in measure_scenes(size, measure=measure, folder=folder):
+        peaks += [f for f in scene.found if isinstance(f, BenchFigure) and f.what == PEAK_MEMORY]
+        rest = tuple(f for f in scene.found if isinstance(f, str) or f.what != PEAK_MEMORY)
+        show(replace(scene, found=rest))
+        found += rest
+    from saf_gen.speed.bench_grain import find_worst
+
+    found += find_worst([f for f in found if isinstance(f, BenchFigure)])
+    return [*found, *([max(peaks, key=lambda f: f.value)] if peaks else [])]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 class BenchFigure:
     """One measured number; ``target`` is its upper limit if ``at_most``, else its lower limit.
 
-    ``low`` and ``high`` are the ends of its interval at 95 %, where it has one.
+    ``low`` and ``high`` are the ends of its interval at 95 %, where it has one. ``cell`` is its row and column in the
+    table of its scene, where it has one.
     """
 
     bench: str
@@ -18,6 +19,7 @@ class BenchFigure:
     at_most: bool = False
     low: float | None = None
     high: float | None = None
+    cell: tuple[str, str] | None = None
 
     @property
     def met(self) -> bool | None:
@@ -37,7 +39,8 @@ class BenchSize:
     frames : frames of a recording; growth is measured from there to ten times as many.
     positions : positions of the usual and of the fine focal stack.
     samples, reference : samples per pixel of a focal stack, and of the reference that its error is measured against.
-    slice_samples : samples per pixel of a time slice.
+    still_samples, slice_samples : samples per pixel where grain is measured, at rest and in a time slice: those of the
+        project's recipes.
     scenes : names of the scenes whose grain is measured; all that can be found if empty.
     public_frames : frames for the public encoders; the slower ones get a tenth or a hundredth.
     sequences : recordings that ten methods run on.
@@ -49,6 +52,7 @@ class BenchSize:
     positions: tuple[int, int] = (129, 513)
     samples: int = 256
     reference: int = 2048
+    still_samples: int = 64
     slice_samples: int = 16
     scenes: tuple[str, ...] = ()
     public_frames: int = 200

@@ -5,7 +5,7 @@ not share is grain. :mod:`saf_gen.stack.grain` defines the figures and their int
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,24 +27,20 @@ ENERGY_NAMES = {
     "tenengrad": "Tenengrad",
     "variance_of_laplacian": "the variance of the Laplacian",
 }
+COLUMNS = {"contrast": "C²", "brenner": "Brenner", "tenengrad": "Tenengrad", "variance_of_laplacian": "Laplacian"}
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield the grain of each scene at rest and, where it moves, of its time slices; then that of the worst scenes.
+    """Yield the grain of each scene at rest and, where it moves, of its time slices.
 
     Raises BadInput for a scene that is not known. A scene that cannot be rendered is left out, and named.
     """
     sensor = get_sensor(size.sensor)
-    scenes = [find_scene(name) for name in size.scenes or scene_names()]
-    figures: list[BenchFigure] = []
-    for scene in scenes:
+    for scene in [find_scene(name) for name in size.scenes or scene_names()]:
         try:
-            for figure in _bench_scene(scene, sensor, size=size, report=report):
-                figures.append(figure)
-                yield figure
+            yield from _bench_scene(scene, sensor, size=size, report=report)
         except BadInput as problem:
             yield f"grain: {scene.id} is left out: {problem}"
-    yield from _worst(figures)
 
 
 def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
@@ -65,11 +61,11 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
         seen,
         places=places,
         positions=positions,
-        samples=size.samples,
+        samples=size.still_samples,
         progress=lambda done: report(f"{scene.id}, at rest", done),
     )
     max_contrast = dict.fromkeys(places, scene_grain.MAX_STILL_CONTRAST)
-    yield from _place_figures(f"{scene.id}, still", still, max_rms=None, max_contrast=max_contrast)
+    yield from _place_figures(scene.id, "still", found=still, max_rms=None, max_contrast=max_contrast)
     if not (renderer.motions and scene.card.slices_per_s):
         return
     found = scene_grain.measure_slice_grain(
@@ -82,7 +78,8 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
         progress=lambda done: report(f"{scene.id}, time slices", done),
     )
     max_contrast = {name: scene_grain.MAX_SLICE_CONTRAST for name in places if name != scene_grain.BEST_FOCUS}
-    yield from _place_figures(f"{scene.id}, slice", found, max_rms=scene_grain.MAX_SLICE_RMS, max_contrast=max_contrast)
+    max_rms = scene_grain.MAX_SLICE_RMS
+    yield from _place_figures(scene.id, "slice", found=found, max_rms=max_rms, max_contrast=max_contrast)
     report(f"{scene.id}, later slices", 0.0)
     correlations = scene_grain.measure_slice_correlation(
         renderer,
@@ -105,19 +102,20 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
 
 
 def _place_figures(
-    label: str, found: Mapping[str, Any], *, max_rms: float | None, max_contrast: Mapping[str, float]
+    scene: str, picture: str, *, found: Mapping[str, Any], max_rms: float | None, max_contrast: Mapping[str, float]
 ) -> Iterator[BenchFigure]:
-    """Yield rms and energies at each place, in per cent, beside their goals."""
+    """Yield rms and energies of a scene's stills or slices at each place, in per cent, beside their goals."""
     for place, grain in found.items():
-        for region, figure, goal in (("", grain.box.rms, max_rms), (" on the target alone", grain.target.rms, None)):
-            yield _percent(f"{label}, {place}: rms over mean{region}", figure, goal=goal)
+        row, label = f"{picture}, {place}", f"{scene}, {picture}, {place}"
+        yield _percent(f"{label}: rms over mean", grain.box.rms, goal=max_rms, cell=(row, "rms"))
+        yield _percent(f"{label}: rms over mean on the target alone", grain.target.rms, cell=(row, "on target"))
         for energy, name in ENERGY_NAMES.items():
             goal = max_contrast.get(place) if energy == "contrast" else None
-            figure = grain.box.noise_over_signal[energy]
-            yield _percent(f"{label}, {place}: noise over signal in {name}", figure, goal=goal)
+            figure, cell = grain.box.noise_over_signal[energy], (row, COLUMNS[energy])
+            yield _percent(f"{label}: noise over signal in {name}", figure, goal=goal, cell=cell)
 
 
-def _percent(what: str, figure: Any, *, goal: float | None = None) -> BenchFigure:
+def _percent(what: str, figure: Any, *, goal: float | None = None, cell: tuple[str, str] | None = None) -> BenchFigure:
     target = None if goal is None else 100 * goal
     return BenchFigure(
         "grain",
@@ -128,6 +126,7 @@ def _percent(what: str, figure: Any, *, goal: float | None = None) -> BenchFigur
         at_most=goal is not None,
         low=100 * figure.low,
         high=100 * figure.high,
+        cell=cell,
     )
 
 
@@ -158,7 +157,7 @@ def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
     return max(several_s - one_s, 0.0) / (TIMED_SLICES - 1)
 
 
-def _worst(figures: list[BenchFigure]) -> Iterator[BenchFigure]:
+def find_worst(figures: Sequence[BenchFigure]) -> Iterator[BenchFigure]:
     """Yield the worst of each kind of figure that has a goal, with the scene and place where it is."""
     kinds = {
         "worst slice: rms over mean": (", slice,", "rms over mean"),
@@ -170,4 +169,4 @@ def _worst(figures: list[BenchFigure]) -> Iterator[BenchFigure]:
         found = [f for f in found if not math.isnan(f.value)]
         if found:
             worst = max(found, key=lambda f: f.value)
-            yield replace(worst, what=f"{what} ({worst.what.partition(':')[0]})")
+            yield replace(worst, what=f"{what} ({worst.what.partition(':')[0]})", cell=None)

@@ -13,8 +13,8 @@ import hashlib
 import json
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from functools import lru_cache
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -115,7 +115,7 @@ class StackSpec:
             estimator=estimator,
         )
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Name of the scene and digest of this spec; neither seed nor backend enters it."""
         text = json.dumps([FORMAT, self.as_dict(), *(["half"] if self.window else [])], sort_keys=True)
@@ -123,7 +123,7 @@ class StackSpec:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the spec as plain data, the drive with its kind."""
-        return {**asdict(self), "drive": self.drive.as_dict()}
+        return {**{field.name: getattr(self, field.name) for field in fields(self)}, "drive": self.drive.as_dict()}
 
     @classmethod
     def read(cls, root: Path, key: str) -> "StackSpec":

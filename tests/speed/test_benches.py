@@ -3,6 +3,7 @@
 import importlib
 import json
 import math
+import shutil
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -10,10 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from capture_dataset import write_moving_plane
 from small_dataset import HERE
 
 from saf_gen import speed
+from saf_gen.authoring import scene_grain
 from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.errors import BadInput, SafGenError
@@ -23,15 +26,19 @@ from saf_gen.speed import (
     BenchFigure,
     BenchResults,
     BenchSize,
+    SceneFound,
     bench_encode,
+    bench_grain,
     bench_job,
     bench_stack,
     bench_stream,
     fresh_process,
+    grain_by_scene,
     run_benches,
     synthetic_recording,
 )
 
+PLACES = ("best focus", "a quarter away", "position 0", "position 1")
 BENCHMARKS = HERE.parent / "benchmarks"
 SMALL = BenchSize(
     sensor=str(HERE / "small_sensor.yaml"),
@@ -81,9 +88,6 @@ PROMISED = {
         "correlation of grain with the next slice": None,
         "correlation of grain with the slice 8 on": None,
         "loaded, rendered at two positions and stored": None,
-        "worst slice: rms": 4.0,
-        "worst slice away from focus": 5.0,
-        "worst still": 1.0,
     },
     "score": {"10 methods, 2 sequences of 400 frames": 30.0, "cost of a method over its measure's": None},
     "job": {
@@ -132,14 +136,24 @@ def test_the_grain_of_a_moving_scene_is_measured_at_rest_and_in_slices(tmp_path,
 
     Shared shading has less than that: nine moments tell a slice's."""
     write_moving_plane(tmp_path, monkeypatch)
-    found, stages = measured("grain", replace(SMALL, positions=(9, 17), samples=64, scenes=("plane",)))
+    sensor = tmp_path / "smaller.yaml"
+    sensor.write_text(Path(SMALL.sensor).read_text().replace("rows: 40\ncolumns: 64", "rows: 20\ncolumns: 32"))
+    found, stages = measured("grain", replace(SMALL, sensor=str(sensor), positions=(9, 17), scenes=("plane",)))
     promises_kept("grain", found)
     values = {f.what: f.value for f in found}
-    for place in ("best focus", "a quarter away", "position 0", "position 1"):
+    for place in PLACES:
         ratio = values[f"plane, slice, {place}: rms over mean"] / values[f"plane, still, {place}: rms over mean"]
         assert 1.1 < ratio < 3
-    worst = max(f.value for f in found if "slice, " in f.what and f.what.endswith("rms over mean"))
-    assert next(f.value for f in found if f.what.startswith("worst slice: rms")) == worst
+    worst = {f.what.partition(" (")[0]: f for f in bench_grain.find_worst(found)}
+    assert {what: f.target for what, f in worst.items()} == {
+        "worst slice: rms over mean": 4.0,
+        "worst slice away from focus: noise over signal in C²": 5.0,
+        "worst still: noise over signal in C²": 1.0,
+    }
+    rms = [f.value for f in found if "slice, " in f.what and f.what.endswith("rms over mean")]
+    assert worst["worst slice: rms over mean"].value == max(rms)
+    cells = [f.cell for f in found if f.cell is not None]
+    assert len(set(cells)) == len(cells) == 2 * 4 * 6, "at rest and moving, four places, six figures"
     assert all(f.low <= f.value <= f.high for f in found if f.low is not None)
     assert {stage for stage, _ in stages} == {"plane, at rest", "plane, time slices", "plane, later slices"}
 
@@ -150,6 +164,150 @@ def test_a_scene_whose_grain_cannot_be_measured_is_named(tmp_path, monkeypatch):
     (folder / "scene.py").write_text("def build(params):\n    return {}\n")
     (remark,) = measured("grain", replace(SMALL, scenes=("plane",)))[0]
     assert remark.startswith("grain: plane is left out: ")
+
+
+def test_grain_is_measured_with_the_samples_of_the_projects_recipes():
+    renders = [yaml.safe_load(path.read_text())["render"] for path in (HERE.parent / "recipes").glob("sa[df]_*.yaml")]
+    assert {r["samples"] for r in renders} == {BenchSize().still_samples} == {scene_grain.STILL_SAMPLES}
+    slices = {r["slice_samples"] for r in renders if "slice_samples" in r}
+    assert slices == {BenchSize().slice_samples} == {scene_grain.SLICE_SAMPLES}
+
+
+@pytest.fixture
+def three_scenes(tmp_path, monkeypatch):
+    """Scenes a, b and c, the last of which moves; gives the folder of their folders."""
+    for name in "abc":
+        shutil.copytree(HERE / "scenes/plane", tmp_path / "scenes" / name)
+        card = tmp_path / "scenes" / name / "scene.yaml"
+        card.write_text(card.read_text().replace("id: plane", f"id: {name}"))
+    with card.open("a") as last:
+        last.write("motion: {plane: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0, 0, 0.01]}]}}\n")
+        last.write("slices_per_s: 100\n")
+    monkeypatch.setenv("SAF_GEN_SCENES", str(tmp_path / "scenes"))
+    return tmp_path / "scenes"
+
+
+THREE = replace(SMALL, scenes=("a", "b", "c"))
+
+
+def measure_with(log, *, fails=()):
+    """A bench of one scene that takes a second and remembers for which it was called."""
+
+    def measure(size):
+        (name,) = size.scenes
+        log.append(name)
+        if name in fails:
+            raise SafGenError("its process died")
+        return [BenchFigure("grain", f"{name}: rms", math.inf, "%", 4.0, low=1.0, cell=("still", "rms")), "a remark"]
+
+    return measure
+
+
+def test_a_stopped_bench_of_grain_goes_on_with_the_scenes_that_are_left(three_scenes, tmp_path):
+    """b has failed and is tried again; what was kept is the same, figure by figure."""
+    log, folder = [], tmp_path / "kept"
+    stopped = grain_by_scene.measure_scenes(THREE, measure=measure_with(log, fails="b"), folder=folder)
+    first = [next(stopped), next(stopped)]  # killed here
+    assert first[1].found == ("grain: b is left out: its process died",)
+    again = list(grain_by_scene.measure_scenes(THREE, measure=measure_with(log), folder=folder))
+    assert log == ["a", "b", "b", "c"]
+    assert again[0].found == first[0].found
+    assert [(scene.scene, scene.number, scene.count) for scene in again] == [("a", 1, 3), ("b", 2, 3), ("c", 3, 3)]
+    assert list(grain_by_scene.measure_scenes(THREE, measure=measure_with(log), folder=folder))[2] == again[2]
+    assert len(log) == 4
+
+
+@pytest.mark.parametrize("what", ["samples", "scene", "card", "code", "damaged"])
+def test_grain_of_another_workload_scene_or_code_is_measured_anew(three_scenes, tmp_path, monkeypatch, what):
+    log, size, folder = [], replace(SMALL, scenes=("a",)), tmp_path / "kept"
+    list(grain_by_scene.measure_scenes(size, measure=measure_with(log), folder=folder))
+    if what == "samples":
+        size = replace(size, still_samples=128)
+    elif what == "scene":
+        script = three_scenes / "a/scene.py"
+        script.write_text(script.read_text() + "# another\n")
+    elif what == "card":
+        with (three_scenes / "a/scene.yaml").open("a") as card:
+            card.write("still_s: 0.25\n")
+    elif what == "code":
+        (tmp_path / "package").mkdir()
+        (tmp_path / "package/__init__.py").write_text("")
+        monkeypatch.setattr(grain_by_scene.saf_gen, "__file__", str(tmp_path / "package/__init__.py"))
+    else:
+        (folder / "a.json").write_text('{"of"')
+    list(grain_by_scene.measure_scenes(size, measure=measure_with(log), folder=folder))
+    assert log == ["a", "a"]
+
+
+def test_the_time_left_is_told_from_the_time_taken(three_scenes, tmp_path, monkeypatch):
+    """A scene that moves is taken for four; what is kept takes no time."""
+    clock = iter([0.0, 10.0, 20.0, 60.0])
+    monkeypatch.setattr(grain_by_scene, "perf_counter", lambda: next(clock))
+    left = [s.seconds_left for s in grain_by_scene.measure_scenes(THREE, measure=measure_with([]), folder=tmp_path)]
+    assert left == [50.0, 40.0, 0.0]
+    (tmp_path / "b.json").unlink()
+    clock = iter([0.0, 10.0, 20.0])
+    left = [s.seconds_left for s in grain_by_scene.measure_scenes(THREE, measure=measure_with([]), folder=tmp_path)]
+    assert left == [None, 0.0, 0.0]
+
+
+def test_a_broken_scene_is_left_out_of_all_and_refused_by_name(three_scenes, monkeypatch):
+    (three_scenes / "a/scene.yaml").write_text("id: a\n")
+    monkeypatch.setattr(grain_by_scene, "scene_names", lambda: ["a", "b"])
+    log = []
+    found = list(grain_by_scene.measure_scenes(replace(THREE, scenes=()), measure=measure_with(log)))
+    assert [scene.scene for scene in found] == log == ["a", "b"]
+    with pytest.raises(BadInput, match="a/scene.yaml"):
+        next(grain_by_scene.measure_scenes(THREE, measure=measure_with(log)))
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_grain_is_measured(three_scenes, tmp_path):
+    (tmp_path / "file").write_text("")
+    log = []
+    with pytest.raises(BadInput, match="file/kept cannot be written"):
+        next(grain_by_scene.measure_scenes(THREE, measure=measure_with(log), folder=tmp_path / "file/kept"))
+    assert log == []
+
+
+def test_the_grain_of_a_scene_is_printed_when_it_is_there_in_a_hundred_columns(capsys, monkeypatch):
+    """As it is found, on stdout; the time left on stderr; the figures are not printed again in the end."""
+    rows, columns = [f"{p}, {at}" for p in ("still", "slice") for at in PLACES], ("rms", *bench_grain.COLUMNS.values())
+    values = [0.00123, 12.345, 1234.5, 99_999.0, 123_456.0, math.nan]
+    table = [
+        BenchFigure(
+            "grain", f"fan, {row}: {column}", v, "%", 4.0, True, 0.9 * v, math.inf if v > 1e5 else v, (row, column)
+        )
+        for row in rows
+        for column, v in zip(columns, values, strict=False)
+    ]
+    table.append(BenchFigure("grain", "fan, slice: correlation", 12.0, "%", low=3.0, high=20.0))
+    worst = BenchFigure("grain", "worst slice", 12.345, "%", 4.0, at_most=True)
+
+    def run_benches(names, size, *, show, **options):
+        show(SceneFound("fan", tuple(table), 1, 2, 600.0))
+        shown.append(capsys.readouterr())
+        show(SceneFound("odd", ("grain: odd is left out",), 2, 2, 0.0))
+        return BenchResults((*table, worst), ("grain: odd is left out",), {})
+
+    shown = []
+    monkeypatch.setattr(speed, "run_benches", run_benches)
+    with pytest.raises(SystemExit):
+        main(["bench", "grain"])
+    (out, err), (last, remarks) = shown[0], capsys.readouterr()
+    assert "grain: fan is done, 1 of 2, about 10 min left" in err
+    assert max(len(line.rstrip()) for line in out.splitlines()) <= 100
+    for told in ("<0.01", "! 12.3", "11.1–12.3", "! 1234", ">1e5", "! is above its goal: 4 % in", "12 (3 to 20) %"):
+        assert told in out
+    assert "worst slice" in last
+    assert "correlation" not in last
+    assert "odd is left out" in remarks
+
+
+@pytest.mark.parametrize("option", [("--scene", "camel"), ("--out", "kept")])
+def test_options_of_the_bench_of_grain_are_refused_with_others(call, option):
+    code, _, err = call("bench", "encode", "score", *option)
+    assert code == 2
+    assert f"{option[0]} is for the bench grain, which is not among encode, score" in err
 
 
 def test_the_grain_of_an_unknown_scene_is_refused(call):
@@ -231,7 +389,7 @@ RESULTS = BenchResults(
 
 
 def command(capsys, monkeypatch, results, *arguments):
-    monkeypatch.setattr(speed, "run_benches", lambda names, size, report: results)
+    monkeypatch.setattr(speed, "run_benches", lambda names, size, **options: results)
     with pytest.raises(SystemExit) as ended:
         main(["bench", *arguments])
     return ended.value.code, *capsys.readouterr()
@@ -240,7 +398,7 @@ def command(capsys, monkeypatch, results, *arguments):
 def test_json_holds_one_object_a_figure(capsys, monkeypatch):
     code, out, err = command(capsys, monkeypatch, RESULTS, "--json")
     assert code == 0
-    keys = ["bench", "what", "value", "unit", "target", "at_most", "low", "high", "met"]
+    keys = ["bench", "what", "value", "unit", "target", "at_most", "low", "high", "cell", "met"]
     assert [list(figure) for figure in json.loads(out)] == [keys, keys]
     assert [figure["met"] for figure in json.loads(out)] == [True, None]
     assert [figure["high"] for figure in json.loads(out)] == [None, None], "JSON has no infinity"
