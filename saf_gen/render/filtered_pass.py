@@ -32,7 +32,7 @@ from saf_gen.render import one_pass
 from saf_gen.render.camera_rays import CameraRays, cast_camera_rays, land_on_sensor
 from saf_gen.render.layered_splat import BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
-from saf_gen.render.shading_cells import ShadingCells, ShadingField, SurfaceHits
+from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
 from saf_gen.render.surface_hits import SurfaceFinder
 
 PRIMARY_RAYS = 6  # per light path
@@ -67,11 +67,11 @@ def gather_shading(
     if opening.done < 1:  # brighter paths than 64 times the brightest at one sample per pixel are fireflies
         trial = _trace_whole_paths(setups, finder, samples=1, seed=seeds.derive_seed(seed, "trial"))
         most = {name: 64 * value for name, value in _brightest(trial, setups).items()}
-    cells = ShadingCells(len(setups))
+    cells = CellTable(len(setups))
     for band in chain([opening], bands):
         cells.add(band.hits, np.stack([np.minimum(band.radiance[name], np.float32(most[name])) for name in setups]))
         progress(band.done)
-    return cells
+    return cells.by_tile()
 
 
 def estimate_shading(moments: Sequence[ShadingCells]) -> ShadingField:

@@ -21,17 +21,16 @@ B. Efron and C. Morris, J. Am. Stat. Assoc. 68, 117 (1973), doi:10.1080/01621459
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from saf_gen.render import shading_estimate as estimate
 from saf_gen.render import shading_kernels as kernels
-from saf_gen.render.shading_kernels import LEVELS
 
 SIGNIFICANT = 2.0  # standard errors by which now must differ from other moments to be told apart
 SIGNIFICANT_LEVEL = 2  # and the level of the smallest cells in which it may: few paths are of now
-POOL = 2  # levels up: the neighbourhood that variances are estimated in is four cells wide
 PATHS_AT_ONCE = 1 << 18
 ROOM = 1 << 17  # cells that there is room for at first
 
@@ -60,11 +59,11 @@ class SurfaceHits(NamedTuple):
     distance: np.ndarray
 
 
-class ShadingCells:
-    """What paths told about the shading of each cell, under each of some light groups."""
+class CellTable:
+    """Cells that paths are sorted into one by one, under some light groups."""
 
     def __init__(self, groups: int) -> None:
-        self.groups, self.count = groups, 0
+        self.count = 0
         self._slots = np.full(8 * ROOM, -1, dtype=np.int32)
         self._keys = np.zeros(ROOM, dtype=np.uint64)
         self._surface = np.zeros((ROOM, 3))  # paths, sum of ρ, sum of ρ²
@@ -76,69 +75,13 @@ class ShadingCells:
             part = slice(begin, begin + PATHS_AT_ONCE)
             keys = kernels.cell_keys(*(array[part] for array in hits[:6]))
             self._make_room(self.count + keys.size)
-            self.count = kernels.add_paths(
-                self._slots,
-                self._keys,
-                self._surface,
-                self._light,
-                self.count,
-                keys,
-                hits.reflectance[part],
-                radiance[:, part],
-            )
+            arrays = self._slots, self._keys, self._surface, self._light
+            self.count = kernels.add_paths(*arrays, self.count, keys, hits.reflectance[part], radiance[:, part])
 
-    @classmethod
-    def merged(cls, moments: Sequence["ShadingCells"]) -> "ShadingCells":
-        """Return the cells of several moments together, of the same light groups."""
-        if len(moments) == 1:
-            return moments[0]
-        whole = cls(moments[0].groups)
-        for cells in moments:
-            n = cells.count
-            whole._make_room(whole.count + n)
-            arrays = whole._slots, whole._keys, whole._surface, whole._light
-            whole.count = kernels.add_cells(*arrays, whole.count, cells._keys[:n], cells._surface[:n], cells._light[:n])
-        return whole
-
-    def estimate(self, around: "ShadingField | None" = None) -> "ShadingField":
-        """Return the shading of each cell, estimated from the paths added so far.
-
-        Around the largest cells lies nothing, and each has its own mean. With ``around``, the shading that other
-        moments tell, these cells only say by how much the shading of now differs from it, where noise does not
-        explain that; the result has the cells of ``around``.
-        """
-        n = self.count
-        keys, surface, light = [self._keys[:n]], [self._surface[:n]], [self._light[:n]]
-        if around is not None:
-            light = [kernels.light_beside(surface[0], light[0], around.find(keys[0]))]
-        parents = []
-        for _ in range(1, LEVELS):
-            found, index = kernels.group_keys(kernels.parent_keys(keys[-1]))
-            keys.append(found)
-            surface.append(kernels.sum_by(index, surface[-1], size=found.size))
-            light.append(kernels.sum_by(index, light[-1], size=found.size))
-            parents.append(index)
-        residual = [kernels.noise_of_cells(surface[0], light[0])]
-        for index, found in zip(parents, keys[1:], strict=True):
-            residual.append(kernels.sum_by(index, residual[-1], size=found.size))
-        top = LEVELS - 1
-        shading = kernels.mean_shading(surface[top], light[top]) if around is None else np.zeros(light[top].shape[:2])
-        levels = [shading]
-        for level in range(top - 1, -1, -1):
-            pool_level, pool = level + 1, parents[level]
-            while pool_level < min(level + POOL, top):
-                pool, pool_level = parents[pool_level][pool], pool_level + 1
-            shading = shading[parents[level]]
-            if around is None or level >= SIGNIFICANT_LEVEL:
-                sigmas = 0.0 if around is None else SIGNIFICANT
-                pooled = surface[pool_level], residual[pool_level]
-                shading = kernels.shrink(surface[level], light[level], shading, pool, *pooled, sigmas)
-            levels.insert(0, shading)
-        every_key, every_shading = np.concatenate(keys), np.concatenate(levels).astype(np.float32)
-        field = ShadingField(kernels.index_keys(every_key), every_key, every_shading)
-        if around is None:
-            return field
-        return ShadingField(around.slots, around.keys, np.maximum(around.shading + field.find(around.keys), 0))
+    def by_tile(self) -> "ShadingCells":
+        """Return what the paths added so far told."""
+        order, begin = kernels.order_by_tile(self._keys[: self.count])
+        return ShadingCells(begin, self._keys[order], self._surface[order], self._light[order])
 
     def _make_room(self, cells: int) -> None:
         """Provide for this many cells, in the arrays and, at most half full, in the table."""
@@ -149,20 +92,92 @@ class ShadingCells:
                 for array in (self._keys, self._surface, self._light)
             )
         if 2 * cells > self._slots.size:
-            self._slots = kernels.index_keys(self._keys[: self.count], room=cells)
+            self._slots = np.full(1 << (2 * cells - 1).bit_length(), -1, dtype=np.int32)
+            kernels.fill_slots(self._slots, self._keys[: self.count])
+
+
+@dataclass(frozen=True)
+class ShadingCells:
+    """What paths told about the shading of each cell, under each of some light groups.
+
+    ``begin`` says where the cells of each tile begin in the other arrays, which are those of
+    :mod:`saf_gen.render.shading_kernels`.
+    """
+
+    begin: np.ndarray
+    keys: np.ndarray
+    surface: np.ndarray
+    light: np.ndarray
+
+    @property
+    def tiles(self) -> np.ndarray:
+        """The tiles in which there are cells."""
+        return np.flatnonzero(np.diff(self.begin))
+
+    @classmethod
+    def merged(cls, moments: Sequence["ShadingCells"]) -> "ShadingCells":
+        """Return the cells of several moments together, of the same light groups."""
+        if len(moments) == 1:
+            return moments[0]
+        begins, keys, surfaces, lights = (
+            tuple(arrays) for arrays in zip(*((m.begin, m.keys, m.surface, m.light) for m in moments), strict=True)
+        )
+        tiles = np.flatnonzero(np.sum([np.diff(begin) for begin in begins], axis=0))
+        index = np.empty(sum(array.size for array in keys), dtype=np.int32)
+        sizes = np.zeros(kernels.TILES + 1, dtype=np.int32)
+        sizes[tiles + 1] = estimate.number_cells(tiles, begins, keys, index)
+        begin = np.cumsum(sizes, dtype=np.int32)
+        count = begin[-1]
+        whole = cls(begin, np.empty(count, np.uint64), np.empty((count, 3)), np.empty((count, *lights[0].shape[1:])))
+        out = whole.keys, whole.surface, whole.light
+        estimate.add_moments(tiles, begins, keys, surfaces, lights, index, begin, *out)
+        return whole
+
+    def estimate(self, around: "ShadingField | None" = None) -> "ShadingField":
+        """Return the shading of each cell, estimated from the paths that told it.
+
+        Around the largest cells lies nothing, and each has its own mean. With ``around``, the shading that other
+        moments tell, these cells only say by how much the shading of now differs from it, where noise does not
+        explain that; the result has the cells of ``around``.
+        """
+        light, told = self.light, (0, 0.0)
+        if around is not None:
+            light = estimate.light_beside(self.surface, light, self.keys, *around.content)
+            told = SIGNIFICANT_LEVEL, SIGNIFICANT
+        room, tables = kernels.LEVELS * self.keys.size, estimate.begin_of_tables(self.begin)
+        slots, keys = np.empty(tables[-1], np.int32), np.zeros(room, np.uint64)
+        shading = np.zeros((room, light.shape[1]), np.float32)
+        cells = self.tiles, self.begin, self.keys, self.surface, light
+        estimate.estimate_tiles(*cells, tables, slots, keys, shading, *told)
+        field = ShadingField(self.tiles, self.begin, tables, slots, keys, shading)
+        return field if around is None else around.plus(field)
 
 
 @dataclass(frozen=True)
 class ShadingField:
-    """The shading of every cell of every width, float32 (cell, light), found by the cells' keys."""
+    """The shading of every cell of every width, float32 (cell, light), found by the cells' keys.
 
+    tiles, begin : the tiles in which there are cells; those of each begin at LEVELS times ``begin``, and end before the
+        next tile's or at a key of 0.
+    tables, slots : where the table of each tile begins, and the slots of all.
+    """
+
+    tiles: np.ndarray
+    begin: np.ndarray
+    tables: np.ndarray
     slots: np.ndarray
     keys: np.ndarray
     shading: np.ndarray
 
-    def find(self, keys: np.ndarray) -> np.ndarray:
-        """Return the shading of cells, or of the smallest known one round each, else 0: float32 (cell, light)."""
-        return kernels.find_shading(self.slots, self.keys, self.shading, keys)
+    @property
+    def content(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What kernels look shading up in."""
+        return self.tables, self.slots, self.keys, self.shading
+
+    def plus(self, other: "ShadingField") -> "ShadingField":
+        """Return the sum with what another field has in the same cells or round them, where it is above 0."""
+        cells = self.tiles, self.begin, self.keys, self.shading
+        return replace(self, shading=estimate.add_found(*cells, *other.content))
 
     def reflect(self, hits: SurfaceHits, *, first: int, seed: int) -> np.ndarray:
         """Return the radiance that surfaces reflect to rays, float32 (light, ray); 0 where nothing is known.
@@ -171,7 +186,5 @@ class ShadingField:
         each other. ``first`` is the number of the first ray among all; it and ``seed`` name the random numbers.
         """
         out = np.zeros((self.shading.shape[1], hits.shape.size), dtype=np.float32)
-        kernels.reflect(
-            self.slots, self.keys, self.shading, out, np.uint64(first), np.uint64(seed & 0xFFFFFFFF), *hits[:7]
-        )
+        kernels.reflect(*self.content, out, np.uint64(first), np.uint64(seed & 0xFFFFFFFF), *hits[:7])
         return out

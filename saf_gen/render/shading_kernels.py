@@ -1,10 +1,12 @@
-"""The kernels of shared shading: a table of cells by their keys, sums over cells, and estimates of their shading.
+"""The kernels of shared shading: keys of cells, tables that find them, sums of paths, and what rays look up.
 
 :mod:`saf_gen.render.shading_cells` says what they are for. Arrays of cells are ``surface``, float64 (cell, 3): paths,
 Σρ and Σρ²; and ``light``, float64 (cell, light, 3): ΣL, ΣL² and ΣL·ρ.
-"""
 
-import math
+A cell lies in one tile, the square of the picture that the largest cells cover, and so do all larger cells round it.
+Each tile has its own table, small enough for a processor's cache: what a kernel does with the cells of one needs no
+other. ``begin``, int32 (TILES + 1,), says where in an array those of each tile begin.
+"""
 
 import numba as nb
 import numpy as np
@@ -13,7 +15,6 @@ FINEST = 0.5  # width of the smallest cells, in pixels
 LEVELS = 6  # widths of cells: 1/2, 1, 2, 4, 8 and 16 pixels
 NORMAL_BINS = 8  # along each side of the octahedral map of directions
 OUTSIDE = 4096  # cells beside the picture
-MIN_REFLECTANCE = 1e-4  # a cell that reflects less on average is black whatever its light
 
 U = np.uint64
 # A key holds column, row (14 bits each), shape (12), normal (6), depth (13) and level (3); 0 is no key. Shapes whose
@@ -21,6 +22,8 @@ U = np.uint64
 _COLUMN, _ROW, _SHAPE, _NORMAL, _DEPTH, _LEVEL = (U(shift) for shift in (0, 14, 28, 40, 46, 59))
 _USED = U(1 << 63)
 _14, _13, _12, _6 = (U((1 << bits) - 1) for bits in (14, 13, 12, 6))
+_TILE_BITS = 14 - (LEVELS - 1)
+TILES = 1 << (2 * _TILE_BITS)
 
 
 @nb.njit(inline="always")
@@ -41,11 +44,19 @@ def _cell_key(shape, column, row, depth, u, v):
 
 
 @nb.njit(inline="always")
-def _parent_key(key):
+def parent_key(key):
+    """Return the key of the next larger cell round a cell."""
     c, r, d = (key >> _COLUMN) & _14, (key >> _ROW) & _14, (key >> _DEPTH) & _13
     level = ((key >> _LEVEL) & U(7)) + U(1)
     kept = key & ((_12 << _SHAPE) | (_6 << _NORMAL))
     return _USED | ((c >> U(1)) << _COLUMN) | ((r >> U(1)) << _ROW) | kept | ((d >> U(1)) << _DEPTH) | (level << _LEVEL)
+
+
+@nb.njit(inline="always")
+def tile_of(key):
+    """Return the number of the tile that one of the smallest cells lies in."""
+    c, r = (key >> _COLUMN) & _14, (key >> _ROW) & _14
+    return np.int64(((r >> U(LEVELS - 1)) << U(_TILE_BITS)) | (c >> U(LEVELS - 1)))
 
 
 @nb.njit(parallel=True, cache=True)
@@ -58,53 +69,52 @@ def cell_keys(shape, column, row, depth, u, v):
     return keys
 
 
-@nb.njit(cache=True)
-def parent_keys(keys):
-    """Return the key of the next larger cell round each."""
-    parents = np.empty_like(keys)
-    for i in range(keys.size):
-        parents[i] = _parent_key(keys[i])
-    return parents
-
-
 @nb.njit(inline="always")
-def _find(slots, keys, key):
-    """Return the slot of a key, or the empty slot where it belongs."""
-    mask = U(slots.size - 1)
-    slot = _mix(key) & mask
+def find_slot(slots, first, size, keys, key):
+    """Return the slot of a key, or the empty one where it belongs, in the table of ``size`` slots from ``first`` on.
+
+    A slot holds the index of a key among ``keys``, -1 where it is empty. The size is a power of two.
+    """
+    mask = U(size - 1)
+    place = _mix(key) & mask
+    slot = first + np.int64(place)
     while slots[slot] >= 0 and keys[slots[slot]] != key:
-        slot = (slot + U(1)) & mask
+        place = (place + U(1)) & mask
+        slot = first + np.int64(place)
     return slot
 
 
 @nb.njit(inline="always")
-def _find_or_add(slots, keys, key, count):
-    """Return the index of a key among ``keys``, where it is the next of ``count`` if it is new, and the new count."""
-    slot = _find(slots, keys, key)
-    if slots[slot] < 0:
-        slots[slot] = count
-        keys[count] = key
-        count += 1
-    return slots[slot], count
-
-
-@nb.njit(inline="always")
-def _find_round(slots, keys, key):
-    """Return the index of a key, or of the smallest known cell round it; -1 where nothing is known."""
-    slot = _find(slots, keys, key)
+def find_round(slots, first, size, keys, key):
+    """Return the index of a cell, or of the smallest known one round it, in a table as above; -1 if none is known."""
+    if size == 0:
+        return np.int64(-1)
+    slot = find_slot(slots, first, size, keys, key)
     while slots[slot] < 0 and (key >> _LEVEL) & U(7) < U(LEVELS - 1):
-        key = _parent_key(key)
-        slot = _find(slots, keys, key)
-    return slots[slot]
+        key = parent_key(key)
+        slot = find_slot(slots, first, size, keys, key)
+    return np.int64(slots[slot])
+
+
+@nb.njit(cache=True)
+def fill_slots(slots, keys):
+    """Enter keys into an empty table."""
+    for i in range(keys.size):
+        slots[find_slot(slots, 0, slots.size, keys, keys[i])] = i
 
 
 @nb.njit(cache=True)
 def add_paths(slots, keys, surface, light, count, path_keys, reflectance, radiance):
-    """Add paths to the sums of their cells, and return the number of cells."""
+    """Add paths to the sums of their cells, in one table for all, and return the number of cells."""
     for i in range(path_keys.size):
         if path_keys[i] == 0:
             continue
-        cell, count = _find_or_add(slots, keys, path_keys[i], count)
+        slot = find_slot(slots, 0, slots.size, keys, path_keys[i])
+        if slots[slot] < 0:
+            slots[slot] = count
+            keys[count] = path_keys[i]
+            count += 1
+        cell = slots[slot]
         rho = np.float64(reflectance[i])
         surface[cell, 0] += 1
         surface[cell, 1] += rho
@@ -118,152 +128,23 @@ def add_paths(slots, keys, surface, light, count, path_keys, reflectance, radian
 
 
 @nb.njit(cache=True)
-def add_cells(slots, keys, surface, light, count, more_keys, more_surface, more_light):
-    """Add the sums of other cells, and return the number of cells."""
-    for i in range(more_keys.size):
-        cell, count = _find_or_add(slots, keys, more_keys[i], count)
-        surface[cell] += more_surface[i]
-        light[cell] += more_light[i]
-    return count
+def order_by_tile(keys):
+    """Return the order that brings cells together by tile, in each as they were, and where each tile begins."""
+    begin = np.zeros(TILES + 1, dtype=np.int32)
+    for i in range(keys.size):
+        begin[tile_of(keys[i]) + 1] += 1
+    for tile in range(TILES):
+        begin[tile + 1] += begin[tile]
+    order, place = np.empty(keys.size, dtype=np.int32), begin[:-1].copy()
+    for i in range(keys.size):
+        tile = tile_of(keys[i])
+        order[place[tile]] = i
+        place[tile] += 1
+    return order, begin
 
 
 @nb.njit(parallel=True, cache=True)
-def find_shading(slots, keys, shading, wanted):
-    """Return the shading of the wanted cells, or of the smallest known one round each, else 0: (cell, light)."""
-    out = np.zeros((wanted.size, shading.shape[1]), dtype=np.float32)
-    for i in nb.prange(wanted.size):
-        cell = _find_round(slots, keys, wanted[i])
-        if cell >= 0:
-            out[i] = shading[cell]
-    return out
-
-
-@nb.njit(cache=True)
-def light_beside(surface, light, shading):
-    """Return the sums of cells for the radiance L - shading·ρ in place of L."""
-    out = np.empty_like(light)
-    for i in range(light.shape[0]):
-        for g in range(light.shape[1]):
-            e = np.float64(shading[i, g])
-            out[i, g, 0] = light[i, g, 0] - e * surface[i, 1]
-            out[i, g, 1] = light[i, g, 1] - 2 * e * light[i, g, 2] + e * e * surface[i, 2]
-            out[i, g, 2] = light[i, g, 2] - e * surface[i, 2]
-    return out
-
-
-def index_keys(keys: np.ndarray, *, room: int = 0) -> np.ndarray:
-    """Return a table of slots, at most half full with ``room`` keys, that finds these keys."""
-    size = 1 << int(2 * max(keys.size, room, 1) - 1).bit_length()
-    return _fill_slots(np.full(size, -1, dtype=np.int32), keys)
-
-
-@nb.njit(cache=True)
-def _fill_slots(slots, keys):
-    for i in range(keys.size):
-        slots[_find(slots, keys, keys[i])] = i
-    return slots
-
-
-@nb.njit(cache=True)
-def _unique(slots, keys, found, index):
-    count = 0
-    for i in range(keys.size):
-        index[i], count = _find_or_add(slots, found, keys[i], count)
-    return count
-
-
-def group_keys(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct keys, and the index into them of each key."""
-    found, index = np.empty_like(keys), np.empty(keys.size, dtype=np.int64)
-    slots = index_keys(keys[:0], room=keys.size)
-    count = _unique(slots, keys, found, index)
-    return found[:count].copy(), index
-
-
-def sum_by(index: np.ndarray, values: np.ndarray, *, size: int) -> np.ndarray:
-    """Return the sums of ``values`` (cell, ...) over the cells of the same index, (size, ...)."""
-    flat = values.reshape(len(values), math.prod(values.shape[1:]))
-    return _add_rows(index, flat, np.zeros((size, flat.shape[1]))).reshape(size, *values.shape[1:])
-
-
-@nb.njit(cache=True)
-def _add_rows(index, values, out):
-    for i in range(index.size):
-        for j in range(values.shape[1]):
-            out[index[i], j] += values[i, j]
-    return out
-
-
-@nb.njit(inline="always")
-def _ratio(surface, radiance):
-    """Return the shading of a cell: its radiance over its reflectance."""
-    return radiance / surface[1] if surface[1] > MIN_REFLECTANCE * surface[0] else 0.0
-
-
-@nb.njit(cache=True)
-def mean_shading(surface, light):
-    """Return each cell's own shading, (cell, light)."""
-    out = np.empty(light.shape[:2])
-    for i in range(out.shape[0]):
-        for g in range(out.shape[1]):
-            out[i, g] = _ratio(surface[i], light[i, g, 0])
-    return out
-
-
-@nb.njit(cache=True)
-def noise_of_cells(surface, light):
-    """Return the sum of squared residuals L - shading·ρ in each cell, and its degrees of freedom: (cell, light, 2)."""
-    out = np.empty((light.shape[0], light.shape[1], 2))
-    for i in range(out.shape[0]):
-        for g in range(out.shape[1]):
-            e = _ratio(surface[i], light[i, g, 0])
-            out[i, g, 0] = max(light[i, g, 1] - 2 * e * light[i, g, 2] + e * e * surface[i, 2], 0.0)
-            out[i, g, 1] = surface[i, 0] - 1
-    return out
-
-
-@nb.njit(cache=True)
-def shrink(surface, light, around, pool, pool_surface, pool_residual, sigmas):
-    """Return the shading of cells, each between its own mean and the shading ``around`` it, (cell, light).
-
-    Differences count where their excess over the noise is more than ``sigmas`` times its own standard error.
-
-    The mean of a cell has the noise variance v; the true shadings differ from those around them by τ². In a
-    neighbourhood (``pool``) the squared differences average τ² + v, which gives τ². The mean then counts τ²/(τ² + v).
-    """
-    cells, groups = around.shape
-    excess, weight = np.zeros(pool_residual.shape[:2]), np.zeros(pool_residual.shape[0])
-    scatter = np.zeros(pool_residual.shape[:2])
-    out, noise = np.empty((cells, groups)), np.empty((cells, groups))
-    for i in range(cells):
-        p = pool[i]
-        weight[p] += surface[i, 1]
-        for g in range(groups):
-            mean = _ratio(surface[i], light[i, g, 0])
-            # The residual of one path per unit of ρ², times Σρ²/(Σρ)² for the noise of a ratio of sums.
-            per_path = pool_residual[p, g, 0] / max(pool_residual[p, g, 1], 1.0)
-            per_rho = per_path * pool_surface[p, 0] / max(pool_surface[p, 2], 1e-30)
-            noise[i, g] = per_rho * surface[i, 2] / max(surface[i, 1], MIN_REFLECTANCE * surface[i, 0]) ** 2
-            beyond = surface[i, 1] * ((mean - around[i, g]) ** 2 - noise[i, g])
-            excess[p, g] += beyond
-            scatter[p, g] += beyond**2
-    for i in range(cells):
-        p = pool[i]
-        for g in range(groups):
-            kept = 0.0
-            if (
-                surface[i, 1] > MIN_REFLECTANCE * surface[i, 0]
-                and pool_residual[p, g, 1] >= 1
-                and excess[p, g] > sigmas * np.sqrt(scatter[p, g])
-            ):
-                spread = excess[p, g] / weight[p]
-                kept = spread / (spread + noise[i, g])
-            out[i, g] = around[i, g] + kept * (_ratio(surface[i], light[i, g, 0]) - around[i, g])
-    return out
-
-
-@nb.njit(parallel=True, cache=True)
-def reflect(slots, keys, shading, out, first, seed, shape, column, row, depth, u, v, reflectance):
+def reflect(begin, slots, keys, shading, out, first, seed, shape, column, row, depth, u, v, reflectance):
     """Fill in the radiance that surfaces reflect to rays, float32 (light, ray), where shading is known."""
     for i in nb.prange(shape.size):
         if shape[i] == 0:
@@ -273,9 +154,13 @@ def reflect(slots, keys, shading, out, first, seed, shape, column, row, depth, u
         y = np.float32((word >> U(20)) & U(0xFFFFF)) * np.float32(2.0**-20) - np.float32(0.5)
         z = np.float32((word >> U(40)) & U(0xFFFFF)) * np.float32(2.0**-20) - np.float32(0.5)
         key = _cell_key(shape[i], column[i] + FINEST * x, row[i] + FINEST * y, depth[i] + z, u[i], v[i])
-        cell = slots[_find(slots, keys, key)]
+        tile = tile_of(key)
+        start, size = begin[tile], begin[tile + 1] - begin[tile]
+        cell = np.int64(slots[find_slot(slots, start, size, keys, key)]) if size else np.int64(-1)
         if cell < 0:  # beside the moved place there is nothing of this kind: take the cell itself, or one round it
-            cell = _find_round(slots, keys, _cell_key(shape[i], column[i], row[i], depth[i], u[i], v[i]))
+            key = _cell_key(shape[i], column[i], row[i], depth[i], u[i], v[i])
+            tile = tile_of(key)
+            cell = find_round(slots, begin[tile], begin[tile + 1] - begin[tile], keys, key)
         if cell >= 0:
             for g in range(out.shape[0]):
                 out[g, i] = reflectance[i] * shading[cell, g]

@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import binom
 
 from saf_gen.render import shading_cells
-from saf_gen.render.shading_cells import ShadingCells, SurfaceHits
+from saf_gen.render.shading_cells import CellTable, ShadingCells, SurfaceHits
 from saf_gen.render.shading_kernels import FINEST, LEVELS
 
 COARSEST = FINEST * 2 ** (LEVELS - 1)  # pixels
@@ -34,10 +34,10 @@ def middles(side):
 
 def gather(*told, groups=1):
     """The field that some (hits, radiance) tell."""
-    cells = ShadingCells(groups)
+    cells = CellTable(groups)
     for hits, radiance in told:
         cells.add(hits, np.atleast_2d(radiance).astype(np.float32))
-    return cells.estimate()
+    return cells.by_tile().estimate()
 
 
 def reflect(field, hits, *, first=0, seed=1):
@@ -82,7 +82,7 @@ def test_nothing_is_known_of_other_shapes_or_of_places_far_away():
 def test_paths_that_share_nothing_tell_nothing():
     random = np.random.default_rng(3)
     told = scatter(random, 8, 4, shape=0)
-    for field in (gather((told, np.ones(told.shape.size))), ShadingCells(1).estimate()):
+    for field in (gather((told, np.ones(told.shape.size))), CellTable(1).by_tile().estimate()):
         assert (reflect(field, told._replace(shape=told.shape + 1)) == 0).all()
 
 
@@ -171,7 +171,7 @@ def test_more_cells_than_there_was_room_for(monkeypatch):
     side, random = 128, np.random.default_rng(10)
     order = random.permutation((2 * side) ** 2)
     hits = SurfaceHits(*(array[order] for array in middles(side)))
-    cells = ShadingCells(1)
+    cells = CellTable(1)
     capacity = cells._keys.size
     # The largest cells differ. Without noise in any, and with one path in each of the smallest, theirs is the shading.
     radiance = np.float32(1 + hits.column // COARSEST + 100 * (hits.row // COARSEST))
@@ -179,7 +179,7 @@ def test_more_cells_than_there_was_room_for(monkeypatch):
         cells.add(SurfaceHits(*(array[part] for array in hits)), radiance[None, part])
     assert cells.count == order.size == 64 * capacity
     assert 2 * cells.count <= cells._slots.size
-    assert reflect(cells.estimate(), hits) == pytest.approx(radiance[None], rel=1e-6)
+    np.testing.assert_allclose(reflect(cells.by_tile().estimate(), hits), radiance[None], rtol=1e-6)
 
 
 SHADINGS = {
@@ -268,6 +268,65 @@ def test_more_paths_bring_the_edge_of_a_shadow_nearer():
     assert worst[0] > worst[1] > worst[2]
 
 
+def estimate_slowly(hits, radiance):
+    """Shading of the smallest cells of even depth and normal, by (shape, row, column); as the module's text says it."""
+    paths = [{} for _ in range(LEVELS)]
+    for shape, x, y, rho, value in zip(hits.shape, hits.column, hits.row, hits.reflectance, radiance, strict=True):
+        for level, cells in enumerate(paths):
+            width = FINEST * 2**level
+            cells.setdefault((int(shape), int(y // width), int(x // width)), []).append((float(rho), float(value)))
+
+    def sums(level, key):
+        rho, value = np.array(paths[level][key]).T
+        return rho.size, rho.sum(), (rho**2).sum(), value.sum()
+
+    def mean(level, key):
+        n, rho, _, value = sums(level, key)
+        return value / rho if rho > 1e-4 * n else 0.0
+
+    def residual(key):
+        rho, value = np.array(paths[0][key]).T
+        return ((value - mean(0, key) * rho) ** 2).sum(), rho.size - 1
+
+    def parent(key, up):
+        return key[0], key[1] >> up, key[2] >> up
+
+    shading = {key: mean(LEVELS - 1, key) for key in paths[-1]}
+    for level in reversed(range(LEVELS - 1)):
+        up = min(2, LEVELS - 1 - level)
+        pools, larger, shading = {}, shading, {}
+        for key in paths[level]:
+            pools.setdefault(parent(key, up), []).append(key)
+        for pool, keys in pools.items():
+            inside = [key for key in paths[0] if parent(key, level + up) == pool]
+            squares, freedom = np.sum([residual(key) for key in inside], axis=0)
+            n, _, squared_rho, _ = sums(level + up, pool)
+            per_rho = squares / max(freedom, 1) * n / squared_rho
+            noise = {key: per_rho * sums(level, key)[2] / sums(level, key)[1] ** 2 for key in keys}
+            away = {key: mean(level, key) - larger[parent(key, 1)] for key in keys}
+            weight = {key: sums(level, key)[1] for key in keys}
+            excess = sum(weight[key] * (away[key] ** 2 - noise[key]) for key in keys) / sum(weight.values())
+            for key in keys:
+                kept = excess / (excess + noise[key]) if excess > 0 and freedom >= 1 else 0.0
+                shading[key] = larger[parent(key, 1)] + kept * away[key]
+    return shading
+
+
+def test_the_estimate_is_that_of_its_slow_and_simple_way():
+    """Two shapes that lie over four tiles and beyond the picture's corner; cells of one path up to forty."""
+    random = np.random.default_rng(21)
+    place = random.normal(6, 7, (2, 6000))
+    shape = random.integers(1, 3, place.shape[1])
+    hits = hits_at(*place, shape=shape, reflectance=random.uniform(0.1, 0.9, place.shape[1]))
+    radiance = noisy(random, hits.reflectance * np.where(hits.column > 5, 1.0, 4.0), 1.0)
+    slow = estimate_slowly(hits, radiance)
+    middle = np.array([[column + 0.5, row + 0.5] for _, row, column in slow]).T * FINEST
+    assert middle.min() < -10
+    assert middle.max() > 20
+    asked = hits_at(*middle, shape=np.array([shape for shape, _, _ in slow]))
+    assert reflect(gather((hits, radiance)), asked)[0] == pytest.approx(list(slow.values()), rel=1e-5)
+
+
 @pytest.mark.filterwarnings("error")
 def test_what_is_black_reflects_nothing():
     random = np.random.default_rng(14)
@@ -295,22 +354,38 @@ def test_every_estimate_is_finite_and_none_is_negative_without_cause(per_pixel):
 def moment(random, shading, side, per_pixel):
     """Cells that the paths of one moment tell, of the noise of a whole path; ``shading`` of columns and rows."""
     hits = scatter(random, side, per_pixel)
-    cells = ShadingCells(1)
+    cells = CellTable(1)
     cells.add(hits, noisy(random, shading(hits.column, hits.row), 1.0)[None])
-    return cells
+    return cells.by_tile()
 
 
 def test_moments_together_are_their_paths_together():
     random = np.random.default_rng(16)
-    moments = [moment(random, SHADINGS["slope"], 16, 8) for _ in range(3)]
+    moments = [moment(random, SHADINGS["slope"], 16, 8) for _ in range(16)]
     assert ShadingCells.merged(moments[:1]) is moments[0]
-    asked, together, one_by_one = middles(16), ShadingCells.merged(moments), ShadingCells(1)
+    asked, together, one_by_one = middles(16), ShadingCells.merged(moments), CellTable(1)
     random = np.random.default_rng(16)
     for _ in moments:
         hits = scatter(random, 16, 8)
         one_by_one.add(hits, noisy(random, SHADINGS["slope"](hits.column, hits.row), 1.0)[None])
-    assert together.count == one_by_one.count
-    assert reflect(together.estimate(), asked) == pytest.approx(reflect(one_by_one.estimate(), asked), rel=1e-6)
+    assert together.keys.size == one_by_one.count
+    expected = reflect(one_by_one.by_tile().estimate(), asked)
+    assert reflect(together.estimate(), asked) == pytest.approx(expected, rel=1e-6)
+
+
+def test_cores_change_no_bit_of_what_moments_tell():
+    def tell():
+        random = np.random.default_rng(19)
+        moments = [moment(random, SHADINGS["slope"], 48, 8) for _ in range(16)]
+        together = ShadingCells.merged(moments)
+        return reflect(moments[-1].estimate(together.estimate()), middles(48))
+
+    threads, whole = nb.get_num_threads(), tell()
+    try:
+        nb.set_num_threads(1)
+        assert np.array_equal(tell(), whole)
+    finally:
+        nb.set_num_threads(threads)
 
 
 def test_a_moment_like_those_before_takes_their_shading():
