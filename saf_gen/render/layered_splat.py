@@ -119,21 +119,20 @@ class LayeredSums:
         return out
 
 
-@nb.njit(inline="always")
-def _layer_of(blur):
-    """Return the layer of a signed blur (pixels; above 0 nearer than the focus), nearest first."""
-    size = abs(blur)
-    if size < np.float32(LEAST_BLUR):
-        return SIDE
-    step = min(int(math.log2(size / np.float32(LEAST_BLUR)) * LAYERS_PER_OCTAVE), SIDE - 1) + 1
-    return SIDE - step if blur > 0 else SIDE + step
+BLURS = LEAST_BLUR * 2.0 ** (np.arange(SIDE) / LAYERS_PER_OCTAVE)
+"""Least blur (pixels) of the layers on either side of the focused one, from it on."""
+GAUSSIANS = np.concatenate([[0.0], SMOOTHING * BLURS / 4])
+"""Standard deviation (pixels) of the Gaussian of the focused layer and of those on either side of it."""
 
 
 @nb.njit(inline="always")
-def _sigma(layer):
-    """Return the standard deviation (pixels) of a layer's Gaussian, 0 for the focused layer."""
-    step = abs(layer - SIDE)
-    return SMOOTHING * LEAST_BLUR * 2.0 ** ((step - 1) / LAYERS_PER_OCTAVE) / 4 if step else 0.0
+def _find_step(size, step):
+    """Return how many layers a blur of this size (pixels) is away from the focused one, searched from a guess on."""
+    while step < SIDE and size >= BLURS[step]:
+        step += 1
+    while step > 0 and size < BLURS[step - 1]:
+        step -= 1
+    return step
 
 
 @nb.njit(nogil=True, cache=True)
@@ -144,6 +143,7 @@ def _add_some(sums, a, b, line, values, units, begin, end, weight, points, blurs
     diameter, inverse_distance, shift = blurs
     focus, _, rows, columns, groups = sums.shape
     words = np.empty(groups, dtype=np.int64)
+    step = 0
     for i in range(a, b):
         times = np.int64(1) if weight is None else np.int64(weight[i])
         if times == 0:
@@ -159,10 +159,11 @@ def _add_some(sums, a, b, line, values, units, begin, end, weight, points, blurs
             layer = SIDE
             if distance[i] > 0:
                 blur = diameter[k] * (np.float32(1) / (distance[i] - shift[k]) - inverse_distance[k])
-                layer = _layer_of(blur)
-                if layer != SIDE:
+                step = _find_step(abs(blur), step)  # mostly that of the path before
+                if step:
+                    layer = SIDE - step if blur > 0 else SIDE + step
                     # Variances: (4σ)²/16 of the Gaussian and (blur·(1 - inward))²/16 of the smaller disc give blur²/16.
-                    ratio = np.float32(4 * _sigma(layer)) / blur
+                    ratio = np.float32(4 * GAUSSIANS[step]) / blur
                     inward = np.float32(0.5) * blur * (np.float32(1) - math.sqrt(np.float32(1) - ratio * ratio))
                     x -= inward * lens_x[i]
                     y -= inward * lens_y[i]
@@ -207,7 +208,7 @@ def _compose(sums: np.ndarray, scale: np.ndarray, *, out: np.ndarray) -> None:
     counts = planes[:, -1]
     rest = np.cumsum(counts[::-1], axis=0)[::-1]  # samples of a layer and of all behind it
     planes = np.concatenate([planes, rest[:, None]], axis=1)
-    kernels = [gaussian_taps(_sigma(layer)) for layer in layers]
+    kernels = [gaussian_taps(GAUSSIANS[abs(layer - SIDE)]) for layer in layers]
     taps = np.zeros((layers.size, max((kernel.size for kernel in kernels), default=1)), np.float32)
     for n, kernel in enumerate(kernels):
         taps[n, : kernel.size] = kernel

@@ -240,7 +240,7 @@ def test_a_sharp_edge_before_a_blurred_wall_stays_sharp(blur):
     assert picture[:, 40 + reach :].min() > 3
 
 
-@pytest.mark.parametrize("blur", [-24.0, -48.0, 68.0])
+@pytest.mark.parametrize("blur", [-25.0, -49.0, 69.0])
 def test_noise_of_a_wide_blurred_surface_falls_with_the_area_of_the_gaussian(blur):
     """To 1/(4πσ²) of its variance; 160 × 160 pixels, 16 paths each, one seed.
 
