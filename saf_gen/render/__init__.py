@@ -130,12 +130,13 @@ class _ShownScene:
         self._setups.clear()
         card, spec = self._scene.card, self._spec
         moment = posed_shapes.pose_shapes(self._described, self._motions, time_s=time_s, unit_m=card.unit_m)
+        moved = posed_shapes.find_moved_shapes(self._motions, time_s=time_s, still_s=card.still_s)
         for group in spec.groups:
             loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
                 moment, card.lights[group], max_depth=spec.max_depth
             )
             self._setups[group] = RenderSetup(
-                loaded, integrator, self._camera, spec.drive, spec, card.unit_m, spec.wavelength_m
+                loaded, integrator, self._camera, spec.drive, spec, card.unit_m, spec.wavelength_m, moved
             )
         self._time_s = time_s
         return self._setups

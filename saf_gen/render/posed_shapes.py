@@ -60,6 +60,11 @@ def pose_shapes(
     return moved
 
 
+def find_moved_shapes(motions: Mapping[str, RigidMotion], *, time_s: float, still_s: float) -> dict[str, np.ndarray]:
+    """Return by how much each shape has moved at a time since ``still_s``, its turning left out: float64 (3,) m."""
+    return {name: motion.shift_at(time_s) - motion.shift_at(still_s) for name, motion in motions.items()}
+
+
 def _move_entry(name: str, entry: Any, *, pose: np.ndarray) -> Any:
     if isinstance(entry, mi.Mesh) and "vertex_positions" in mi.traverse(entry) and not entry.is_emitter():
         return _move_mesh(entry, pose)  # an mi.Mesh made from a rectangle has no vertices

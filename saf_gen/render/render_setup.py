@@ -1,7 +1,8 @@
 """What a renderer works on: a loaded scene, the lens in front of it, and the sensor's pixels."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import mitsuba as mi
@@ -26,7 +27,8 @@ class RenderSetup:
     """A loaded scene (Mitsuba's own objects) in front of a lens with its focus drive and a sensor.
 
     ``to_world`` takes camera space, which looks along +z, to the world; both are in units of the scene, ``unit_m``
-    metres each. ``wavelength_m`` is that of the light at the aperture; 0 leaves waves out.
+    metres each. ``wavelength_m`` is that of the light at the aperture; 0 leaves waves out. ``moved_m`` tells of shapes
+    by how much they stand beside their place at the moment that the card shows, world axes, (3,) m.
     """
 
     mitsuba_scene: Any
@@ -36,6 +38,7 @@ class RenderSetup:
     grid: PixelGrid
     unit_m: float = 1.0
     wavelength_m: float = 0.0
+    moved_m: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def to_world_at(self, forward_m: float) -> Any:
         """Return the transform of camera space to the world for a lens moved ``forward_m`` metres towards the scene."""

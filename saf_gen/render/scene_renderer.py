@@ -63,7 +63,10 @@ class SceneRenderer:
         loaded, integrator = self._loaded(lit, self._moment(time_s))
         to_world, unit_m = mitsuba_scene.camera_to_world(self.scene), self.scene.card.unit_m
         drive = self.scene.build_drive(f_number)
-        return RenderSetup(loaded, integrator, to_world, drive, grid or self.grid, unit_m, self.wavelength_m)
+        moved = posed_shapes.find_moved_shapes(
+            self.motions, time_s=self._moment(time_s), still_s=self.scene.card.still_s
+        )
+        return RenderSetup(loaded, integrator, to_world, drive, grid or self.grid, unit_m, self.wavelength_m, moved)
 
     def trace_depth_and_target(
         self, *, time_s: float | None = None, allow_unseen_target: bool = False

@@ -41,7 +41,8 @@ class SurfaceHits(NamedTuple):
     Attributes
     ----------
     shape : uint32, number of the shape from 1; 0 for rays that are not to share shading.
-    column, row : float32, the place in a picture through the centre of the lens, in pixels.
+    column, row : float32, the place in a picture through the centre of the lens, in pixels; of a shape that moves, as
+    if it had not moved along.
     depth : float32, logarithm of the axial distance in units of a cell's depth.
     normal_u, normal_v : float32, 0...1, the normal on the octahedral map.
     reflectance : float32, 0...1.

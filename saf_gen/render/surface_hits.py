@@ -25,7 +25,9 @@ UNSHARED_FLAGS = mi.BSDFFlags.Delta | mi.BSDFFlags.Delta1D | mi.BSDFFlags.Null
 class SurfaceFinder:
     """Finds the first surfaces of camera rays in one scene.
 
-    ``emitting`` are the ids of shapes that are lamps under any light group, whether lit in this scene or not.
+    Places on shapes that move are those that their points would have, had the shape not moved along (turning is left
+    out), so that what light paths tell at different moments stays on the shape. ``emitting`` are the ids of shapes that
+    are lamps under any light group, whether lit in this scene or not.
     """
 
     def __init__(self, setup: RenderSetup, *, emitting: Collection[str]) -> None:
@@ -41,6 +43,10 @@ class SurfaceFinder:
                 number[index], textured[index] = n, _is_textured(shape)
         self._number: Any = mi.UInt32(number)
         self._textured: Any = mi.UInt32(textured)
+        moved = np.zeros((max(indices, default=0) + 1, 3), dtype=np.float32)
+        for index, shape in zip(indices, shapes, strict=True):
+            moved[index] = setup.moved_m.get(shape.id(), np.zeros(3)) / setup.unit_m
+        self._moved: Any = mi.Float(moved.ravel())  # read three at a time
 
     def find(self, rays: CameraRays, focus: np.ndarray) -> SurfaceHits:
         """Trace rays, cast for these positions, to their first surface; its shape is 0 where it shares no shading."""
@@ -52,9 +58,12 @@ class SurfaceFinder:
         shares = valid & (shape > 0)
         textured = shares & (dr.gather(mi.UInt32, self._textured, index, valid) > 0)
         to_camera = mi.Transform4f(setup.to_world).inverse()
-        point = (to_camera @ hit.p) * setup.unit_m
+        lens = opaque_number(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
+        distance = (to_camera @ hit.p).z * setup.unit_m - lens
+        # Light keeps its place on a shape that moves along, not where the shape was.
+        place = mi.Point3f(hit.p - dr.gather(mi.Vector3f, self._moved, index, valid))
+        point = (to_camera @ place) * setup.unit_m
         depth = point.z - opaque_number(self._middle)  # from the lens at the middle of its travel, for all rays alike
-        distance = point.z - opaque_number(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
         normal = dr.normalize(mi.Vector3f(to_camera @ mi.Normal3f(hit.sh_frame.n)))
         normal = dr.select(hit.wi.z < 0, -normal, normal)  # the side that is seen
         u, v = _octahedral(normal)
@@ -65,7 +74,7 @@ class SurfaceFinder:
             dr.select(shares, shape, 0),
             -point.x / depth * scale + setup.grid.columns / 2,
             -point.y / depth * scale + setup.grid.rows / 2,
-            dr.log(dr.maximum(depth, 1e-9)) * opaque_number(self._pixels_per_slope / CELL_DEPTH),
+            dr.log(dr.maximum(dr.abs(depth), 1e-9)) * opaque_number(self._pixels_per_slope / CELL_DEPTH),
             u,
             v,
             dr.select(textured, dr.maximum(reflectance, 0), 1.0),

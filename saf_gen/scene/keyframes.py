@@ -41,8 +41,7 @@ class RigidMotion(FrozenModel):
 
     def pose_at(self, time_s: float) -> np.ndarray:
         """Return the world-to-world matrix of the shape at this time, float64 (4, 4)."""
-        times = [k.time_s for k in self.keyframes]
-        shift = [np.interp(time_s, times, [k.translate_m[j] for k in self.keyframes]) for j in range(3)]
+        times, shift = [k.time_s for k in self.keyframes], self.shift_at(time_s)
         angle = math.radians(float(np.interp(time_s, times, [k.rotate_deg for k in self.keyframes])))
         turn = _rotation(np.asarray(self.axis, dtype=np.float64), angle)
         centre = np.asarray(self.centre_m, dtype=np.float64)
@@ -50,6 +49,11 @@ class RigidMotion(FrozenModel):
         matrix[:3, :3] = turn
         matrix[:3, 3] = centre - turn @ centre + shift
         return matrix
+
+    def shift_at(self, time_s: float) -> np.ndarray:
+        """Return by how much the shape's centre has moved at this time, in world axes, float64 (3,) m."""
+        times = [k.time_s for k in self.keyframes]
+        return np.array([np.interp(time_s, times, [k.translate_m[j] for k in self.keyframes]) for j in range(3)])
 
 
 def motion_end_s(motions: Mapping[str, RigidMotion], *, recording_s: float) -> float:
