@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from copy import deepcopy
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
@@ -37,6 +38,7 @@ from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
 from saf_gen.render import backend
 from saf_gen.scene.scene_folder import SceneCard
+from saf_gen.speed import BenchSize
 
 ROOT = HERE.parent
 FIRST = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "datasets/README.md")
@@ -389,8 +391,9 @@ def desk(tmp_path_factory):
 
 
 def run(folder: Path, words: list[str], where: str = "") -> str:
-    """Run a saf-gen command; one meant for a recipe of the project only says what it would do, and one
-    that looks at a scene does so with a quarter of the pixels."""
+    """Run a saf-gen command; one meant for a recipe of the project only says what it would do, one that looks at a
+    scene does so with a quarter of the pixels, and so does a bench, with few frames. An evaluation draws the sweep of
+    one sequence."""
     environment, (_, *arguments) = split_env(words)
     whole = [str(p.relative_to(ROOT)) for p in (ROOT / "recipes").glob("*.yaml")]
     if arguments[0] == "generate" and arguments[1] in whole and "--dry-run" not in arguments:
@@ -400,6 +403,8 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     shown, told = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(shown), redirect_stderr(told):
         patch.chdir(folder)
+        patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
+        patch.setattr("saf_gen.speed.BenchSize", partial(BenchSize, sensor="quarter.yaml", frames=2000))
         for name, value in environment.items():
             patch.setenv(name, value)
         with pytest.raises(SystemExit) as stop:

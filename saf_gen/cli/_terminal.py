@@ -35,8 +35,7 @@ def progress_bars() -> Iterator[Progress]:
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    piped = not sys.stdout.isatty()  # by default what is printed beside the bars goes to their console
-    with Progress(*columns, console=err, disable=not err.is_terminal, redirect_stdout=not piped) as progress:
+    with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
         yield progress
 
 

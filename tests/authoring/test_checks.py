@@ -47,14 +47,14 @@ def skeleton(tmp_path, monkeypatch):
 @pytest.fixture
 def sensor():
     """The middle of the vidar_400x250: pixels of its size, but few of them."""
-    return get_sensor("vidar_400x250", rows=64, columns=100)
+    return get_sensor("vidar_400x250", rows=40, columns=64)
 
 
 @pytest.fixture
 def sensor_file(tmp_path, small_sensor):
     """The middle of the vidar_400x250 as a file."""
     text = re.sub(
-        r"rows: \d+\ncolumns: \d+\npitch_m: .*", "rows: 64\ncolumns: 100\npitch_m: 2.0e-5", small_sensor.read_text()
+        r"rows: \d+\ncolumns: \d+\npitch_m: .*", "rows: 40\ncolumns: 64\npitch_m: 2.0e-5", small_sensor.read_text()
     )
     path = tmp_path / "crop.yaml"
     path.write_text(text)

@@ -95,7 +95,8 @@ def test_slices_with_the_samples_it_says_pass(tmp_path, monkeypatch, small_senso
     script = write_moving_plane(tmp_path, monkeypatch) / "scene.py"
     metal = '"type": "roughconductor",\n                "alpha": 0.3,\n                "specular_reflectance"'
     script.write_text(script.read_text().replace('"type": "diffuse",\n                "reflectance"', metal))
-    subject = SceneUnderTest(find_scene("plane"), get_sensor(str(small_sensor)), backend=VARIANT)
+    sensor = replace(get_sensor(str(small_sensor)), rows=20, columns=32)
+    subject = SceneUnderTest(find_scene("plane"), sensor, backend=VARIANT)
     _, finding = check_scene_grain(subject)
     assert finding.level == "warning"
     (samples,) = re.findall(r"slice_samples: (\d+) in a recipe", finding.text)

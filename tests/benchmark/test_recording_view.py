@@ -1,6 +1,5 @@
 """What a method sees of a recording: counts against frames added up one by one, and what they cost."""
 
-import time
 import tracemalloc
 
 import numpy as np
@@ -11,7 +10,6 @@ from refusals import refusal
 from saf_gen import get_measure, get_search, open_stream, write_stream
 from saf_gen.benchmark.view import RecordingView, WindowCounts, window_counts
 from saf_gen.core.seeds import make_generator
-from saf_gen.stream.stream_writer import StreamWriter
 
 
 def windows_of(frames):
@@ -136,28 +134,6 @@ def test_a_stream_file_gives_the_same_counts(tmp_path):
             for first, stop in windows_of(2100):
                 part = made.spikes[first:stop, *(region or (slice(None), slice(None)))]
                 np.testing.assert_array_equal(counts.window(first, stop), part.sum(axis=0))
-
-
-@pytest.mark.slow
-def test_two_hundred_blocks_and_a_fast_search_take_the_time_they_may(tmp_path):
-    """20,000 stored frames of 400x250, file to scores.
-
-    The aim is 0.5 s for argmax with two free cores; the limits leave room for others on them.
-    """
-    packed = make_generator("test_rig", "speed").integers(0, 256, (250, 400, 250), dtype=np.uint8) & 0b0001_0001
-    with StreamWriter(tmp_path / "a.h5", shape=(20_000, 250, 400)) as writer:
-        for _ in range(10):
-            writer.write(packed)
-    measure = get_measure("sd_code")
-
-    def seconds(search):
-        start = time.perf_counter()
-        with open_stream(tmp_path / "a.h5") as stream:
-            get_search(search)(RecordingView(WindowCounts(stream), measure))
-        return time.perf_counter() - start
-
-    assert min(seconds("argmax") for _ in range(3)) <= 2
-    assert min(seconds("sgfs_code") for _ in range(2)) <= 3
 
 
 def test_a_recording_says_what_time_it_is_and_where_the_lens_was(tmp_path):

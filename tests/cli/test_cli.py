@@ -14,7 +14,6 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from rich.console import Console
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
@@ -709,15 +708,3 @@ os._exit(9)
         shutil.copy(copy / STREAM, part)
         assert call("generate", small_recipe, "--out", copy)[0] == 0
         assert list(copy.rglob(".*")) == [part]
-
-
-def test_what_is_printed_beside_progress_bars_goes_where_stdout_goes(capsys, monkeypatch):
-    """Into a pipe while stderr is a terminal."""
-    bars = io.StringIO()
-    monkeypatch.setattr(_terminal, "err", Console(file=bars, force_terminal=True))
-    with _terminal.progress_bars() as progress:
-        progress.add_task("work", total=1.0)
-        _terminal.out.print("a finding")
-    assert capsys.readouterr().out == "a finding\n"
-    assert "work" in bars.getvalue()
-    assert "a finding" not in bars.getvalue()
