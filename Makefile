@@ -6,8 +6,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 BROWSER := $(VENV)/.browser
+KERNELS := $(VENV)/.kernels
 
-.PHONY: help install demo test test-fast test-long lint clean
+.PHONY: help install demo test test-fast test-long lint checked clean
 help:
 	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (about a minute)"
 	@echo "make test       linters, types and every test (under six minutes on two cores)"
@@ -39,14 +40,22 @@ $(BROWSER): $(STAMP) tools/install-chromium.sh
 	@sh tools/install-chromium.sh
 	@touch $@
 
-test: lint $(BROWSER)
+# Numba's kernels are compiled beside the linters, once for all processes of the tests.
+$(KERNELS): $(STAMP) $(wildcard saf_gen/render/*.py saf_gen/camera/*.py saf_gen/core/*.py saf_gen/benchmark/view/*.py)
+	@$(BIN)/python tests/helpers/compile_kernels.py
+	@touch $@
+
+checked: install
+	@$(MAKE) --no-print-directory -j2 lint $(KERNELS)
+
+test: checked $(BROWSER)
 	$(BIN)/pytest -m 'not gpu and not long' -rs --durations=10
 
-test-fast: lint
+test-fast: checked
 	$(BIN)/pytest
 
 test-long: install
 	$(BIN)/pytest -m long
 
 clean:
-	rm -rf datasets/quickstart $(BROWSER) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf datasets/quickstart $(BROWSER) $(KERNELS) .pytest_cache .mypy_cache .ruff_cache

@@ -19,7 +19,11 @@ from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.stack_grain import measure_stack_grain, read_stack_grain, write_stack_grain
 
-STILL_PART, SLICE_PART = 8, 2  # samples of a stack over those of its second render
+# Samples of a stack over those of its second render. One of 8 samples takes 16 to 19 % of the processor time of a stack
+# of 64. Noise falls faster than as one over the samples, so that its energy over the signal's C² comes out 1.2
+# (usaf_target) to 1.5 times (low_texture) too large. One of 4 samples takes 10 to 12 % and makes that 1.3 to 2.1 times.
+# Both scatter by 2 to 3 %.
+STILL_PART, SLICE_PART = 8, 2
 POSITIONS = 33  # of a stack
 EVENLY, ONE_IN = 6, 12  # time slices: at most so many, and at most one in so many
 

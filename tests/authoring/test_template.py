@@ -27,7 +27,7 @@ def here(tmp_path, monkeypatch):
 @pytest.mark.parametrize("kind", ["script", "xml"])
 def test_a_skeleton_passes_all_checks_as_it_is(here, kind):
     """Before the middle of the vidar_400x250: pixels of its size, but few of them."""
-    sensor = get_sensor("vidar_400x250", rows=64, columns=100)
+    sensor = get_sensor("vidar_400x250", rows=40, columns=64)
     written = create_scene("mine", here / "scenes", kind=kind)
     assert {p.name for p in written} >= {"scene.yaml", "SOURCE.md"}
     for path in (p for p in written if p.suffix in (".yaml", ".md", ".py", ".xml")):
