@@ -9,8 +9,8 @@ rest from which bit of texture is seen through which part of the lens. So both a
 2. PRIMARY_RAYS times as many camera rays, the same for all groups, are traced to their first surface only. Each brings
    the reflectance there times the shading that the cells know.
 
-A ray that first meets a surface which cannot share shading (:mod:`saf_gen.render.surface_hits`) is traced on, one in
-PRIMARY_RAYS of them, and counts for all.
+A ray looks through what is clear (:mod:`saf_gen.render.line_of_sight`). Where it ends at a surface which cannot share
+shading (:mod:`saf_gen.render.surface_hits`), it is traced on, one in PRIMARY_RAYS of them, and counts for all.
 
 A moving scene is rendered at many moments. Shading that stays where it is from one to the next is told by the paths of
 MOMENTS of them, a quarter as many each; what has changed since is found by the latest alone, where it shows above
@@ -21,7 +21,7 @@ The result has a bias where shading changes within a cell, which falls as sample
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -33,10 +33,11 @@ from saf_gen.render.camera_rays import CameraRays, cast_camera_rays, land_on_sen
 from saf_gen.render.layered_splat import BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
-from saf_gen.render.surface_hits import SurfaceFinder
+from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
+from saf_gen.render.traced_light import pick_rays, read_light, trace, trace_thrown_back
 
 PRIMARY_RAYS = 6  # per light path
-UNSHARED_PATHS = 2  # light paths per requested one where no surface shares shading
+UNSHARED_PATHS = 2  # light paths per requested one where most must be traced on
 WHOLE_TRAVEL = np.array([0.0, 1.0])
 
 
@@ -70,6 +71,7 @@ def gather_shading(
     cells = CellTable(len(setups))
     for band in chain([opening], bands):
         cells.add(band.hits, np.stack([np.minimum(band.radiance[name], np.float32(most[name])) for name in setups]))
+        cells.count_unshared(band.alone, of=band.rays)
         progress(band.done)
     return cells.by_tile()
 
@@ -113,19 +115,24 @@ def render_with_shading(
     focus = positions_to_render(positions, window)
     first = next(iter(setups.values()))
     finder = SurfaceFinder(first, emitting=emitting)
-    # Where nothing is shared, rays that are not traced on would tell nothing.
-    rays_per_path = PRIMARY_RAYS if shading.keys.size else 1
-    samples *= PRIMARY_RAYS if shading.keys.size else UNSHARED_PATHS
+    # Where little is shared, rays that are not traced on would tell little.
+    shares_most = shading.unshared < 0.5
+    rays_per_path = PRIMARY_RAYS if shares_most else 1
+    samples *= PRIMARY_RAYS if shares_most else UNSHARED_PATHS
 
     def bring_light(samples: int, seed: int) -> Iterator[LitRays]:
         for rays in cast_camera_rays(first, focus, samples=samples, seed=seed):
-            hits = finder.find(rays, focus)
-            values = shading.reflect(hits, first=rays.first, seed=seed)
-            weight, chosen = _choose_rays_to_trace_on(rays, hits, rays_per_path=rays_per_path)
-            for n, (name, setup) in enumerate(setups.items() if chosen.size else ()):
-                its_seed = seeds.derive_seed(seed, name, rays.begin)
-                values[n, chosen] = _trace_on(setup, rays, chosen=chosen, seed=its_seed)
-            yield LitRays(rays, hits, values, weight)
+            sight = finder.find(rays, focus, seed=seeds.derive_seed(seed, "lines of sight"))
+            values = shading.reflect(sight.hits, first=rays.first, seed=seed)
+            weight, chosen = _choose_rays_to_trace_on(rays, sight.alone, rays_per_path=rays_per_path)
+            for n, (name, setup) in enumerate(setups.items()):
+                if chosen.size:
+                    values[n, chosen] = _trace_on(setup, sight, chosen, seed=seeds.derive_seed(seed, name, rays.begin))
+                if sight.factor is not None:
+                    values[n] *= sight.factor
+                for end in sight.lights:
+                    values[n, end.rays] += read_light(setup, pick_rays(end.ray, end.rays)) * end.clearness
+            yield LitRays(rays, sight.distances, values, weight)
 
     bands = bring_light(samples, seed)
     opening = next(bands)
@@ -136,19 +143,20 @@ def render_with_shading(
     clipped = np.zeros(len(setups), dtype=int)
     for band in chain([opening], bands):
         clipped += np.count_nonzero(band.radiance > most[:, None], axis=1)
-        sums.add(band.rays, band.radiance, hits=band.hits, seed=seed, weight=band.weight)
+        sums.add(band.rays, band.radiance, distances=band.distances, seed=seed, weight=band.weight)
         progress(band.rays.done)
     return {name: (stack, int(n)) for name, stack, n in zip(setups, sums.mean_radiance(), clipped, strict=True)}
 
 
 class LitRays(NamedTuple):
-    """Camera rays of a band of rows, what they met, and what they bring.
+    """Camera rays of a band of rows, where they end, and what they bring.
 
-    radiance : float32 (light, ray). weight : how many rays each counts for, uint32 (ray,); None for one each.
+    distances : see :class:`saf_gen.render.surface_hits.Sight`. radiance : float32 (light, ray).
+    weight : how many rays each counts for, uint32 (ray,); None for one each.
     """
 
     rays: CameraRays
-    hits: SurfaceHits
+    distances: Distances
     radiance: np.ndarray
     weight: np.ndarray | None
 
@@ -160,68 +168,60 @@ def _brightest_rays(bands: Iterable[LitRays]) -> np.ndarray:
 
 
 class WholePaths(NamedTuple):
-    """Whole light paths of a band of rows: what they met first and, for each light group, float32 (path,) radiance."""
+    """Whole light paths of a band of rows that meet a surface which shares its shading.
+
+    hits : these surfaces. radiance : that they send to the lens under each light group, float32 (path,).
+    rays, alone : how many rays were cast, and how many of them met a surface that shares no shading.
+    """
 
     done: float
     hits: SurfaceHits
     radiance: dict[str, np.ndarray]
+    rays: int
+    alone: int
 
 
 def _trace_whole_paths(
     setups: Mapping[str, RenderSetup], finder: SurfaceFinder, *, samples: int, seed: int
 ) -> Iterator[WholePaths]:
     """Trace the same camera rays on under every light group; the random numbers behind them are each group's own."""
-    sampler = mi.load_dict({"type": "independent"})
     for rays in cast_camera_rays(next(iter(setups.values())), WHOLE_TRAVEL, samples=samples, seed=seed):
-        hits, radiance = finder.find(rays, WHOLE_TRAVEL), {}
-        for name, setup in setups.items():
-            sampler.seed(seeds.derive_seed(seed, name, rays.begin) & 0xFFFFFFFF, hits.shape.size)
-            radiance[name] = _trace(setup, rays.ray, sampler=sampler)
-        yield WholePaths(rays.done, hits, radiance)
+        sight = finder.find(rays, WHOLE_TRAVEL, seed=seeds.derive_seed(seed, "lines of sight"))
+        shares = np.flatnonzero(sight.hits.shape).astype(np.uint32)
+        radiance = {
+            name: _trace_on(setup, sight, shares, seed=seeds.derive_seed(seed, name, rays.begin))
+            for name, setup in setups.items()
+        }
+        hits = SurfaceHits(*(array[shares] for array in sight.hits))
+        yield WholePaths(rays.done, hits, radiance, sight.alone.size, int(np.count_nonzero(sight.alone)))
 
 
-def _trace_on(setup: RenderSetup, rays: CameraRays, *, chosen: np.ndarray, seed: int) -> np.ndarray:
-    """Return the radiance of some of the rays, traced as whole light paths, float32 (chosen,)."""
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed & 0xFFFFFFFF, chosen.size)
-    index = mi.UInt32(_align(chosen))
-    return _trace(setup, dr.gather(type(rays.ray), rays.ray, index), sampler=sampler)
-
-
-def _align(array: np.ndarray) -> np.ndarray:
-    """Return a copy at a multiple of 64 bytes: a kernel's code holds how the memory that it reads is aligned."""
-    room = np.empty(array.nbytes + 64, dtype=np.uint8)
-    begin = -room.ctypes.data % 64
-    copy = room[begin : begin + array.nbytes].view(array.dtype)
-    copy[:] = array
-    return copy
-
-
-def _trace(setup: RenderSetup, ray: Any, *, sampler: Any) -> np.ndarray:
-    """Return the radiance along rays; it is a kernel of its own, so that no other group changes its bits."""
-    traced, _, _ = setup.integrator.sample(setup.mitsuba_scene, sampler, ray)
-    value = traced.x if dr.size_v(traced) == 1 else mi.luminance(traced)
-    dr.eval(value)
-    return np.nan_to_num(value.numpy(), nan=0.0, posinf=0.0, neginf=0.0)  # a path without a finite value is lost
+def _trace_on(setup: RenderSetup, sight: Sight, chosen: np.ndarray, *, seed: int) -> np.ndarray:
+    """Return the radiance of the surfaces whose light some of the rays bring, traced on, float32 (chosen,)."""
+    back = np.zeros(chosen.size, dtype=bool) if sight.thrown_back is None else sight.thrown_back[chosen]
+    radiance = np.empty(chosen.size, dtype=np.float32)
+    for which, bring in ((~back, trace), (back, trace_thrown_back)):
+        if which.any():
+            radiance[which] = bring(setup, pick_rays(sight.segment, chosen[which]), seed=seed)
+    return radiance
 
 
 def _brightest(bands: Iterable[WholePaths], names: Iterable[str]) -> dict[str, float]:
     """Return the largest radiance of all paths for each light group, or 1.0 where all are dark."""
     most = dict.fromkeys(names, 0.0)
     for band in bands:
-        most = {name: max(value, float(band.radiance[name].max())) for name, value in most.items()}
+        most = {name: max(value, float(band.radiance[name].max(initial=0.0))) for name, value in most.items()}
     return {name: value or 1.0 for name, value in most.items()}
 
 
 def _choose_rays_to_trace_on(
-    rays: CameraRays, hits: SurfaceHits, *, rays_per_path: int
+    rays: CameraRays, alone: np.ndarray, *, rays_per_path: int
 ) -> tuple[np.ndarray | None, np.ndarray]:
     """Return how many rays each ray counts for, uint32 or None for one each, and the indices of those to trace on.
 
-    Rays that met no surface that shares shading are taken from the first of a pixel's: one for each ``rays_per_path``,
-    the last for what is left.
+    ``alone`` are those that meet a surface which shares no shading, bool (ray,). They are taken from the first of a
+    pixel's: one for each ``rays_per_path``, the last for what is left.
     """
-    alone = hits.shape == 0
     if not alone.any():
         return None, np.empty(0, dtype=np.uint32)
     if rays_per_path == 1:
@@ -261,7 +261,7 @@ class _Sums:
             ]
 
     def add(
-        self, rays: CameraRays, radiance: np.ndarray, *, hits: SurfaceHits, seed: int, weight: np.ndarray | None
+        self, rays: CameraRays, radiance: np.ndarray, *, distances: Distances, seed: int, weight: np.ndarray | None
     ) -> None:
         """Add rays, cast with this seed, with the radiance that they bring under each group, float32 (light, ray)."""
         line = land_on_sensor(rays, self._setup, focus=self._focus, seed=seed)
@@ -271,7 +271,7 @@ class _Sums:
         if self._layers is not None:
             line = line.to_host()._replace(weight=weight)
             on_lens = lens[0].numpy(), lens[1].numpy()
-            self._layers.add(line, radiance, lens=on_lens, distance=hits.distance)
+            self._layers.add(line, radiance, lens=on_lens, distances=distances)
             return
         weights = None if weight is None else mi.UInt32(weight)
         for sums, values in zip(self._single, radiance, strict=True):

@@ -24,6 +24,7 @@ import numpy as np
 
 from saf_gen.optics import Drive
 from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths
+from saf_gen.render.surface_hits import Distances
 
 SMOOTHING = 0.2  # standard deviation of the Gaussian over that of the disc of the least blurred paths of a layer
 LEAST_BLUR = 3.0  # pixels: what is blurred less is not smoothed
@@ -86,7 +87,7 @@ class LayeredSums:
         return shape[0] <= MOST_POSITIONS and cls.bytes_needed(shape, groups) <= ACCUMULATOR_BYTES
 
     def add(
-        self, line: TracedPaths, radiance: np.ndarray, *, lens: tuple[np.ndarray, np.ndarray], distance: np.ndarray
+        self, line: TracedPaths, radiance: np.ndarray, *, lens: tuple[np.ndarray, np.ndarray], distances: Distances
     ) -> None:
         """Add paths.
 
@@ -94,8 +95,8 @@ class LayeredSums:
         ----------
         line : where they cross the sensor, as numpy arrays; its ``radiance`` is not read.
         lens : float32 (path,) each, where they pass the lens along x and y, over the radius of its aperture.
-        distance : float32 (path,), axial distance (m) of the surface that they meet first from the lens at the middle
-            position; inf where they meet none, 0 for paths that are not to be smoothed.
+        distances : where they end, and what clear surfaces they pass. A path is as sharp as the sharpest of these;
+            those between the nearest and the farthest may be at any distance.
         radiance : float32 (light, path).
         """
         _add_paths(
@@ -106,7 +107,9 @@ class LayeredSums:
             line.begin,
             line.end,
             line.weight,
-            (distance, *lens),
+            (distances.end, *lens),
+            distances.nearest,
+            distances.farthest,
             self._blur,
         )
 
@@ -135,11 +138,16 @@ def _find_step(size, step):
     return step
 
 
+@nb.njit(inline="always")
+def _smaller(one, other):
+    return one if abs(one) < abs(other) else other
+
+
 @nb.njit(nogil=True, cache=True)
-def _add_some(sums, a, b, line, values, units, begin, end, weight, points, blurs):
+def _add_some(sums, a, b, line, values, units, begin, end, weight, points, nearest, farthest, blurs):
     first_x, first_y, step_x, step_y = line
     scale, most = units
-    distance, lens_x, lens_y = points
+    end_at, lens_x, lens_y = points
     diameter, inverse_distance, shift = blurs
     focus, _, rows, columns, groups = sums.shape
     words = np.empty(groups, dtype=np.int64)
@@ -157,8 +165,13 @@ def _add_some(sums, a, b, line, values, units, begin, end, weight, points, blurs
         while k < stop:
             x, y = first_x[i] + np.float32(k) * step_x[i], first_y[i] + np.float32(k) * step_y[i]
             layer = SIDE
-            if distance[i] > 0:
-                blur = diameter[k] * (np.float32(1) / (distance[i] - shift[k]) - inverse_distance[k])
+            if end_at[i] > 0:
+                blur = np.float32(1) / (end_at[i] - shift[k]) - inverse_distance[k]
+                if nearest is not None and farthest[i] > 0:  # decided when compiled: None where nothing is clear
+                    near = np.float32(1) / (nearest[i] - shift[k]) - inverse_distance[k]
+                    far = np.float32(1) / (farthest[i] - shift[k]) - inverse_distance[k]
+                    blur = _smaller(blur, np.float32(0) if near > 0 > far else _smaller(near, far))
+                blur *= diameter[k]
                 step = _find_step(abs(blur), step)  # mostly that of the path before
                 if step:
                     layer = SIDE - step if blur > 0 else SIDE + step
@@ -175,11 +188,11 @@ def _add_some(sums, a, b, line, values, units, begin, end, weight, points, blurs
 
 
 @nb.njit(parallel=True, cache=True)
-def _add_paths(sums, line, values, units, begin, end, weight, points, blurs):
+def _add_paths(sums, line, values, units, begin, end, weight, points, nearest, farthest, blurs):
     workers, paths = sums.shape[0], values.shape[1]
     for worker in nb.prange(workers):
         a, b = paths * worker // workers, paths * (worker + 1) // workers
-        _add_some(sums[worker], a, b, line, values, units, begin, end, weight, points, blurs)
+        _add_some(sums[worker], a, b, line, values, units, begin, end, weight, points, nearest, farthest, blurs)
 
 
 def gaussian_taps(sigma: float) -> np.ndarray:

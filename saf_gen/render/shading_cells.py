@@ -46,8 +46,6 @@ class SurfaceHits(NamedTuple):
     depth : float32, logarithm of the axial distance in units of a cell's depth.
     normal_u, normal_v : float32, 0...1, the normal on the octahedral map.
     reflectance : float32, 0...1.
-    distance : float32, axial distance (m) from the lens; inf where there is no surface, 0 where light comes from
-    behind it.
     """
 
     shape: np.ndarray
@@ -57,7 +55,6 @@ class SurfaceHits(NamedTuple):
     normal_u: np.ndarray
     normal_v: np.ndarray
     reflectance: np.ndarray
-    distance: np.ndarray
 
 
 class CellTable:
@@ -65,6 +62,7 @@ class CellTable:
 
     def __init__(self, groups: int) -> None:
         self.count = 0
+        self._unshared = np.zeros(2, dtype=np.int64)  # rays that met what shares no shading, and all
         self._slots = np.full(8 * ROOM, -1, dtype=np.int32)
         self._keys = np.zeros(ROOM, dtype=np.uint64)
         self._surface = np.zeros((ROOM, 3))  # paths, sum of ρ, sum of ρ²
@@ -79,10 +77,14 @@ class CellTable:
             arrays = self._slots, self._keys, self._surface, self._light
             self.count = kernels.add_paths(*arrays, self.count, keys, hits.reflectance[part], radiance[:, part])
 
+    def count_unshared(self, rays: int, *, of: int) -> None:
+        """Count rays that met a surface which cannot share shading, of all that were cast."""
+        self._unshared += rays, of
+
     def by_tile(self) -> "ShadingCells":
         """Return what the paths added so far told."""
         order, begin = kernels.order_by_tile(self._keys[: self.count])
-        return ShadingCells(begin, self._keys[order], self._surface[order], self._light[order])
+        return ShadingCells(begin, self._keys[order], self._surface[order], self._light[order], self._unshared)
 
     def _make_room(self, cells: int) -> None:
         """Provide for this many cells, in the arrays and, at most half full, in the table."""
@@ -101,14 +103,16 @@ class CellTable:
 class ShadingCells:
     """What paths told about the shading of each cell, under each of some light groups.
 
-    ``begin`` says where the cells of each tile begin in the other arrays, which are those of
-    :mod:`saf_gen.render.shading_kernels`.
+    ``begin`` says where the cells of each tile begin in the next three arrays, which are those of
+    :mod:`saf_gen.render.shading_kernels`. ``unshared`` is how many rays met a surface which cannot share shading, and
+    how many were cast, int64 (2,).
     """
 
     begin: np.ndarray
     keys: np.ndarray
     surface: np.ndarray
     light: np.ndarray
+    unshared: np.ndarray
 
     @property
     def tiles(self) -> np.ndarray:
@@ -129,7 +133,8 @@ class ShadingCells:
         sizes[tiles + 1] = estimate.number_cells(tiles, begins, keys, index)
         begin = np.cumsum(sizes, dtype=np.int32)
         count = begin[-1]
-        whole = cls(begin, np.empty(count, np.uint64), np.empty((count, 3)), np.empty((count, *lights[0].shape[1:])))
+        arrays = np.empty(count, np.uint64), np.empty((count, 3)), np.empty((count, *lights[0].shape[1:]))
+        whole = cls(begin, *arrays, np.sum([m.unshared for m in moments], axis=0))
         out = whole.keys, whole.surface, whole.light
         estimate.add_moments(tiles, begins, keys, surfaces, lights, index, begin, *out)
         return whole
@@ -150,7 +155,8 @@ class ShadingCells:
         shading = np.zeros((room, light.shape[1]), np.float32)
         cells = self.tiles, self.begin, self.keys, self.surface, light
         estimate.estimate_tiles(*cells, tables, slots, keys, shading, *told)
-        field = ShadingField(self.tiles, self.begin, tables, slots, keys, shading)
+        unshared = float(self.unshared[0] / max(self.unshared[1], 1))
+        field = ShadingField(self.tiles, self.begin, tables, slots, keys, shading, unshared)
         return field if around is None else around.plus(field)
 
 
@@ -161,6 +167,7 @@ class ShadingField:
     tiles, begin : the tiles in which there are cells; those of each begin at LEVELS times ``begin``, and end before the
         next tile's or at a key of 0.
     tables, slots : where the table of each tile begins, and the slots of all.
+    unshared : fraction of rays, 0...1, that met a surface which cannot share shading.
     """
 
     tiles: np.ndarray
@@ -169,6 +176,7 @@ class ShadingField:
     slots: np.ndarray
     keys: np.ndarray
     shading: np.ndarray
+    unshared: float
 
     @property
     def content(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -187,5 +195,5 @@ class ShadingField:
         each other. ``first`` is the number of the first ray among all; it and ``seed`` name the random numbers.
         """
         out = np.zeros((self.shading.shape[1], hits.shape.size), dtype=np.float32)
-        kernels.reflect(*self.content, out, np.uint64(first), np.uint64(seed & 0xFFFFFFFF), *hits[:7])
+        kernels.reflect(*self.content, out, np.uint64(first), np.uint64(seed & 0xFFFFFFFF), *hits)
         return out

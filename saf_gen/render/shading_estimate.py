@@ -186,6 +186,8 @@ def _estimate_tile(keys, surface, light, table, first, out_keys, out_shading, fi
                 shading[i, g] = shading[parent[i], g]
         if level >= finest:
             _shrink(level, ends, parent, sums, lights, rest, shading, sigmas)
+    if sigmas == 0:
+        _conserve(ends, parent, sums, shading)
     for i in range(ends[LEVELS]):
         for g in range(groups):
             out_shading[first + i, g] = shading[i, g]
@@ -237,3 +239,28 @@ def _shrink(level, ends, parent, sums, lights, rest, shading, sigmas):
                 spread = excess[p - base, g] / weight[p - base]
                 kept = spread / (spread + noise[i - a, g])
                 shading[i, g] += kept * (_ratio(sums[i], lights[i, g, 0]) - shading[i, g])
+
+
+@nb.njit(cache=True)
+def _conserve(ends, parent, sums, shading):
+    """Scale the shading in each largest cell, in place, so that its smallest cells reflect together what it does.
+
+    A bright path makes its neighbourhood look noisy, and its cells then count less than the dark ones of another. So
+    estimates that weigh cells by their noise lose light. The mean of a largest cell has no such bias.
+    """
+    groups, top = shading.shape[1], ends[LEVELS - 1]
+    reflected, scale = np.zeros((ends[LEVELS] - top, groups)), np.ones((ends[LEVELS], groups))
+    for i in range(ends[1]):
+        p = parent[i]
+        while p < top:
+            p = parent[p]
+        for g in range(groups):
+            reflected[p - top, g] += sums[i, 1] * shading[i, g]
+    for p in range(top, ends[LEVELS]):
+        for g in range(groups):
+            if reflected[p - top, g] > 0:
+                scale[p, g] = shading[p, g] * sums[p, 1] / reflected[p - top, g]
+    for i in range(top - 1, -1, -1):
+        for g in range(groups):
+            scale[i, g] = scale[parent[i], g]
+            shading[i, g] *= scale[i, g]

@@ -20,6 +20,7 @@ from saf_gen.render.layered_splat import (
     LayeredSums,
     gaussian_taps,
 )
+from saf_gen.render.surface_hits import Distances
 
 SCALE, MOST = 2.0**22, 1e6
 DIAMETER = 100.0  # pixels times metres, of a lens focused at 1 m
@@ -58,7 +59,7 @@ def add_all(shape, *told, blur=None, groups=1):
         count = line.first_x.size
         distance = np.broadcast_to(np.float32(distance), count).copy()
         values = np.broadcast_to(np.float32(radiance), (groups, count)).copy()
-        sums.add(line, values, lens=lens, distance=distance)
+        sums.add(line, values, lens=lens, distances=Distances(distance))
     return sums.mean_radiance()
 
 
@@ -300,7 +301,7 @@ def test_brighter_paths_than_the_most_count_as_the_most():
     sums = LayeredSums((1, 1, 1), blur=blur_scale(), scale=np.array([SCALE]), most=np.array([2.0]))
     lens = np.zeros(2, np.float32), np.zeros(2, np.float32)
     line, radiance = still([0.5, 0.5], [0.5, 0.5]), np.float32([[1.0, 500.0]])
-    sums.add(line, radiance, lens=lens, distance=np.zeros(2, np.float32))
+    sums.add(line, radiance, lens=lens, distances=Distances(np.zeros(2, np.float32)))
     assert sums.mean_radiance() == pytest.approx(1.5)
 
 
@@ -334,3 +335,26 @@ def test_the_bytes_of_a_worker_are_those_of_its_sums():
     sums = LayeredSums(shape, blur=blur_scale(3), scale=np.ones(2), most=np.ones(2))
     workers = min(nb.get_num_threads(), host_splat.ACCUMULATOR_BYTES // LayeredSums.bytes_needed(shape, 2))
     assert sums._sums.nbytes == workers * LayeredSums.bytes_needed(shape, 2)
+
+
+def test_behind_clear_sheets_a_path_is_as_sharp_as_the_sharpest_of_all_that_it_passes():
+    """1,000 paths with an end and the nearest and farthest of some sheets, blurred by up to 40 pixels either way.
+
+    Between the nearest and the farthest sheet there may be another, at any distance. No sheet has the distance 0.
+    """
+    random = np.random.default_rng(31)
+    end, one, other = random.uniform(-40, 40, (3, 1000))
+    none = random.random(1000) < 0.2
+    between = np.where(one * other < 0, 0.0, np.where(np.abs(one) < np.abs(other), one, other))
+    sharpest = np.where(none | (np.abs(end) < np.abs(between)), end, between)
+    line = still(random.uniform(0, 64, 1000), random.uniform(0, 48, 1000))
+    lens, values = on_disc(random, 1000), np.float32(random.random((1, 1000)))
+
+    def summed(*blurs):
+        sums = LayeredSums((1, 48, 64), blur=blur_scale(), scale=np.full(1, SCALE), most=np.full(1, MOST))
+        sums.add(line, values, lens=lens, distances=Distances(*blurs))
+        return sums.mean_radiance()
+
+    at = lambda blur: np.float32(distance_of(blur))  # noqa: E731
+    near, far = at(np.maximum(one, other)), np.where(none, np.float32(0), at(np.minimum(one, other)))
+    assert np.array_equal(summed(at(end), near, far), summed(at(sharpest)))

@@ -51,17 +51,18 @@ def test_a_place_on_a_shape_that_moves_along_is_where_it_would_be_at_rest(moving
     """Places and depths are those of the same points, moved back: by perspective, from those without motion."""
     setup, focus = moving_board.prepare(("sun",), time_s=STILL_S + 0.3), np.array([0.4, 0.6])
     rays = next(cast_camera_rays(setup, focus, samples=4, seed=1))
-    found = SurfaceFinder(setup, emitting=()).find(rays, focus)
-    as_seen = SurfaceFinder(replace(setup, moved_m={}), emitting=()).find(rays, focus)
+    found, *_, distances = SurfaceFinder(setup, emitting=()).find(rays, focus, seed=1)
+    as_seen, *_, same = SurfaceFinder(replace(setup, moved_m={}), emitting=()).find(rays, focus, seed=1)
     shift = np.linalg.inv(np.array(setup.to_world.matrix)[:3, :3]) @ (0.3 * np.array(SPEED))
     scale = float(setup.drive.image_distance(0.5)) / SENSOR_GRID.pitch_m
     depth = np.exp(as_seen.depth / scale * CELL_DEPTH)
-    assert depth == pytest.approx(as_seen.distance, rel=1e-4)  # both from the lens in the middle of its travel
+    assert depth == pytest.approx(distances.end, rel=1e-4)  # both from the lens in the middle of its travel
     x = -(as_seen.column - SENSOR_GRID.columns / 2) * depth / scale - shift[0]
     y = -(as_seen.row - SENSOR_GRID.rows / 2) * depth / scale - shift[1]
-    board = found.distance < 0.55
+    board = distances.end < 0.55
     assert 0.1 < board.mean() < 0.9
-    for name in ("shape", "distance", "reflectance", "normal_u"):
+    assert np.array_equal(distances.end, same.end)
+    for name in ("shape", "reflectance", "normal_u"):
         assert np.array_equal(getattr(found, name), getattr(as_seen, name))
     for name in ("column", "row", "depth"):
         assert np.array_equal(getattr(found, name)[~board], getattr(as_seen, name)[~board])
