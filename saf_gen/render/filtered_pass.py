@@ -127,7 +127,9 @@ def render_with_shading(
             weight, chosen = _choose_rays_to_trace_on(rays, sight.alone, rays_per_path=rays_per_path)
             for n, (name, setup) in enumerate(setups.items()):
                 if chosen.size:
-                    values[n, chosen] = _trace_on(setup, sight, chosen, seed=seeds.derive_seed(seed, name, rays.begin))
+                    values[n, chosen] = _trace_on(
+                        setup, sight, chosen=chosen, seed=seeds.derive_seed(seed, name, rays.begin)
+                    )
                 if sight.factor is not None:
                     values[n] *= sight.factor
                 for end in sight.lights:
@@ -189,14 +191,14 @@ def _trace_whole_paths(
         sight = finder.find(rays, WHOLE_TRAVEL, seed=seeds.derive_seed(seed, "lines of sight"))
         shares = np.flatnonzero(sight.hits.shape).astype(np.uint32)
         radiance = {
-            name: _trace_on(setup, sight, shares, seed=seeds.derive_seed(seed, name, rays.begin))
+            name: _trace_on(setup, sight, chosen=shares, seed=seeds.derive_seed(seed, name, rays.begin))
             for name, setup in setups.items()
         }
         hits = SurfaceHits(*(array[shares] for array in sight.hits))
         yield WholePaths(rays.done, hits, radiance, sight.alone.size, int(np.count_nonzero(sight.alone)))
 
 
-def _trace_on(setup: RenderSetup, sight: Sight, chosen: np.ndarray, *, seed: int) -> np.ndarray:
+def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int) -> np.ndarray:
     """Return the radiance of the surfaces whose light some of the rays bring, traced on, float32 (chosen,)."""
     back = np.zeros(chosen.size, dtype=bool) if sight.thrown_back is None else sight.thrown_back[chosen]
     radiance = np.empty(chosen.size, dtype=np.float32)

@@ -81,15 +81,15 @@ class ClearSurfaces:
     def mirrors(self, hit: Any, active: Any) -> Any:
         """Return whether surfaces that are lit straight through reflect some light as a mirror does, Bool (ray,)."""
         through = hit.bsdf().eval_null_transmission(hit, active).x
-        return active & (self._mirrored(hit, through, active) > 0)
+        return active & (self._mirrored(hit, through, active=active) > 0)
 
-    def thrown_back(self, hit: Any, through: Any, active: Any) -> Any:
+    def thrown_back(self, hit: Any, through: Any, *, active: Any) -> Any:
         """Return how much light surfaces throw back at most, of which ``through`` goes straight on, (ray,)."""
         matt = dr.select(active, hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0)
         rough = dr.gather(mi.UInt32, self._rough, number_of_shape(hit), active) > 0
-        return dr.clip(dr.select(rough, 1, matt + self._mirrored(hit, through, active)), 0, 1 - through)
+        return dr.clip(dr.select(rough, 1, matt + self._mirrored(hit, through, active=active)), 0, 1 - through)
 
-    def _mirrored(self, hit: Any, through: Any, active: Any) -> Any:
+    def _mirrored(self, hit: Any, through: Any, *, active: Any) -> Any:
         """Return the fraction of light that surfaces reflect as a mirror does, (ray,); of a mask at most."""
         index = dr.gather(mi.UInt32, self._mirror, number_of_shape(hit), active)
         bsdf, share = hit.bsdf(), mi.Float(0)
@@ -136,7 +136,7 @@ def follow_lines(scene: Any, ray: Any, clear: ClearSurfaces, *, axial: Any, seed
         unbent, bent = active & (does == STRAIGHT), active & (does == BENDING)
 
         through = hit.bsdf().eval_null_transmission(hit, unbent).x
-        back = clear.thrown_back(hit, through, unbent)
+        back = clear.thrown_back(hit, through, active=unbent)
         weight = dr.select(unbent, clearness * back, 0)
         total += weight
         chosen = random.next_float32() * total < weight

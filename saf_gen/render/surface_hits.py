@@ -143,7 +143,7 @@ class SurfaceFinder:
             hit = scene.ray_intersect(segment)
             valid = hit.is_valid()
         counts = valid & (factor > 0)
-        shape: Any = dr.select(counts, self._look_up(self._number, hit, counts), 0)
+        shape: Any = dr.select(counts, self._look_up(self._number, hit, valid=counts), 0)
         if line is not None:
             shape = dr.select(self._clear.mirrors(hit, counts & is_clear), 0, shape)
         # Light keeps its place on a shape that moves along, not where the shape was.
@@ -155,7 +155,7 @@ class SurfaceFinder:
         row = -point.y / depth * scale + setup.grid.rows / 2
         beside = dr.maximum(dr.abs(column), dr.abs(row)) > PIXELS_BESIDE  # or behind: seen in a mirror
         shape = dr.select((depth <= 0) | beside, 0, shape)
-        textured = (shape > 0) & (self._look_up(self._textured, hit, shape > 0) > 0)
+        textured = (shape > 0) & (self._look_up(self._textured, hit, valid=shape > 0) > 0)
         normal = dr.normalize(mi.Vector3f(to_camera @ mi.Normal3f(hit.sh_frame.n)))
         normal = dr.select(hit.wi.z < 0, -normal, normal)  # the side that is seen
         u, v = _octahedral(normal)
@@ -171,7 +171,7 @@ class SurfaceFinder:
         alone = counts & (shape == 0)
         dr.eval(hits, factor, alone, distance, lights)
         found = SurfaceHits(*(array.numpy() for array in hits))
-        ends = tuple(end for of in lights if (end := _ends_in_light(*of)).rays.size)
+        ends = tuple(end for lit, ray, share in lights if (end := _ends_in_light(lit, ray, clearness=share)).rays.size)
         if line is None:
             return Sight(found, alone.numpy(), None, segment, None, ends, Distances(distance.numpy()))
         distances = Distances(distance.numpy(), line.nearest.numpy(), line.farthest.numpy())
@@ -182,18 +182,18 @@ class SurfaceFinder:
 
         The latter, 0...1, decides how often this light is looked at.
         """
-        lamp = self._look_up(self._black, hit, valid) > 0
-        shares = self._look_up(self._number, hit, valid) > 0
+        lamp = self._look_up(self._black, hit, valid=valid) > 0
+        shares = self._look_up(self._number, hit, valid=valid) > 0
         reflectance = _reflectance(hit, shares | lamp)
         in_light = ~valid | (lamp & (reflectance == 0))
         return in_light, dr.select(in_light, 0, dr.select(shares, dr.clip(reflectance, LEAST_CHANCE, 1), 1))
 
-    def _look_up(self, table: Any, hit: Any, valid: Any) -> Any:
+    def _look_up(self, table: Any, hit: Any, *, valid: Any) -> Any:
         """Return a number of the shapes that rays hit, UInt32 (ray,)."""
         return dr.gather(mi.UInt32, table, number_of_shape(hit), valid)
 
 
-def _ends_in_light(in_light: Any, ray: Any, clearness: Any) -> EndsInLight:
+def _ends_in_light(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:
     rays = np.flatnonzero(in_light.numpy()).astype(np.uint32)
     share = clearness.numpy()
     return EndsInLight(rays, ray, share[rays] if share.size > 1 else np.ones(rays.size, dtype=np.float32))
