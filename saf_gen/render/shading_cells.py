@@ -12,6 +12,9 @@ round it is kept is decided by how much larger such differences are, in the neig
 empirical Bayes estimator: Efron and Morris 1973). A shadow's edge thus keeps its smallest cells, an evenly lit wall
 uses those of sixteen, and with ever more paths every cell keeps its own mean.
 
+A glossy surface adds to L a highlight that its texture does not multiply: L = matt·ρ + gloss. So its cells have two
+numbers. From the largest to the smallest, the slope of L over ρ is turned by the same rule towards that of their paths.
+
 References
 ----------
 A. Keller, K. Dahm and N. Binder, "Path space filtering", ACM SIGGRAPH 2014 Talks, doi:10.1145/2614106.2614149.
@@ -40,7 +43,8 @@ class SurfaceHits(NamedTuple):
 
     Attributes
     ----------
-    shape : uint32, number of the shape from 1; 0 for rays that are not to share shading.
+    shape : uint32, twice the number of the shape from 1, plus 1 where its surface is glossy; 0 for rays that are not to
+    share shading.
     column, row : float32, the place in a picture through the centre of the lens, in pixels; of a shape that moves, as
     if it had not moved along.
     depth : float32, logarithm of the axial distance in units of a cell's depth.
@@ -152,9 +156,10 @@ class ShadingCells:
             told = SIGNIFICANT_LEVEL, SIGNIFICANT
         room, tables = kernels.LEVELS * self.keys.size, estimate.begin_of_tables(self.begin)
         slots, keys = np.empty(tables[-1], np.int32), np.zeros(room, np.uint64)
-        shading = np.zeros((room, light.shape[1]), np.float32)
+        shading = np.zeros((room, light.shape[1], 2), np.float32)
         cells = self.tiles, self.begin, self.keys, self.surface, light
-        estimate.estimate_tiles(*cells, tables, slots, keys, shading, *told)
+        known = around.content if around is not None else (tables, slots, keys, shading)
+        estimate.estimate_tiles(*cells, known, tables, slots, keys, shading, *told)
         unshared = float(self.unshared[0] / max(self.unshared[1], 1))
         field = ShadingField(self.tiles, self.begin, tables, slots, keys, shading, unshared)
         return field if around is None else around.plus(field)
@@ -162,7 +167,9 @@ class ShadingCells:
 
 @dataclass(frozen=True)
 class ShadingField:
-    """The shading of every cell of every width, float32 (cell, light), found by the cells' keys.
+    """The shading of every cell of every width, float32 (cell, light, 2), found by the cells' keys.
+
+    It has two parts: what the reflectance multiplies, and what its gloss adds.
 
     tiles, begin : the tiles in which there are cells; those of each begin at LEVELS times ``begin``, and end before the
         next tile's or at a key of 0.

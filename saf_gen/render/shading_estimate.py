@@ -7,9 +7,10 @@ added in the order in which they came, so that neither the number of cores nor t
 import numba as nb
 import numpy as np
 
-from saf_gen.render.shading_kernels import LEVELS, TILES, find_round, find_slot, parent_key, tile_of
+from saf_gen.render.shading_kernels import LEVELS, TILES, find_round, find_slot, is_glossy, parent_key, tile_of
 
 MIN_REFLECTANCE = 1e-4  # a cell that reflects less on average is black whatever its light
+SAME_REFLECTANCE = 1e-6  # of the mean square of ρ: a cell in which ρ varies by less tells nothing of its gloss
 POOL = 2  # levels up: the neighbourhood that variances are estimated in is four cells wide
 
 
@@ -86,17 +87,25 @@ def begin_of_tables(begin):
 
 @nb.njit(parallel=True, cache=True)
 def light_beside(surface, light, keys, tables, slots, known_keys, shading):
-    """Return the sums of cells for the radiance L - shading·ρ in place of L, with the shading known there."""
+    """Return the sums of cells for the radiance beyond the shading known there, L - matt·ρ - gloss, in place of L."""
     out = np.empty_like(light)
     for i in nb.prange(light.shape[0]):
         tile = tile_of(keys[i])
         cell = find_round(slots, tables[tile], tables[tile + 1] - tables[tile], known_keys, keys[i])
         for g in range(light.shape[1]):
-            e = np.float64(shading[cell, g]) if cell >= 0 else 0.0
-            out[i, g, 0] = light[i, g, 0] - e * surface[i, 1]
-            out[i, g, 1] = light[i, g, 1] - 2 * e * light[i, g, 2] + e * e * surface[i, 2]
-            out[i, g, 2] = light[i, g, 2] - e * surface[i, 2]
+            matt = np.float64(shading[cell, g, 0]) if cell >= 0 else 0.0
+            gloss = np.float64(shading[cell, g, 1]) if cell >= 0 else 0.0
+            out[i, g, 0] = light[i, g, 0] - matt * surface[i, 1] - gloss * surface[i, 0]
+            out[i, g, 1] = light[i, g, 1] + _squares_beside(surface[i], light[i, g], matt, gloss)
+            out[i, g, 2] = light[i, g, 2] - matt * surface[i, 2] - gloss * surface[i, 1]
     return out
+
+
+@nb.njit(inline="always")
+def _squares_beside(surface, light, matt, gloss):
+    """Return by how much a cell's Σ(L - matt·ρ - gloss)² is more than its ΣL²."""
+    squares = matt * matt * surface[2] + 2 * matt * gloss * surface[1] + gloss * gloss * surface[0]
+    return squares - 2 * matt * light[2] - 2 * gloss * light[0]
 
 
 @nb.njit(parallel=True, cache=True)
@@ -110,18 +119,21 @@ def add_found(tiles, begin, keys, shading, tables, slots, found_keys, found):
                 break
             cell = find_round(slots, tables[tile], tables[tile + 1] - tables[tile], found_keys, keys[i])
             for g in range(shading.shape[1]):
-                out[i, g] = max(shading[i, g] + found[cell, g], np.float32(0)) if cell >= 0 else shading[i, g]
+                for j in range(2):
+                    beyond = found[cell, g, j] if cell >= 0 else np.float32(0)
+                    out[i, g, j] = max(shading[i, g, j] + beyond, np.float32(0))
     return out
 
 
 @nb.njit(parallel=True, cache=True)
-def estimate_tiles(tiles, begin, keys, surface, light, tables, slots, out_keys, out_shading, finest, sigmas):
+def estimate_tiles(tiles, begin, keys, surface, light, around, tables, slots, out_keys, out_shading, finest, sigmas):
     """Estimate the shading of the cells of each tile and of all larger ones round them.
 
     Parameters
     ----------
+    around : what the shading known so far is looked up in; not read where ``sigmas`` is 0.
     tables, slots : where the table of each tile begins, and the slots of all tables, filled in.
-    out_keys, out_shading : uint64 (cell,) and float32 (cell, light), filled in for each tile from LEVELS times its
+    out_keys, out_shading : uint64 (cell,) and float32 (cell, light, 2), filled in for each tile from LEVELS times its
         ``begin`` on, at first all 0.
     finest, sigmas : of the smallest cells that tell anything of their own, and by how many standard errors they must.
         With 0 of them the largest cells have their own mean, else nothing.
@@ -131,19 +143,21 @@ def estimate_tiles(tiles, begin, keys, surface, light, tables, slots, out_keys, 
         a, b = begin[tile], begin[tile + 1]
         slots[tables[tile] : tables[tile + 1]] = -1
         table = slots, tables[tile], tables[tile + 1] - tables[tile]
+        known = around[0][tile], around[0][tile + 1] - around[0][tile], around[1], around[2], around[3]
         first = LEVELS * np.int64(a)
-        _estimate_tile(keys[a:b], surface[a:b], light[a:b], table, first, out_keys, out_shading, finest, sigmas)
+        _estimate_tile(keys[a:b], surface[a:b], light[a:b], known, table, first, out_keys, out_shading, finest, sigmas)
 
 
 @nb.njit(cache=True)
-def _estimate_tile(keys, surface, light, table, first, out_keys, out_shading, finest, sigmas):
+def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shading, finest, sigmas):
     slots, begin, size = table
     cells, groups, top = keys.size, light.shape[1], LEVELS - 1
     # Cells of all levels, the smallest first; those of a level end where those of the next begin.
     room = LEVELS * cells
     parent, ends = np.empty(room, dtype=np.int32), np.zeros(LEVELS + 1, dtype=np.int64)
     sums, lights, rest = np.empty((room, 3)), np.empty((room, groups, 3)), np.empty((room, groups, 2))
-    shading = np.empty((room, groups))
+    # What is found of a cell: its brightness, the radiance where ρ is 1, and the part of that which its gloss adds.
+    shading, gloss = np.empty((room, groups)), np.zeros((room, groups))
     ends[1] = cells
     for i in range(cells):
         slots[find_slot(slots, begin, size, out_keys, keys[i])] = first + i
@@ -154,8 +168,8 @@ def _estimate_tile(keys, surface, light, table, first, out_keys, out_shading, fi
             for j in range(3):
                 lights[i, g, j] = light[i, g, j]
             # Squared residuals L - shading·ρ, and their degrees of freedom.
-            e = _ratio(surface[i], light[i, g, 0])
-            rest[i, g, 0] = max(light[i, g, 1] - 2 * e * light[i, g, 2] + e * e * surface[i, 2], 0.0)
+            e = _ratio(surface[i], light[i, g, 0], 0.0)
+            rest[i, g, 0] = max(light[i, g, 1] + _squares_beside(surface[i], light[i, g], e, 0.0), 0.0)
             rest[i, g, 1] = surface[i, 0] - 1
     for level in range(1, LEVELS):
         end = ends[level]
@@ -177,72 +191,147 @@ def _estimate_tile(keys, surface, light, table, first, out_keys, out_shading, fi
                 for j in range(2):
                     rest[p, g, j] += rest[i, g, j]
         ends[level + 1] = end
+    glossy = np.empty(ends[LEVELS], dtype=np.bool_)
+    for i in range(ends[LEVELS]):
+        glossy[i] = is_glossy(out_keys[first + i])
+    for i in range(ends[LEVELS] if sigmas > 0 else 0):
+        cell = find_round(known[2], known[0], known[1], known[3], out_keys[first + i])
+        for g in range(groups):
+            if cell >= 0 and known[4][cell, g, 1] > 0:
+                gloss[i, g] = known[4][cell, g, 1] / (known[4][cell, g, 0] + known[4][cell, g, 1])
     for i in range(ends[top], ends[LEVELS]):
         for g in range(groups):
-            shading[i, g] = 0.0 if sigmas > 0 else _ratio(sums[i], lights[i, g, 0])
+            shading[i, g] = 0.0 if sigmas > 0 else _ratio(sums[i], lights[i, g, 0], 0.0)
+    if sigmas == 0:
+        _tell_gloss(top, ends, parent, glossy, sums, lights, rest, shading, gloss)
     for level in range(top - 1, -1, -1):
         for i in range(ends[level], ends[level + 1]):
             for g in range(groups):
                 shading[i, g] = shading[parent[i], g]
+                gloss[i, g] = gloss[i, g] if sigmas > 0 else gloss[parent[i], g]
         if level >= finest:
-            _shrink(level, ends, parent, sums, lights, rest, shading, sigmas)
+            _shrink(level, ends, parent, sums, lights, rest, shading, gloss, sigmas)
+            if sigmas == 0:
+                _tell_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss)
     if sigmas == 0:
-        _conserve(ends, parent, sums, shading)
+        _conserve(ends, parent, sums, shading, gloss)
     for i in range(ends[LEVELS]):
         for g in range(groups):
-            out_shading[first + i, g] = shading[i, g]
+            out_shading[first + i, g, 0] = shading[i, g] * (1 - gloss[i, g])
+            out_shading[first + i, g, 1] = shading[i, g] * gloss[i, g]
 
 
 @nb.njit(inline="always")
-def _ratio(surface, radiance):
-    """Return the shading of a cell: its radiance over its reflectance."""
-    return radiance / surface[1] if surface[1] > MIN_REFLECTANCE * surface[0] else 0.0
+def _weights(surface, gloss):
+    """Return Σw and Σw² of a cell, w = (1 - gloss)·ρ + gloss: what its paths bring where its brightness is 1."""
+    matt = 1 - gloss
+    first = matt * surface[1] + gloss * surface[0]
+    return first, matt * matt * surface[2] + 2 * matt * gloss * surface[1] + gloss * gloss * surface[0]
+
+
+@nb.njit(inline="always")
+def _ratio(surface, radiance, gloss):
+    """Return the brightness of a cell: its radiance over its weights."""
+    weight, _ = _weights(surface, gloss)
+    return radiance / weight if weight > MIN_REFLECTANCE * surface[0] else 0.0
+
+
+@nb.njit(inline="always")
+def _pool_of(i, level, pool_level, parent):
+    """Return the cell of a pool's level round a cell."""
+    for _ in range(level, pool_level):
+        i = parent[i]
+    return i
 
 
 @nb.njit(cache=True)
-def _shrink(level, ends, parent, sums, lights, rest, shading, sigmas):
-    """Move the shading of the cells of a level from what is round them towards their own mean, in place.
+def _shrink(level, ends, parent, sums, lights, rest, shading, gloss, sigmas):
+    """Move the brightness of the cells of a level from what is round them towards their own mean, in place.
 
     Differences count where their excess over the noise is more than ``sigmas`` times its own standard error.
 
-    The mean of a cell has the noise variance v; the true shadings differ from those around them by τ². In a
+    The mean of a cell has the noise variance v; the true brightnesses differ from those around them by τ². In a
     neighbourhood (``pool``) the squared differences average τ² + v, which gives τ². The mean then counts τ²/(τ² + v).
     """
     pool_level = min(level + POOL, LEVELS - 1)
     a, b, base, groups = ends[level], ends[level + 1], ends[pool_level], shading.shape[1]
     pools = ends[pool_level + 1] - base
-    weight, excess, scatter = np.zeros(pools), np.zeros((pools, groups)), np.zeros((pools, groups))
-    pool, noise = np.empty(b - a, dtype=np.int32), np.empty((b - a, groups))
+    weight, squares = np.zeros((pools, groups)), np.zeros((pools, groups))
+    excess, scatter = np.zeros((pools, groups)), np.zeros((pools, groups))
+    noise = np.empty((b - a, groups))
     for i in range(a, b):
-        p = parent[i]
-        for _ in range(level + 1, pool_level):
-            p = parent[p]
-        pool[i - a] = p
-        weight[p - base] += sums[i, 1]
+        p = _pool_of(i, level, pool_level, parent)
         for g in range(groups):
-            mean = _ratio(sums[i], lights[i, g, 0])
-            # The residual of one path per unit of ρ², times Σρ²/(Σρ)² for the noise of a ratio of sums.
+            first, second = _weights(sums[i], gloss[i, g])
+            weight[p - base, g] += first
+            squares[p - base, g] += second
+    for i in range(a, b):
+        p = _pool_of(i, level, pool_level, parent)
+        for g in range(groups):
+            first, second = _weights(sums[i], gloss[i, g])
+            mean = _ratio(sums[i], lights[i, g, 0], gloss[i, g])
+            # The residual of one path per unit of w², times Σw²/(Σw)² for the noise of a ratio of sums.
             per_path = rest[p, g, 0] / max(rest[p, g, 1], 1.0)
-            per_rho = per_path * sums[p, 0] / max(sums[p, 2], 1e-30)
-            noise[i - a, g] = per_rho * sums[i, 2] / max(sums[i, 1], MIN_REFLECTANCE * sums[i, 0]) ** 2
-            beyond = sums[i, 1] * ((mean - shading[i, g]) ** 2 - noise[i - a, g])
+            per_weight = per_path * sums[p, 0] / max(squares[p - base, g], 1e-30)
+            noise[i - a, g] = per_weight * second / max(first, MIN_REFLECTANCE * sums[i, 0]) ** 2
+            beyond = first * ((mean - shading[i, g]) ** 2 - noise[i - a, g])
             excess[p - base, g] += beyond
             scatter[p - base, g] += beyond**2
     for i in range(a, b):
-        p = pool[i - a]
+        p = _pool_of(i, level, pool_level, parent)
         for g in range(groups):
             if (
-                sums[i, 1] > MIN_REFLECTANCE * sums[i, 0]
+                _weights(sums[i], gloss[i, g])[0] > MIN_REFLECTANCE * sums[i, 0]
                 and rest[p, g, 1] >= 1
                 and excess[p - base, g] > sigmas * np.sqrt(scatter[p - base, g])
             ):
-                spread = excess[p - base, g] / weight[p - base]
+                spread = excess[p - base, g] / weight[p - base, g]
                 kept = spread / (spread + noise[i - a, g])
-                shading[i, g] += kept * (_ratio(sums[i], lights[i, g, 0]) - shading[i, g])
+                shading[i, g] += kept * (_ratio(sums[i], lights[i, g, 0], gloss[i, g]) - shading[i, g])
 
 
 @nb.njit(cache=True)
-def _conserve(ends, parent, sums, shading):
+def _tell_gloss(level, ends, parent, glossy, sums, lights, rest, shading, gloss):
+    """Tell what the gloss of the cells of a level adds from what their texture multiplies, in place.
+
+    The line L = shading·((1 - gloss)·ρ + gloss) of a cell is turned about its mean, towards the slope that its own
+    paths have over ρ (least squares), by the same τ²/(τ² + v) as in :func:`_shrink`. No part of it goes below 0.
+    """
+    pool_level = min(level + POOL, LEVELS - 1)
+    a, b, base, groups = ends[level], ends[level + 1], ends[pool_level], shading.shape[1]
+    pools = ends[pool_level + 1] - base
+    weight, excess = np.zeros(pools), np.zeros((pools, groups))
+    varied, slope = np.empty(b - a), np.empty((b - a, groups))
+    for i in range(a, b):
+        p = _pool_of(i, level, pool_level, parent)
+        varied[i - a] = sums[i, 2] - sums[i, 1] ** 2 / sums[i, 0]
+        if not glossy[i] or varied[i - a] <= SAME_REFLECTANCE * sums[i, 2]:
+            varied[i - a] = 0
+            continue
+        weight[p - base] += varied[i - a]
+        for g in range(groups):
+            own = (lights[i, g, 2] - lights[i, g, 0] * sums[i, 1] / sums[i, 0]) / varied[i - a]
+            slope[i - a, g] = own - shading[i, g] * (1 - gloss[i, g])
+            excess[p - base, g] += slope[i - a, g] ** 2 * varied[i - a] - rest[p, g, 0] / max(rest[p, g, 1], 1.0)
+    for i in range(a, b):
+        p = _pool_of(i, level, pool_level, parent)
+        if varied[i - a] == 0:
+            continue
+        for g in range(groups):
+            if not (rest[p, g, 1] >= 1 and excess[p - base, g] > 0):
+                continue
+            spread = excess[p - base, g] / weight[p - base]
+            noise = rest[p, g, 0] / rest[p, g, 1] / varied[i - a]
+            matt, added, rho = shading[i, g] * (1 - gloss[i, g]), shading[i, g] * gloss[i, g], sums[i, 1] / sums[i, 0]
+            change = slope[i - a, g] * spread / (spread + noise)
+            change = min(max(change, -matt), added / rho)
+            matt, added = matt + change, max(added - change * rho, 0.0)
+            shading[i, g] = matt + added
+            gloss[i, g] = added / (matt + added) if matt + added > 0 else 0.0
+
+
+@nb.njit(cache=True)
+def _conserve(ends, parent, sums, shading, gloss):
     """Scale the shading in each largest cell, in place, so that its smallest cells reflect together what it does.
 
     A bright path makes its neighbourhood look noisy, and its cells then count less than the dark ones of another. So
@@ -255,11 +344,11 @@ def _conserve(ends, parent, sums, shading):
         while p < top:
             p = parent[p]
         for g in range(groups):
-            reflected[p - top, g] += sums[i, 1] * shading[i, g]
+            reflected[p - top, g] += _weights(sums[i], gloss[i, g])[0] * shading[i, g]
     for p in range(top, ends[LEVELS]):
         for g in range(groups):
             if reflected[p - top, g] > 0:
-                scale[p, g] = shading[p, g] * sums[p, 1] / reflected[p - top, g]
+                scale[p, g] = shading[p, g] * _weights(sums[p], gloss[p, g])[0] / reflected[p - top, g]
     for i in range(top - 1, -1, -1):
         for g in range(groups):
             scale[i, g] = scale[parent[i], g]

@@ -18,7 +18,7 @@ OUTSIDE = 4096  # cells beside the picture
 
 U = np.uint64
 # A key holds column, row (14 bits each), shape (12), normal (6), depth (13) and level (3); 0 is no key. Shapes whose
-# numbers differ by 4,096 share cells where they meet in all else, and so do depths that differ by 8,192 cells.
+# numbers differ by 2,048 share cells where they meet in all else, and so do depths that differ by 8,192 cells.
 _COLUMN, _ROW, _SHAPE, _NORMAL, _DEPTH, _LEVEL = (U(shift) for shift in (0, 14, 28, 40, 46, 59))
 _USED = U(1 << 63)
 _14, _13, _12, _6 = (U((1 << bits) - 1) for bits in (14, 13, 12, 6))
@@ -41,6 +41,12 @@ def _cell_key(shape, column, row, depth, u, v):
     normal = U(min(int(u * NORMAL_BINS), NORMAL_BINS - 1) * NORMAL_BINS + min(int(v * NORMAL_BINS), NORMAL_BINS - 1))
     d = U(int(np.floor(depth)) + (1 << 20)) & _13
     return _USED | (c << _COLUMN) | (r << _ROW) | ((U(shape) & _12) << _SHAPE) | (normal << _NORMAL) | (d << _DEPTH)
+
+
+@nb.njit(inline="always")
+def is_glossy(key):
+    """Return whether the shape of a cell has a gloss, which the last bit of its number says."""
+    return (key >> _SHAPE) & U(1) == U(1)
 
 
 @nb.njit(inline="always")
@@ -163,4 +169,4 @@ def reflect(begin, slots, keys, shading, out, first, seed, shape, column, row, d
             cell = find_round(slots, begin[tile], begin[tile + 1] - begin[tile], keys, key)
         if cell >= 0:
             for g in range(out.shape[0]):
-                out[g, i] = reflectance[i] * shading[cell, g]
+                out[g, i] = reflectance[i] * shading[cell, g, 0] + shading[cell, g, 1]

@@ -95,7 +95,7 @@ class SurfaceFinder:
             if index in lamps:
                 black[index] = int(shape.bsdf().flags()) & int(mi.BSDFFlags.All) == int(mi.BSDFFlags.DiffuseReflection)
             elif _can_share_shading(shape.bsdf()):
-                number[index] = n
+                number[index] = 2 * n + bool(int(shape.bsdf().flags()) & int(mi.BSDFFlags.Glossy))
                 textured[index] = bool(int(shape.bsdf().flags()) & int(mi.BSDFFlags.Null)) or _is_textured(shape)
         self._number: Any = mi.UInt32(number)
         self._textured: Any = mi.UInt32(textured)

@@ -269,54 +269,70 @@ def test_more_paths_bring_the_edge_of_a_shadow_nearer():
 
 
 def estimate_slowly(hits, radiance):
-    """Shading of the smallest cells of even depth and normal, by (shape, row, column); as the module's text says it."""
+    """Both parts of the shading of the smallest cells of even depth and normal, by (shape, row, column)."""
     paths = [{} for _ in range(LEVELS)]
     for shape, x, y, rho, value in zip(hits.shape, hits.column, hits.row, hits.reflectance, radiance, strict=True):
         for level, cells in enumerate(paths):
             width = FINEST * 2**level
             cells.setdefault((int(shape), int(y // width), int(x // width)), []).append((float(rho), float(value)))
+    paths = [{key: np.array(told).T for key, told in cells.items()} for cells in paths]
 
-    def sums(level, key):
-        rho, value = np.array(paths[level][key]).T
-        return rho.size, rho.sum(), (rho**2).sum(), value.sum()
-
-    def mean(level, key):
-        n, rho, _, value = sums(level, key)
-        return value / rho if rho > 1e-4 * n else 0.0
+    def weights(level, key, gloss):
+        return (1 - gloss) * paths[level][key][0] + gloss
 
     def residual(key):
-        rho, value = np.array(paths[0][key]).T
-        return ((value - mean(0, key) * rho) ** 2).sum(), rho.size - 1
+        rho, value = paths[0][key]
+        return ((value - value.sum() / rho.sum() * rho) ** 2).sum(), rho.size - 1
 
     def parent(key, up):
         return key[0], key[1] >> up, key[2] >> up
 
-    shading = {key: mean(LEVELS - 1, key) for key in paths[-1]}
-    for level in reversed(range(LEVELS - 1)):
+    shading, gloss = {}, {}
+    for level in reversed(range(LEVELS)):
         up = min(2, LEVELS - 1 - level)
-        pools, larger, shading = {}, shading, {}
+        pools, larger, gloss = {}, shading, {key: gloss.get(parent(key, 1), 0.0) for key in paths[level]}
+        weight = {key: weights(level, key, gloss[key]).sum() for key in paths[level]}
+        own = {key: value.sum() / weight[key] for key, (_, value) in paths[level].items()}
+        shading = dict(own) if level == LEVELS - 1 else {key: larger[parent(key, 1)] for key in paths[level]}
         for key in paths[level]:
             pools.setdefault(parent(key, up), []).append(key)
         for pool, keys in pools.items():
             inside = [key for key in paths[0] if parent(key, level + up) == pool]
             squares, freedom = np.sum([residual(key) for key in inside], axis=0)
-            n, _, squared_rho, _ = sums(level + up, pool)
-            per_rho = squares / max(freedom, 1) * n / squared_rho
-            noise = {key: per_rho * sums(level, key)[2] / sums(level, key)[1] ** 2 for key in keys}
-            away = {key: mean(level, key) - larger[parent(key, 1)] for key in keys}
-            weight = {key: sums(level, key)[1] for key in keys}
-            excess = sum(weight[key] * (away[key] ** 2 - noise[key]) for key in keys) / sum(weight.values())
-            for key in keys:
-                kept = excess / (excess + noise[key]) if excess > 0 and freedom >= 1 else 0.0
-                shading[key] = larger[parent(key, 1)] + kept * away[key]
+            per_path = squares / max(freedom, 1)
+            if level < LEVELS - 1:
+                seconds = {key: (weights(level, key, gloss[key]) ** 2).sum() for key in keys}
+                per_weight = per_path * sum(paths[level][key][0].size for key in keys) / sum(seconds.values())
+                noise = {key: per_weight * seconds[key] / weight[key] ** 2 for key in keys}
+                away = {key: own[key] - shading[key] for key in keys}
+                excess = sum(weight[key] * (away[key] ** 2 - noise[key]) for key in keys)
+                excess /= sum(weight[key] for key in keys)
+                for key in keys:
+                    shading[key] += away[key] * excess / (excess + noise[key]) if excess > 0 and freedom >= 1 else 0.0
+            lines = {key: paths[level][key] for key in keys if key[0] % 2}  # glossy ones
+            lines = {
+                key: line for key, line in lines.items() if line[0].size * line[0].var() > 1e-6 * (line[0] ** 2).sum()
+            }
+            varied = {key: rho.size * rho.var() for key, (rho, _) in lines.items()}
+            slope = {
+                key: ((rho - rho.mean()) * value).sum() / varied[key] - shading[key] * (1 - gloss[key])
+                for key, (rho, value) in lines.items()
+            }
+            excess = sum(varied[key] * slope[key] ** 2 - per_path for key in lines) / max(sum(varied.values()), 1e-30)
+            for key, (rho, _) in lines.items() if excess > 0 and freedom >= 1 else ():
+                matt, added = shading[key] * (1 - gloss[key]), shading[key] * gloss[key]
+                change = slope[key] * excess / (excess + per_path / varied[key])
+                change = np.clip(change, -matt, added / rho.mean())
+                shading[key] = matt + change + added - change * rho.mean()
+                gloss[key] = (added - change * rho.mean()) / shading[key] if shading[key] > 0 else 0.0
     whole = {}
     for key in shading:
         whole.setdefault(parent(key, LEVELS - 1), []).append(key)
     for largest, keys in whole.items():
-        reflected = sum(sums(0, key)[1] * shading[key] for key in keys)
+        reflected = sum(weights(0, key, gloss[key]).sum() * shading[key] for key in keys)
         for key in keys:
-            shading[key] *= sums(LEVELS - 1, largest)[3] / reflected
-    return shading
+            shading[key] *= paths[LEVELS - 1][largest][1].sum() / reflected
+    return {key: (shading[key] * (1 - gloss[key]), shading[key] * gloss[key]) for key in shading}
 
 
 @pytest.mark.parametrize("chance", [0.002, 0.05])
@@ -345,7 +361,53 @@ def test_the_estimate_is_that_of_its_slow_and_simple_way():
     assert middle.min() < -10
     assert middle.max() > 20
     asked = hits_at(*middle, shape=np.array([shape for shape, _, _ in slow]))
-    assert reflect(gather((hits, radiance)), asked)[0] == pytest.approx(list(slow.values()), rel=1e-5)
+    field, (matt, gloss) = gather((hits, radiance)), np.array(list(slow.values())).T
+    for rho in (0.0, 0.3, 1.0):
+        found = reflect(field, asked._replace(reflectance=np.full(gloss.size, rho, np.float32)))[0]
+        assert found == pytest.approx(matt * rho + gloss, rel=1e-5, abs=1e-6)
+    assert 0.1 < (gloss > 0).mean() < 0.9
+
+
+@pytest.mark.parametrize(("noise", "bound"), [(0.0, 1e-5), (0.5, 0.4)])
+def test_gloss_is_told_from_the_texture_under_it(noise, bound):
+    """A gloss of 0.5 over a texture lit by 2, 16 paths a pixel: against shading that the texture multiplies, all of it.
+
+    That is 1.4/m times ρ, m = 0.45 the mean of ρ, and has the mean squared error 0.25·mean(1 - ρ/m)². One seed;
+    measured 8e-8 of it without noise, and 0.2 where a path scatters by half its mean.
+    """
+    random, side = np.random.default_rng(22), 48
+    hits = scatter(random, side, 16, reflectance=random.uniform(0.05, 0.85, side * side * 16), shape=1)
+    radiance = 2 * hits.reflectance + 0.5
+    told = noisy(random, radiance, noise) if noise else radiance
+    found = reflect(gather((hits, told)), hits)[0]
+    multiplied = 0.25 * np.mean((1 - hits.reflectance / 0.45) ** 2)
+    assert np.mean((found - radiance) ** 2) < bound * multiplied
+
+
+def test_a_matt_surface_has_no_gloss():
+    random = np.random.default_rng(23)
+    hits = scatter(random, 32, 16, reflectance=random.uniform(0.05, 0.85, 32 * 32 * 16), shape=2)
+    matt = gather((hits, noisy(random, hits.reflectance, 1.0)))
+    assert (matt.shading[..., 0] > 0).any()
+    assert not matt.shading[..., 1].any()
+
+
+def test_a_highlight_is_as_bright_on_both_sides_of_an_edge():
+    """Dark glass beside paint ten times as bright, under one highlight of eight pixels; no noise, 36 paths a pixel.
+
+    Were the highlight multiplied by what is under it, as it is on a matt surface, it would jump tenfold at the edge.
+    Mean squared error with gloss over that without; measured 0.48, most of it from cells on the edge.
+    """
+    random, side = np.random.default_rng(24), 32
+    place = scatter(random, side, 36)
+    rho = np.where(place.column < 16.2, 0.05, 0.5).astype(np.float32)
+    highlight = 10 * np.exp(-((place.column - 16.2) ** 2 + (place.row - 16) ** 2) / 128)
+    errors = []
+    for shape in (1, 2):
+        hits = place._replace(reflectance=rho, shape=np.full(rho.size, shape, np.uint32))
+        found = reflect(gather((hits, rho + highlight)), hits)[0]
+        errors.append(np.mean((found - rho - highlight) ** 2))
+    assert errors[0] < 0.7 * errors[1]
 
 
 @pytest.mark.filterwarnings("error")
