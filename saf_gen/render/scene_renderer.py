@@ -99,12 +99,13 @@ class SceneRenderer:
         together: bool = False,
         run: int = 0,
         moments: int = 1,
+        step_s: float = 0.0,
     ) -> FocalStack:
         """Render the focal stack at evenly spaced positions, or at a window of them.
 
         ``together`` renders all lights at once, as one group with the name 'all'. Runs of different numbers
-        have independent noise. ``moments`` tell the shading: several that of a time slice of a recording, as
-        long as nothing has moved. Here the scene stands still for all of them.
+        have independent noise. ``moments`` tell the shading: several that of a time slice of a recording, each
+        ``step_s`` after the one before; with 0 the scene stands still for all of them.
         """
         lights = self.scene.card.lights
         groups = {"all": tuple(lights)} if together else {name: (name,) for name in lights}
@@ -124,8 +125,13 @@ class SceneRenderer:
         emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
         shading = None
         if estimators.shares_shading(spec.estimator, backend_name=self.backend_name):
-            paths = MomentShading(lambda at_s: setups, seed=seed, emitting=emitting)
-            shading = paths.estimate([spec.time_s] * moments, samples=samples)
+
+            def show(at_s: float) -> dict[str, RenderSetup]:
+                return setups if at_s == spec.time_s else {n: self.prepare(g, time_s=at_s) for n, g in groups.items()}
+
+            paths = MomentShading(show, seed=seed, emitting=emitting)
+            told = [spec.time_s - n * step_s for n in reversed(range(moments))]
+            shading = paths.estimate(told, samples=samples)
         found = estimators.render_light_groups(
             setups,
             backend_name=self.backend_name,

@@ -493,7 +493,7 @@ def script(monkeypatch):
     """Imports a script of benchmarks/ as `python benchmarks/NAME.py` would."""
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     yield lambda name: importlib.import_module(name)
-    for name in ("growth", "error", "drawing", "chunks"):
+    for name in ("growth", "error", "drawing", "chunks", "bias_maps"):
         sys.modules.pop(name, None)
 
 
@@ -527,6 +527,46 @@ def test_the_thin_lens_error_falls_as_the_root_of_samples(script, tmp_path, test
         assert all(a > b > 0 for a, b in zip(found[way]["error"], found[way]["error"][1:], strict=False))
         assert len(found[way]["psnr_db"]) == 3
     assert (tmp_path / "error.png").stat().st_size > 10_000
+
+
+def test_planted_bias_and_noise_are_told_apart(script):
+    """Noise of 10 % in plain and filtered renders of 40,000 pixels, under a bias of 2 %, and of 4 % in a tenth of them.
+
+    A half has noise of 7 %, the product of two differences one of 0.1², that of the two products together 0.0087:
+    over N pixels the squared bias has a standard error of 0.0087/√N, and the mean one of 0.1/√(2N). Bounds are five.
+    """
+    bias_maps = script("bias_maps")
+    random, shape = np.random.default_rng(1), (200, 200)
+    truth = np.full(shape, 5.0)
+    biased = truth * 1.02
+    biased[:20] = truth[:20] * 1.04
+    plain, filtered = (mean * (1 + 0.1 * random.standard_normal((4, *shape))) for mean in (truth, biased))
+    tenth, everywhere = np.arange(200)[:, None] + 0 * truth < 20, np.ones(shape, dtype=bool)
+    for mask, rms, mean in ((everywhere, np.sqrt(0.9 * 0.02**2 + 0.1 * 0.04**2), 0.022), (tenth, 0.04, 0.04)):
+        found = bias_maps.measure_errors(plain, filtered, mask)
+        assert found.bias**2 == pytest.approx(rms**2, abs=5 * 0.0087 / np.sqrt(mask.sum()))
+        assert found.mean == pytest.approx(mean, abs=5 * 0.1 / np.sqrt(2 * mask.sum()))
+        assert found.noise == pytest.approx(0.1 * (1 + rms), rel=0.05)
+        assert found.share == mask.mean()
+
+
+@needs_llvm
+def test_bias_maps_are_drawn_and_plain_renders_kept(script, tmp_path, test_scenes, monkeypatch):
+    bias_maps = script("bias_maps")
+    monkeypatch.setattr(bias_maps, "CASES", (bias_maps.Case("plane", 0.25, (24, 32)),))
+    plan = bias_maps.Plan(plain=2, batch=8, filtered=2, slice_samples=4, still_samples=4)
+    given = ["--out", str(tmp_path / "out"), "--references", str(tmp_path / "kept")]
+    bias_maps.main(given, plan=plan)
+    first = json.loads((tmp_path / "out" / "bias.json").read_text())["plane-quarter"]
+    assert abs(first["all"]["mean"]) < 0.05
+    assert first["all"]["share"] == 1
+    assert (tmp_path / "out" / "bias-plane-quarter.png").stat().st_size > 10_000
+    kept = sorted((tmp_path / "kept").iterdir())
+    assert [path.name for path in kept] == ["plane_quarter_0.npy", "plane_quarter_1.npy"]
+    np.save(kept[0], 2 * np.load(kept[0]))
+    bias_maps.main(given, plan=plan)
+    again = json.loads((tmp_path / "out" / "bias.json").read_text())["plane-quarter"]
+    assert again["all"]["mean"] == pytest.approx((1 + first["all"]["mean"]) / 1.5 - 1, abs=0.02)
 
 
 def test_the_slope_is_the_exponent(script):
