@@ -65,8 +65,9 @@ def _format_cell(figure: "BenchFigure") -> str:
     if figure.low is None or figure.high is None or math.isnan(figure.value):
         return value
     low, high = _short(figure.low), _short(figure.high)
-    interval = f"≥ {low}" if math.isinf(figure.high) else f"{low}–{high}" if low != high else ""
-    return f"{value}\n{interval}"
+    if math.isinf(figure.high):
+        return f"{value}\n≥ {low}" if figure.low > 0 else f"{value}\nunknown"
+    return f"{value}\n{low}–{high}" if low != high else value
 
 
 def _short(value: float) -> str:

@@ -271,14 +271,16 @@ def test_a_folder_that_cannot_be_written_is_told_before_grain_is_measured(three_
 
 def test_the_grain_of_a_scene_is_printed_when_it_is_there_in_a_hundred_columns(capsys, monkeypatch):
     """As it is found, on stdout; the time left on stderr; the figures are not printed again in the end."""
-    rows, columns = [f"{p}, {at}" for p in ("still", "slice") for at in PLACES], ("rms", *bench_grain.COLUMNS.values())
+    rows, columns = (
+        [f"{p}, {at}" for p in ("still", "slice") for at in PLACES],
+        ("rms", "on target", *bench_grain.COLUMNS.values()),
+    )
     values = [0.00123, 12.345, 1234.5, 99_999.0, 123_456.0, math.nan]
+    ends = [(0.0, 0.002), (11.1, 12.3), (1100.0, math.inf), (99_000.0, 1e5), (0.0, math.inf), (math.nan, math.nan)]
     table = [
-        BenchFigure(
-            "grain", f"fan, {row}: {column}", v, "%", 4.0, True, 0.9 * v, math.inf if v > 1e5 else v, (row, column)
-        )
+        BenchFigure("grain", f"fan, {row}: {column}", value, "%", 4.0, True, low, high, (row, column))
         for row in rows
-        for column, v in zip(columns, values, strict=False)
+        for column, value, (low, high) in zip(columns, values, ends, strict=True)
     ]
     table.append(BenchFigure("grain", "fan, slice: correlation", 12.0, "%", low=3.0, high=20.0))
     worst = BenchFigure("grain", "worst slice", 12.345, "%", 4.0, at_most=True)
@@ -296,8 +298,10 @@ def test_the_grain_of_a_scene_is_printed_when_it_is_there_in_a_hundred_columns(c
     (out, err), (last, remarks) = shown[0], capsys.readouterr()
     assert "grain: fan is done, 1 of 2, about 10 min left" in err
     assert max(len(line.rstrip()) for line in out.splitlines()) <= 100
-    for told in ("<0.01", "! 12.3", "11.1–12.3", "! 1234", ">1e5", "! is above its goal: 4 % in", "12 (3 to 20) %"):
+    for told in ("<0.01", "! 12.3", "11.1–12.3", "! 1234", "≥ 1100", ">1e5", "unknown", "12 (3 to 20) %"):
         assert told in out
+    assert "! is above its goal: 4 % in" in out
+    assert "<0.01–<0.01" not in out
     assert "worst slice" in last
     assert "correlation" not in last
     assert "odd is left out" in remarks
