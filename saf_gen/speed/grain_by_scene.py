@@ -6,7 +6,7 @@ sensor and numbers of samples alone.
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -49,16 +49,16 @@ def measure_scenes(
     if folder is not None:
         check_writable(folder)
     scenes = {name: _find(name, named=bool(size.scenes)) for name in size.scenes or scene_names()}
-    kept = {} if folder is None else _read_kept(folder, scenes, size=size)
+    identities = _identify(scenes, size)  # now, not when a scene is done: code may be edited meanwhile
+    kept = {} if folder is None else _read_kept(folder, identities)
     work = {name: MOVING_WORK if scene and scene.card.slices_per_s else 1 for name, scene in scenes.items()}
     todo, begin, measured = [name for name in scenes if name not in kept], perf_counter(), 0
     for number, name in enumerate(scenes, 1):
         found = kept.get(name)
         if found is None:
             found = _measure_scene(replace(size, scenes=(name,)), measure)
-            scene = scenes[name]
-            if folder is not None and scene is not None and any(isinstance(f, BenchFigure) for f in found):
-                _keep(folder, scene, size=size, found=found)
+            if folder is not None and any(isinstance(f, BenchFigure) and f.cell for f in found):
+                _keep(folder / f"{name}.json", identities[name], found)
             measured += work[todo.pop(0)]
         left = sum(work[later] for later in todo)
         seconds = (perf_counter() - begin) / measured * left if measured else None
@@ -84,20 +84,18 @@ def _measure_scene(
         return (f"grain: {size.scenes[0]} is left out: {error}",)
 
 
-def _keep(folder: Path, scene: Scene, *, size: BenchSize, found: Sequence[BenchFigure | str]) -> None:
-    document = {"of": _identify(scene, size), "found": [f if isinstance(f, str) else asdict(f) for f in found]}
-    write_text_atomically(folder / f"{scene.id}.json", json.dumps(document, ensure_ascii=False, indent=1) + "\n")
+def _keep(path: Path, identity: str, found: Sequence[BenchFigure | str]) -> None:
+    document = {"format": FORMAT, "of": identity, "found": [f if isinstance(f, str) else asdict(f) for f in found]}
+    write_text_atomically(path, json.dumps(document, ensure_ascii=False, indent=1) + "\n")
 
 
-def _read_kept(
-    folder: Path, scenes: dict[str, Scene | None], *, size: BenchSize
-) -> dict[str, tuple[BenchFigure | str, ...]]:
+def _read_kept(folder: Path, identities: Mapping[str, str]) -> dict[str, tuple[BenchFigure | str, ...]]:
     """Return what the folder holds of scenes as they are now, by name."""
     kept = {}
-    for name, scene in scenes.items():
+    for name, identity in identities.items():
         try:
             document = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-            if scene is not None and document["of"] == _identify(scene, size):
+            if (document["format"], document["of"]) == (FORMAT, identity):
                 kept[name] = tuple(f if isinstance(f, str) else _read_figure(f) for f in document["found"])
         except (OSError, ValueError, KeyError, TypeError):
             continue  # not there, or not written by this program: measured anew
@@ -109,11 +107,13 @@ def _read_figure(figure: dict[str, Any]) -> BenchFigure:
     return BenchFigure(**figure, cell=None if cell is None else (cell[0], cell[1]))
 
 
-def _identify(scene: Scene, size: BenchSize) -> dict[str, str]:
-    """Return what decides the figures of a scene, as digests."""
+def _identify(scenes: Mapping[str, Scene | None], size: BenchSize) -> dict[str, str]:
+    """Return a digest, for each scene, of what decides its figures: the scene, the workload and this package's code."""
     workload = (get_sensor(size.sensor), size.positions[0], size.still_samples, size.slice_samples)
-    shown = (scene.digest, scene.params, scene.card)  # a scene's own digest leaves out some keys of its card
     package = Path(saf_gen.__file__).parent
     code = b"".join(path.read_bytes() for path in sorted(package.rglob("*.py")))
-    read = {"scene": repr(shown).encode(), "workload": repr(workload).encode(), "code": code}
-    return {"format": FORMAT, **{name: hashlib.sha256(text).hexdigest() for name, text in read.items()}}
+    identities = {}
+    for name, scene in scenes.items():
+        shown = scene and (scene.digest, scene.params, scene.card)  # a scene's own digest leaves out keys of its card
+        identities[name] = hashlib.sha256(repr((shown, workload)).encode() + code).hexdigest()
+    return identities

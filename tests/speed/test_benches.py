@@ -217,6 +217,33 @@ def test_a_stopped_bench_of_grain_goes_on_with_the_scenes_that_are_left(three_sc
     assert len(log) == 4
 
 
+def test_a_scene_that_was_left_out_is_not_kept(three_scenes, tmp_path):
+    """A machine without LLVM may have it the next time. The memory of the process was measured all the same."""
+    log = []
+
+    def measure(size):
+        log.append(size.scenes)
+        return ["grain: a is left out: no LLVM", BenchFigure("grain", "peak memory of a process", 0.5, "GiB", 2.0)]
+
+    for _ in range(2):
+        list(grain_by_scene.measure_scenes(replace(SMALL, scenes=("a",)), measure=measure, folder=tmp_path / "kept"))
+    assert len(log) == 2
+
+
+def test_grain_is_that_of_the_code_with_which_it_began(three_scenes, tmp_path):
+    """The scene is edited while it is measured."""
+    log, size, folder = [], replace(SMALL, scenes=("a",)), tmp_path / "kept"
+
+    def measure(size):
+        script = three_scenes / "a/scene.py"
+        script.write_text(script.read_text() + "# another\n")
+        return measure_with(log)(size)
+
+    list(grain_by_scene.measure_scenes(size, measure=measure, folder=folder))
+    list(grain_by_scene.measure_scenes(size, measure=measure_with(log), folder=folder))
+    assert log == ["a", "a"]
+
+
 @pytest.mark.parametrize("what", ["samples", "scene", "card", "code", "damaged"])
 def test_grain_of_another_workload_scene_or_code_is_measured_anew(three_scenes, tmp_path, monkeypatch, what):
     log, size, folder = [], replace(SMALL, scenes=("a",)), tmp_path / "kept"
