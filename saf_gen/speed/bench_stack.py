@@ -1,5 +1,8 @@
 """One pass over all focus positions, against Mitsuba's thin lens rendered at each position.
 
+First of plain paths, at equal samples; then with shared shading, at equal error: the thin lens would need as many more
+samples as its squared error is larger.
+
 Both use the same scene, sensor grid and number of samples, and geometric optics: the thin lens has no waves. It has
 a box filter, and its focus distance in a variable, so that it is compiled once. Both errors are taken against the
 mean of many thin-lens renders with other seeds; the noise of that reference, known from their scatter, is subtracted.
@@ -23,6 +26,7 @@ from saf_gen.speed.fresh_process import time_call
 POSITIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
 SCENE = "usaf_target"  # cheap to trace, so the ratio is at its lowest
 TARGETS = (45.0, 150.0)
+EQUAL_ERROR_TARGET = 100.0
 MAX_ERROR_DB = 0.2
 MIN_ERROR = 1e-9  # of the mean radiance: below it an error drowns in the reference's noise
 
@@ -69,6 +73,19 @@ def render_one_pass(setup: Any, positions: int, *, samples: int) -> np.ndarray:
     from saf_gen.render import one_pass
 
     return one_pass.render_stack(setup, positions=positions, samples=samples, seed=1)[0]
+
+
+def render_filtered(setup: Any, positions: int, *, samples: int) -> np.ndarray:
+    """Render the focal stack in one pass with shared shading, float32 (focus, row, col)."""
+    from saf_gen.render import filtered_pass
+
+    lamps = [shape.id() for shape in setup.mitsuba_scene.shapes() if shape.is_emitter()]
+    shading = filtered_pass.gather_shading({"all": setup}, samples=samples, seed=1, emitting=lamps)
+    field = filtered_pass.estimate_shading([shading])
+    found = filtered_pass.render_with_shading(
+        {"all": setup}, field, positions=positions, samples=samples, seed=2, emitting=lamps
+    )
+    return found["all"][0]
 
 
 def render_thin_lens(setup: Any, position: float, *, samples: int, seed: int) -> np.ndarray:
@@ -125,6 +142,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
             rate = setup.grid.rows * setup.grid.columns * size.samples / one_pass_seconds / 1e6
             yield BenchFigure("stack", f"light paths, each at {positions} positions", rate, "10⁶ samples/s")
             yield from _compare_errors(size, setup, references=references, stack=stack)
+            yield from _compare_at_equal_error(size, setup, references=references, one_render=one_render)
 
 
 def _compare_errors(
@@ -140,3 +158,26 @@ def _compare_errors(
     worst = max(20 * math.log10(max(a, MIN_ERROR) / max(b, MIN_ERROR)) for a, b in zip(ours, theirs, strict=True))
     what = "error of one pass over the thin lens's at equal samples, worst position"
     yield BenchFigure("stack", what, worst, "dB", MAX_ERROR_DB, at_most=True)
+
+
+def _compare_at_equal_error(
+    size: BenchSize, setup: Any, *, references: list[ReferenceRender], one_render: float
+) -> Iterator[BenchFigure]:
+    """Yield how many times faster shared shading is than thin-lens renders of the same squared error."""
+    samples, (positions, _) = size.still_samples, size.positions
+    render_filtered(setup, positions, samples=samples)  # compiles
+    stack, seconds = time_call(render_filtered, setup, positions, samples=samples)
+    squares = []
+    for position, found in zip(nearest_bench_positions(positions), references, strict=True):
+        ours = found.relative_rms_error(stack[round(position * (positions - 1))])
+        theirs = found.relative_rms_error(render_thin_lens(setup, position, samples=samples, seed=0))
+        squares.append((ours**2, theirs**2))
+    ours_squared, theirs_squared = np.mean(squares, axis=0)
+    at = f"at {samples} samples, {len(POSITIONS)} positions"
+    yield BenchFigure("stack", f"one pass with shared shading {at}", seconds, "s")
+    error = 100 * math.sqrt(ours_squared)
+    yield BenchFigure("stack", f"error of shared shading {at}", error, "% of mean radiance")
+    thin_lens_seconds = positions * one_render * samples / size.samples
+    faster = thin_lens_seconds / seconds * theirs_squared / max(ours_squared, MIN_ERROR**2)
+    what = f"times faster than {positions} thin-lens renders of equal error"
+    yield BenchFigure("stack", what, faster, "×", EQUAL_ERROR_TARGET)
