@@ -118,7 +118,7 @@ class SurfaceFinder:
         last = segment = mi.Ray3f(rays.ray)
         if self._clear.any:
             line = follow_lines(scene, last, self._clear, axial=axial, seed=seed, first=rays.first)
-            dr.eval(line)
+            dr.eval(*line)  # one by one: a named tuple as such is left as it is
             last = line.last
         hit = scene.ray_intersect(last)
         valid = hit.is_valid()
@@ -134,12 +134,13 @@ class SurfaceFinder:
             lights = [(in_light, last, line.clearness), (in_light_aside & looked_aside, line.aside, line.share_aside)]
             at_end, at_side = line.clearness * chance, line.share_aside * chance_aside
             total = at_end + at_side + line.thrown_back
-            is_end = line.draw * total <= at_end
-            is_clear = line.draw * total > at_end + at_side
+            # A draw of 0 must not choose what is never looked at.
+            is_end = line.draw * total < at_end
+            is_clear = line.draw * total >= at_end + at_side
             segment = dr.select(is_end, last, dr.select(is_clear, line.segment, line.aside))
             share = dr.select(is_end, 1 / chance, dr.select(is_clear, line.per_share, 1 / chance_aside))
             factor = dr.select(total > 0, total * share, 0)
-            dr.eval(segment, factor, is_clear, lights)
+            dr.eval(segment, factor, is_clear, distance, lights)
             hit = scene.ray_intersect(segment)
             valid = hit.is_valid()
         counts = valid & (factor > 0)
