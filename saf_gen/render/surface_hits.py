@@ -185,9 +185,9 @@ class SurfaceFinder:
         """
         lamp = self._look_up(self._black, hit, valid=valid) > 0
         shares = self._look_up(self._number, hit, valid=valid) > 0
-        reflectance = _reflectance(hit, shares | lamp)
-        in_light = ~valid | (lamp & (reflectance == 0))
-        return in_light, dr.select(in_light, 0, dr.select(shares, dr.clip(reflectance, LEAST_CHANCE, 1), 1))
+        in_light = ~valid | (lamp & (_reflectance(hit, lamp) == 0))
+        reflected = dr.clip(_reflectance(hit, shares), LEAST_CHANCE, 1)  # not computed where lines have no choice
+        return in_light, dr.select(in_light, 0, dr.select(shares, reflected, 1))
 
     def _look_up(self, table: Any, hit: Any, *, valid: Any) -> Any:
         """Return a number of the shapes that rays hit, UInt32 (ray,)."""
