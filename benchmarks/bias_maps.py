@@ -158,7 +158,7 @@ def draw(plain: np.ndarray, filtered: np.ndarray, path: Path, *, title: str) -> 
     picture = plain.mean(axis=0)
     local = np.maximum(gaussian_filter(picture, 4), 0.05 * picture.mean())
     bias = 100 * gaussian_filter(filtered.mean(axis=0) - picture, 0.7) / local
-    figure, grid = panels(1, 2, width=9, height=0.5 + 4.2 * picture.shape[0] / picture.shape[1])
+    figure, grid = panels(1, 2, width=6.75, height=0.5 + 3.1 * picture.shape[0] / picture.shape[1])
     grid[0, 0].imshow(np.clip(picture / np.quantile(picture, 0.98), 0, 1) ** 0.5, cmap="gray")
     grid[0, 0].set_title("4,096 plain samples")
     shown = grid[0, 1].imshow(bias, cmap="RdBu_r", vmin=-15, vmax=15)
