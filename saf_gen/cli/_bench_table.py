@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from saf_gen.speed import BenchFigure
 
 WIDTH = 100
-"""Columns that the table of a scene has room in."""
+"""Columns that tables have room in."""
 
 
 def make_figure_table(figures: "Iterable[BenchFigure]") -> Table:

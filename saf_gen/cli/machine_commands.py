@@ -11,7 +11,7 @@ from rich.progress import TaskID
 from rich.table import Table
 
 import saf_gen
-from saf_gen.cli._bench_table import make_figure_table, make_scene_table
+from saf_gen.cli._bench_table import WIDTH, make_figure_table, make_scene_table
 from saf_gen.cli._terminal import err, out, print_error, progress_bars
 from saf_gen.errors import BadInput
 
@@ -67,7 +67,7 @@ def bench(
         figures = [_finite({**asdict(figure), "met": figure.met}) for figure in results.figures]
         out.file.write(json.dumps(figures, indent=1, ensure_ascii=False) + "\n")
     else:
-        out.print(make_figure_table(f for f in results.figures if f not in shown))
+        out.print(make_figure_table(f for f in results.figures if f not in shown), width=min(out.width, WIDTH))
     for remark in results.remarks:
         err.print(remark)
     for name, problem in results.failed.items():

@@ -312,7 +312,9 @@ def test_the_grain_of_a_scene_is_printed_when_it_is_there_in_a_hundred_columns(c
         for column, value, (low, high) in zip(columns, values, ends, strict=True)
     ]
     table.append(BenchFigure("grain", "fan, slice: correlation", 12.0, "%", low=3.0, high=20.0))
-    worst = BenchFigure("grain", "worst slice", 12.345, "%", 4.0, at_most=True)
+    worst = BenchFigure(
+        "grain", "worst slice away from focus: noise over signal in C² " * 2, 12.345, "%", 4.0, at_most=True
+    )
 
     def run_benches(names, size, *, show, **options):
         show(SceneFound("fan", tuple(table), 1, 2, 600.0))
@@ -332,6 +334,7 @@ def test_the_grain_of_a_scene_is_printed_when_it_is_there_in_a_hundred_columns(c
     assert "! is above its goal: 4 % in" in out
     assert "<0.01–<0.01" not in out
     assert "worst slice" in last
+    assert max(len(line) for line in last.splitlines()) <= 100
     assert "correlation" not in last
     assert "odd is left out" in remarks
 
