@@ -58,7 +58,7 @@ def measure_scenes(
         if found is None:
             found = _measure_scene(replace(size, scenes=(name,)), measure)
             if folder is not None and any(isinstance(f, BenchFigure) and f.cell for f in found):
-                _keep(folder / f"{name}.json", identities[name], found)
+                _keep(folder / f"{name}.json", identities[name], found=found)
             measured += work[todo.pop(0)]
         left = sum(work[later] for later in todo)
         seconds = (perf_counter() - begin) / measured * left if measured else None
@@ -84,7 +84,7 @@ def _measure_scene(
         return (f"grain: {size.scenes[0]} is left out: {error}",)
 
 
-def _keep(path: Path, identity: str, found: Sequence[BenchFigure | str]) -> None:
+def _keep(path: Path, identity: str, *, found: Sequence[BenchFigure | str]) -> None:
     document = {"format": FORMAT, "of": identity, "found": [f if isinstance(f, str) else asdict(f) for f in found]}
     write_text_atomically(path, json.dumps(document, ensure_ascii=False, indent=1) + "\n")
 
