@@ -39,7 +39,7 @@ STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound of what a stream takes on di
 # stored and verified per second; seconds to load a scene, for each light group of each stack; seconds to sum
 # and store one pixel at one focus position.
 PATHS_PER_S, PIXEL_FRAMES_PER_S, LOAD_S, PLANE_S_PER_PIXEL = 2.5e6, 0.7e9, 0.3, 8e-8
-FILTERED_TIME = 1.8  # of a sample by the filtered estimator over a plain one; 1.2 in most slices, 4.8 through stains
+FILTERED_TIME = 1.8  # of a sample by the filtered estimator over a plain one; 1.2 in most slices, 3.5 through stains
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
 from saf_gen.render.traced_light import pick_rays, read_light, trace, trace_thrown_back
 
 PRIMARY_RAYS = 6  # per light path
+RAYS_INTO_LIGHT = 3  # per light path where most of them end straight in light, so that only texture is left to chance
 UNSHARED_PATHS = 2  # light paths per requested one where most must be traced on
 WHOLE_TRAVEL = np.array([0.0, 1.0])
 
@@ -71,7 +72,7 @@ def gather_shading(
     cells = CellTable(len(setups))
     for band in chain([opening], bands):
         cells.add(band.hits, np.stack([np.minimum(band.radiance[name], np.float32(most[name])) for name in setups]))
-        cells.count_unshared(band.alone, of=band.rays)
+        cells.count_rays(band.rays, unshared=band.alone, in_light=band.in_light)
         progress(band.done)
     return cells.by_tile()
 
@@ -102,9 +103,9 @@ def render_with_shading(
     ----------
     setups : the same scene under each light group, by name.
     shading : the shading of its surfaces under each of these groups, in their order.
-    samples : PRIMARY_RAYS times as many camera rays per pixel and position, at least, of which ``samples`` are traced
-        on where they meet a surface that shares no shading; UNSHARED_PATHS times as many, all traced on, where no
-        surface shares any.
+    samples : PRIMARY_RAYS (or RAYS_INTO_LIGHT) times as many camera rays per pixel and position, at least, of which
+        ``samples`` are traced on where they meet a surface that shares no shading; UNSHARED_PATHS times as many, all
+        traced on, where most surfaces share none.
     emitting : ids of the shapes that are lamps under any group of the scene.
     positions, seed, window, progress, on_device : see :func:`saf_gen.render.one_pass.render_stack`.
 
@@ -115,10 +116,10 @@ def render_with_shading(
     focus = positions_to_render(positions, window)
     first = next(iter(setups.values()))
     finder = SurfaceFinder(first, emitting=emitting)
-    # Where little is shared, rays that are not traced on would tell little.
-    shares_most = shading.unshared < 0.5
-    rays_per_path = PRIMARY_RAYS if shares_most else 1
-    samples *= PRIMARY_RAYS if shares_most else UNSHARED_PATHS
+    rays_per_path = 1  # where little is shared, rays that are not traced on would tell little
+    if shading.unshared < 0.5:
+        rays_per_path = RAYS_INTO_LIGHT if shading.in_light > 0.5 else PRIMARY_RAYS
+    samples *= rays_per_path if rays_per_path > 1 else UNSHARED_PATHS
 
     def bring_light(samples: int, seed: int) -> Iterator[LitRays]:
         for rays in cast_camera_rays(first, focus, samples=samples, seed=seed):
@@ -173,7 +174,8 @@ class WholePaths(NamedTuple):
     """Whole light paths of a band of rows that meet a surface which shares its shading.
 
     hits : these surfaces. radiance : that they send to the lens under each light group, float32 (path,).
-    rays, alone : how many rays were cast, and how many of them met a surface that shares no shading.
+    rays, alone, in_light : how many rays were cast, how many of them met a surface that shares no shading, and how many
+        went straight into light.
     """
 
     done: float
@@ -181,6 +183,7 @@ class WholePaths(NamedTuple):
     radiance: dict[str, np.ndarray]
     rays: int
     alone: int
+    in_light: int
 
 
 def _trace_whole_paths(
@@ -195,7 +198,8 @@ def _trace_whole_paths(
             for name, setup in setups.items()
         }
         hits = SurfaceHits(*(array[shares] for array in sight.hits))
-        yield WholePaths(rays.done, hits, radiance, sight.alone.size, int(np.count_nonzero(sight.alone)))
+        alone, in_light = int(np.count_nonzero(sight.alone)), sight.count_straight_into_light()
+        yield WholePaths(rays.done, hits, radiance, sight.alone.size, alone, in_light)
 
 
 def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int) -> np.ndarray:

@@ -66,7 +66,7 @@ class CellTable:
 
     def __init__(self, groups: int) -> None:
         self.count = 0
-        self._unshared = np.zeros(2, dtype=np.int64)  # rays that met what shares no shading, and all
+        self._rays = np.zeros(3, dtype=np.int64)
         self._slots = np.full(8 * ROOM, -1, dtype=np.int32)
         self._keys = np.zeros(ROOM, dtype=np.uint64)
         self._surface = np.zeros((ROOM, 3))  # paths, sum of ρ, sum of ρ²
@@ -81,14 +81,16 @@ class CellTable:
             arrays = self._slots, self._keys, self._surface, self._light
             self.count = kernels.add_paths(*arrays, self.count, keys, hits.reflectance[part], radiance[:, part])
 
-    def count_unshared(self, rays: int, *, of: int) -> None:
-        """Count rays that met a surface which cannot share shading, of all that were cast."""
-        self._unshared += rays, of
+    def count_rays(self, rays: int, *, unshared: int, in_light: int) -> None:
+        """Count rays that were cast, of them those that met a surface which cannot share shading, and those that went
+        straight into light.
+        """
+        self._rays += rays, unshared, in_light
 
     def by_tile(self) -> "ShadingCells":
         """Return what the paths added so far told."""
         order, begin = kernels.order_by_tile(self._keys[: self.count])
-        return ShadingCells(begin, self._keys[order], self._surface[order], self._light[order], self._unshared)
+        return ShadingCells(begin, self._keys[order], self._surface[order], self._light[order], self._rays)
 
     def _make_room(self, cells: int) -> None:
         """Provide for this many cells, in the arrays and, at most half full, in the table."""
@@ -108,15 +110,15 @@ class ShadingCells:
     """What paths told about the shading of each cell, under each of some light groups.
 
     ``begin`` says where the cells of each tile begin in the next three arrays, which are those of
-    :mod:`saf_gen.render.shading_kernels`. ``unshared`` is how many rays met a surface which cannot share shading, and
-    how many were cast, int64 (2,).
+    :mod:`saf_gen.render.shading_kernels`. ``rays`` is how many rays were cast, how many of them met a surface which
+    cannot share shading, and how many went straight into light, int64 (3,).
     """
 
     begin: np.ndarray
     keys: np.ndarray
     surface: np.ndarray
     light: np.ndarray
-    unshared: np.ndarray
+    rays: np.ndarray
 
     @property
     def tiles(self) -> np.ndarray:
@@ -138,7 +140,7 @@ class ShadingCells:
         begin = np.cumsum(sizes, dtype=np.int32)
         count = begin[-1]
         arrays = np.empty(count, np.uint64), np.empty((count, 3)), np.empty((count, *lights[0].shape[1:]))
-        whole = cls(begin, *arrays, np.sum([m.unshared for m in moments], axis=0))
+        whole = cls(begin, *arrays, np.sum([m.rays for m in moments], axis=0))
         out = whole.keys, whole.surface, whole.light
         estimate.add_moments(tiles, begins, keys, surfaces, lights, index, begin, *out)
         return whole
@@ -160,8 +162,8 @@ class ShadingCells:
         cells = self.tiles, self.begin, self.keys, self.surface, light
         known = around.content if around is not None else (tables, slots, keys, shading)
         estimate.estimate_tiles(*cells, known, tables, slots, keys, shading, *told)
-        unshared = float(self.unshared[0] / max(self.unshared[1], 1))
-        field = ShadingField(self.tiles, self.begin, tables, slots, keys, shading, unshared)
+        _, unshared, in_light = (float(count) for count in self.rays / max(self.rays[0], 1))
+        field = ShadingField(self.tiles, self.begin, tables, slots, keys, shading, unshared, in_light)
         return field if around is None else around.plus(field)
 
 
@@ -174,7 +176,8 @@ class ShadingField:
     tiles, begin : the tiles in which there are cells; those of each begin at LEVELS times ``begin``, and end before the
         next tile's or at a key of 0.
     tables, slots : where the table of each tile begins, and the slots of all.
-    unshared : fraction of rays, 0...1, that met a surface which cannot share shading.
+    unshared, in_light : fractions of rays, 0...1, that met a surface which cannot share shading, and that went straight
+        into light.
     """
 
     tiles: np.ndarray
@@ -184,6 +187,7 @@ class ShadingField:
     keys: np.ndarray
     shading: np.ndarray
     unshared: float
+    in_light: float
 
     @property
     def content(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

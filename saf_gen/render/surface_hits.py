@@ -72,6 +72,10 @@ class Sight(NamedTuple):
     lights: tuple[EndsInLight, ...]
     distances: Distances
 
+    def count_straight_into_light(self) -> int:
+        """Return how many rays end in light without a bend."""
+        return sum(int(np.count_nonzero(self.distances.end[end.rays] > 0)) for end in self.lights)
+
 
 class SurfaceFinder:
     """Finds what camera rays see in one scene.

@@ -154,6 +154,20 @@ def test_distances_are_those_of_all_clear_surfaces_and_of_the_end(tmp_path, monk
 
 
 @needs_llvm
+def test_rays_are_counted_that_go_straight_into_light_and_that_share_no_shading(tmp_path, monkeypatch):
+    """All go into the lamp behind a sheet; none past a slide of glass, whose back is to be traced on where it is chosen."""
+    fields = []
+    slide = [*shapes_of("slide of glass"), ABOVE]
+    for name, shapes in (("sheet", [f"'target': {sheet(0.0, STAIN)}", LAMP]), ("slide", slide)):
+        (tmp_path / name).mkdir()
+        setups = load(tmp_path / name, monkeypatch, *shapes)
+        cells = filtered_pass.gather_shading(setups, samples=1, seed=1, emitting=["lamp"])
+        fields.append(filtered_pass.estimate_shading([cells, cells]))
+    assert [field.in_light for field in fields] == [1, 0]
+    assert fields[0].unshared == 0 < fields[1].unshared < 1
+
+
+@needs_llvm
 def test_a_line_that_was_bent_is_not_to_be_smoothed(tmp_path, monkeypatch):
     setup = load(tmp_path, monkeypatch, *shapes_of("glass ball before a wall"), ABOVE)["lamp"]
     rays = next(iter(cast_camera_rays(setup, np.array([0.0, 1.0]), samples=1, seed=1)))
