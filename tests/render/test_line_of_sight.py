@@ -155,7 +155,7 @@ def test_distances_are_those_of_all_clear_surfaces_and_of_the_end(tmp_path, monk
 
 @needs_llvm
 def test_rays_are_counted_that_go_straight_into_light_and_that_share_no_shading(tmp_path, monkeypatch):
-    """All go into the lamp behind a sheet; none past a slide of glass, whose back is to be traced on where it is chosen."""
+    """All go into the lamp behind a sheet; none past a slide of glass, whose light is traced on where it is chosen."""
     fields = []
     slide = [*shapes_of("slide of glass"), ABOVE]
     for name, shapes in (("sheet", [f"'target': {sheet(0.0, STAIN)}", LAMP]), ("slide", slide)):
