@@ -84,8 +84,7 @@ class _View:
         truth = scene.build_drive().true_focus(depths) if depths.size else float("nan")
         best = float(np.clip(np.nan_to_num(truth, nan=0.5), 0, 1))
         samples = SLOW_SAMPLES if renderer.is_slow else SAMPLES
-        whole = slice(0, sensor.rows), slice(0, sensor.columns)
-        images = [renderer.render_region(p, samples=samples, region=whole) for p in (0.0, best, 1.0)]
+        images = [renderer.render_picture(p, samples=samples) for p in (0.0, best, 1.0)]
         white = preview_white_level(images[1])
         rows = [[encode_preview_gamma(image, white) for image in images]]
         samples = SLOW_SAMPLES if renderer.is_slow else SMALL_SAMPLES

@@ -85,11 +85,13 @@ def measure_slice_grain(
     positions: int,
     samples: int,
     time_s: float | None = None,
+    step_s: float = 0.0,
     progress: Callable[[float], None] = lambda done: None,
 ) -> dict[str, PlaceGrain]:
     """Measure grain at each place, from two time slices of a moment with two positions each.
 
-    The moment is by default that at which the scene is shown at rest.
+    The moment is by default that at which the scene is shown at rest. Slices follow each other by ``step_s``, 0 for a
+    scene that stands still: each takes its shading from those before it too.
 
     Raises BadInput for a scene that cannot be rendered.
     """
@@ -97,7 +99,7 @@ def measure_slice_grain(
     for done, (name, position) in enumerate(places.items()):
         progress(done / len(places))
         one, other = render_slice_pair(
-            renderer, seen, position=position, positions=positions, samples=samples, time_s=time_s
+            renderer, seen, position=position, positions=positions, samples=samples, time_s=time_s, step_s=step_s
         )
         found[name] = _compare(one[box], other[box], position=position, mask=seen.target[box])
     progress(1.0)
@@ -122,7 +124,9 @@ def measure_slice_correlation(
     box = target_bounding_box(seen.target)
 
     def render_box(at_s: float) -> tuple[np.ndarray, np.ndarray]:
-        pair = render_slice_pair(renderer, seen, position=position, positions=positions, samples=samples, time_s=at_s)
+        pair = render_slice_pair(
+            renderer, seen, position=position, positions=positions, samples=samples, time_s=at_s, step_s=step_s
+        )
         return pair[0][box], pair[1][box]
 
     earlier = render_box(time_s)
@@ -138,6 +142,7 @@ def render_slice_pair(
     positions: int,
     samples: int,
     time_s: float | None,
+    step_s: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Render a moment twice with independent noise at the two positions round one; the nearer one, (row, col) each."""
     knot = position * (positions - 1)
@@ -152,6 +157,7 @@ def render_slice_pair(
             time_s=time_s,
             run=run,
             moments=SHADING_MOMENTS,
+            step_s=step_s,
         )
         for run in (1, 2)
     )

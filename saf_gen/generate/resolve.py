@@ -33,7 +33,7 @@ MODEL = 3
 SLICE_BYTES_PER_VALUE = {"filtered": 1.3, "plain": 1.5}
 """By estimator, upper bounds. Filtered, 16 samples: 1.15 to 1.29 in the middle 200 × 125 pixels of fan, crossroad and
 cardiac_muscle, under each of their lights, at three positions and at all 129. Plain, 15 % of noise: 1.3 to 1.5."""
-SLICE_GEOMETRY_BYTES = 2.5  # per pixel, an upper bound: 1.6 to 2.1 for fan and crossroad
+SLICE_GEOMETRY_BYTES = 3.0  # per pixel, an upper bound: up to 2.8 in the middle of fan
 STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound of what a stream takes on disk
 # Measured on two cores of 2.8 GHz with LLVM: paths traced and splatted per second; pixel·frames encoded,
 # stored and verified per second; seconds to load a scene, for each light group of each stack; seconds to sum

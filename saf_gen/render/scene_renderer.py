@@ -18,6 +18,7 @@ from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, PixelGrid, StackSpec
 
+STEPS = 1024  # of the travel, to which the position of a single picture is rounded
 PINHOLE_F_NUMBER = 64.0  # the smallest stop a card may have: no blur is as wide as a pixel
 
 
@@ -145,12 +146,44 @@ class SceneRenderer:
         radiance = [found[name][0] for name in groups]
         return FocalStack(spec, np.stack(radiance), seen.depth, seen.target, self.backend_name)
 
+    def render_picture(
+        self,
+        position: float,
+        *,
+        samples: int,
+        time_s: float | None = None,
+        f_number: float | None = None,
+        grid: PixelGrid | None = None,
+    ) -> np.ndarray:
+        """Render the picture at a focus position, to 1/STEPS of the travel, under all lights: float32 (row, col).
+
+        With shared shading, where the backend can.
+        """
+        setup = self.prepare(time_s=time_s, f_number=f_number, grid=grid)
+        seed = seeds.derive_seed("whole picture", self.scene.digest)
+        if not estimators.shares_shading("filtered", backend_name=self.backend_name):
+            return thin_lens.render_position(setup, position=position, samples=samples, seed=seed)
+        emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
+        nearest = round(position * STEPS)
+        first = min(nearest, STEPS - 1)
+        show = MomentShading(lambda _: {"all": setup}, seed=seed, emitting=emitting)
+        found = estimators.render_light_groups(
+            {"all": setup},
+            backend_name=self.backend_name,
+            positions=STEPS + 1,
+            window=(first, first + 1),
+            samples=samples,
+            seed=seed,
+            emitting=emitting,
+            shading=show.estimate((0.0,), samples=samples),
+        )
+        return found["all"][0][nearest - first]
+
     def render_pinhole(
         self, position: float, *, samples: int, time_s: float | None = None, grid: PixelGrid | None = None
     ) -> np.ndarray:
         """Render everything sharp, as through a pinhole, at the scale of a position: float32 (row, col)."""
-        setup = self.prepare(time_s=time_s, f_number=PINHOLE_F_NUMBER, grid=grid)
-        return thin_lens.render_position(setup, position=position, samples=samples, seed=1)
+        return self.render_picture(position, samples=samples, time_s=time_s, f_number=PINHOLE_F_NUMBER, grid=grid)
 
     def render_region(
         self, position: float, *, samples: int, region: Region, time_s: float | None = None, run: int = 0

@@ -74,6 +74,7 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
         places=places,
         positions=positions,
         samples=size.slice_samples,
+        step_s=1 / scene.card.slices_per_s,
         time_s=scene.card.still_s,
         progress=lambda done: report(f"{scene.id}, time slices", done),
     )

@@ -36,10 +36,16 @@ def check_scene_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
             renderer, seen, places=places, positions=POSITIONS, samples=still_samples
         )
     yield _compare_with_goals(still, samples=still_samples, usual=scene_grain.STILL_SAMPLES, moving=False)
-    if not (renderer.motions and subject.scene.card.slices_per_s):
+    slices_per_s = subject.scene.card.slices_per_s
+    if not (renderer.motions and slices_per_s):
         return
     moving = scene_grain.measure_slice_grain(
-        renderer, seen, places=places, positions=scene_grain.POSITIONS, samples=slice_samples
+        renderer,
+        seen,
+        places=places,
+        positions=scene_grain.POSITIONS,
+        samples=slice_samples,
+        step_s=1 / slices_per_s,
     )
     yield _compare_with_goals(moving, samples=slice_samples, usual=scene_grain.SLICE_SAMPLES, moving=True)
 

@@ -26,7 +26,7 @@ from saf_gen.stack.focal_stack import FocalStack
 BLUR = 3.0  # pixels
 MIN_CONTRAST = 0.01
 MIN_LOSS, WEAK_LOSS = 0.005, 0.03  # of the variance: below, the focus cannot be found, or only just
-USUAL_SAMPLES = 256  # per pixel, as in the full-size recipes
+USUAL_SAMPLES = 64  # per pixel, as in the full-size recipes
 MAX_NOISE = 0.1  # of the target's contrast
 SIGNIFICANT = 4.0  # standard errors; the largest of a few neighbouring positions is taken
 MIN_TEXEL, MAX_TEXEL = 0.2, 1.0  # pixels per texel; smaller texels alias
