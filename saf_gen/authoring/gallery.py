@@ -23,7 +23,7 @@ from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene, SceneCard
 
 MAX_BYTES = 100_000  # per image file, because it is cloned with the project
-SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 32, 4, 24  # per pixel; of the small images
+SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 16, 4, 8  # per pixel; of the small images
 SMALL_IMAGES = 3  # of members, and of moments
 HEAD = f"""# Scenes
 

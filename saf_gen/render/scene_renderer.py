@@ -1,6 +1,6 @@
 """A scene set up to be looked at: a member of its family in front of a lens and a sensor, nothing stored."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -14,6 +14,7 @@ from saf_gen.render import texel_footprints as texels
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.moment_shading import MomentShading
 from saf_gen.render.render_setup import RenderSetup
+from saf_gen.render.shading_cells import ShadingField
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, PixelGrid, StackSpec
@@ -42,6 +43,7 @@ class SceneRenderer:
         self._described = mitsuba_scene.build_scene_dict(scene)
         self.motions = mitsuba_scene.mitsuba_shape_motions(scene, self._described)
         self._loaded = lru_cache(maxsize=4)(self._load)
+        self._shadings: dict[tuple[tuple[float, ...], int, int], ShadingField] = {}
 
     @property
     def is_slow(self) -> bool:
@@ -130,9 +132,8 @@ class SceneRenderer:
             def show(at_s: float) -> dict[str, RenderSetup]:
                 return setups if at_s == spec.time_s else {n: self.prepare(g, time_s=at_s) for n, g in groups.items()}
 
-            paths = MomentShading(show, seed=seed, emitting=emitting)
             told = [spec.time_s - n * step_s for n in reversed(range(moments))]
-            shading = paths.estimate(told, samples=samples)
+            shading = self._estimate_shading(show, told=told, samples=samples, seed=seed)
         found = estimators.render_light_groups(
             setups,
             backend_name=self.backend_name,
@@ -145,6 +146,20 @@ class SceneRenderer:
         )
         radiance = [found[name][0] for name in groups]
         return FocalStack(spec, np.stack(radiance), seen.depth, seen.target, self.backend_name)
+
+    def _estimate_shading(
+        self, show: Callable[[float], Mapping[str, RenderSetup]], *, told: list[float], samples: int, seed: int
+    ) -> ShadingField:
+        """Return the shading at the last of some moments; the latest two that were asked for are kept.
+
+        It is that of the whole travel, so the same for all windows of two runs.
+        """
+        asked = (tuple(told), samples, seed)
+        if asked not in self._shadings:
+            paths = MomentShading(show, seed=seed, emitting=mitsuba_scene.mitsuba_emitter_names(self._described))
+            kept = list(self._shadings.items())[-1:]
+            self._shadings = {**dict(kept), asked: paths.estimate(told, samples=samples)}
+        return self._shadings[asked]
 
     def render_picture(
         self,
