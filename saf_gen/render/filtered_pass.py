@@ -30,14 +30,14 @@ import numpy as np
 from saf_gen.core import seeds
 from saf_gen.render import one_pass
 from saf_gen.render.camera_rays import CameraRays, cast_camera_rays, land_on_sensor
-from saf_gen.render.layered_splat import BlurScale, LayeredSums
+from saf_gen.render.layered_splat import MOST_POSITIONS, BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
 from saf_gen.render.traced_light import pick_rays, read_light, trace, trace_thrown_back
 
 PRIMARY_RAYS = 6  # per light path
-RAYS_INTO_LIGHT = 3  # per light path where most of them end straight in light, so that only texture is left to chance
+RAYS_INTO_LIGHT = 3  # the same in layers where most rays end straight in light: only texture is left to chance
 UNSHARED_PATHS = 2  # light paths per requested one where most must be traced on
 WHOLE_TRAVEL = np.array([0.0, 1.0])
 
@@ -118,7 +118,8 @@ def render_with_shading(
     finder = SurfaceFinder(first, emitting=emitting)
     rays_per_path = 1  # where little is shared, rays that are not traced on would tell little
     if shading.unshared < 0.5:
-        rays_per_path = RAYS_INTO_LIGHT if shading.in_light > 0.5 else PRIMARY_RAYS
+        blurred = focus.size <= MOST_POSITIONS  # summed in layers, which average over blur
+        rays_per_path = RAYS_INTO_LIGHT if blurred and shading.in_light > 0.5 else PRIMARY_RAYS
     samples *= rays_per_path if rays_per_path > 1 else UNSHARED_PATHS
 
     def bring_light(samples: int, seed: int) -> Iterator[LitRays]:

@@ -40,12 +40,7 @@ def check_scene_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     if not (renderer.motions and slices_per_s):
         return
     moving = scene_grain.measure_slice_grain(
-        renderer,
-        seen,
-        places=places,
-        positions=scene_grain.POSITIONS,
-        samples=slice_samples,
-        step_s=1 / slices_per_s,
+        renderer, seen, places=places, positions=scene_grain.POSITIONS, samples=slice_samples, step_s=1 / slices_per_s
     )
     yield _compare_with_goals(moving, samples=slice_samples, usual=scene_grain.SLICE_SAMPLES, moving=True)
 
