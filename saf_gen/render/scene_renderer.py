@@ -161,20 +161,21 @@ class SceneRenderer:
             self._shadings = {**dict(kept), asked: paths.estimate(told, samples=samples)}
         return self._shadings[asked]
 
-    def render_picture(
-        self,
-        position: float,
-        *,
-        samples: int,
-        time_s: float | None = None,
-        f_number: float | None = None,
-        grid: PixelGrid | None = None,
-    ) -> np.ndarray:
+    def render_picture(self, position: float, *, samples: int, time_s: float | None = None) -> np.ndarray:
         """Render the picture at a focus position, to 1/STEPS of the travel, under all lights: float32 (row, col).
 
         With shared shading, where the backend can.
         """
-        setup = self.prepare(time_s=time_s, f_number=f_number, grid=grid)
+        return self._render_picture(self.prepare(time_s=time_s), position, samples=samples)
+
+    def render_pinhole(
+        self, position: float, *, samples: int, time_s: float | None = None, grid: PixelGrid | None = None
+    ) -> np.ndarray:
+        """Render everything sharp, through a pinhole without waves, at the scale of a position: float32 (row, col)."""
+        setup = self.prepare(time_s=time_s, f_number=PINHOLE_F_NUMBER, grid=grid)
+        return self._render_picture(replace(setup, wavelength_m=0.0), position, samples=samples)
+
+    def _render_picture(self, setup: RenderSetup, position: float, *, samples: int) -> np.ndarray:
         seed = seeds.derive_seed("whole picture", self.scene.digest)
         if not estimators.shares_shading("filtered", backend_name=self.backend_name):
             return thin_lens.render_position(setup, position=position, samples=samples, seed=seed)
@@ -193,12 +194,6 @@ class SceneRenderer:
             shading=show.estimate((0.0,), samples=samples),
         )
         return found["all"][0][nearest - first]
-
-    def render_pinhole(
-        self, position: float, *, samples: int, time_s: float | None = None, grid: PixelGrid | None = None
-    ) -> np.ndarray:
-        """Render everything sharp, as through a pinhole, at the scale of a position: float32 (row, col)."""
-        return self.render_picture(position, samples=samples, time_s=time_s, f_number=PINHOLE_F_NUMBER, grid=grid)
 
     def render_region(
         self, position: float, *, samples: int, region: Region, time_s: float | None = None, run: int = 0

@@ -94,3 +94,16 @@ def test_a_shadow_that_moves_with_its_shape_keeps_its_edge(moving_board):
     reference, _ = one_pass.render_stack(still, positions=129, window=(60, 61), samples=512, seed=7)
     followed, left = (float(((render(follow) - reference[0]) ** 2).mean()) for follow in (True, False))
     assert followed < left / 10
+
+
+@needs_llvm
+def test_a_pinhole_has_no_waves_and_a_picture_is_that_of_its_lens(moving_board):
+    """Waves of 5 µm would blur a pinhole of f/64 over ten pixels. An end of the travel is a position too."""
+    waves = SceneRenderer(moving_board.scene, SENSOR_GRID, backend_name="llvm", wavelength_m=5e-6)
+    sharp = moving_board.render_pinhole(0.5, samples=1)
+    assert np.array_equal(waves.render_pinhole(0.5, samples=1), sharp)
+    assert not np.array_equal(waves.render_picture(0.5, samples=1), moving_board.render_picture(0.5, samples=1))
+    seen = moving_board.trace_depth_and_target()
+    stack = moving_board.render_stack(seen, positions=5, samples=64, window=(3, 4), together=True)
+    end = moving_board.render_picture(1.0, samples=64)
+    assert end.mean() == pytest.approx(stack.radiance[0, 1].mean(), rel=0.01)
