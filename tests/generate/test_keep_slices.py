@@ -102,11 +102,11 @@ def test_a_dataset_made_with_a_choice_has_the_recordings_of_any_other(work, made
 
 
 def test_the_sizes_are_those_of_the_planes(work, tmp_path):
-    """1.3 bytes, compressed, for each of 40 × 64 pixels and two lights; 2.5 for depth and target.
+    """1.3 bytes, compressed, for each of 40 × 64 pixels and two lights; 3 for depth and target.
 
     Plain paths leave more noise, which takes 1.5 bytes.
     """
-    plane, geometry = 2 * 40 * 64 * 13 // 10, 40 * 64 * 5 // 2
+    plane, geometry = 2 * 40 * 64 * 13 // 10, 40 * 64 * 3
     recorded_from, for_closed_loop = slices(work)
     some = plane * sum(spec.rendered_count for spec in recorded_from.specs) + 11 * geometry
     whole = plane * 9 * 6 + 6 * geometry
