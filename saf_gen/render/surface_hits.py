@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.render.camera_rays import CameraRays, opaque_number
-from saf_gen.render.line_of_sight import ClearSurfaces, follow_lines, number_of_shape
+from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, follow_lines, number_of_shape
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import SurfaceHits
 
@@ -150,7 +150,9 @@ class SurfaceFinder:
         counts = valid & (factor > 0)
         shape: Any = dr.select(counts, self._look_up(self._number, hit, valid=counts), 0)
         if line is not None:
-            shape = dr.select(self._clear.mirrors(hit, counts & is_clear), 0, shape)
+            # Of a clear surface only what it throws back is shared, and only where no mirror adds to it.
+            clear = self._clear.does_to_line(hit, counts) != OPAQUE
+            shape = dr.select(clear & (~is_clear | self._clear.mirrors(hit, counts & is_clear)), 0, shape)
         # Light keeps its place on a shape that moves along, not where the shape was.
         moved = dr.gather(mi.Vector3f, self._moved, number_of_shape(hit), valid)
         point = (to_camera @ mi.Point3f(hit.p - moved)) * setup.unit_m
@@ -189,6 +191,8 @@ class SurfaceFinder:
         """
         lamp = self._look_up(self._black, hit, valid=valid) > 0
         shares = self._look_up(self._number, hit, valid=valid) > 0
+        if self._clear.any:
+            shares &= self._clear.does_to_line(hit, valid) == OPAQUE
         in_light = ~valid | (lamp & (_reflectance(hit, lamp) == 0))
         reflected = dr.clip(_reflectance(hit, shares), LEAST_CHANCE, 1)  # not computed where lines have no choice
         return in_light, dr.select(in_light, 0, dr.select(shares, reflected, 1))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saf_gen.render import backend, mitsuba_scene, one_pass
+from saf_gen.render import backend, filtered_pass, mitsuba_scene, one_pass
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene
 
@@ -28,6 +28,14 @@ def render_stack_once(setup, **options):
     stack, clipped = one_pass.render_stack(setup, **options)
     assert clipped == 0
     return stack
+
+
+def render_filtered(setups, *, samples, positions, seed=1, window=None):
+    """The stacks of light groups by shared shading; their lamps are called lamp and room."""
+    asked = {"samples": samples, "emitting": ["lamp", "room"]}
+    shading = filtered_pass.estimate_shading([filtered_pass.gather_shading(setups, seed=1000 + seed, **asked)])
+    found = filtered_pass.render_with_shading(setups, shading, positions=positions, seed=seed, window=window, **asked)
+    return {name: stack for name, (stack, _) in found.items()}
 
 
 def write_scene(folder, monkeypatch, *, lens, distance_m, shapes, light, target, unit_m=1.0):

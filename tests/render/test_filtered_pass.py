@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from written_scenes import SENSOR_GRID, load_setup, needs_llvm, write_scene
+from written_scenes import SENSOR_GRID, load_setup, needs_llvm, render_filtered, write_scene
 
 from saf_gen.render import camera_rays, filtered_pass, one_pass
 from saf_gen.render.moment_shading import MomentShading
@@ -34,11 +34,8 @@ def still_life(tmp_path, monkeypatch):
     return {name: load_setup(scene, (name,), max_depth=16) for name in scene.card.lights}
 
 
-def filtered(setups, *, samples=16, seed=1, positions=5, window=None):
-    asked = {"samples": samples, "emitting": ["lamp", "room"]}
-    shading = filtered_pass.estimate_shading([filtered_pass.gather_shading(setups, seed=1000 + seed, **asked)])
-    found = filtered_pass.render_with_shading(setups, shading, positions=positions, seed=seed, window=window, **asked)
-    return {name: stack for name, (stack, _) in found.items()}
+def filtered(setups, *, samples=16, positions=5, **options):
+    return render_filtered(setups, samples=samples, positions=positions, **options)
 
 
 @needs_llvm

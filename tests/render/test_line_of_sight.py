@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from written_scenes import load_setup, needs_llvm, write_scene
+from written_scenes import load_setup, needs_llvm, render_filtered, write_scene
 
 from saf_gen.render import filtered_pass, one_pass
 from saf_gen.render.camera_rays import cast_camera_rays
@@ -40,11 +40,8 @@ def load(tmp_path, monkeypatch, *shapes, lights=("lamp",), target="target"):
     return {name: load_setup(scene, (name,), max_depth=16) for name in lights}
 
 
-def render(setups, *, samples=4, seed=1, positions=3, window=None):
-    asked = {"samples": samples, "emitting": ["lamp", "room"]}
-    shading = filtered_pass.estimate_shading([filtered_pass.gather_shading(setups, seed=1000 + seed, **asked)])
-    found = filtered_pass.render_with_shading(setups, shading, positions=positions, seed=seed, window=window, **asked)
-    return {name: stack for name, (stack, _) in found.items()}
+def render(setups, *, samples=4, **options):
+    return render_filtered(setups, samples=samples, positions=3, **options)
 
 
 @needs_llvm
