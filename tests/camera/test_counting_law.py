@@ -1,11 +1,17 @@
-"""Counts and intervals of the encoder against their exact law, tests/helpers/counting_law.py."""
+"""Counts and intervals of the encoder against their exact law, saf_gen/camera/counting_law.py."""
 
 import numpy as np
 import pytest
-from counting_law import chi_squared, count_probabilities, count_variance, oscillation, standard_deviations_off
 from scipy import stats
 
 from saf_gen.camera import Encoder, get_sensor
+from saf_gen.camera.counting_law import (
+    chi_squared,
+    count_probabilities,
+    count_variance,
+    oscillation,
+    standard_deviations_off,
+)
 
 THETA, THRESHOLD_NOISE = 400.0, 0.03
 PER_SPIKE = 1 / THETA + THRESHOLD_NOISE**2  # relative variance of a threshold
@@ -69,8 +75,8 @@ def test_intervals_obey_the_exact_law(rate):
     so_far = spikes(charge, frames=int(latest), seed=9).cumsum(axis=1, dtype=np.uint16)
     first, second = ((so_far == count).argmax(axis=1) for count in (skipped, skipped + 1))
     assert (second > first).all()
-    assert chi_squared(second - first, mean, variance) > 1e-4
-    assert abs(standard_deviations_off(second - first, mean, variance)) < FAR
+    assert chi_squared(second - first, mean, variance=variance) > 1e-4
+    assert abs(standard_deviations_off(second - first, mean, variance=variance)) < FAR
 
 
 @pytest.mark.parametrize("mean", MEANS)
@@ -81,8 +87,8 @@ def test_counts_obey_the_exact_law(mean):
     mean = float(charge) * frames / THETA
     variance = PER_SPIKE * mean
     seen = spikes(charge, frames=frames, seed=3, before=BEFORE).sum(axis=1, dtype=np.int64)
-    assert chi_squared(seen, mean, variance) > 1e-4
-    assert abs(standard_deviations_off(seen, mean, variance)) < FAR
+    assert chi_squared(seen, mean, variance=variance) > 1e-4
+    assert abs(standard_deviations_off(seen, mean, variance=variance)) < FAR
 
 
 @pytest.mark.parametrize(("places", "noise_grows_as", "told"), [(RATES, 2, 7), (MEANS, 1, 10)])

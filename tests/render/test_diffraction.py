@@ -7,11 +7,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from exact_otf import exact_otf, otf_by_fft
+from otf_by_fft import otf_by_fft
 from refusals import refusal
 from written_scenes import load_setup, needs_llvm, render_stack_once, write_scene
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
+from saf_gen.optics.exact_otf import exact_otf
 from saf_gen.render import backend, camera_rays, mitsuba_scene, one_pass, render_missing_stacks
 from saf_gen.render.diffraction import find_aperture_waves, place_bend_samples
 from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
