@@ -20,6 +20,7 @@ from saf_gen.cli import (
     method_commands,
     recipe_commands,
     scene_commands,
+    sensor_commands,
     stream_commands,
     tune_commands,
 )
@@ -55,6 +56,15 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "recipes": ("Check recipes.", {"check": recipe_commands.check}),
+    "sensors": (
+        "List, show and check sensors, and compare them with each other and with recordings.",
+        {
+            "list": sensor_commands.list_,
+            "show": sensor_commands.show,
+            "check": sensor_commands.check,
+            "compare": sensor_commands.compare,
+        },
+    ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",
         {"show": method_commands.show, "check": method_commands.check},

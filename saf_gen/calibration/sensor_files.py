@@ -1,0 +1,82 @@
+"""Sensor files: their text with its sources, which of their numbers are nominal, and what in them is implausible."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import asdict
+from math import exp, log
+from pathlib import Path
+
+from scipy.special import ndtr
+
+from saf_gen.camera import Sensor, get_sensor, photoelectrons_per_irradiance
+from saf_gen.camera.sensor import PRESETS
+from saf_gen.core.config.document import read_text
+from saf_gen.core.config.presets import is_preset_file
+
+_NOMINAL = re.compile(r"^(\w+):[^#\n]*#[^\n]*\b(assumed|derived|nominal)\b", re.MULTILINE)
+_USUAL: dict[str, tuple[float, float, float, str]] = {
+    "pitch_m": (1e6, 5, 50, "µm"),
+    "threshold_e": (1, 1e3, 5e5, "electrons"),
+    "quantum_efficiency": (1, 0.05, 0.95, "electrons per photon"),
+    "fill_factor": (1, 0.05, 1, "of the pixel's area"),
+    "wavelength_m": (1e9, 350, 1000, "nm"),
+    "readout_hz": (1, 1e3, 1e5, "readouts per second"),
+    "dark_rate": (1, 0, 0.05, "spikes per readout"),
+    "dark_log_sd": (1, 0, 1, ""),
+    "response_column_rms": (100, 0, 15, "%"),
+    "response_row_rms": (100, 0, 15, "%"),
+    "response_white_rms": (100, 0, 10, "%"),
+    "threshold_spread_rms": (100, 0, 10, "%"),
+    "threshold_noise_rms": (100, 0, 10, "%"),
+    "reset_loss": (100, 0, 10, "% of the next readout"),
+}
+"""By key: factor to the unit that is shown, the least and the most that is usual in it, and the unit."""
+_SWITCHED = {
+    "dark": ("dark_rate",),
+    "response": ("response_column_rms", "response_row_rms", "response_white_rms"),
+    "threshold_spread": ("threshold_spread_rms",),
+    "threshold_noise": ("threshold_noise_rms",),
+}
+"""By switch of noise: the keys that act through it."""
+
+
+def read_sensor_text(name: str | Path) -> str:
+    """Return the text of a sensor's file, comments and sources included; BadInput as :func:`get_sensor` raises it."""
+    get_sensor(name)
+    return read_text(Path(name) if is_preset_file(name) else PRESETS.folder / f"{name}.yaml")
+
+
+def nominal_keys(text: str) -> list[str]:
+    """Return the keys of a sensor file whose comments say that they are assumed, derived or nominal."""
+    return [found[1] for found in _NOMINAL.finditer(text)]
+
+
+def find_implausible(sensor: Sensor) -> Iterator[str]:
+    """Yield a line for everything in a sensor that is allowed and unlikely, or that has no effect."""
+    values = asdict(sensor)
+    for key, (factor, least, most, unit) in _USUAL.items():
+        shown = values[key] * factor
+        if not least <= shown <= most:
+            yield f"{key} is {' '.join(filter(None, (f'{shown:.4g}', unit)))}; usual: {least:g} to {most:g}"
+    for switch, keys in _SWITCHED.items():
+        on, some = getattr(sensor.noise, switch), any(values[key] > 0 for key in keys)
+        if on and not some:
+            yield f"noise.{switch} is on, but {' and '.join(keys)} {'is' if len(keys) == 1 else 'are'} 0"
+        if some and not on:
+            yield f"noise.{switch} is off: {', '.join(key for key in keys if values[key] > 0)} has no effect"
+    if sensor.noise.dark and sensor.dark_log_sd > 0:
+        tail = float(ndtr(-log(sensor.dark_hot_factor) / sensor.dark_log_sd)) if sensor.dark_hot_factor > 1 else 0.5
+        if tail > 2 * sensor.dark_hot_fraction:
+            yield (
+                f"dark_hot_fraction is {sensor.dark_hot_fraction:.2g}, but a dark_log_sd of {sensor.dark_log_sd:g} "
+                f"alone has {tail:.2g} of the pixels above {sensor.dark_hot_factor:g} times the median"
+            )
+    if sensor.saturation == "dead_readout" and sensor.reset_loss > 0:
+        yield "reset_loss has no effect: with saturation dead_readout the readout after a spike collects nothing"
+    if sensor.reset == "hard":
+        yield "reset hard loses the charge above the threshold: rates are wrong by −4 to −20 % and rise in steps"
+    lux = 0.5 * sensor.threshold_e / photoelectrons_per_irradiance(sensor) * 683
+    if not 100 <= lux <= 50_000:
+        yield f"a rate of 0.5 takes {lux:.3g} lux at the sensor (555 nm); usual: 100 to 50,000; see threshold_e"
+    if sensor.noise.dark and sensor.dark_rate * exp(2 * sensor.dark_log_sd) > 0.3:
+        yield "one pixel in fifty fires in the dark at more than 0.3 spikes per readout"

@@ -1,0 +1,171 @@
+"""``sensors list``, ``show``, ``check`` and ``compare``: what they print, and what they refuse."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from small_dataset import HERE
+
+from saf_gen import write_stream
+from saf_gen.calibration.comparison import (
+    compare_statistics,
+    encode_again,
+    figures_as_published,
+    mean_light,
+    published_figures,
+    recording_figures,
+    sensor_figures,
+)
+from saf_gen.calibration.recordings import EncodedRecording
+from saf_gen.calibration.sensor_files import find_implausible, nominal_keys, read_sensor_text
+from saf_gen.calibration.spike_statistics import measure_spikes
+from saf_gen.camera import get_sensor, sensor_names
+
+SMALL = HERE / "small_sensor.yaml"
+
+
+def test_every_sensor_is_listed_with_its_array_and_what_nobody_has_measured(call):
+    code, shown, _ = call("sensors", "list")
+    assert code == 0
+    for name in sensor_names():
+        line = next(line for line in shown.splitlines() if f" {name} " in line)
+        assert f"{get_sensor(name).columns}×{get_sensor(name).rows}" in line
+    assert nominal_keys(read_sensor_text("vidar_400x250"))[:2] == ["threshold_e", "quantum_efficiency"]
+    assert nominal_keys(read_sensor_text("ideal")) == []
+
+
+@pytest.mark.parametrize("name", [*sensor_names(), SMALL])
+def test_a_sensor_is_shown_as_its_file_is_written(name, call):
+    """The text printed is a sensor file: read again it is the same sensor."""
+    code, shown, _ = call("sensors", "show", name)
+    assert code == 0
+    assert yaml.safe_load(shown)["dark_rate"] == get_sensor(name).dark_rate
+    assert "sources:" in shown
+
+
+def test_a_sensor_that_is_not_there_is_named_with_the_nearest(call):
+    code, _, told = call("sensors", "show", "vidar_400x25")
+    assert code == 2
+    assert "vidar_400x250" in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", sensor_names())
+def test_sensors_that_come_along_have_nothing_unlikely(name):
+    assert list(find_implausible(get_sensor(name))) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"pitch_m": 2e-4}, "pitch_m is 200 µm; usual: 5 to 50"),
+        ({"threshold_noise_rms": 0.15}, "threshold_noise_rms is 15 %"),
+        ({"dark_rate": 0.2}, "dark_rate is 0.2 spikes per readout"),
+        ({"dark_rate": 0.0}, "noise.dark is on, but dark_rate is 0"),
+        ({"noise": {"response": False}}, "noise.response is off: response_column_rms"),
+        ({"dark_log_sd": 0.9}, "dark_log_sd of 0.9 alone has 0.062"),
+        ({"saturation": "dead_readout"}, "reset_loss has no effect"),
+        ({"reset": "hard"}, "rates are wrong by"),
+        ({"threshold_e": 100}, "lux"),
+    ],
+)
+def test_each_unlikely_number_has_a_line(change, words):
+    assert any(words in line for line in find_implausible(get_sensor("vidar_400x250", **change)))
+
+
+def test_a_sensor_file_is_checked(call, tmp_path):
+    code, shown, _ = call("sensors", "check", SMALL)
+    assert (code, shown.splitlines()[0]) == (0, "unlikely: pitch_m is 60 µm; usual: 5 to 50")
+    broken = tmp_path / "mine.yaml"
+    broken.write_text(SMALL.read_text().replace("dark_rate:", "dark_rte:"))
+    code, _, told = call("sensors", "check", broken)
+    assert code == 2
+    assert "dark_rate" in told
+    assert told.count("\n") == 1
+
+
+def test_two_sensors_differ_where_their_files_differ(tmp_path, call):
+    noisy = tmp_path / "noisy.yaml"
+    noisy.write_text(SMALL.read_text().replace("threshold_noise_rms: 0.0058", "threshold_noise_rms: 0.05"))
+    code, shown, _ = call("sensors", "compare", SMALL, noisy, "--json")
+    assert code == 0
+    found = {row["key"]: (row["a"], row["b"]) for row in json.loads(shown)["statistics"]}
+    assert found["flat.cv2"][1] > found["flat.cv2"][0]
+    assert found["flat.halves_rms"][1] > 3 * found["moving.halves_rms"][0]
+    for key in ("flat.column_rms", "flat.white_rms", "dark.median", "dark.log_sd"):  # the same device
+        assert found[key][1] == pytest.approx(found[key][0], rel=0.03)
+    code, shown, _ = call("sensors", "compare", SMALL, noisy)
+    assert "local variation of intervals" in shown
+
+
+def test_a_sensor_beside_a_recording_is_given_its_light(tmp_path, call):
+    """A recording by the sensor itself has the statistics of its light encoded again; a noisier one is told from it.
+
+    40 × 64 pixels, 2,000 readouts, seeds 4 and 1. CV2 to 10 % and Fano factors to 5 %: smoothing leaves a little.
+    """
+    sensor = get_sensor(SMALL)
+    light = mean_light(sensor, 0.1) * np.broadcast_to(np.linspace(0.5, 1.5, 64), (1, 40, 64)).astype(np.float32)
+    shown = EncodedRecording("shown", sensor, light, frames=2000, seed=4)
+    frames = np.unpackbits(np.concatenate(list(shown.blocks()), axis=2), axis=2, bitorder="little").transpose(2, 0, 1)
+    write_stream(tmp_path / "shown.h5", frames)
+    same, noisy = (
+        recording_figures(encode_again(shown, s)) for s in (sensor, get_sensor(SMALL, threshold_noise_rms=0.05))
+    )
+    real = recording_figures(shown)
+    assert same["recording.rate"] == pytest.approx(real["recording.rate"], rel=0.01)
+    assert same["recording.cv2"] == pytest.approx(real["recording.cv2"], rel=0.1)
+    assert same["recording.fano_20"] == pytest.approx(real["recording.fano_20"], rel=0.05)
+    assert noisy["recording.cv2"] > 1.3 * real["recording.cv2"]
+    code, printed, _ = call("sensors", "compare", tmp_path / "shown.h5", SMALL)
+    assert code == 0
+    assert "recording: local variation" in printed
+
+
+def test_light_encoded_again_follows_the_recording_in_time():
+    """A lamp that doubles halfway doubles in both; rates of 10 windows agree to 3 % but where the lamp turns."""
+    sensor = get_sensor(SMALL, noise={"dark": False})
+    light = np.full((2, 40, 64), 3000, np.float32) * np.array([1, 2], np.float32)[:, None, None]
+    lamp = EncodedRecording(
+        "lamp", sensor, light, frames=4000, seed=2, knots=lambda t: ((t >= 2000).astype(np.int64), np.zeros(t.size))
+    )
+    real, again = (measure_spikes(r).series.reshape(10, -1).mean(axis=1) for r in (lamp, encode_again(lamp, sensor)))
+    assert real[7] == pytest.approx(2 * real[2], rel=0.01)
+    far = [0, 1, 2, 3, 6, 7, 8, 9]
+    assert again[far] == pytest.approx(real[far], rel=0.03)
+
+
+def test_published_figures_stand_beside_ours_of_the_same_kind(call):
+    """Every published figure has one of ours; on a small array here, so that only kinds are compared."""
+    real, sources = published_figures()
+    ours = figures_as_published(get_sensor(SMALL))
+    assert set(ours) == set(real)
+    assert ours["stream.rate"] == pytest.approx(real["stream.rate"], rel=0.03)
+    assert all(sources.values())
+    rows = compare_statistics([real, ours])
+    assert len({row.label for row in rows}) == len(rows) == len(real)
+    code, shown, _ = call("sensors", "compare", "--published", SMALL)
+    assert code == 0
+    assert "SpikeNeRF" in shown
+
+
+def test_a_sensor_without_dark_has_no_dark_figures():
+    assert not any(key.startswith("dark.") for key in sensor_figures(get_sensor("ideal"), shape=(8, 16)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("vidar_400x250",), "1 name is given"),
+        (("--published", "vidar_400x250", "ideal"), "1 name is given"),
+        (("vidar_400x250", "vidar_400x251"), "unknown sensor 'vidar_400x251'"),
+        (("vidar_400x250", "missing.dat"), "missing.dat: there is no such file"),
+        (("vidar_400x250", "ideal", "--mean-rate", "0.95"), "the rate is 0.95"),
+        (("vidar_400x250", "ideal", "--mean-rate", "0.004"), "above the dark rate 0.0045"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_in_one_line(arguments, words, call):
+    code, _, told = call("sensors", "compare", *arguments)
+    assert code == 2
+    line = told.splitlines()[-1]
+    assert words in line

@@ -1,0 +1,129 @@
+"""Statistics of recordings against a slow reference, one pixel and one spike at a time, and against planted numbers."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from refusals import assert_says, refusal
+
+from saf_gen import write_stream
+from saf_gen.calibration import spike_kernel as kernel
+from saf_gen.calibration.recordings import EncodedRecording, open_recording
+from saf_gen.calibration.spike_statistics import measure_spikes, rms_between_halves
+from saf_gen.camera import get_sensor
+from saf_gen.core.seeds import make_generator
+from saf_gen.stream.interop import export_raw_frames
+
+
+def random_stream(path, *, frames=4517, rate=0.06, shape=(6, 9)):
+    """A stream of independent spikes whose rate rises from pixel to pixel; the first pixel never fires."""
+    random = make_generator("spike statistics").random((frames, *shape))
+    spikes = (random < rate * np.arange(np.prod(shape)).reshape(shape) / 20).astype(np.uint8)
+    write_stream(path, spikes, readout_hz=20_000)
+    return spikes
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    path = tmp_path_factory.mktemp("statistics") / "random.h5"
+    spikes = random_stream(path)
+    with open_recording(path) as recording:
+        return spikes.reshape(len(spikes), -1), measure_spikes(recording)
+
+
+def test_counts_intervals_and_halves_are_those_of_each_pixel(measured):
+    spikes, found = measured
+    assert found.counts.ravel() == pytest.approx(spikes.sum(axis=0))
+    for p, train in enumerate(spikes.T):
+        times = np.flatnonzero(train)
+        if len(times) < 2:
+            assert np.isnan(found.interval.ravel()[p])
+            continue
+        assert found.interval.ravel()[p] == pytest.approx(np.diff(times).mean())
+        for half, part in enumerate((times[times < len(spikes) // 2], times[times >= len(spikes) // 2])):
+            rate = found.half_rates.reshape(2, -1)[half, p]
+            assert np.isnan(rate) if len(part) < 2 else rate == pytest.approx(1 / np.diff(part).mean())
+
+
+def test_cv2_and_the_change_of_intervals_are_those_of_neighbouring_intervals(measured):
+    spikes, found = measured
+    cv2, change = [], []
+    for train in spikes.T:
+        for first, second in pairwise(np.diff(np.flatnonzero(train)).tolist()):
+            cv2.append(2 * abs(second - first) / (first + second))
+            if 20 <= first <= 30 and 20 <= second <= 30:
+                change.append(abs(second - first))
+    assert found.cv2 == pytest.approx(np.mean(cv2))
+    assert found.interval_change == pytest.approx(np.mean(change))
+
+
+@pytest.mark.parametrize("window", [10, 20, 50])
+def test_the_fano_factor_is_that_of_whole_windows(measured, window):
+    spikes, found = measured
+    whole = spikes[: len(spikes) // window * window].reshape(-1, window, spikes.shape[1]).sum(axis=1)
+    assert found.fano[window] == pytest.approx(whole.var(axis=0, ddof=1).mean() / whole.mean())
+
+
+def test_the_series_is_the_mean_of_all_pixels(measured):
+    spikes, found = measured
+    runs = spikes[: len(spikes) // 8 * 8].reshape(-1, 8, spikes.shape[1])
+    assert found.series == pytest.approx(runs.mean(axis=(1, 2)))
+    expected = runs.sum(axis=1).var(axis=0, ddof=1).mean() / 64 / spikes.shape[1]
+    assert found.series_variance == pytest.approx(expected)
+
+
+def test_second_differences_are_those_of_every_so_many_spikes(measured):
+    spikes, found = measured
+    for p, train in enumerate(spikes.T):
+        times = np.flatnonzero(train)
+        for lag in range(kernel.LAGS):
+            second = np.diff(times[:: 1 << lag].astype(float), 2)
+            assert found.numbers.reshape(-1, kernel.LAGS)[p, lag] == second.size
+            assert found.squares.reshape(-1, kernel.LAGS)[p, lag] == pytest.approx((second**2).sum())
+
+
+def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_path):
+    """And a raw file of another camera is the recording it was made from, bit for bit."""
+    sensor = get_sensor("vidar_400x250")
+    charge = np.full((1, 250, 400), 0.2 * sensor.threshold_e, np.float32)
+    encoded = EncodedRecording("flat", sensor, charge, frames=2100, seed=3)
+    spikes = np.concatenate(list(encoded.blocks()), axis=2)
+    frames = np.unpackbits(spikes, axis=2, bitorder="little", count=2100).transpose(2, 0, 1)
+    write_stream(tmp_path / "flat.h5", frames, readout_hz=20_000)
+    export_raw_frames(tmp_path / "flat.h5", tmp_path / "flat.dat", layout="416")
+    here = measure_spikes(encoded)
+    for name in ("flat.h5", "flat.dat"):
+        with open_recording(tmp_path / name) as recording:
+            there = measure_spikes(recording)
+        assert (here.counts == there.counts).all()
+        assert (here.cv2, here.fano) == (there.cv2, there.fano)
+
+
+def test_a_spread_that_is_planted_between_halves_is_found(tmp_path):
+    """Rates of 20,000 pixels differ between halves by 5 % rms of the mean: 3.54 % a half, to 3 % (seed 5).
+
+    Regular trains of 1/rate readouts; what reading in steps adds, about 1/(2·interval·number), is below 0.1 %.
+    """
+    random = make_generator("halves", 5)
+    shape, frames = (100, 200), 4000
+    second = 0.1 * (1 + 0.05 * random.standard_normal(shape))
+    phase = random.random(shape)
+    t = np.arange(frames + 1)
+    grown = np.where(t[:, None, None] < 2000, 0.1 * t[:, None, None], 200 + second * (t[:, None, None] - 2000))
+    write_stream(tmp_path / "halves.h5", np.diff(np.floor(grown + phase), axis=0).astype(np.uint8))
+    with open_recording(tmp_path / "halves.h5") as recording:
+        found = rms_between_halves(measure_spikes(recording))
+    assert found == pytest.approx(0.05 / np.sqrt(2), rel=0.03)
+
+
+def test_what_is_no_recording_is_refused(tmp_path):
+    (tmp_path / "sensor.yaml").write_text("name: mine")
+    write_stream(tmp_path / "short.h5", np.ones((15, 4, 4), np.uint8))
+
+    def open_(name):
+        with open_recording(tmp_path / name) as recording:
+            measure_spikes(recording)
+
+    assert_says(refusal(open_, "sensor.yaml"), "is a sensor file | a stream (.h5) or raw frames")
+    assert_says(refusal(open_, "none.dat"), "there is no such file")
+    assert_says(refusal(open_, "short.h5"), "short.h5: has 15 readouts | at least 16")
