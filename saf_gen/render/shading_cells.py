@@ -121,6 +121,11 @@ class ShadingCells:
     rays: np.ndarray
 
     @property
+    def content(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Keys of the cells, sums of what lies in them, sums of their light."""
+        return self.keys, self.surface, self.light
+
+    @property
     def tiles(self) -> np.ndarray:
         """The tiles in which there are cells."""
         return np.flatnonzero(np.diff(self.begin))
@@ -130,9 +135,10 @@ class ShadingCells:
         """Return the cells of several moments together, of the same light groups."""
         if len(moments) == 1:
             return moments[0]
-        begins, keys, surfaces, lights = (
-            tuple(arrays) for arrays in zip(*((m.begin, m.keys, m.surface, m.light) for m in moments), strict=True)
-        )
+        # Kernels are compiled for each number of arrays, so there is always a multiple of 16 of them.
+        nothing = np.zeros_like(moments[0].begin), *(array[:0] for array in moments[0].content)
+        arrays_of = [(moment.begin, *moment.content) for moment in moments] + [nothing] * (-len(moments) % 16)
+        begins, keys, surfaces, lights = zip(*arrays_of, strict=True)
         tiles = np.flatnonzero(np.sum([np.diff(begin) for begin in begins], axis=0))
         index = np.empty(sum(array.size for array in keys), dtype=np.int32)
         sizes = np.zeros(kernels.TILES + 1, dtype=np.int32)
