@@ -55,7 +55,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "gallery": scene_commands.gallery,
         },
     ),
-    "recipes": ("Check recipes.", {"check": recipe_commands.check}),
+    "recipes": ("List and check recipes.", {"list": recipe_commands.list_, "check": recipe_commands.check}),
     "sensors": (
         "List, show and check sensors, and compare them with each other and with recordings.",
         {

@@ -17,6 +17,7 @@ out = Console(width=None if sys.stdout.isatty() else 160, markup=False, highligh
 err = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
 LOG_EVERY_S = 30.0
+RecipeName = Annotated[str, typer.Argument(help="A recipe that comes with saf_gen, by name, or a recipe file.")]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
 
 

@@ -7,7 +7,7 @@ import typer
 from rich.progress import TaskID
 from rich.table import Table
 
-from saf_gen.cli._terminal import OutFolder, err, out, print_error, progress_bars
+from saf_gen.cli._terminal import OutFolder, RecipeName, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def generate(
-    recipe: Annotated[Path, typer.Argument(help="Recipe file, such as recipes/quickstart.yaml.")],
+    recipe: RecipeName,
     *,
     folder: OutFolder = None,
     workers: Annotated[int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")] = 1,

@@ -12,6 +12,7 @@ from typing import Any
 
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.config.presets import is_preset_file
+from saf_gen.core.shipped import find_recipe
 from saf_gen.errors import BadInput, located, unknown
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
@@ -205,7 +206,7 @@ def resolve_recipe(
 
     Parameters
     ----------
-    recipe_path : the recipe's YAML file.
+    recipe_path : the recipe's YAML file, or the name of a recipe that comes with saf_gen.
     part : (I, N), 1-based: take every N-th sequence from the I-th on.
     split : take the sequences of this split alone.
 
@@ -213,6 +214,7 @@ def resolve_recipe(
     ------
     BadInput : for whatever does not fit, with the recipe's path and, where the recipe itself is wrong, the line.
     """
+    recipe_path = find_recipe(recipe_path)
     recipe, where = read_recipe(recipe_path), str(recipe_path)
     sensor = _read_sensor(recipe, Path(recipe_path).parent)
     scenes = {}

@@ -17,6 +17,7 @@ from saf_gen.core import seeds
 from saf_gen.core.config.document import FrozenModel, validate_document
 from saf_gen.core.config.ranges import check_parameter, draw_config_range
 from saf_gen.core.config.yaml_document import read_yaml
+from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
 from saf_gen.lights import check_light_groups
 from saf_gen.optics import Drive
@@ -151,12 +152,12 @@ def scene_roots() -> list[Path]:
     """Return the folders of scenes that the user trusts to run code; the first that has a name wins.
 
     They are those of ``$SAF_GEN_SCENES`` (separated as in PATH), ``scenes/`` of the working directory, and
-    ``scenes/`` of the checkout. The ``scenes/`` of a dataset is somebody else's data and never a root, even
+    the scenes that come with saf_gen. The ``scenes/`` of a dataset is somebody else's data and never a root, even
     where the dataset is the working directory.
     """
     named = [Path(p) for p in os.environ.get("SAF_GEN_SCENES", "").split(os.pathsep) if p]
     here = [] if Path("manifest.json").exists() else [Path("scenes").resolve()]
-    return [*named, *here, Path(__file__).resolve().parents[2] / "scenes"]
+    return [*named, *here, shipped_folder("scenes")]
 
 
 def scene_names() -> list[str]:

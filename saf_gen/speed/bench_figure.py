@@ -44,7 +44,7 @@ class BenchSize:
     scenes : names of the scenes whose grain is measured; all that can be found if empty.
     public_frames : frames for the public encoders; the slower ones get a tenth or a hundredth.
     sequences : recordings that ten methods run on.
-    recipe : recipe of the whole job; '' stands for the project's recipes/sad_core.yaml.
+    recipe : recipe of the whole job; '' stands for sad_core.
     """
 
     sensor: str = "vidar_400x250"

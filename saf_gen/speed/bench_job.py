@@ -6,8 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import saf_gen
 from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.core.shipped import find_recipe
 from saf_gen.errors import SafGenError
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.generate.recipe import read_recipe
@@ -19,16 +19,13 @@ from saf_gen.speed.bench_figure import BenchFigure, BenchSize
 from saf_gen.speed.fresh_process import time_call
 
 MAX_S = 120.0
-PAPER_RECIPE = Path(saf_gen.__file__).resolve().parent.parent / "recipes" / "sad_core.yaml"
+PAPER_RECIPE = "sad_core"
 OTHER_LIGHT: dict[str, Any] = {"kind": "ramp", "from": 2.0, "to": 0.5}
 
 
-def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
+def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
     """Yield the time from recipe to leaderboard, and the time to record again under a new light schedule."""
-    recipe = Path(size.recipe) if size.recipe else PAPER_RECIPE
-    if not (size.recipe or recipe.is_file()):
-        yield "job: left out: recipes/ is not beside the package"
-        return
+    recipe = find_recipe(size.recipe or PAPER_RECIPE)
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "dataset"
         _, generating = time_call(_generate, recipe, folder, report=report)

@@ -86,8 +86,8 @@ def test_a_thick_pane_before_a_lamp_lets_through_what_fresnel_says(tmp_path, mon
 def test_a_tilted_pane_in_even_light_is_as_bright_as_the_sky(tmp_path, monkeypatch):
     """Glass takes no light: in a room of radiance 0.5, each block of the picture is 0.5, whatever is thrown back.
 
-    Light that enters by the end of the pane is reflected inside some forty times before it leaves. Paths of 16 segments lose
-    it, 7 % of the leftmost blocks when plain; of ours a hundredth may be lost (0.7 % was, with seed 0).
+    Light that enters by the end of the pane is reflected inside some forty times before it leaves. Paths of 16
+    segments lose it, 7 % of the leftmost blocks when plain; of ours a hundredth may be lost (0.7 % was, with seed 0).
     """
     turned = "t.rotate([0, 1, 0], 45).scale([0.04 * m, 0.04 * m, 0.001 * m])"
     pane = f"'target': {{'type': 'cube', 'to_world': {turned}, 'bsdf': {{'type': 'dielectric'}}}}"

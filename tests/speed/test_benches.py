@@ -29,7 +29,6 @@ from saf_gen.speed import (
     SceneFound,
     bench_encode,
     bench_grain,
-    bench_job,
     bench_stack,
     bench_stream,
     fresh_process,
@@ -396,13 +395,11 @@ def test_a_target_is_met_on_its_own_side():
 
 def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
     monkeypatch.setattr(bench_encode.saf_gen, "__file__", "/nowhere/saf_gen/__init__.py")
-    monkeypatch.setattr(bench_job, "PAPER_RECIPE", Path("/nowhere/recipes/sad_core.yaml"))
     monkeypatch.setattr(bench_stream, "bytes_read", lambda: None)
     assert bench_encode.load_public_encoders() is None
     remarks = [f for f in measured("stream")[0] if isinstance(f, str)]
     assert len(remarks) == 3
     assert all("the system does not count" in remark for remark in remarks)
-    assert measured("job")[0] == ["job: left out: recipes/ is not beside the package"]
     monkeypatch.setattr(bench_encode, "_bench_memory", lambda size, report: iter(()))
     remarks = [f for f in measured("encode")[0] if isinstance(f, str)]
     assert remarks == ["encode: the public encoders are left out: benchmarks/ is not beside the package"]

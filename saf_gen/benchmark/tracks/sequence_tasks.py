@@ -78,7 +78,7 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
         raise BadInput(
             f"no dataset or stream at {str(path)!r}",
             allowed="a dataset folder or a stream file (.h5)",
-            hint="make one with `saf-gen generate recipes/quickstart.yaml --out datasets/quickstart`",
+            hint="make one with `saf-gen generate quickstart --out datasets/quickstart`",
         )
     for what, value in (("split", split), ("scene motion", scene_motion)):
         if value is not None:
