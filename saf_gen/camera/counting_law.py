@@ -65,16 +65,17 @@ def count_probabilities(mean: float, variance: float) -> tuple[np.ndarray, np.nd
     return n, np.maximum(np.diff(g, 2), 0)
 
 
-def chi_squared_of_counts(seen: np.ndarray, numbers: np.ndarray, probabilities: np.ndarray) -> tuple[float, int]:
+def chi_squared_of_counts(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) -> tuple[float, int]:
     """Return Pearson's χ² of whole numbers against a law, and its degrees of freedom.
 
     Cells that expect below 10 are merged into one, and that one into its neighbour if it still does.
 
     Parameters
     ----------
-    seen : whole numbers, any shape; what lies beyond ``numbers`` counts at their ends.
-    numbers, probabilities : (n,), consecutive numbers and the probability of each.
+    seen : whole numbers, any shape; what lies beyond the numbers of the law counts at their ends.
+    law : consecutive numbers and the probability of each, (n,) and (n,), as :func:`count_probabilities` returns.
     """
+    numbers, probabilities = law
     seen = np.asarray(seen).ravel()
     found = np.bincount(np.clip(seen, numbers[0], numbers[-1]) - numbers[0], minlength=numbers.size)
     common = probabilities * seen.size >= 10
@@ -88,7 +89,7 @@ def chi_squared_of_counts(seen: np.ndarray, numbers: np.ndarray, probabilities: 
 
 def chi_squared(seen: np.ndarray, mean: float, *, variance: float) -> float:
     """Return the p value of Pearson's test of whole numbers against the law for X of this mean and variance."""
-    return float(stats.chi2.sf(*chi_squared_of_counts(seen, *count_probabilities(mean, variance))))
+    return float(stats.chi2.sf(*chi_squared_of_counts(seen, count_probabilities(mean, variance))))
 
 
 def standard_deviations_off(seen: np.ndarray, mean: float, *, variance: float) -> float:

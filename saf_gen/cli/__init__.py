@@ -23,6 +23,7 @@ from saf_gen.cli import (
     sensor_commands,
     stream_commands,
     tune_commands,
+    validate_commands,
 )
 from saf_gen.cli._terminal import print_error
 from saf_gen.errors import SafGenError
@@ -41,6 +42,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "export": stream_commands.export,
     "inspect": stream_commands.inspect,
     "verify": dataset_commands.verify,
+    "validate": validate_commands.validate,
     "bench": machine_commands.bench,
     "doctor": machine_commands.doctor,
 }
@@ -74,7 +76,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 """The function of a group that is named without a command; other groups show their help."""
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
-    "generate": "what was done is kept: run the same command again to go on",
+    **dict.fromkeys(("generate", "validate"), "what was done is kept: run the same command again to go on"),
     **dict.fromkeys(("evaluate", "leaderboard", "tune", "score", "import", "export"), NOTHING_WRITTEN),
 }
 """What a stopped command leaves behind, for the commands that write files."""

@@ -1,0 +1,56 @@
+"""The command ``validate``."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.table import Table
+
+from saf_gen.cli._terminal import make_step_reporter, out, print_error, progress_bars
+
+WIDTH = 80
+
+
+def validate(
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Run small sizes, in about a minute.")] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", help="Check, or subject such as noise; repeat for more (default: all)."),
+    ] = None,
+    folder: Annotated[
+        Path, typer.Option("--out", help="Folder for validation.md and its pictures; the same command goes on there.")
+    ] = Path("datasets/validation"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Hold the product against theory, other code and itself, and write a page of what came out."""
+    from saf_gen.validation import choose_checks
+    from saf_gen.validation.page import tolerance_used, write_page
+    from saf_gen.validation.runner import run_checks
+
+    checks = choose_checks(only or [])
+    with progress_bars() as bars:
+        verdicts = run_checks(checks, folder, quick=quick, report=make_step_reporter("validate", bars))
+    page = write_page(checks, verdicts, folder=folder, quick=quick)
+    if as_json:
+        out.file.write(json.dumps([v.as_dict() for v in verdicts], indent=1, ensure_ascii=False) + "\n")
+    else:
+        table = Table("check", "outcome", "figures", "tolerance used", box=box.SIMPLE_HEAD, width=WIDTH)
+        for verdict in verdicts:
+            figures = verdict.comparisons
+            number = f"{sum(one.passed for one in figures)} of {len(figures)}" if figures else ""
+            table.add_row(verdict.name, verdict.outcome, number, f"{tolerance_used(verdict):.2f}" if figures else "")
+        out.print(table)
+        out.print(f"page: {page}")
+    for verdict in verdicts:
+        worst = next((one for one in verdict.comparisons if not one.passed), None)
+        if verdict.outcome == "failed" and worst is not None:
+            print_error(f"{verdict.name} failed: {worst.what}: {worst.measured:.6g}", 1)
+        elif verdict.outcome == "skipped":
+            print_error(f"{verdict.name} was skipped: {verdict.reason}", 0)
+        elif verdict.outcome != "passed":
+            print_error(f"{verdict.name} {verdict.outcome}: {verdict.reason or 'it found no figure'}", 1)
+    if any(verdict.outcome in ("failed", "broken") for verdict in verdicts):
+        raise typer.Exit(1)
