@@ -85,6 +85,17 @@ def test_fewer_frames_are_the_first_ones(tmp_path):
         assert np.array_equal(stream.frames(2, 3)[0], decoded(raw, "416", 2))
 
 
+@pytest.mark.parametrize(("layout", "lit"), [("416", 0), ("sps1000", 0), ("dense", -1)])
+def test_the_first_row_of_a_file_is_the_top_one_but_for_dense(tmp_path, layout, lit):
+    """A file with nothing but 50 bytes of ones at its beginning: in ``dense`` they are the bottom row's."""
+    (tmp_path / "a.dat").write_bytes(bytes([255] * 50) + bytes(RAW_LAYOUTS[layout].frame_bytes - 50))
+    import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", layout=layout)
+    with open_stream(tmp_path / "a.h5") as stream:
+        frame = stream.frames(0, 1)[0]
+    assert frame[lit, :400].all()
+    assert frame.sum() == 400
+
+
 @pytest.mark.parametrize("frames", [0, -1, 6])
 def test_more_frames_than_there_are_is_an_error(tmp_path, frames):
     raw_file(tmp_path / "a.dat", "416", 5)

@@ -1,0 +1,270 @@
+"""The faults: what each breaks, how it is planted, and the tests that must fail under it.
+
+``python tests/planted_faults/fault_list.py`` writes the table of docs/planted-faults.md anew.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from planting import Change
+
+PAGE = Path(__file__).resolve().parents[2] / "docs/planted-faults.md"
+RENDERED = ("render/", "optics/test_microscope")
+"""Files of tests that render, and so take long and need LLVM."""
+COMPILED = ("camera.encoder_kernel",)
+"""Modules that take long to compile."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A mistake that someone could make.
+
+    breaks : what it makes wrong, in a sentence.
+    changes : to the source of the package.
+    tests : under tests/. While the fault is planted each of them fails by an assertion, in at least one of its cases.
+    """
+
+    breaks: str
+    changes: tuple[Change, ...]
+    tests: tuple[str, ...]
+
+    @property
+    def cheap_tests(self) -> tuple[str, ...]:
+        """The tests that do not render; none where a kernel must be compiled with the fault."""
+        if any(change.module in COMPILED for change in self.changes):
+            return ()
+        return tuple(test for test in self.tests if not test.startswith(RENDERED))
+
+
+FAULTS = {
+    "blur by f for v": Fault(
+        "The focal length stands where the image distance belongs in the blur on the sensor.",
+        (
+            Change(
+                "optics._drive",
+                "return 2 * self.aperture_radius_m * self.image_distance(position) * np.abs(defocus)",
+                "power = 1 / self.image_distance(position) + 1 / self.object_distance(position)\n"
+                "        return 2 * self.aperture_radius_m / power * np.abs(defocus)",
+            ),
+        ),
+        (
+            "optics/test_focus_drives.py::test_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus",
+            "stack/test_true_focus.py::test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths[image_distance]",
+        ),
+    ),
+    "no cos⁴": Fault(
+        "The corners of the sensor get as much light as its middle.",
+        (Change("camera.exposure", "/ v2 * cos2 * cos2", "/ v2 * cos2**0"),),
+        (
+            "camera/test_exposure.py::test_irradiance_falls_with_the_fourth_power_of_the_cosine",
+            "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
+        ),
+    ),
+    "no bellows": Fault(
+        "The light on the sensor does not fall with the square of the image distance: all positions have the first's.",
+        (Change("camera.exposure", "distance[None],", "image_distance[:1],"),),
+        (
+            "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
+            "generate/test_recorder.py::test_the_rate_over_the_sweep_follows_bellows_and_the_fourth_power_of_the_cosine",
+            "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
+        ),
+    ),
+    "near and far swapped": Fault(
+        "Position 0 focuses where position 1 should, and the other way round.",
+        (
+            Change("optics.image_distance_drive", "return first, last\n", "return last, first\n"),
+            Change("optics.focal_length_drive", "first, last = (", "last, first = ("),
+        ),
+        (
+            "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
+            "stack/test_time_resolved.py::test_the_truth_follows_a_target_that_comes_nearer",
+            "generate/test_what_is_recorded.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
+        ),
+    ),
+    "stage reversed": Fault(
+        "A raised stage takes the specimen away from the lens.",
+        (
+            Change("optics.microscope_stage", "return first + (last - first) *", "return -first - (last - first) *"),
+            Change(
+                "optics.microscope_stage",
+                "return (np.asarray(shift, dtype=np.float64) - first)",
+                "return (-np.asarray(shift, dtype=np.float64) - first)",
+            ),
+        ),
+        (
+            "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
+            "optics/test_focus_drives.py::test_a_stage_keeps_the_lens_and_is_linear_in_z",
+            "optics/test_focus_drives.py::test_a_point_that_the_lens_has_reached_has_no_finite_blur",
+        ),
+    ),
+    "shot noise halved": Fault(
+        "The charge of an interval has half the variance of a Poisson process.",
+        (Change("camera.encoder", "variance += level\n", "variance += level / 2\n"),),
+        (
+            "camera/test_encoder.py::test_shot_noise_makes_the_variance_of_an_interval_the_threshold",
+            "camera/test_encoder.py::test_the_contrast_of_counts_is_light_plus_shot_noise_plus_phase",
+            "camera/test_counting_law.py::test_intervals_obey_the_exact_law[0.29]",
+        ),
+    ),
+    "threshold noise per readout": Fault(
+        "A threshold is drawn anew at each readout, not at each spike.",
+        (Change("camera.encoder_kernel", "fresh if fired else threshold,", "fresh,"),),
+        (
+            "camera/test_encoder.py::test_threshold_noise_alone_has_its_own_variance",
+            "camera/test_encoder.py::test_intervals_are_independent_in_time_and_between_pixels",
+            "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
+        ),
+    ),
+    "response on dark": Fault(
+        "A pixel's photo-response multiplies its dark current, which no light made.",
+        (Change("camera.encoder", "[pattern.dark.ravel(),", "[(pattern.dark * pattern.response).ravel(),"),),
+        (
+            "camera/test_encoder.py::test_the_bits_are_those_of_the_scalar_reference[changes4]",
+            "camera/test_what_pixels_share.py::test_dark_current_does_not_know_of_the_response_to_light",
+        ),
+    ),
+    "dark twice": Fault(
+        "Dark charge is collected twice.",
+        (Change("camera.encoder", "[pattern.dark.ravel(),", "[2 * pattern.dark.ravel(),"),),
+        (
+            "camera/test_encoder.py::test_with_all_noise_on_the_mean_rate_is_light_plus_dark",
+            "camera/test_encoder.py::test_each_noise_term_changes_only_what_it_should[dark]",
+            "camera/test_exposure.py::test_the_scale_makes_the_encoder_fire_at_the_mean_rate[True-subtract-0.2]",
+        ),
+    ),
+    "gains sampled": Fault(
+        "The light of a readout is that of its first instant, not its mean.",
+        (
+            Change(
+                "lights._schedule",
+                "gains = np.diff(integral) * readout_hz",
+                "after = registry.sample_plugin(\n"
+                "        light, light.integral, seconds=edges[:-1] + 1e-3 / readout_hz, duration_s=edges[-1]\n"
+                "    )\n"
+                "    gains = (after - integral[:-1]) * readout_hz * 1e3",
+            ),
+        ),
+        (
+            "lights/test_lights.py::test_gains_are_means_over_readouts_however_finely_time_is_cut",
+            "lights/test_lights.py::test_a_step_within_a_readout_counts_by_its_share",
+            "lights/test_lights.py::test_a_readout_of_pwm_is_a_mean_and_not_a_point",
+        ),
+    ),
+    "a group twice": Fault(
+        "The first light group counts twice where groups are added up.",
+        (
+            Change(
+                "stack.charge_source",
+                "self._static[False].sum(axis=0, keepdims=True)",
+                "self._static[False].sum(axis=0, keepdims=True) + self._static[False][:1]",
+            ),
+            Change(
+                "stack.charge_source",
+                "charge.sum(axis=0, keepdims=True) if",
+                "charge.sum(axis=0, keepdims=True) + charge[:1] if",
+            ),
+        ),
+        (
+            "lights/test_lights.py::test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp",
+            "generate/test_recorder.py::test_the_mean_rate_is_the_one_asked_for_at_best_focus",
+            "stack/test_time_resolved.py::test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track",
+        ),
+    ),
+    "residue halved": Fault(
+        "A spike leaves only half of the charge above the threshold.",
+        (Change("camera.encoder_kernel", "kept = excess if", "kept = np.float32(0.5) * excess if"),),
+        (
+            "camera/test_encoder.py::test_adjacent_half_windows_share_the_residue",
+            "camera/test_encoder.py::test_charge_between_knots_is_a_straight_line",
+            "camera/test_sensor.py::test_ideal_counts_charge_to_the_last_spike",
+        ),
+    ),
+    "import flipped": Fault(
+        "Raw frames whose top row comes first are read upside down, and the others too.",
+        (Change("stream.interop.raw_frames", "- y if flip else y", "- y if not flip else y"),),
+        (
+            "stream/test_interop.py::test_fewer_frames_are_the_first_ones",
+            "stream/test_interop.py::test_the_first_row_of_a_file_is_the_top_one_but_for_dense",
+        ),
+    ),
+    "noise repeating by block": Fault(
+        "Every block of 64 pixels draws the same noise.",
+        (Change("camera.encoder_kernel", "_mixed(U(key) + block * STRIDE)", "_mixed(U(key) + start * U(0))"),),
+        (
+            "camera/test_what_pixels_share.py::test_pixels_that_fire_together_draw_thresholds_of_their_own",
+            "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
+        ),
+    ),
+    "charge +1 %": Fault(
+        "Light makes a hundredth more electrons than its photons.",
+        (Change("camera.exposure", "return energy * sensor", "return 1.01 * energy * sensor"),),
+        (
+            "camera/test_exposure.py::test_electrons_are_photons_times_quantum_efficiency_and_fill_factor",
+            "camera/test_sensor.py::test_the_fill_factor_gives_rate_one_half_at_1700_lux",
+            "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
+        ),
+    ),
+    "interpolation in time reversed": Fault(
+        "Between two time slices the earlier one fades in, and the later one out.",
+        (
+            Change(
+                "stack.time_resolved",
+                "return (np.arange(run.begin, run.end) + 0.5 - first) /",
+                "return 1 - (np.arange(run.begin, run.end) + 0.5 - first) /",
+            ),
+        ),
+        (
+            "stack/test_time_resolved.py::test_what_the_encoder_gets_is_the_picture_of_every_readout",
+            "generate/test_what_is_recorded.py::test_light_that_grows_evenly_from_slice_to_slice_grows_evenly_in_spikes",
+        ),
+    ),
+    "truth from the frame's centre": Fault(
+        "The truth of a still scene is the focus of what lies in the middle of the picture, not of the target.",
+        (
+            Change(
+                "stack.true_focus",
+                "best = time_stack.specs[0].drive.true_focus(depth[target])",
+                "best = time_stack.specs[0].drive.true_focus(depth[depth.shape[0] // 2, depth.shape[1] // 2])",
+            ),
+        ),
+        (
+            "stack/test_true_focus.py::test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths",
+            "generate/test_what_is_recorded.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
+        ),
+    ),
+    "moving truth from all depths": Fault(
+        "The truth of a moving scene is the best compromise of all pixels, not of the target's.",
+        (
+            Change(
+                "stack.true_focus",
+                "best_positions.append(spec.drive.true_focus(depth[target]))",
+                "best_positions.append(spec.drive.true_focus(depth))",
+            ),
+        ),
+        (
+            "stack/test_true_focus.py::test_the_truth_of_a_moving_target_follows_its_own_depths",
+            "generate/test_what_is_recorded.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[moving]",
+        ),
+    ),
+    "depth of focus from all depths": Fault(
+        "The depth of focus lies round the best compromise of all pixels, not of the target's.",
+        (Change("stack.true_focus", "depth_of_focus(depth[target],", "depth_of_focus(depth,"),),
+        (
+            "stack/test_true_focus.py::test_the_depth_of_focus_of_a_moving_target_is_round_about_its_own_depths",
+            "generate/test_what_is_recorded.py::test_a_target_is_blurred_alike_by_a_pixel_at_both_ends_of_its_depth_of_focus",
+        ),
+    ),
+}
+
+
+def table() -> str:
+    """The faults as a table of a page."""
+    rows = ["| fault | what it breaks | caught by |", "|---|---|---|"]
+    for name, fault in FAULTS.items():
+        caught = "<br>".join(f"`tests/{file}`: `{test}`" for file, test in (t.split("::") for t in fault.tests))
+        rows.append(f"| {name} | {fault.breaks} | {caught} |")
+    return "\n".join(rows) + "\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(PAGE.read_text(encoding="utf-8").split("| fault |")[0] + table(), encoding="utf-8")

@@ -1,0 +1,64 @@
+"""Run tests under one planted fault after the other: ``python run_with_faults.py OUT JOBS``.
+
+JOBS is JSON, a list of [fault, tests]; the fault '' plants nothing. Libraries are imported once. Each job then has a
+process of its own, forked before anything of saf_gen is there. OUT/N.json says for the N-th job which modules were
+changed and how its tests ended; OUT/N.txt is what they printed.
+"""
+
+import json
+import os
+import signal
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numba
+import pytest
+from fault_list import FAULTS
+from planting import NotPlantedError, Outcomes, Planter, changed_sources
+
+LIBRARIES = (
+    "h5py isal.igzip matplotlib.figure OpenEXR PIL.Image pydantic rich.console scipy.signal scipy.stats typer yaml"
+)
+ROOT = Path(__file__).resolve().parents[2]
+LONGEST_S = 1800  # a fault that makes a loop endless is killed then
+
+
+def run_tests(fault: str, tests: list[str], *, file: Path) -> None:
+    """Plant a fault, run tests under it, and write ``file``."""
+    outcomes = Outcomes()
+    found: dict[str, object] = {"outcomes": outcomes.by_test}
+    try:
+        sources = changed_sources(FAULTS[fault].changes) if fault else {}
+        planter = Planter(sources)
+        planter.install()
+        if any("numba" in source or "compiled" in source for source in sources.values()):
+            # Numba's cache knows a kernel by its file: faulty ones must not be kept there, nor right ones found.
+            numba.config.CACHE_DIR = str(file.with_suffix(".numba"))  # type: ignore[attr-defined]
+        asked = [f"tests/{test}" for test in tests]
+        pytest.main(["-o", "addopts=", "-q", "-n", "0", "-p", "no:cacheprovider", *asked], plugins=[outcomes])
+        found["planted"] = sorted(planter.planted)
+    except NotPlantedError as error:
+        found["not planted"] = str(error)
+    file.write_text(json.dumps(found, indent=1))
+
+
+def main(out: Path, jobs: list[tuple[str, list[str]]]) -> None:
+    os.chdir(ROOT)
+    for library in LIBRARIES.split():
+        import_module(library)
+    for n, (fault, tests) in enumerate(jobs):
+        process = os.fork()
+        if not process:
+            shown = os.open(out / f"{n}.txt", os.O_WRONLY | os.O_CREAT)
+            os.dup2(shown, 1)
+            os.dup2(shown, 2)
+            signal.alarm(LONGEST_S)
+            run_tests(fault, tests, file=out / f"{n}.json")
+            sys.stdout.flush()
+            os._exit(0)
+        os.waitpid(process, 0)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), json.loads(sys.argv[2]))

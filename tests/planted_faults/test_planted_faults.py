@@ -1,0 +1,117 @@
+"""Every fault of fault_list.py is planted, one at a time, and caught by each of the tests named beside it."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fault_list import FAULTS, PAGE, table
+
+HERE = Path(__file__).parent
+
+
+def run_with_faults(folder: Path, jobs: Sequence[tuple[str, Sequence[str]]]) -> list[dict[str, Any]]:
+    """What run_with_faults.py finds of each job, (fault, tests)."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    command = [sys.executable, str(HERE / "run_with_faults.py"), str(folder), json.dumps(jobs)]
+    subprocess.run(command, env=environment, check=True)
+    found = []
+    for n in range(len(jobs)):
+        file = folder / f"{n}.json"
+        shown = (folder / f"{n}.txt").read_text(encoding="utf-8")
+        found.append(json.loads(file.read_text()) if file.exists() else {"died": shown[-2000:]})
+    return found
+
+
+def ended_otherwise(found: dict[str, Any], tests: Sequence[str], *, planted: bool) -> list[str]:
+    """What is not as it should be: without a fault all tests pass, under one each fails, and nothing else happens."""
+    wrong = [f"{key}: {found[key]}" for key in ("died", "not planted") if key in found]
+    if planted and not wrong and not found["planted"]:
+        wrong.append("not planted: the tests import none of the modules that it changes")
+    outcomes = found.get("outcomes", {})
+    for test in tests:
+        cases = {k: v for k, v in outcomes.items() if k == f"tests/{test}" or k.startswith(f"tests/{test}[")}
+        errors = [f"{case}: {ended}" for case, ended in cases.items() if ended not in ("passed", "failed", "skipped")]
+        seen = set(cases.values())
+        if not cases:
+            wrong.append(f"{test} did not run")
+        elif errors:
+            wrong += errors
+        elif planted and "failed" not in seen:
+            wrong.append(f"{test} does not catch it")
+        elif not planted and seen != {"passed"}:
+            wrong.append(f"{test} does not pass without a fault")
+    return wrong + [f"{key}: {ended}" for key, ended in outcomes.items() if ended.startswith("cannot be collected")]
+
+
+def check(folder: Path, tests_by_fault: dict[str, Sequence[str]]) -> None:
+    """Run the tests of each fault while it is planted, and all of them without any."""
+    every_test = list(dict.fromkeys(test for tests in tests_by_fault.values() for test in tests))
+    jobs = [("", every_test), *tests_by_fault.items()]
+    wrong = {}
+    for (fault, tests), found in zip(jobs, run_with_faults(folder, jobs), strict=True):
+        if told := ended_otherwise(found, tests, planted=bool(fault)):
+            wrong[fault or "without a fault"] = told
+    assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
+
+
+@pytest.mark.slow
+def test_cheap_tests_catch_the_faults(tmp_path):
+    """In one go, because libraries are then loaded once: half a minute."""
+    check(tmp_path, {name: fault.cheap_tests for name, fault in FAULTS.items() if fault.cheap_tests})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_test_beside_a_fault_catches_it(tmp_path, name):
+    check(tmp_path, {name: FAULTS[name].tests})
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_caught_by_more_than_one_test(name):
+    """Two functions at least: cases of one test are one test."""
+    assert len({test.partition("[")[0] for test in FAULTS[name].tests}) >= 2
+
+
+def test_the_page_of_faults_is_that_of_the_list():
+    """python tests/planted_faults/fault_list.py writes it anew."""
+    assert PAGE.read_text(encoding="utf-8").endswith(f"\n\n{table()}")
+
+
+# --- what is said of tests that end otherwise ----------------------------------------------------------
+
+
+def found_of(**outcomes):
+    return {"planted": ["saf_gen.core.bits"], "outcomes": {f"tests/{k}": v for k, v in outcomes.items()}}
+
+
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [
+        (found_of(a="failed"), []),
+        (found_of(**{"a[1]": "passed", "a[2]": "failed"}), []),
+        (found_of(a="passed"), ["a does not catch it"]),
+        (found_of(a="skipped"), ["a does not catch it"]),
+        (found_of(**{"a[1]": "ValueError in call: no", "a[2]": "failed"}), ["tests/a[1]: ValueError in call: no"]),
+        (found_of(ab="failed"), ["a did not run"]),
+        (
+            {**found_of(a="failed"), "planted": []},
+            ["not planted: the tests import none of the modules that it changes"],
+        ),
+        ({"not planted": "why", "outcomes": {}}, ["not planted: why", "a did not run"]),
+        ({"died": "killed"}, ["died: killed", "a did not run"]),
+        (found_of(a="failed", x="cannot be collected: E"), ["tests/x: cannot be collected: E"]),
+    ],
+)
+def test_a_fault_that_is_not_caught_is_told(found, told):
+    assert ended_otherwise(found, ["a"], planted=True) == told
+
+
+def test_a_test_that_fails_without_a_fault_is_told():
+    assert ended_otherwise(found_of(a="passed"), ["a"], planted=False) == []
+    for ended in ("failed", "skipped"):
+        assert ended_otherwise(found_of(a=ended), ["a"], planted=False) == ["a does not pass without a fault"]
