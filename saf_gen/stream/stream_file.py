@@ -11,8 +11,9 @@ lies beside the spikes, and ``content_sha256`` (over names, dtypes, shapes and v
 import hashlib
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -82,7 +83,10 @@ class SpikeStream:
     """An open stream file; :func:`open_stream` makes it. It must be used by one thread at a time.
 
     Frame t is the readout [t, t+1)/readout_hz. A region is (slice of rows, slice of columns), of step 1,
-    inside the frame. Spikes that were read stay in memory, up to 1 GiB.
+    inside the frame. Spikes that were read stay in memory, up to 512 MiB of all open streams together.
+
+    A stream can be given to other processes: pickled, it is opened there by its path, and in a process that was
+    forked it opens its file again when it is used first.
 
     Attributes
     ----------
@@ -95,7 +99,7 @@ class SpikeStream:
     """
 
     def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
-        self.path, self._file = path, file
+        self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
         kind, layout = file.attrs.get("format"), file.attrs.get("layout")
         if kind != FORMAT:
             raise BadInput(
@@ -123,6 +127,14 @@ class SpikeStream:
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
         read = self._read_own_chunk if self._has_own_chunks() else self._read_any_chunk
         self._time_blocks = time_blocks.TimeBlocks(self._spikes.shape, read=read, count=threads)
+
+    def __reduce__(self) -> tuple[Callable[[str], "SpikeStream"], tuple[str]]:
+        return partial(open_stream, threads=self._threads), (str(self.path),)
+
+    def _reopen_after_fork(self) -> None:
+        """Take a file and threads of this process: those of the one that it was forked from are not there."""
+        if self._process != os.getpid() and self._file:
+            self.__dict__.update(open_stream(self.path, threads=self._threads).__dict__)
 
     def __enter__(self) -> Self:
         return self
@@ -160,6 +172,7 @@ class SpikeStream:
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
         """Return bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes); BadInput outside."""
+        self._reopen_after_fork()
         total = self._spikes.shape[2]
         window = validate_window(first_byte, stop_byte, total=total, what="bytes", where=str(self.path))
         part = validate_region(region, self.shape[1:], where=str(self.path))
@@ -168,6 +181,7 @@ class SpikeStream:
 
     def verify(self) -> None:
         """Read everything; raise BadInput if it does not match ``content_sha256``."""
+        self._reopen_after_fork()
         sha = hashlib.sha256()
         for start in range(0, self._spikes.shape[2], TIME_BLOCK_BYTES):
             with self._report_damage():
@@ -187,6 +201,7 @@ class SpikeStream:
             )
 
     def _validated(self, first: int, stop: int, *, region: Region | None) -> tuple[range, Region]:
+        self._reopen_after_fork()
         where = str(self.path)
         return validate_window(first, stop, total=self.shape[0], where=where), validate_region(
             region, self.shape[1:], where=where

@@ -16,6 +16,7 @@ from saf_gen.core import bits
 from saf_gen.core.files import unwritable_error, write_atomically
 from saf_gen.errors import BadInput
 from saf_gen.stream import time_blocks
+from saf_gen.stream.block_memory import make_stream_thread_pool
 from saf_gen.stream.metadata import (
     FORMAT,
     LAYOUT,
@@ -96,7 +97,7 @@ class StreamWriter:
             for name, value in self._datasets.items():
                 text = isinstance(value, str | tuple)
                 self._file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
-            self._pool = undo.enter_context(time_blocks.make_stream_thread_pool("deflate", self._threads))
+            self._pool = undo.enter_context(make_stream_thread_pool("deflate", self._threads))
             self._undo = undo.pop_all()
         return self
 

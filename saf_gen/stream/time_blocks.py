@@ -3,33 +3,29 @@
 A chunk holds some rows, all columns and 250 bytes along time; the chunks of the same bytes are a time block. In a chunk
 bytes are ordered pixel by pixel, as they deflate best. A block in memory is transposed to planes (bytes, H, W), in
 which a window of all pixels is contiguous. Chunks are processed on threads: isa-l and numpy release Python's lock.
+:mod:`saf_gen.stream.block_memory` keeps the blocks that were used last, of all streams.
 """
 
-from collections import OrderedDict
+import itertools
+import weakref
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 from isal import igzip_lib, isal_zlib
 
-from saf_gen.core.cores import usable_cores
 from saf_gen.core.region import Region, region_shape
 from saf_gen.errors import BadInput
+from saf_gen.stream.block_memory import BLOCK_MEMORY, make_stream_thread_pool
 
 TIME_BLOCK_BYTES = 250
 _CHUNK_BYTES = 1_000_000  # bytes in a chunk before deflate: 10 rows of 400 columns
-_CACHE_BYTES = 1 << 30  # bytes of planes that a reader keeps, and three time blocks at least
 
 checksum = isal_zlib.crc32
 
 
 class DamagedChunk(ValueError):
     """Stored bytes that do not inflate to a chunk."""
-
-
-def make_stream_thread_pool(name: str, count: int | None = None) -> ThreadPoolExecutor:
-    """Return a pool of ``count`` threads; by default one per core this process may use, eight at most."""
-    return ThreadPoolExecutor(count or min(8, usable_cores()), thread_name_prefix=name)
 
 
 def chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
@@ -127,21 +123,29 @@ class TimeBlocks:
     """Reads packed spikes of ``shape`` (H, W, bytes) and keeps the time blocks used most recently.
 
     ``read(top, start)`` gives the chunk at that row and byte, as deflated bytes or as an array already cut to
-    the edges; it is called only from the caller's thread. ``count`` threads inflate.
+    the edges; it is called only from the caller's thread. ``count`` threads of its own inflate, by default those
+    that all streams share.
     """
+
+    _numbers = itertools.count()
 
     def __init__(
         self, shape: tuple[int, int, int], *, read: Callable[[int, int], bytes | np.ndarray], count: int | None = None
     ) -> None:
         self.shape, self.chunk, self._read = shape, chunk_shape(shape), read
-        self._kept: OrderedDict[int, tuple[np.ndarray, dict[int, Future]]] = OrderedDict()
-        self._last = -1
-        self._pool = make_stream_thread_pool("inflate", count)
+        self._last, self._number = -1, next(self._numbers)
+        self._own_pool = make_stream_thread_pool("inflate", count) if count else None
+        self._forget = weakref.finalize(self, BLOCK_MEMORY.forget, self._number)
+
+    @property
+    def _pool(self) -> ThreadPoolExecutor:
+        return self._own_pool or BLOCK_MEMORY.pool
 
     def close(self) -> None:
-        """Stop the threads and free the memory."""
-        self._pool.shutdown(cancel_futures=True)
-        self._kept.clear()
+        """Stop the threads of its own and free the memory."""
+        if self._own_pool:
+            self._own_pool.shutdown(cancel_futures=True)
+        self._forget()
 
     def split_frames(self, a: int, b: int) -> Iterator[tuple[int, int, int]]:
         """Yield, for frames ``a <= t < b``, each time block's first byte and the first and stop bit in it."""
@@ -186,15 +190,7 @@ class TimeBlocks:
         return range(rows.start // self.chunk[0] * self.chunk[0], rows.stop, self.chunk[0])
 
     def _time_block(self, start: int, rows: slice) -> tuple[np.ndarray, dict[int, Future]]:
-        if start in self._kept:
-            self._kept.move_to_end(start)
-        elif len(self._kept) >= max(3, _CACHE_BYTES // (self.chunk[2] * self.shape[0] * self.shape[1])):
-            planes, filling = self._kept.popitem(last=False)[1]
-            wait(filling.values())
-            self._kept[start] = planes, {}  # memory is reused: fresh pages cost time
-        else:
-            self._kept[start] = np.empty((self.chunk[2], *self.shape[:2]), np.uint8), {}
-        planes, filling = self._kept[start]
+        planes, filling = BLOCK_MEMORY.find(self._number, start, shape=(self.chunk[2], *self.shape[:2]))
 
         def transpose(top: int, data: bytes | np.ndarray) -> None:
             block = _inflated(data, self.chunk)[: self.shape[0] - top]
