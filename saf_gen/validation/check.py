@@ -47,11 +47,11 @@ class Comparison:
 
     @property
     def tolerance_used(self) -> float:
-        """The distance to the middle of the allowed range over half its width, or the figure over its only bound."""
-        if math.isfinite(self.at_least) and math.isfinite(self.at_most):
-            half = (self.at_most - self.at_least) / 2
-            off = abs(self.measured - (self.at_least + self.at_most) / 2)
-            return off / half if half > 0 else (0.0 if off == 0 else math.inf)
+        """The distance to what the law expects over the allowed one, or the figure over its only bound."""
+        if math.isfinite(self.expected):
+            off = self.measured - self.expected
+            allowed = self.at_most - self.expected if off > 0 else self.expected - self.at_least
+            return abs(off) / allowed if allowed > 0 else (0.0 if off == 0 else math.inf)
         if math.isfinite(self.at_most) and self.at_most > 0:
             return self.measured / self.at_most
         if math.isfinite(self.at_least) and self.measured > 0:

@@ -13,9 +13,9 @@ from saf_gen.camera.noise_table import LANES
 from saf_gen.stream.stream_file import SpikeStream
 from saf_gen.validation.check import Check, Comparison, Curve, Finding, Plot
 from saf_gen.validation.inference import FALSE_ALARM, compare_chi_squared, compare_estimate, compare_mean
-from saf_gen.validation.theory import charge_of_rate, charge_per_radiance, window_autocovariance
+from saf_gen.validation.theory import window_autocovariance
 from saf_gen.validation.workload import DatasetMaker, Workload, sensor_with_noise
-from saf_gen.validation.written_scenes import FLAT_LENS, glowing_panel
+from saf_gen.validation.written_scenes import even_panel, gain_of_rate
 
 WINDOWS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 RATES = (0.03, 0.2, 0.613)
@@ -27,12 +27,9 @@ COX = "D. R. Cox, Renewal Theory, 1962; the series: https://dlmf.nist.gov/24.8.E
 def even_light(rates: Sequence[float], *, frames: int, shape: tuple[int, int]) -> Workload:
     """Return the workload of an even field at some rates (spikes per readout), each under a light of its own."""
     sensor = sensor_with_noise("shot", "threshold_noise", rows=shape[0], columns=shape[1])
-    panel = glowing_panel("even_panel", radiance=1.0, depth_m=10.0, half_m=2.0, lens=FLAT_LENS)
-    v = 2.0 * 12.0 / (12.0 - 2.0)  # at position 0, which is rendered: no interpolation enters
-    axis = float(charge_per_radiance(sensor, f_number=2.8, focal_length_m=2.0, image_distance_m=v, off_axis_m=0.0))
-    levels = {light_name(rate): float(charge_of_rate(rate, sensor)) / axis for rate in rates}
+    levels = {light_name(rate): gain_of_rate(rate, sensor) for rate in rates}
     lights = {name: {"kind": "constant", "level": level} for name, level in levels.items()}
-    return Workload((panel,), sensor, frames, lights)
+    return Workload((even_panel(),), sensor, frames, lights)
 
 
 def light_name(rate: float) -> str:

@@ -3,9 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from saf_gen.camera.sensor import Sensor
+from saf_gen.validation.theory import charge_of_rate, charge_per_radiance
 from saf_gen.validation.workload import WrittenScene
 
-FLAT_LENS = {"focal_length_mm": 2000, "f_number": 2.8, "drive": "image_distance", "focus_range_m": [12.0, 9.0]}
+FAR_M = 10.001
+FLAT_LENS = {"focal_length_mm": 2000, "f_number": 2.8, "drive": "image_distance", "focus_range_m": [FAR_M, 9.999]}
 """A lens so long that over a sensor of 8 mm cos⁴ and 1/v² are even to 10⁻⁵."""
 
 
@@ -36,24 +39,56 @@ def write_scene(
 
 
 def glowing_panel(
-    name: str, *, radiance: float | Mapping[str, float], depth_m: float, half_m: float, lens: Mapping[str, Any]
+    name: str, *, radiance: float, depth_m: float, half_m: float, lens: Mapping[str, Any]
 ) -> WrittenScene:
-    """Return a panel across the axis that fills the view and sends the same radiance (W m⁻² sr⁻¹) everywhere.
+    """Return a panel across the axis that fills the view and sends the same radiance (W m⁻² sr⁻¹) everywhere."""
+    build = f"""    return {{
+        "panel": {{
+            "type": "rectangle",
+            "to_world": t.translate([0, 0, {depth_m}]).rotate([0, 1, 0], 180).scale({half_m}),
+            "emitter": {{"type": "area", "radiance": {{"type": "rgb", "value": {float(radiance)!r}}}}},
+        }}
+    }}
+"""
+    return write_scene(name, build, lens=lens, lights={"panel": ["panel"]}, target=["panel"])
 
-    For a mapping there is one light group for each name: a panel of its own, the nearest first, and all but the last
-    are masks of opacity 0 that send light.
+
+def even_panel() -> WrittenScene:
+    """Return a panel of 1 W m⁻² sr⁻¹ before FLAT_LENS."""
+    return glowing_panel("even_panel", radiance=1.0, depth_m=10.0, half_m=2.0, lens=FLAT_LENS)
+
+
+def gain_of_rate(rate: float, sensor: Sensor) -> float:
+    """Return the gain at which :func:`even_panel` makes a sensor fire at a rate at position 0, without dark current.
+
+    Position 0 is rendered, so that no interpolation between positions enters.
     """
-    groups = {"panel": radiance} if not isinstance(radiance, Mapping) else radiance
-    shapes = "".join(
-        f"        {group!r}: {{'type': 'rectangle',"
-        f" 'to_world': t.translate([0, 0, {depth_m}]).rotate([0, 1, 0], 180).scale({half_m}),"
-        f" 'emitter': {{'type': 'area', 'radiance': {{'type': 'rgb', 'value': {value!r}}}}}}},\n"
-        for group, value in groups.items()
-    )
-    return write_scene(
-        name,
-        f"    return {{\n{shapes}    }}\n",
-        lens=lens,
-        lights={group: [group] for group in groups},
-        target=[next(iter(groups))],
-    )
+    v = 2.0 * FAR_M / (FAR_M - 2.0)
+    axis = charge_per_radiance(sensor, f_number=2.8, focal_length_m=2.0, image_distance_m=v, off_axis_m=0.0)
+    return float(charge_of_rate(rate, sensor) / axis)
+
+
+def lit_chequers(name: str, *, lights: Mapping[str, Sequence[str]]) -> WrittenScene:
+    """Return a chequered plane 0.5 m before the lens, under a ``lamp`` beside the lens and the light of a ``room``."""
+    lens = {"focal_length_mm": 25, "f_number": 2.0, "drive": "image_distance", "focus_range_m": [0.505, 0.495]}
+    build = """    white = {"type": "rgb", "value": 0.7}
+    grey = {"type": "rgb", "value": 0.2}
+    uv = mi.ScalarTransform4f().scale(30)
+    return {
+        "plane": {
+            "type": "rectangle",
+            "to_world": t.translate([0, 0, 0.5]).rotate([0, 1, 0], 180).scale(0.5),
+            "bsdf": {
+                "type": "diffuse",
+                "reflectance": {"type": "checkerboard", "color0": grey, "color1": white, "to_uv": uv},
+            },
+        },
+        "lamp": {
+            "type": "rectangle",
+            "to_world": t.translate([0.3, 0.2, -0.1]).scale(0.1),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 30.0}},
+        },
+        "room": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}},
+    }
+"""
+    return write_scene(name, build, lens=lens, lights=lights, target=["plane"])
