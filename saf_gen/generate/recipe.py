@@ -48,6 +48,8 @@ class NoiseSettings(FrozenModel):
     response: bool | None = None
     threshold_spread: bool | None = None
     threshold_noise: bool | None = None
+    dust: bool | None = None
+    dead: bool | None = None
 
 
 class CameraSettings(FrozenModel):

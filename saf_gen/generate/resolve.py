@@ -28,7 +28,7 @@ from saf_gen.stack.time_resolved import (
     moments_that_tell_shading,
 )
 
-MODEL = 3
+MODEL = 4
 """Raised whenever the same stack, recipe and seed would give other spikes: old files are then made anew."""
 
 SLICE_BYTES_PER_VALUE = {"filtered": 1.3, "plain": 1.5}

@@ -28,8 +28,8 @@ from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.metadata import Truth
 
 RECORDED = "aa2e182e1936da1693556edc996570246a58de64b297b72cd1c6c68f7460180d"
-CLOSED_LOOP = "329a954d7c5d3b806b64a4e3ca89202d30a8efdb6206c097aa0708229b0d8920"
-OBSERVED = "92941dce67fd8e5793bdcd2e6ed76a7a9e3d5a425d31808c5e87bf0f01297709"
+CLOSED_LOOP = "2c0fbee096f18581dea6411f21896c5cf5c71a5ccfd4cc3c4af1eec599e2790d"
+OBSERVED = "9cb5c9ecb1a99a538b511e2a5281280b7105914663e1c193a2b6be00dd4687ad"
 FRAMES, ROWS, COLUMNS, PEAK = 800, 24, 32, 300
 BOARD = np.where(np.add.outer(np.arange(ROWS) // 4, np.arange(COLUMNS) // 4) % 2, 1, -1)
 RECORDED_METHODS = [

@@ -27,7 +27,7 @@ def spikes(charge, *, frames, seed, before=0):
 
     ``before`` readouts of half a threshold each go ahead and are left out: noise spreads the phase evenly meanwhile.
     """
-    noise = dict.fromkeys(("dark", "response", "threshold_spread"), False)
+    noise = dict.fromkeys(("dark", "response", "threshold_spread", "dust"), False)
     sensor = get_sensor(
         "vidar_400x250", reset_loss=0, threshold_e=THETA, threshold_noise_rms=THRESHOLD_NOISE, noise=noise
     )

@@ -1,43 +1,26 @@
-"""The fixed pattern of one device against the numbers of its sensor. Array 250 × 400, seeds named."""
+"""The fixed pattern of one device against the numbers of its sensor, and of many against a real one. Seeds named."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.fft import dct
+from refusals import refusal
+from scipy import stats
 
+from saf_gen.calibration.pattern_statistics import measure_pattern, split_pattern
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.camera.fixed_pattern import draw_fixed_pattern
 
 VIDAR = get_sensor("vidar_400x250")
 SHAPE = (250, 400)
+PLAIN = replace(VIDAR, response_first_column=0, response_first_row=0, response_per_dark=0, response_twist_rms=0)
+"""The profiles and white pixels alone."""
+
+FAR = stats.norm.isf(0.5e-4)  # standard deviations, at a significance of 1e-4 on two sides
 
 
-@pytest.mark.parametrize("name", sensor_names())
-def test_every_sensor_has_the_response_map_of_its_numbers(name):
-    """Its own array, seed 3. Profiles have their rms exactly; the white rest adds σ²/n to a mean of n pixels.
-
-    White rest over 100,000 pixels and more: its rms within 0.3 %, 1.5 % allowed. A profile is smooth: over
-    the upper two thirds of its cosine spectrum only the white rest of the means is left, whose mean power of
-    166 and more terms is known to 11 %, 40 % allowed.
-    """
-    sensor = get_sensor(name)
-    shape = (sensor.rows, sensor.columns)
-    response = draw_fixed_pattern(sensor, shape, seed=3).response.astype(float)
-    if not sensor.noise.response:
-        assert (response == 1).all()
-        return
-    assert response.mean() == pytest.approx(1, abs=1e-5)
-    columns, rows = response.mean(axis=0) - 1, response.mean(axis=1) - 1
-    white = sensor.response_white_rms
-    assert (response - 1 - columns - rows[:, None]).std() == pytest.approx(white, rel=0.015)
-    for profile, rms, others in [
-        (columns, sensor.response_column_rms, shape[0]),
-        (rows, sensor.response_row_rms, shape[1]),
-    ]:
-        assert profile.std() == pytest.approx(np.hypot(rms, white / np.sqrt(others)), rel=0.01)
-        power = dct(profile, norm="ortho") ** 2
-        assert power[len(power) // 3 :].mean() == pytest.approx(white**2 / others, rel=0.4)
+def response_of(sensor, shape=SHAPE, *, seed):
+    return draw_fixed_pattern(sensor, shape, seed=seed).response.astype(float)
 
 
 @pytest.fixture(scope="module")
@@ -45,28 +28,204 @@ def pattern():
     return draw_fixed_pattern(VIDAR, SHAPE, seed=1)
 
 
-def test_response_has_mean_one_and_the_measured_profiles(pattern):
-    """The profiles' rms is exact; the white part adds 0.0184/√250 to a column's mean; seed 1."""
-    response = pattern.response.astype(float)
-    assert response.dtype == np.float64
+# --- a real chip --------------------------------------------------------------------------------------
+
+# The calibration map Nl of BIT-Vision/SpikeNeRF, 250 x 400 rates over their mean, as measure() takes it.
+REAL = {
+    "rms": 0.0564, "column_rms": 0.0411, "row_rms": 0.0264, "white_rms": 0.0282, "white_robust_rms": 0.0261,
+    "beyond_5": 0.00089, "beyond_10": 0.00026, "correlation_1": 0.051, "correlation_20": 0.049, "least": 0.28,
+}  # fmt: skip
+SHARES = {
+    "column_bands": (0.902, 0.012, 0.006, 0.008, 0.009, 0.018, 0.045),
+    "row_bands": (0.495, 0.116, 0.096, 0.054, 0.040, 0.058, 0.140),
+    "column_degrees": (0.14, 0.87, 0.91),
+    "row_degrees": (0.80, 0.85, 0.86),
+}
+
+
+def measure(rate):
+    """The statistics of a map of rates; correlations 1 and 20 columns apart are of the rest within 3 robust rms."""
+    found = vars(measure_pattern(rate))
+    rest = split_pattern(rate)[2]
+    clipped = np.clip(rest - np.median(rest), -3 * found["white_robust_rms"], 3 * found["white_robust_rms"])
+    for apart in (1, 20):
+        found[f"correlation_{apart}"] = np.corrcoef(clipped[:, apart:].ravel(), clipped[:, :-apart].ravel())[0, 1]
+    return found | {"least": rate.min() / rate.mean(), "largest": rate.max() / rate.mean()}
+
+
+@pytest.fixture(scope="module")
+def devices():
+    """Statistics of the devices of seeds 0 to 400 whose tilts and bow have the signs of the real one: 41."""
+    found = []
+    for seed in range(400):
+        pattern = draw_fixed_pattern(VIDAR, SHAPE, seed=seed)
+        response = pattern.response.astype(float)
+        columns, rows = response.mean(axis=0), response.mean(axis=1)
+        if columns[300:].mean() > columns[1:100].mean() and columns[150:250].mean() > 1 > rows[150:].mean():
+            found.append(measure(response / pattern.threshold))
+    return found
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_a_real_chip_could_be_one_of_these_devices(devices, name):
+    """Its figure lies within 4 standard deviations of theirs, and half of its last digit."""
+    ours = np.array([one[name] for one in devices])
+    half_a_digit = 0.5 * 10.0 ** -len(f"{REAL[name]:f}".rstrip("0").split(".")[1])
+    assert len(ours) > 30
+    assert abs(ours.mean() - REAL[name]) < 4 * ours.std(ddof=1) + half_a_digit
+
+
+@pytest.mark.parametrize("name", SHARES)
+def test_a_real_chip_has_the_spectrum_and_the_shape_of_these_devices(devices, name):
+    """Every band within 4 standard deviations of theirs and half of its last digit."""
+    ours = np.array([one[name] for one in devices])
+    half_a_digit = 0.0005 if "bands" in name else 0.005
+    assert (abs(ours.mean(axis=0) - SHARES[name]) < 4 * ours.std(axis=0, ddof=1) + half_a_digit).all()
+
+
+def test_the_kurtosis_and_the_brightest_pixel_of_a_real_chip_are_no_wonder(devices):
+    """131 and 2.64 hang on the one pixel that is hottest, so the law has neither a fourth moment nor a largest value.
+
+    Between 2 % and 98 % of these devices lie below; without that pixel the real one has 14.8.
+    """
+    for name, real in (("white_kurtosis", 131), ("largest", 2.64)):
+        assert 0.02 < np.mean([one[name] < real for one in devices]) < 0.98
+    assert 10 < np.quantile([one["white_kurtosis"] for one in devices], 0.1) < 20
+
+
+def test_bright_outliers_have_much_dark_charge_and_dark_ones_are_dust(pattern):
+    """As on the real chip, where all 54 above 5 robust sd have more than twice the median dark charge."""
+    rate = pattern.response.astype(float) / pattern.threshold
+    rate = rate[1:, 1:] / rate.mean()
+    rest = rate - rate.mean(axis=0) - rate.mean(axis=1)[:, None] + 1
+    rest /= 1.4826 * np.median(abs(rest))
+    dark = pattern.dark[1:, 1:] / np.median(pattern.dark)
+    assert (dark[rest > 5] > 2).mean() > 0.9
+    assert 0.01 < (dark > 2).mean() < 0.1
+    clean = draw_fixed_pattern(VIDAR.with_noise(dust=False), SHAPE, seed=1).response[1:, 1:]
+    assert (pattern.response[1:, 1:] < clean)[rest < -5].mean() > 0.9
+
+
+# --- profiles -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sensor_names())
+def test_every_sensor_has_the_response_of_its_numbers(name):
+    """Its own array, seed 3: mean 1, white pixels within FAR standard errors of their rms, and the smooth profiles.
+
+    The mean of n white pixels adds σ²/n to a profile's variance, and the profile's own white part is a χ² of as many
+    degrees of freedom as it has pixels; Legendre terms are as large as they are said to be, to that noise.
+    """
+    sensor = get_sensor(name)
+    shape = (sensor.rows, sensor.columns)
+    if not sensor.noise.response:
+        assert (response_of(sensor, shape, seed=3) == 1).all()
+        return
+    sensor = replace(sensor, response_first_column=0, response_first_row=0, response_per_dark=0, response_twist_rms=0)
+    response = response_of(sensor.with_noise(dust=False), shape, seed=3)
     assert response.mean() == pytest.approx(1, abs=1e-5)
-    columns, rows = response.mean(axis=0), response.mean(axis=1)
-    assert columns.std() == pytest.approx(0.041, rel=0.01)
-    assert rows.std() == pytest.approx(0.027, rel=0.01)
-    rest = response - columns - rows[:, None] + 1
-    assert rest.std() == pytest.approx(0.0184, rel=0.02)
+    columns, rows = response.mean(axis=0) - 1, response.mean(axis=1) - 1
+    white = (response - 1 - columns - rows[:, None]).std()
+    assert white == pytest.approx(sensor.response_white_rms, rel=FAR / np.sqrt(2 * response.size) + 0.003)
+    for profile, rms, shares, others in [
+        (columns, sensor.response_column_rms, sensor.response_column_legendre, shape[0]),
+        (rows, sensor.response_row_rms, sensor.response_row_legendre, shape[1]),
+    ]:
+        noise = rms**2 * (1 - sum(shares)) + white**2 / others
+        centre = (2 * np.arange(profile.size) + 1) / profile.size - 1
+        terms = np.polynomial.legendre.legvander(centre, 6)[:, 1:]
+        terms /= np.sqrt((terms**2).mean(axis=0))
+        size = abs(terms.T @ profile) / profile.size
+        wanted = rms * np.sqrt(np.pad(shares, (0, 6 - len(shares))))
+        assert (abs(size - wanted) < FAR * np.sqrt(noise / profile.size) + 2e-4 * rms).all()
+        rest = profile - np.polynomial.legendre.Legendre.fit(centre, profile, 6)(centre)
+        z = ((rest**2).sum() / noise - (profile.size - 7)) / np.sqrt(2 * (profile.size - 7))
+        assert abs(z) < FAR
 
 
-def test_profiles_are_smooth(pattern):
-    columns = pattern.response.mean(axis=0)
-    assert np.diff(columns).std() < 0.2 * columns.std()
+def test_a_profile_without_smooth_shares_is_white():
+    """χ² of 400 columns, and no correlation of neighbours; significance 1e-4 each, seed 2."""
+    sensor = replace(PLAIN, response_column_legendre=(), response_row_rms=0, response_white_rms=0)
+    columns = response_of(sensor.with_noise(dust=False), seed=2)[0] - 1
+    z = ((columns**2).sum() / 0.0403**2 - 399) / np.sqrt(2 * 399)
+    assert abs(z) < FAR
+    assert abs(np.corrcoef(columns[1:], columns[:-1])[0, 1]) < FAR / np.sqrt(399)
 
 
-def test_the_smooth_part_holds_77_percent_of_the_variance_of_rates(pattern):
-    rate = pattern.response.astype(float) / (pattern.threshold / VIDAR.threshold_e)
-    smooth = rate.mean(axis=0).var() + rate.mean(axis=1).var()
-    assert rate.std() == pytest.approx(0.057, abs=0.003)
-    assert smooth / rate.var() == pytest.approx(0.77, abs=0.03)
+def test_the_signs_of_smooth_terms_are_the_devices():
+    """40 devices: each sign occurs, with a chance of 2·2⁻⁴⁰ that it does not; seeds 0 to 39."""
+    sensor = replace(PLAIN, response_twist_rms=0.02)
+    x, y = np.linspace(-1, 1, 400), np.linspace(-1, 1, 250)[:, None]
+    maps = [response_of(sensor, seed=s) for s in range(40)]
+    for term in (x, y, 3 * x**2 - 1, x * y):
+        signs = [np.sign((term * one).sum() - (term * np.ones(SHAPE)).sum()) for one in maps]
+        assert set(signs) == {-1, 1}
+
+
+def test_the_twist_correlates_pixels_however_far_apart_and_nothing_else_does():
+    """Share T of the rest's variance correlates pixels d rows apart by T·(1 - 1.5·d/H), 1e-4, seed 6; none without."""
+    for twist in (0.006, 0.0):
+        sensor = replace(PLAIN, response_twist_rms=twist).with_noise(dust=False)
+        response = response_of(sensor, seed=6)
+        rest = response - response.mean(axis=0) - response.mean(axis=1)[:, None] + 1
+        share = twist**2 / (twist**2 + VIDAR.response_white_rms**2)
+        for distance in (1, 20):
+            seen = (rest[distance:] * rest[:-distance]).mean() / rest.var()
+            # A difference of d rows costs the product of two tilts 1.5·d/H of their mean square.
+            assert seen == pytest.approx(
+                share * (1 - 1.5 * distance / 250), abs=FAR / np.sqrt(rest.size) + 0.01 * share
+            )
+
+
+def test_the_first_column_and_row_stand_out_by_their_numbers():
+    """Means of 399 and 249 differences of neighbours; standard errors from the white rest; 1e-4, seed 4."""
+    sensor = replace(VIDAR, response_per_dark=0).with_noise(dust=False)
+    response = response_of(sensor, seed=4)
+    for rise, excess in (
+        (response[1:, 0] - response[1:, 1], VIDAR.response_first_column),
+        (response[0, 1:] - response[1, 1:], VIDAR.response_first_row),
+    ):
+        allowed = (
+            FAR * VIDAR.response_white_rms * np.sqrt(2 / rise.size) + 0.006
+        )  # slope of the profile, its white part
+        assert rise.mean() == pytest.approx(excess, abs=allowed)
+    assert abs(np.diff(response[1:, 1:].mean(axis=0))).max() < 0.02
+
+
+def test_response_rises_with_dark_charge():
+    """Regression over 100,000 pixels: slope, and spread of the slope, within 5 %; seed 5."""
+    sensor = replace(PLAIN, response_per_dark=0.026, response_white_rms=0, response_column_rms=0, response_row_rms=0)
+    pattern = draw_fixed_pattern(sensor.with_noise(dust=False), SHAPE, seed=5)
+    dark = pattern.dark.astype(float) / VIDAR.mean_dark_e
+    rise = pattern.response - 1 + 0.026
+    assert (rise / dark).mean() == pytest.approx(0.026, rel=0.05)
+    assert (rise / dark).std() == pytest.approx(0.026 * 0.35, rel=0.05)
+
+
+# --- dust and dead pixels -----------------------------------------------------------------------------
+
+
+def test_dust_takes_half_normal_light_from_its_share_of_the_pixels():
+    """5,000 of 100,000 pixels expected, 5 sd; Kolmogorov-Smirnov of what they lose, 1e-4; seed 7."""
+    sensor = get_sensor("ideal", dust_fraction=0.05, dust_depth_rms=0.2, noise={"dust": True})
+    lost = 1 - response_of(sensor, seed=7)
+    dusty = lost[lost > 0]
+    assert dusty.size == pytest.approx(5_000, abs=5 * np.sqrt(5_000))
+    assert stats.kstest(dusty, stats.halfnorm(scale=0.2).cdf).pvalue > 1e-4
+
+
+def test_dead_pixels_never_fire():
+    """1,000 of 100,000 expected, 5 sd; seed 8."""
+    sensor = replace(VIDAR, dead_fraction=0.01)
+    pattern = draw_fixed_pattern(sensor, SHAPE, seed=8)
+    dead = pattern.response == 0
+    assert dead.sum() == pytest.approx(1_000, abs=5 * np.sqrt(1_000))
+    assert not pattern.dark[dead].any()
+    assert (pattern.dark[~dead] > 0).all()
+    assert (draw_fixed_pattern(sensor.with_noise(dead=False), SHAPE, seed=8).response > 0).all()
+
+
+# --- dark charge and thresholds -----------------------------------------------------------------------
 
 
 def test_dark_charge_is_log_normal_with_hot_pixels_and_the_stated_mean():
@@ -79,10 +238,45 @@ def test_dark_charge_is_log_normal_with_hot_pixels_and_the_stated_mean():
     assert hot == pytest.approx(0.002 * dark.size, abs=5 * np.sqrt(800))
 
 
+def test_hot_pixels_grow_rare_by_a_pareto_law():
+    """Eight devices: above x medians, 1,600·(x/4)^-2.7 pixels, where the log-normal has none left; 5 sd; seeds 0 to 7.
+
+    The real chip has 27, 7, 5 and 1 of 99,351 above 8, 12, 20 and 30 medians: all within 95 % of that Poisson law.
+    """
+    dark = np.stack([draw_fixed_pattern(VIDAR, SHAPE, seed=s).dark for s in range(8)]).astype(float)
+    ratio = dark / np.median(dark)
+    hot = 0.002 - stats.norm.sf(np.log(4) / 0.43)
+    for level, real in ((8, 27), (12, 7), (20, 5), (30, 1)):
+        expected = hot * dark.size * (level / 4) ** -2.7
+        assert (ratio > level).sum() == pytest.approx(expected, abs=5 * np.sqrt(expected))
+        low, high = stats.poisson.interval(0.95, 0.002 * 99_351 * (level / 4) ** -2.7)
+        assert low <= real <= high
+
+
+@pytest.mark.parametrize(("warmer", "factor"), [(8, 2), (-16, 0.25), (0, 1)])
+def test_dark_charge_doubles_every_eight_kelvins(pattern, warmer, factor):
+    """The whole map, to the grid on which it lies, and the mean that exposure knows of."""
+    sensor = replace(VIDAR, temperature_c=25 + warmer)
+    assert sensor.mean_dark_e == factor * VIDAR.mean_dark_e
+    warm = draw_fixed_pattern(sensor, SHAPE, seed=1)
+    assert np.array_equal(warm.dark, np.float32(factor) * pattern.dark)
+    assert np.array_equal(warm.response, pattern.response)
+
+
+def test_a_sensor_too_warm_to_see_is_refused():
+    error = refusal(get_sensor, "vidar_400x250", temperature_c=90)
+    assert error.problem == "at temperature_c 90 the dark rate is 1.26"
+    assert error.allowed == "at most 0.5 spikes per readout"
+    assert "dark_rate is 0.0045 at 25 °C and doubles every 8 kelvins" in error.hint
+
+
 def test_thresholds_spread_round_the_stated_one(pattern):
     threshold = pattern.threshold.astype(float)
     assert threshold.mean() == pytest.approx(VIDAR.threshold_e, rel=1e-3)
-    assert threshold.std() / threshold.mean() == pytest.approx(0.0184, rel=0.02)
+    assert threshold.std() / threshold.mean() == pytest.approx(VIDAR.threshold_spread_rms, rel=0.02)
+
+
+# --- all maps -----------------------------------------------------------------------------------------
 
 
 def test_maps_lie_on_a_grid_far_coarser_than_the_last_digit(pattern):
@@ -92,19 +286,23 @@ def test_maps_lie_on_a_grid_far_coarser_than_the_last_digit(pattern):
         (pattern.threshold, VIDAR.threshold_e),
     ]:
         steps = map_.astype(float) / (mean * 2.0**-16)
-        assert abs(steps - np.rint(steps)).max() < 0.05  # float32 keeps 24 bits of it
+        assert abs(steps - np.rint(steps)).max() < 0.2  # float32 keeps 24 bits of it
         assert np.unique(map_).size > 1000
 
 
 @pytest.mark.parametrize(
-    ("term", "map_name"), [("response", "response"), ("dark", "dark"), ("threshold_spread", "threshold")]
+    ("term", "map_name"),
+    [("response", "response"), ("dust", "response"), ("dark", "dark"), ("threshold_spread", "threshold")],
 )
 def test_a_switch_flattens_its_own_map_and_no_other(pattern, term, map_name):
-    switched = draw_fixed_pattern(VIDAR.with_noise(**{term: False}), SHAPE, seed=1)
+    off = {"response": False, "dust": False} if map_name == "response" else {term: False}
+    switched = draw_fixed_pattern(VIDAR.with_noise(**off), SHAPE, seed=1)
     for name in ("response", "dark", "threshold"):
         same = np.array_equal(getattr(switched, name), getattr(pattern, name))
         assert same is not (name == map_name)
     assert np.ptp(getattr(switched, map_name)) == 0
+    alone = draw_fixed_pattern(VIDAR.with_noise(**{term: False}), SHAPE, seed=1)
+    assert not np.array_equal(getattr(alone, map_name), getattr(pattern, map_name))
 
 
 def test_a_device_is_its_seed(pattern):
@@ -119,6 +317,13 @@ def test_any_shape_has_a_pattern(shape):
         assert map_.shape == shape
         assert map_.dtype == np.float32
         assert (map_ > 0).all()
+
+
+def test_smaller_arrays_have_the_spread_of_the_whole():
+    """What is said of a profile holds for the array that is drawn, no cut of a larger one: within 5 %, seed 1."""
+    for shape in ((32, 48), (125, 200)):
+        columns = response_of(PLAIN, shape, seed=1).mean(axis=0)
+        assert columns.std() == pytest.approx(VIDAR.response_column_rms, rel=0.05)
 
 
 def test_no_dark_rate_and_no_spread_are_flat():

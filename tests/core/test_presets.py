@@ -75,6 +75,28 @@ def test_a_device_names_its_sources(presets, name, sources, tmp_path):
         ("rows: 250", "rows: true", ":3", "rows is True", "a whole number 1 to 16384 pixels"),
         ("rows: 250", "rows: 2.5", ":3", "rows is 2.5", "a whole number 1 to 16384 pixels"),
         ("rows: 250", "", "", "the key 'rows' is missing", ""),
+        (
+            "response_row_legendre: [0.9123, 0.0866]",
+            "",
+            "",
+            "the key 'response_row_legendre' is missing",
+            "shares of the profile's variance in Legendre polynomials of degree 1, 2, …; the rest is white",
+        ),
+        (
+            "dark_hot_exponent: 2.7",
+            "",
+            "",
+            "the key 'dark_hot_exponent' is missing",
+            "how steeply hot pixels grow rare",
+        ),
+        (
+            "[0.9123, 0.0866]",
+            "[0.9, 0.2]",
+            "",
+            "response_row_legendre is [0.9, 0.2]",
+            "each 0 to 1 and together at most 1",
+        ),
+        ("[0.9123, 0.0866]", "0.9", "", "response_row_legendre is 0.9", "a list of at most 8 shares"),
         ("reset: subtract", "reset: soft", "", "reset is 'soft'", "subtract, hard"),
         ("{shot: true, ", "{shots: true, ", "", "unknown key 'shots' in noise", "shot"),
         ("{shot: true, ", "{", "", "the key 'noise.shot' is missing", ""),
@@ -110,6 +132,21 @@ def test_an_actuator_file_that_does_not_fit_is_refused_with_its_line(write_copy,
     assert error.problem == problem
     assert f"mine.yaml{where}" in error.where
     assert expected in error.allowed or error.nearest == expected
+
+
+@pytest.mark.parametrize(
+    ("line", "absent"),
+    [
+        ("dust_fraction: 0.0006", {"dust_fraction": 0}),
+        ("response_twist_rms: 0.0060", {"response_twist_rms": 0}),
+        ("temperature_c: 25\n\n", {}),
+        (", dust: true, dead: true", {"noise": {"dust": False, "dead": False}}),
+    ],
+)
+def test_what_a_file_leaves_out_of_newer_keys_is_absent(write_copy, line, absent):
+    """A file from before there were dust, twist and temperature means what it meant: none, and one temperature."""
+    name = "vidar_400x250_40khz"
+    assert get_sensor(write_copy(SENSORS, name, line, "")) == get_sensor(name, **absent)
 
 
 def test_a_file_of_ones_own_is_read(write_copy):

@@ -13,7 +13,7 @@ from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
 
-SWITCHED_OFF = {name: False for name in ("shot", "dark", "response", "threshold_spread", "threshold_noise")}
+SWITCHED_OFF = {name: False for name in ("shot", "dark", "response", "threshold_spread", "threshold_noise", "dust")}
 
 
 def stack(depth=0.5, radiance=1.0):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from planted_counts import BOARD, CONTRAST, halves_of
+from planted_counts import BOARD, CONTRAST, dark_of, expected_score, halves_of
 from scipy.ndimage import gaussian_filter
 
 from saf_gen import encode, get_measure, get_sensor
@@ -44,28 +44,37 @@ def test_by_hand():
 
 @pytest.mark.parametrize(("rate", "frames"), [(0.2, 400), (0.01, 1600)])
 def test_the_score_is_the_structure_of_the_light_whatever_the_light(rate, frames):
-    """Six seeds, fixed: standard error 2 % at 1/20 of the light; a fixed pattern in response adds 1 %."""
+    """Six devices whose dark charge is known, standard error 2 % at 1/20 of the light.
+
+    Their response adds 1 %; what of it goes with dark charge, as dark over light: 8 % at 1/20 of the light.
+    """
     of_the_field = 0.0
     for apart in (1, 2, 4, 8):
         for axis, size in enumerate(BOARD.shape):
             ahead, behind = BOARD.take(range(apart, size), axis), BOARD.take(range(size - apart), axis)
             of_the_field += CONTRAST**2 * np.mean((ahead - behind) ** 2) / apart
-    measure = get_measure("structure_calibrated")
-    scores = [measure(halves_of(rate, frames, seed=seed), frames=frames) for seed in range(6)]
-    assert np.mean(scores) == pytest.approx(of_the_field, rel=0.07)
+    scores, expected = [], []
+    for seed in range(6):
+        measure = get_measure("structure_calibrated", **dark_of(seed))
+        scores.append(measure(halves_of(rate, frames, seed=seed), frames=frames))
+        expected.append(expected_score("structure_calibrated", rate, contrast=CONTRAST, seed=seed))
+    assert np.mean(scores) == pytest.approx(np.mean(expected), rel=0.07)
+    assert np.mean(expected) == pytest.approx(of_the_field, rel=0.02 + 0.005 / rate / 5)
 
 
 @pytest.mark.parametrize(("rate", "frames"), [(0.2, 400), (0.01, 1600)])
 def test_an_even_field_has_hardly_any_structure_at_any_light(rate, frames):
-    """0.006 by the fixed pattern in response; chance, at the lower rate: 0.02 a seed, 0.006 of twelve."""
-    sensor, scores = get_sensor("vidar_400x250"), []
+    """0.008 by the response, 0.05 at the lower rate by what of it goes with dark charge; chance 0.02 a seed there."""
+    sensor, scores, expected = get_sensor("vidar_400x250"), [], []
     charge = np.full((1, 64, 96), rate * sensor.threshold_e, np.float32)
     for seed in range(12):
         spikes = encode(charge, sensor, frames=frames, seed=seed)
         shown = np.unpackbits(spikes, axis=2, bitorder="little")[:, :, :frames].astype(np.uint32)
         halves = np.stack([half.sum(axis=2) for half in np.array_split(shown, 2, axis=2)])
-        scores.append(get_measure("structure_calibrated")(halves, frames=frames))
-    assert np.mean(scores) == pytest.approx(0.006, abs=0.025)
+        scores.append(get_measure("structure_calibrated", **dark_of(seed))(halves, frames=frames))
+        expected.append(expected_score("structure_calibrated", rate, contrast=0.0, seed=seed))
+    assert np.mean(expected) < 0.08
+    assert np.mean(scores) == pytest.approx(np.mean(expected), abs=0.025)
 
 
 @pytest.mark.parametrize("name", ["structure_calibrated", "sd_calibrated"])

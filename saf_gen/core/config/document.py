@@ -101,7 +101,7 @@ def _first_complaint(error: ValidationError, model: Any, *, document: Document, 
         problem, allowed, choices = f"unknown key {str(keys[-1])!r}{inside}", ", ".join(known), known
         return BadInput(problem, where=where, allowed=allowed, nearest=closest(keys[-1], choices), hint=hint)
     if first["type"] == "missing":
-        return BadInput(f"the key {name!r} is missing", where=where, hint=hint)
+        return BadInput(f"the key {name!r} is missing", where=where, allowed=_meaning(model, first["loc"]), hint=hint)
     if first["type"] == "union_tag_invalid":
         key, value = first["ctx"]["discriminator"].strip("'()"), first["ctx"]["tag"]
         choices = [kind.strip(" '") for kind in first["ctx"]["expected_tags"].split(",")]
@@ -170,6 +170,11 @@ def _annotation_at(model: Any, loc: tuple[Key, ...]) -> Any:
     for key in loc:
         model = _annotation_inside(model, key)
     return model
+
+
+def _meaning(model: Any, loc: tuple[Key, ...]) -> str:
+    """Return the text that stands in the annotation of a key, Annotated[…, "what it means"], if any."""
+    return next((note for note in get_args(_annotation_at(model, loc))[1:] if isinstance(note, str)), "")
 
 
 def _annotation_inside(model: Any, key: Key) -> Any:

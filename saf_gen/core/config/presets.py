@@ -15,12 +15,16 @@ from saf_gen.errors import unknown
 Device = TypeVar("Device")
 
 
-def _checked(fits: Callable[[Any], bool], allowed: str) -> Callable[[Any], Any]:
+def checked(
+    fits: Callable[[Any], bool], allowed: str, *, convert: Callable[[Any], Any] = lambda value: value
+) -> Callable[[Any], Any]:
+    """Return a check for pydantic: the value, converted, if it ``fits``, else an error that says what is allowed."""
+
     def check(value: Any) -> Any:
         if not fits(value):
             slip = "; YAML reads 1e-5 as text: write 1.0e-5" if _is_exponent(value) else ""
             raise ValueError(allowed + slip)
-        return value
+        return convert(value)
 
     return check
 
@@ -36,7 +40,7 @@ def between(least: float, most: float, *, unit: str, whole: bool = False) -> Pla
     """Return the check of a number from ``least`` to ``most``, both allowed; ``whole`` admits only whole numbers."""
     kind = "a whole number " if whole else ""
     return PlainValidator(
-        _checked(
+        checked(
             lambda n: is_number(n) and (not whole or isinstance(n, int)) and least <= n <= most,
             f"{kind}{least:g} to {most:g} {unit}",
         )
@@ -47,12 +51,12 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and bool(value.strip())
 
 
-Text = Annotated[str, PlainValidator(_checked(_is_text, "a text"))]
-Switch = Annotated[bool, PlainValidator(_checked(lambda value: isinstance(value, bool), "true or false"))]
+Text = Annotated[str, PlainValidator(checked(_is_text, "a text"))]
+Switch = Annotated[bool, PlainValidator(checked(lambda value: isinstance(value, bool), "true or false"))]
 Sources = Annotated[
     tuple[str, ...],
     BeforeValidator(
-        _checked(
+        checked(
             lambda value: isinstance(value, list | tuple) and bool(value) and all(map(_is_text, value)),
             "a list of at least one text",
         )
