@@ -92,3 +92,38 @@ def lit_chequers(name: str, *, lights: Mapping[str, Sequence[str]]) -> WrittenSc
     }
 """
     return write_scene(name, build, lens=lens, lights=lights, target=["plane"])
+
+
+def glowing_edge(
+    name: str, *, depth_m: float, edge_m: float, lens: Mapping[str, Any], turn_deg: float = 0.0
+) -> WrittenScene:
+    """Return a bright half plane beside the dark, its edge ``edge_m`` off the axis and turned by ``turn_deg``."""
+    half = 0.5 * depth_m
+    build = f"""    turned = t.rotate([0, 0, 1], {turn_deg}).translate([{edge_m + half}, 0, {depth_m}])
+    return {{
+        "glow": {{
+            "type": "rectangle",
+            "to_world": turned.rotate([0, 1, 0], 180).scale({half}),
+            "emitter": {{"type": "area", "radiance": {{"type": "rgb", "value": 1.0}}}},
+        }}
+    }}
+"""
+    return write_scene(name, build, lens=lens, lights={"glow": ["glow"]}, target=["glow"])
+
+
+def strips_behind_a_bar(name: str, *, lens: Mapping[str, Any]) -> WrittenScene:
+    """Return upright strips of a wall at 0.55 m behind an upright bar at 0.45 m, in even light: all rows are alike."""
+    build = """    def strip(left, right, depth, reflectance):
+        place = t.translate([(left + right) / 2, 0, depth]).rotate([0, 1, 0], 180)
+        return {
+            "type": "rectangle",
+            "to_world": place.scale([(right - left) / 2, 1, 1]),
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": reflectance}},
+        }
+
+    wide, greys = 0.004, [0.1, 0.7, 0.3, 0.9, 0.2, 0.6]
+    wall = {f"strip_{n}": strip((n - 60) * wide, (n - 59) * wide, 0.55, greys[n % 6]) for n in range(120)}
+    bar = {"bar": strip(-0.001, 0.002, 0.45, 0.5)}
+    return wall | bar | {"room": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}}
+"""
+    return write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=["bar"])
