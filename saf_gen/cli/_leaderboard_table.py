@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rich.table import Table
-
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import out
 
 if TYPE_CHECKING:
@@ -14,18 +13,16 @@ if TYPE_CHECKING:
 
 
 def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()) -> None:
-    """Print the columns that fit the terminal, and the notes that ``records`` call for."""
+    """Print the columns that there is room for, and the notes that ``records`` call for."""
     from saf_gen.leaderboard import compose_leaderboard_notes, list_shown_columns
 
-    shown = [c for c in list_shown_columns(rows) if out.width >= c.min_terminal_width]
-    if out.width < 75:
-        shown = [c for c in shown if c.name in ("rank", "method", "success_1dof", "median_error_dof")]
-    board = Table(title=title)
-    for column in shown:
-        board.add_column(column.header, justify=column.justify, no_wrap=column.name == "method")
-    for row in rows:
-        board.add_row(*(column.format_value(row) for column in shown))
-    out.print(board)
+    shown = list_shown_columns(rows)
+    print_table(
+        [TableColumn(column.header, detail=column.detail, justify=column.justify) for column in shown],
+        [[column.format_value(row) for column in shown] for row in rows],
+        title=title,
+        elsewhere="leaderboard.md and the page have them, and so has a pipe",
+    )
     for note in compose_leaderboard_notes(rows, records) if records else ():
         out.print(note)
 

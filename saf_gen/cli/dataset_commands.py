@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import TaskID
-from rich.table import Table
 
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import OutFolder, RecipeName, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
@@ -81,14 +81,14 @@ def _shard(text: str) -> tuple[int, int]:
 def _print_plan(work: "ResolvedRecipe", target: Path, *, keep_slices: str) -> None:
     from saf_gen.generate.job_order import KEEP_SLICES
 
-    table = Table(title=f"{work.recipe.name}: {len(work.sequences)} sequences in {target}")
-    for column in ("sequence", "split", "frames", "seed", "already there"):
-        table.add_column(column)
-    for sequence in work.sequences:
-        s = sequence.planned
-        there = "yes" if (target / s.file).exists() else "no"
-        table.add_row(s.id, s.split, str(work.recipe.camera.frames), str(s.seed), there)
-    out.print(table)
+    planned, frames = [sequence.planned for sequence in work.sequences], f"{work.recipe.camera.frames:,}"
+    columns = TableColumn("sequence"), TableColumn("split"), TableColumn("frames", detail=1)
+    print_table(
+        [*columns, TableColumn("seed", detail=2), TableColumn("there already")],
+        [(s.id, s.split, frames, str(s.seed), "yes" if (target / s.file).exists() else "no") for s in planned],
+        title=f"{work.recipe.name}: {len(planned)} sequences in {target}",
+        elsewhere="in a wider terminal or a pipe",
+    )
     missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(target, keep_slices).items()]
     out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all are there'}")
     seconds, needed = work.estimate_seconds(target, keep_slices), work.estimate_bytes(target, keep_slices)

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import typer
 from rich.progress import TaskID
-from rich.table import Table
 
 import saf_gen
 from saf_gen.cli._bench_table import WIDTH, make_figure_table, make_scene_table
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import err, out, print_error, progress_bars
 from saf_gen.errors import BadInput
 
@@ -86,9 +86,8 @@ def doctor() -> None:
     from saf_gen.speed.machine_check import describe_installation
 
     described, advice = describe_installation()
-    table = Table(show_header=False, title=f"saf-gen {saf_gen.__version__}")
-    for name, value in described.items():
-        table.add_row(name, value)
-    out.print(table)
+    print_table(
+        [TableColumn(""), TableColumn("", folds=True)], described.items(), title=f"saf-gen {saf_gen.__version__}"
+    )
     for line in advice:
         out.print(f"to be faster: {line}")

@@ -8,9 +8,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 from rich.text import Text
 
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import err, out
 from saf_gen.errors import BadInput
 
@@ -35,23 +35,22 @@ def list_(context: typer.Context) -> None:
     from saf_gen.core.config import registry
 
     for plugin_kind, columns in (("measures", ("degree", "cost", "forms")), ("searches", ("kind",))):
-        table = Table(title=plugin_kind)
-        for column in ("name", *columns):
-            table.add_column(column, no_wrap=True)
-        table.add_column("what it is")
+        rows: list[tuple[str | Text, ...]] = []
         for name in registry.names(plugin_kind):
             try:
                 plug_in = build_or_class(plugin_kind, name)
             except BadInput as problem:  # a plug-in that cannot be loaded does not hide the others
-                table.add_row(Text(name), "?", *([""] * (len(columns) - 1)), Text(str(problem), "bold red"))
+                rows.append((name, "?", *([""] * (len(columns) - 1)), Text(str(problem), "bold red")))
                 continue
             if plugin_kind == "measures":
                 forms = " ".join(form for form in measure_suffixes(plug_in) if form != "_n_tfi")
                 cells = [format_attribute(plug_in, "degree"), format_attribute(plug_in, "cost"), forms]
             else:
                 cells = [search_kind(plug_in)]
-            table.add_row(Text(name), *map(Text, cells), Text(first_paragraph(plug_in)))
-        out.print(table)
+            rows.append((name, *cells, first_paragraph(plug_in).replace("``", "")))
+        print_table(
+            [*map(TableColumn, ("name", *columns)), TableColumn("what it is", folds=True)], rows, title=plugin_kind
+        )
     out.print(f"Cost: {COST}. Show one in full: saf-gen methods show NAME.")
     out.print("A method is MEASURE+SEARCH, such as sd_code+sgfs_code:dt=50; check one: saf-gen methods check NAME.")
     out.print("NAME_n divides a measure by brightness. NAME_tfi scores the intervals between spikes instead of counts.")
@@ -98,10 +97,11 @@ def check(
 
 
 def _print_results(name: str, results: "list[CheckResult]") -> None:
-    table = Table("part", "check", "", "what was seen", "what to do", title=Text(name))
-    for result in results:
-        level = Text(result.level, STYLES[result.level])
-        table.add_row(result.part, result.check, level, Text(result.seen), Text(result.to_do))
-    out.print(table)
+    columns = TableColumn("part"), TableColumn("check", folds=True), TableColumn("")
+    print_table(
+        [*columns, TableColumn("what was seen", folds=True), TableColumn("what to do", folds=True)],
+        [(r.part, r.check, Text(r.level, STYLES[r.level]), r.seen, r.to_do) for r in results],
+        title=name,
+    )
     levels: Counter[str] = Counter(result.level for result in results)
     out.print(f"{len(results)} checks: " + ", ".join(f"{levels[level]} {level}" for level in STYLES))

@@ -1,8 +1,12 @@
 """The commands ``recipes list`` and ``check``."""
 
-from rich.table import Table
+from typing import TYPE_CHECKING
 
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import RecipeName, out
+
+if TYPE_CHECKING:
+    from saf_gen.generate.recipe import Recipe
 
 
 def list_() -> None:
@@ -10,12 +14,16 @@ def list_() -> None:
     from saf_gen.core.shipped import find_recipe, recipe_names
     from saf_gen.generate.recipe import read_recipe
 
-    table = Table("recipe", "frames", "scenes by split", "lights")
-    for name in recipe_names():
-        recipe = read_recipe(find_recipe(name))
-        splits = "; ".join(f"{split}: {', '.join(settings.scenes)}" for split, settings in recipe.splits.items())
-        table.add_row(name, f"{recipe.camera.frames:,}", splits, ", ".join(recipe.lights))
-    out.print(table)
+    recipes = [read_recipe(find_recipe(name)) for name in recipe_names()]
+    columns = TableColumn("recipe"), TableColumn("frames", justify="right")
+    print_table(
+        [*columns, TableColumn("scenes by split", folds=True), TableColumn("lights", folds=True)],
+        [(r.name, f"{r.camera.frames:,}", _format_splits(r), ", ".join(r.lights)) for r in recipes],
+    )
+
+
+def _format_splits(recipe: "Recipe") -> str:
+    return "; ".join(f"{split}: {', '.join(settings.scenes)}" for split, settings in recipe.splits.items())
 
 
 def check(recipe: RecipeName) -> None:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import TaskID
-from rich.table import Table
 from rich.text import Text
 
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
@@ -27,11 +27,14 @@ def list_() -> None:
     """List the scenes that can be found."""
     from saf_gen.scene.scene_folder import find_scene, scene_names
 
-    table = Table("scene", "title", "light groups", "lens", "licence")
-    for name in scene_names():
-        card = find_scene(name).card
-        table.add_row(name, card.title, ", ".join(card.lights), card.lens.summary, card.licence)
-    out.print(table)
+    columns = [TableColumn("scene")]
+    columns += [TableColumn(header, folds=True) for header in ("title", "light groups", "lens")]
+    cards = [find_scene(name).card for name in scene_names()]
+    print_table(
+        [*columns, TableColumn("licence", detail=1)],
+        [(card.id, card.title, ", ".join(card.lights), card.lens.summary, card.licence) for card in cards],
+        elsewhere="in scenes/NAME/scene.yaml",
+    )
 
 
 def new(

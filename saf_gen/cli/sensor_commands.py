@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import Progress, TaskID
-from rich.table import Table
 
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import err, out, progress_bars
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput
@@ -26,14 +26,13 @@ def list_() -> None:
     from saf_gen.calibration.sensor_files import nominal_keys, read_sensor_text
     from saf_gen.camera import get_sensor, sensor_names
 
-    table = Table("sensor", "pixels", "readouts per second", "assumed or derived")
+    columns = TableColumn("sensor"), TableColumn("pixels"), TableColumn("readouts per second", folds=True)
+    rows = []
     for name in sensor_names():
         sensor = get_sensor(name)
-        nominal = nominal_keys(read_sensor_text(name))
-        table.add_row(
-            name, f"{sensor.columns}×{sensor.rows}", f"{sensor.readout_hz:g}", ", ".join(nominal) or "nothing"
-        )
-    out.print(table)
+        nominal = ", ".join(nominal_keys(read_sensor_text(name))) or "nothing"
+        rows.append((name, f"{sensor.columns}×{sensor.rows}", f"{sensor.readout_hz:,.0f}", nominal))
+    print_table([*columns, TableColumn("assumed or derived", folds=True)], rows)
 
 
 def show(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
@@ -102,10 +101,10 @@ def compare(
         document = {**named, "sources": sources, "statistics": values}
         out.file.write(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
         return
-    table = Table("statistic", *heads)
-    for row in rows:
-        table.add_row(row.label, *(row.format_value(value) for value in row.values))
-    out.print(table)
+    print_table(
+        [TableColumn("statistic", folds=True), *(TableColumn(head, justify="right") for head in heads)],
+        [(row.label, *(row.format_value(value) for value in row.values)) for row in rows],
+    )
     for part, source in sources.items():
         out.print(f"published, {part}: {source}", soft_wrap=True)
 

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import out
 
 
@@ -47,7 +47,4 @@ def inspect(stream: Annotated[Path, typer.Argument(help="Stream file.")]) -> Non
 
     with open_stream(stream) as opened:
         facts = describe_stream_file(opened)
-    table = Table(show_header=False, title=str(stream))
-    for name, value in facts.items():
-        table.add_row(name, value)
-    out.print(table)
+    print_table([TableColumn(""), TableColumn("", folds=True)], facts.items(), title=str(stream))

@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich import box
-from rich.table import Table
 
+from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import make_step_reporter, out, print_error, progress_bars
 
 WIDTH = 80
@@ -37,12 +36,13 @@ def validate(
     if as_json:
         out.file.write(json.dumps([v.as_dict() for v in verdicts], indent=1, ensure_ascii=False) + "\n")
     else:
-        table = Table("check", "outcome", "figures", "tolerance used", box=box.SIMPLE_HEAD, width=WIDTH)
+        rows = []
         for verdict in verdicts:
             figures = verdict.comparisons
             number = f"{sum(one.passed for one in figures)} of {len(figures)}" if figures else ""
-            table.add_row(verdict.name, verdict.outcome, number, f"{tolerance_used(verdict):.2f}" if figures else "")
-        out.print(table)
+            rows.append((verdict.name, verdict.outcome, number, f"{tolerance_used(verdict):.2f}" if figures else ""))
+        columns = TableColumn("check", folds=True), TableColumn("outcome"), TableColumn("figures", justify="right")
+        print_table([*columns, TableColumn("tolerance used", justify="right")], rows)
         out.print(f"page: {page}")
     for verdict in verdicts:
         worst = next((one for one in verdict.comparisons if not one.passed), None)

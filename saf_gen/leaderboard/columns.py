@@ -8,9 +8,10 @@ from typing import Any, Literal
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.statistics import TIE_TOLERANCE
 
-STANDARD_TERMINAL_WIDTH, WIDE_TERMINAL_WIDTH = 120, 200
-"""Widths of a terminal, in characters, from which it shows intervals and all columns."""
-_WIDE: dict[str, Any] = {"min_terminal_width": WIDE_TERMINAL_WIDTH}
+ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
+"""Details that a column belongs to: where there is little room, the highest are left out first."""
+_ALL: dict[str, Any] = {"detail": ALL}
+_ESSENTIAL: dict[str, Any] = {"detail": ESSENTIAL}
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,8 @@ class Column:
     justify: Literal["left", "right"] = "right"
     group: str = ""
     """Common heading of neighbouring columns, for a table with two lines of headings."""
-    min_terminal_width: int = 0
-    """Narrowest terminal that shows the column; files always have it."""
+    detail: int = USUAL
+    """How soon a terminal leaves the column out; files always have it."""
     is_fraction: bool = False
     """Whether the value is a fraction of successes, 0–1."""
     is_optional: bool = False
@@ -69,9 +70,9 @@ def _rank_columns() -> tuple[Column, ...]:
     behind = "Success of the best method within 1 DoF minus the method's own: 95 % interval over scenes."
     ends = "behind_best_low", "behind_best_high"
     return (
-        Column("rank", "#", rank, attrgetter("rank"), _format_rank),
+        Column("rank", "#", rank, attrgetter("rank"), _format_rank, **_ESSENTIAL),
         *_interval_columns("rank_best", "rank_worst", header="# 95 %", meaning=ranks, text=str),
-        _column("method", "method", meaning="Focus measure + search.", text=str, justify="left"),
+        _column("method", "method", meaning="Focus measure + search.", text=str, justify="left", **_ESSENTIAL),
         _column("level_with_best", "", meaning=level, text=str, machine_only=True),
         *_interval_columns(*ends, header="", meaning=behind, text=format_percent, machine_only=True),
     )
@@ -86,10 +87,10 @@ def _success_columns(lights: Sequence[str]) -> tuple[Column, ...]:
     ends = "success_1dof_low", "success_1dof_high"
     options: dict[str, Any] = {"text": format_percent, "group": "success"}
     return (
-        _column("success_half_dof", "≤½ DoF", meaning=half, is_fraction=True, **options, **_WIDE),
-        _column("success_1dof", "≤1 DoF", meaning=one, is_fraction=True, **options),
+        _column("success_half_dof", "≤½ DoF", meaning=half, is_fraction=True, **options, **_ALL),
+        _column("success_1dof", "≤1 DoF", meaning=one, is_fraction=True, **options, **_ESSENTIAL),
         *_interval_columns(*ends, header="≤1 DoF 95 %", meaning=interval, **options),
-        _column("success_2dof", "≤2 DoF", meaning=two, is_fraction=True, **options, **_WIDE),
+        _column("success_2dof", "≤2 DoF", meaning=two, is_fraction=True, **options, **_ALL),
         *map(_light_column, lights),
     )
 
@@ -114,11 +115,11 @@ def _error_columns() -> tuple[Column, ...]:
     blur = "Median blur at the answer, pixels."
     ends = "median_error_dof_low", "median_error_dof_high"
     two: dict[str, Any] = {"text": _fixed(2), "group": "error"}
-    four: dict[str, Any] = {"text": _fixed(4), "group": "error", **_WIDE}
-    whole: dict[str, Any] = {"text": _fixed(0), "group": "error", **_WIDE, "is_optional": True}
+    four: dict[str, Any] = {"text": _fixed(4), "group": "error", **_ALL}
+    whole: dict[str, Any] = {"text": _fixed(0), "group": "error", **_ALL, "is_optional": True}
     return (
-        _column("median_error_dof", "err DoF", meaning=error, **two),
-        *_interval_columns(*ends, header="err DoF 95 %", meaning=interval, **{**two, **_WIDE}),
+        _column("median_error_dof", "err DoF", meaning=error, **two, **_ESSENTIAL),
+        *_interval_columns(*ends, header="err DoF 95 %", meaning=interval, **{**two, **_ALL}),
         _column("median_error_travel", "err travel", meaning=travel, **four),
         _column("median_error_frames", "err frames", meaning=frames, **whole),
         _column("median_blur_px", "blur px", meaning=blur, **{**four, "text": _fixed(1)}),
@@ -144,12 +145,12 @@ def _cost_columns() -> tuple[Column, ...]:
     seconds = "Seconds per sequence that search and measure computed, without the counting of spikes."
     two, three = _fixed(2), _fixed(3)
     return (
-        _column("frames_seen", "seen", meaning=seen, text=format_percent, group="cost", **_WIDE),
+        _column("frames_seen", "seen", meaning=seen, text=format_percent, group="cost", **_ALL),
         _column("lens_travel", "lens", meaning=travel, text=two, group="cost"),
         _column("reversals", "turns", meaning=reversals, text=_fixed(1), group="cost", is_optional=True),
         _column("time_to_focus_s", "to focus s", meaning=until, text=three, group="cost", is_optional=True),
-        _column("windows", "scores", meaning=scores, text=_fixed(0), group="cost", **_WIDE),
-        _column("seconds", "s", meaning=seconds, text=three, group="cost", **_WIDE),
+        _column("windows", "scores", meaning=scores, text=_fixed(0), group="cost", **_ALL),
+        _column("seconds", "s", meaning=seconds, text=three, group="cost", **_ALL),
     )
 
 
@@ -172,7 +173,7 @@ def _interval_columns(
         ends = getattr(row, low), getattr(row, high)
         return "–" if None in ends else "–".join(map(text, ends))
 
-    options = {"min_terminal_width": STANDARD_TERMINAL_WIDTH, "is_optional": True, **options}
+    options = {"detail": INTERVALS, "is_optional": True, **options}
     upper = _column(high, "", meaning="Upper end of the interval.", text=text, machine_only=True)
     return Column(low, header, meaning, attrgetter(low), format_value, **options), upper
 

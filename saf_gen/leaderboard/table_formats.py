@@ -5,7 +5,7 @@ from itertools import groupby
 
 from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.axes import AxisTable, BinSummary
-from saf_gen.leaderboard.columns import WIDE_TERMINAL_WIDTH, Column, format_percent, list_shown_columns
+from saf_gen.leaderboard.columns import ALL, Column, format_percent, list_shown_columns
 from saf_gen.leaderboard.grain_tables import compose_grain_notes
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.statistics import MIN_SCENES
@@ -46,8 +46,8 @@ def format_axis_markdown(table: AxisTable) -> str:
 
 
 def format_latex(rows: Sequence[LeaderboardRow]) -> str:
-    """Return the columns of a usual terminal as a LaTeX ``tabular`` with rules of the package booktabs."""
-    shown = [c for c in list_shown_columns(rows) if c.min_terminal_width < WIDE_TERMINAL_WIDTH]
+    """Return all but the most detailed columns as a LaTeX ``tabular`` with rules of the package booktabs."""
+    shown = [c for c in list_shown_columns(rows) if c.detail < ALL]
     headers, rules, first = [], [], 1
     for group, columns in groupby(shown, key=lambda c: c.group):
         span = len(list(columns))

@@ -321,13 +321,13 @@ def test_methods_lists_every_measure_and_search(call):
     assert code == 0
     for spec in DEFAULT_RECORDED_METHODS:
         for name in spec.split("+"):
-            assert f"│ {name.removesuffix('_n')} " in out
+            assert f"\n  {name.removesuffix('_n')} " in out
 
 
 def test_scenes_list_names_scenes_of_the_folder_named(call, test_scenes):
     code, out, _ = call("scenes", "list")
     assert code == 0
-    assert "│ plane " in out
+    assert "\n  plane " in out
     assert "usaf_target" in out
 
 
@@ -343,7 +343,7 @@ def test_doctor_tells_variant_and_versions(call):
     code, out, _ = call("doctor")
     assert code == 0
     for fact in ("variant", "cores", "mitsuba"):
-        assert f"│ {fact} " in out
+        assert f"\n {fact} " in out
 
 
 def test_help_lists_the_commands(call):

@@ -1,7 +1,9 @@
 """``saf-gen methods``: the list, and the check of somebody's method."""
 
 import json
+import re
 import sys
+from itertools import pairwise
 
 import pytest
 
@@ -77,8 +79,11 @@ def own(tmp_path, monkeypatch):
 
 def row(text, name):
     """The cells of the first row of a table that begins with this name."""
-    line = next(line for line in text.splitlines() if line.startswith(f"│ {name} "))
-    return [cell.strip() for cell in line.strip("│").split("│")]
+    lines = text.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith(f"  {name} "))
+    heads = lines[max(i for i in range(at) if lines[i].startswith(" ──")) - 1]
+    begins = [found.start() for found in re.finditer(r"\S+(?: \S+)*", heads)]
+    return [lines[at][a:b].strip() for a, b in pairwise([*begins, None])]
 
 
 def things(text):
@@ -234,7 +239,7 @@ def test_a_sound_method_passes(call):
     code, out, err = call("methods", "check", "sd+argmax")
     assert (code, err) == (0, "")
     for part, check in [("measure", "degree"), ("search", "short"), ("method", "recordings")]:
-        assert any(line.startswith(f"│ {part} ") and f" {check} " in line for line in out.splitlines())
+        assert any(line.startswith(f"  {part} ") and f" {check} " in line for line in out.splitlines())
     count, levels = out.splitlines()[-1].split(": ")
     assert levels == f"{count.split()[0]} pass, 0 warn, 0 fail"
 

@@ -1,0 +1,89 @@
+"""Tables that fit the terminal: prose is folded, then columns are left out, and no name and no figure is ever cut."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from rich import box
+from rich.cells import cell_len
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text
+
+from saf_gen.cli._terminal import out
+
+PROSE_WIDTH = 22
+"""Characters that a line of a folded column has at least, where its texts are as long."""
+
+
+@dataclass(frozen=True)
+class TableColumn:
+    """One column: its heading, whether its texts may be folded, and how soon it is left out where there is no room.
+
+    ``detail`` 0 is never left out; of the others the highest goes first, from the right.
+    """
+
+    header: str
+    folds: bool = False
+    detail: int = 0
+    justify: Literal["left", "right"] = "left"
+
+
+def print_table(
+    columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]], *, title: str = "", elsewhere: str = ""
+) -> None:
+    """Print a table as wide as it is into a pipe or file, and to a terminal so that it fits.
+
+    ``elsewhere`` says where the columns stand that had to be left out.
+    """
+    cells, shown = [list(row) for row in rows], list(columns)
+    while True:
+        table = _build(columns, shown, cells=cells, title=title)
+        needed = Measurement.get(out, out.options.update(max_width=100_000), table)
+        if not out.is_terminal or needed.minimum <= out.width:
+            break
+        finest = max(column.detail for column in shown)
+        if finest == 0:
+            table = _build(columns, shown, cells=cells, title=title, fold_all=True)
+            break
+        shown.remove(next(column for column in reversed(shown) if column.detail == finest))
+    if not out.is_terminal:
+        out.width = max(out.width, needed.maximum)
+    out.print(table)
+    left_out = [column.header for column in columns if column not in shown]
+    if left_out:
+        out.print(f"No room here for: {', '.join(left_out)}{f' ({elsewhere})' if elsewhere else ''}")
+
+
+def _build(
+    columns: Sequence[TableColumn],
+    shown: Sequence[TableColumn],
+    *,
+    cells: Sequence[Sequence[str | Text]],
+    title: str,
+    fold_all: bool = False,
+) -> Table:
+    named = any(column.header for column in columns)
+    table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD if named else None, show_header=named)
+    places = [i for i, column in enumerate(columns) if column in shown]
+    for i in places:
+        column = columns[i]
+        texts = [column.header, *(str(row[i]) for row in cells)]
+        folds = column.folds or fold_all
+        table.add_column(
+            column.header,
+            justify=column.justify,
+            no_wrap=not folds,
+            overflow="fold",
+            min_width=None if fold_all else _least_width(texts, folds=folds),
+        )
+    for row in cells:
+        table.add_row(*(row[i] for i in places))
+    return table
+
+
+def _least_width(texts: Sequence[str], *, folds: bool) -> int:
+    """Return the characters that a column must have: its longest word, where texts are folded, or its longest text."""
+    longest = max(map(cell_len, texts))
+    words = (word for text in texts for word in text.split())
+    return max(min(PROSE_WIDTH, longest), *map(cell_len, words), 0) if folds else longest

@@ -1,0 +1,105 @@
+"""Tables in a terminal: what is printed fits, whole; what has no room is left out and named."""
+
+import re
+
+import pytest
+from handmade_records import record
+from rich.console import Console
+
+from saf_gen.cli import _tables
+from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._terminal import out
+
+COLUMNS = [
+    TableColumn("name"),
+    TableColumn("what it is", folds=True),
+    TableColumn("digits", justify="right", detail=2),
+    TableColumn("more", detail=1),
+]
+ROWS = [("a_name_that_one_must_type", "A line of prose that may be folded at its words.", "0.123456", "yes, and more")]
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Make the console a terminal of so many characters."""
+
+    def be(width):
+        monkeypatch.setattr(out, "_force_terminal", True)
+        monkeypatch.setattr(out, "_width", width)
+
+    return be
+
+
+def cells_of(text):
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("width", "left_out"), [(120, []), (88, []), (80, ["digits"]), (60, ["digits", "more"]), (24, ["digits", "more"])]
+)
+def test_a_table_fits_and_no_name_or_figure_is_cut(terminal, capsys, width, left_out):
+    terminal(width)
+    print_table(COLUMNS, ROWS, elsewhere="in a file")
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= width
+    assert "…" not in shown
+    assert ("0.123456" in shown) == ("digits" not in left_out)
+    assert ("yes, and more" in shown) == ("more" not in left_out)
+    if width > 24:
+        assert "a_name_that_one_must_type" in shown
+    assert (f"No room here for: {', '.join(left_out)} (in a file)" in cells_of(shown)) == bool(left_out)
+
+
+def test_a_pipe_has_all_of_a_table(monkeypatch, capsys):
+    monkeypatch.setattr(_tables, "out", Console(width=30, force_terminal=False))
+    print_table([TableColumn(f"column_{i:02}", detail=i) for i in range(40)], [["0.123456"] * 40])
+    shown = capsys.readouterr().out
+    assert shown.count("0.123456") == 40
+    assert "No room" not in shown
+    assert all(f"column_{i:02}" in shown for i in range(40))
+
+
+LISTS = ["scenes list", "recipes list", "sensors list", "methods", "doctor", "generate quickstart --dry-run"]
+
+
+@pytest.mark.parametrize("command", LISTS)
+def test_every_list_fits_a_terminal_of_80_columns(call, terminal, command):
+    terminal(80)
+    code, shown, _ = call(*command.split())
+    assert code == 0
+    assert "…" not in shown
+    assert max(map(len, shown.splitlines())) <= 80
+
+
+def test_every_name_of_a_list_is_whole_at_80_columns(call, terminal):
+    from saf_gen.core.config import registry
+    from saf_gen.scene.scene_folder import scene_names
+
+    terminal(80)
+    for command, names in {
+        "scenes list": scene_names(),
+        "methods": [*registry.names("measures"), *registry.names("searches")],
+    }.items():
+        words = set(re.findall(r"\w+", call(*command.split())[1]))
+        assert set(names) <= words
+
+
+@pytest.mark.parametrize("width", [80, 60, 240])
+def test_the_leaderboard_keeps_rank_method_success_and_error(terminal, capsys, width):
+    from saf_gen.cli._leaderboard_table import print_leaderboard
+    from saf_gen.leaderboard import rank_methods
+
+    terminal(width)
+    records = [
+        record(method, f"{scene}-{light}", 0.3, scene=scene, light=light)
+        for method in ("sd_code+argmax", "modified_laplacian_n+sgfs_code")
+        for scene in ("a", "b")
+        for light in ("constant", "continuously_varying")
+    ]
+    print_leaderboard(rank_methods(records), title="t", records=records)
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= width
+    assert "…" not in shown
+    for word in ("#", "method", "≤1 DoF", "err DoF", "modified_laplacian_n+sgfs_code", "sd_code+argmax"):
+        assert word in shown
+    assert ("No room here for:" in shown) == (width < 240)
