@@ -28,10 +28,14 @@ TERMS = 4000
 """Terms of the series; what is left out is below 1/(π²·TERMS) = 2.5·10⁻⁵, and nothing where s exceeds 0.0004."""
 
 
-def noise_per_spike(sensor: Sensor) -> float:
-    """Return 1/θ + σ², the relative variance of the charge of one interval, of the noise that is switched on."""
+def noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
+    """Return 1/θ + σ², the relative variance of the charge of one interval, of the noise that is switched on.
+
+    A reset that jitters by j readouts adds (j·rate)²: j² to the variance of an interval in readouts, at any rate.
+    """
     shot = 1 / sensor.threshold_e if sensor.noise.shot else 0.0
-    return shot + (sensor.threshold_noise_rms**2 if sensor.noise.threshold_noise else 0.0)
+    threshold = sensor.threshold_noise_rms**2 if sensor.noise.threshold_noise else 0.0
+    return shot + threshold + (sensor.reset_jitter * sensor.noise.reset_jitter * rate) ** 2
 
 
 def oscillation(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:

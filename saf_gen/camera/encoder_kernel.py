@@ -3,9 +3,11 @@
 Every operation is one IEEE float32 operation in a fixed order, and nothing is fused or reordered (no fastmath), so the
 bits are the same on every machine. Three properties, visible in the machine code, make it fast: the loops over the 64
 lanes have no branch; the state of a pixel stays in registers for eight readouts; and every index is unsigned, because
-numba guards signed ones against being negative, which turns plain loads into gathers.
+numba guards signed ones against being negative, which turns plain loads into gathers. Terms that are switched off are
+None, a type of its own: numba drops their branches before it compiles, so they cost nothing and change no bit.
 """
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -33,15 +35,21 @@ def _mixed(word: Any) -> Any:
 
 
 @njit(inline="always")
+def _spread(sd: Any, charge: Any, jitter: Any) -> Any:
+    """Return the sd of the next threshold: of its own, and of the charge that a reset which jitters takes or leaves."""
+    return sd if jitter is None else np.float32(sqrt(sd * sd + (jitter * charge) * (jitter * charge)))
+
+
+@njit(inline="always")
 def _read(
     held: Any, threshold: Any, weight: Any, byte: Any, flag: Any, charge: Any, noise: Any, mean: Any,
-    sd: Any, cap: Any, weight_after: Any
+    sd: Any, cap: Any, weight_after: Any, jitter: Any
 ) -> Any:  # fmt: skip
     """Return a pixel after a readout: charge held, threshold, weight of the next readout, byte of spikes."""
     filled = held + weight * charge
     excess = filled - threshold
     kept = excess if excess < cap else cap
-    fresh = mean + sd * noise
+    fresh = mean + _spread(sd, charge, jitter) * noise
     fired = filled >= threshold
     return (
         kept if fired else filled,
@@ -77,7 +85,7 @@ def _store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> An
 @compiled
 def advance_spiking_pixels(
     first: Any, stop: Any, stack: Any, index: Any, low_weight: Any, high_weight: Any, key: Any, done: Any,
-    table: Any, response: Any, fixed: Any, weight_after: Any, state: Any, out: Any
+    table: Any, response: Any, fixed: Any, weight_after: Any, jitter: Any, lead: Any, before: Any, state: Any, out: Any
 ) -> Any:  # fmt: skip
     """Advance the pixel blocks ``first <= block < stop`` by all readouts of one call, in place.
 
@@ -85,8 +93,10 @@ def advance_spiking_pixels(
     low_weight and high_weight float32 (T, G), the weights of knots index and index + 1 (gain included);
     key uint64, which with the block and the number of a readout (after ``done`` earlier ones) determines the
     entry of table float32 (NOISE_TABLE_SIZE + 64,) at which its noise begins; response float32 (P,); fixed
-    float32 (4, P): dark charge, mean threshold, its sd, the most charge kept above it; state float32 (3, P):
-    charge held, threshold, weight of the next readout's charge; out uint8 (P, ceil(T/8)).
+    float32 (4, P): dark charge, mean threshold, its sd, the most charge kept above it; jitter None or the rms of
+    the instant of a reset, readouts; lead None or float32 (P,), readouts by which a pixel is read before the last
+    row, and before float32 (P,), the charge of the readout before this call; state float32 (3, P): charge held,
+    threshold, weight of the next readout's charge; out uint8 (P, ceil(T/8)).
     """
     groups, knots = U(stack.shape[0]), stack.shape[1]
     pixels, frames = U(stack.shape[2]), U(index.shape[0])
@@ -128,6 +138,12 @@ def advance_spiking_pixels(
                     row_of_group = g * L
                     for i in range(L):
                         charge[at + i] += a * low[row_of_group + i] + b * high[row_of_group + i]
+                if lead is not None:
+                    for i in range(width):
+                        now = charge[at + i]
+                        last = now if U(done) + t == ZERO else before[start + i]
+                        charge[at + i] = now + lead[start + i] * (last - now)
+                        before[start + i] = now
                 entry[s] = _mixed(block_key + (U(done) + t) * U(0x9E3779B97F4A7C15)) & MASK
             for s in range(count, EIGHT):  # after the end nothing may fire
                 for i in range(L):
@@ -139,14 +155,14 @@ def advance_spiking_pixels(
                 mean, sd, cap = lane[MEAN + i], lane[SD + i], lane[CAP + i]
                 # Written out, because numba's loops are not unrolled before they are vectorised.
                 w = np.uint32(0)
-                x, y, z, w = _read(x, y, z, w, 1, charge[i], table[p0 + i], mean, sd, cap, weight_after)
-                x, y, z, w = _read(x, y, z, w, 2, charge[L + i], table[p1 + i], mean, sd, cap, weight_after)
-                x, y, z, w = _read(x, y, z, w, 4, charge[L2 + i], table[p2 + i], mean, sd, cap, weight_after)
-                x, y, z, w = _read(x, y, z, w, 8, charge[L3 + i], table[p3 + i], mean, sd, cap, weight_after)
-                x, y, z, w = _read(x, y, z, w, 16, charge[L4 + i], table[p4 + i], mean, sd, cap, weight_after)
-                x, y, z, w = _read(x, y, z, w, 32, charge[L5 + i], table[p5 + i], mean, sd, cap, weight_after)
-                x, y, z, w = _read(x, y, z, w, 64, charge[L6 + i], table[p6 + i], mean, sd, cap, weight_after)
-                x, y, z, w = _read(x, y, z, w, 128, charge[L7 + i], table[p7 + i], mean, sd, cap, weight_after)
+                x, y, z, w = _read(x, y, z, w, 1, charge[i], table[p0 + i], mean, sd, cap, weight_after, jitter)
+                x, y, z, w = _read(x, y, z, w, 2, charge[L + i], table[p1 + i], mean, sd, cap, weight_after, jitter)
+                x, y, z, w = _read(x, y, z, w, 4, charge[L2 + i], table[p2 + i], mean, sd, cap, weight_after, jitter)
+                x, y, z, w = _read(x, y, z, w, 8, charge[L3 + i], table[p3 + i], mean, sd, cap, weight_after, jitter)
+                x, y, z, w = _read(x, y, z, w, 16, charge[L4 + i], table[p4 + i], mean, sd, cap, weight_after, jitter)
+                x, y, z, w = _read(x, y, z, w, 32, charge[L5 + i], table[p5 + i], mean, sd, cap, weight_after, jitter)
+                x, y, z, w = _read(x, y, z, w, 64, charge[L6 + i], table[p6 + i], mean, sd, cap, weight_after, jitter)
+                x, y, z, w = _read(x, y, z, w, 128, charge[L7 + i], table[p7 + i], mean, sd, cap, weight_after, jitter)
                 lane[HELD + i], lane[THRESHOLD + i], lane[WEIGHT + i], byte[i] = x, y, z, w
             row = group & U(7)
             for i in range(L):

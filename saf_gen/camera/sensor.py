@@ -25,6 +25,7 @@ class NoiseSwitches:
     threshold_noise : the threshold is drawn anew after each spike.
     dust : some pixels lie in the shadow of a speck.
     dead : some pixels never fire.
+    reset_jitter : the instant of a reset is uncertain.
     """
 
     shot: Switch
@@ -34,6 +35,7 @@ class NoiseSwitches:
     threshold_noise: Switch
     dust: Switch = False
     dead: Switch = False
+    reset_jitter: Switch = False
 
 
 # The ranges are wide, and narrow enough to refuse a pitch in micrometres, a wavelength in nanometres or an
@@ -86,6 +88,8 @@ class Sensor:
         has, and how much that rise differs between pixels, relative rms.
     dust_fraction, dust_depth_rms : fraction of pixels in the shadow of a speck; the light that it takes, half-normal.
     dead_fraction : fraction of pixels that never fire.
+    reset_jitter : standard deviation of the instant of a reset, readouts.
+    row_skew : time from the reading of the first row to that of the last, readouts. Frame t is that of the last row.
     dark_doubling_k, dark_temperature_c, temperature_c : dark current doubles every so many kelvins; ``dark_rate`` holds
         at the first temperature (°C), the sensor works at the second.
 
@@ -133,6 +137,8 @@ class Sensor:
     dust_fraction: Fraction = 0.0
     dust_depth_rms: Annotated[float, between(0, 1, unit="of the light")] = 0.0
     dead_fraction: Fraction = 0.0
+    reset_jitter: Annotated[float, between(0, 0.2, unit="readouts")] = 0.0
+    row_skew: Annotated[float, between(0, 1, unit="readouts")] = 0.0
     dark_doubling_k: Annotated[float, between(1, 100, unit="kelvins")] = 8.0
     dark_temperature_c: Celsius = 25.0
     temperature_c: Celsius = 25.0

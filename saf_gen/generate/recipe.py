@@ -50,6 +50,7 @@ class NoiseSettings(FrozenModel):
     threshold_noise: bool | None = None
     dust: bool | None = None
     dead: bool | None = None
+    reset_jitter: bool | None = None
 
 
 class CameraSettings(FrozenModel):

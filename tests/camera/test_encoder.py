@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tracemalloc
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from refusals import refusal
 from scipy import stats
 
 from saf_gen.camera import Encoder, draw_fixed_pattern, encode, encoder_knot_weights, get_sensor
+from saf_gen.camera.counting_law import chi_squared_of_counts, count_probabilities, count_variance, noise_per_spike
 
 THETA = 29_900.0
-QUIET = dict.fromkeys(("shot", "dark", "response", "threshold_spread", "threshold_noise", "dust", "dead"), False)
+QUIET = dict.fromkeys(asdict(get_sensor("ideal").noise), False)
 
 
 def vidar(on=(), **changes):
@@ -63,6 +65,10 @@ def some_frames(inputs, frames):
         {"on": ("dark", "response", "threshold_spread")},
         {"on": ("shot", "threshold_noise"), "threshold_e": 2_000},
         {"on": tuple(QUIET), "reset_loss": 0.002},
+        {"row_skew": 0.8},
+        {"on": ("reset_jitter",), "reset_jitter": 0.1},
+        {"on": tuple(QUIET), "reset_jitter": 0.2, "row_skew": 1, "temperature_c": 40, "dead_fraction": 0.1},
+        {"on": tuple(QUIET), "reset_jitter": 0.2, "row_skew": 1, "saturation": "dead_readout", "reset": "hard"},
     ],
 )
 def test_the_bits_are_those_of_the_scalar_reference(changes):
@@ -174,6 +180,33 @@ def test_threshold_noise_alone_has_its_own_variance():
     assert abs(z) < stats.norm.isf(0.5e-4)
 
 
+@pytest.mark.parametrize("interval", [2.6, 5.3, 12.7])
+def test_reset_jitter_adds_its_square_to_the_variance_of_an_interval_at_any_rate(interval):
+    """Pearson's χ² of 40,000 intervals against the exact law with s² = j², and the variance; 1e-4 each, seed 9.
+
+    In charge that is (j·charge per readout)². The law asks for an even phase: jitter makes it one in 60 spikes.
+    """
+    jitter, skipped = 0.2, 60
+    sensor = vidar(on=("reset_jitter",), reset_jitter=jitter)
+    rate = np.float32(THETA / interval) / THETA
+    charge = np.float32(rate * THETA)
+    frames = int((skipped + 3) * interval + 12)
+    seen = unpacked(encode(uniform(charge, (160, 250)), sensor, frames=frames, seed=9))
+    so_far = seen.cumsum(axis=0, dtype=np.uint8)
+    first, second = ((so_far == count).argmax(axis=0).ravel() for count in (skipped, skipped + 1))
+    mean, variance = THETA / float(charge), noise_per_spike(sensor, rate=float(rate)) * (THETA / float(charge)) ** 2
+    assert variance == pytest.approx(jitter**2)
+    statistic, freedom = chi_squared_of_counts(second - first, count_probabilities(mean, variance))
+    assert stats.chi2.sf(statistic, freedom) > 1e-4
+    allowed = count_variance(mean, variance) * stats.norm.isf(0.5e-4) * np.sqrt(2 / first.size)
+    assert np.var(second - first) == pytest.approx(count_variance(mean, variance), abs=allowed)
+
+
+def test_jitter_does_not_move_the_rate():
+    spikes = encode(uniform(0.3 * THETA), vidar(on=("reset_jitter",), reset_jitter=0.2), frames=4_000, seed=3)
+    assert counts(spikes).mean() / 4_000 == pytest.approx(0.3, rel=1e-3)
+
+
 def test_intervals_are_independent_in_time_and_between_pixels():
     """Correlation of thousands of pairs each, significance 1e-4 two-sided, seed 4."""
     spikes = unpacked(encode(uniform(1.0, (40, 250)), vidar(on=("shot",), threshold_e=100), frames=460, seed=4))
@@ -226,7 +259,7 @@ def test_flicker_of_100_hz_vanishes_in_windows_of_200_frames():
 @pytest.mark.parametrize("term", QUIET)
 def test_each_noise_term_changes_only_what_it_should(term):
     """Rates over 2,000 frames against the same 2,000 pixels without noise: as the maps of the device say; seed 7."""
-    sensor = vidar(on=(term,), dead_fraction=0.01, dust_fraction=0.02)
+    sensor = vidar(on=(term,), dead_fraction=0.01, dust_fraction=0.02, reset_jitter=0.1)
     charge = uniform(0.2 * THETA)
     quiet, noisy = (encode(charge, one, frames=2_000, seed=7) for one in (vidar(), sensor))
     device = draw_fixed_pattern(sensor, (40, 50), seed=7)
@@ -238,13 +271,66 @@ def test_each_noise_term_changes_only_what_it_should(term):
     assert not np.array_equal(quiet, noisy)
 
 
+# --- rows that are read one after the other -----------------------------------------------------------
+
+
+def sums_to_a_ramp(sensor, slope, *, frames=4_096, rows=17, columns=4_000):
+    """Mean spikes (row,) that pixels of each row fire while the charge of a readout rises from 0 by ``slope``."""
+    knots = np.float32([slope / 2, slope * (frames - 0.5)])  # of the middle of the first and of the last readout
+    stack = np.broadcast_to(knots[:, None, None], (1, 2, rows, columns)).copy()
+    index, fraction = encoder_knot_weights(np.arange(frames) / (frames - 1), 2)
+    encoder = Encoder(sensor, (rows, columns), seed=2)
+    spikes = encoder.encode(stack, index=index, fraction=fraction, gain=np.ones((frames, 1)))
+    return counts(spikes).mean(axis=1)
+
+
+@pytest.mark.parametrize("skew", [0.25, 1.0])
+def test_under_a_ramp_each_row_is_behind_by_its_part_of_the_skew(skew):
+    """Row r of n has the charge of (n - 1 - r)/(n - 1) of the skew earlier: slope·frames·skew/θ spikes at most.
+
+    A pixel counts one spike less with that probability f, or none: 4,000 of them know it to √(f(1 − f)/4,000), of which
+    5 are allowed. The first readout lacks slope·e², far below. Seed 2.
+    """
+    slope, frames, rows = 0.9 * THETA / 4_096, 4_096, 17
+    late = sums_to_a_ramp(vidar(), slope) - sums_to_a_ramp(vidar(row_skew=skew), slope)
+    expected = skew * np.linspace(1, 0, rows) * slope * frames / THETA
+    assert late == pytest.approx(expected, abs=5 * 0.5 / np.sqrt(4_000))
+    assert late[-1] == 0
+
+
+def test_rows_see_a_flicker_at_their_own_time():
+    """100 Hz at 20 kHz, a lamp of full modulation, skew 1: the phase of each row's counts, by Fourier, 2,000 readouts.
+
+    The first row is a readout behind: 1.8° of 100 Hz. 15,000 pixels of a row even out what whole spikes leave.
+    """
+    frames, rows, columns = 2_000, 5, 15_000
+    gain = (1 + np.sin(2 * np.pi * 100 * (np.arange(frames) + 0.5) / 20_000))[:, None]
+    stack = np.full((1, 1, rows, columns), 0.3 * THETA, np.float32)
+    inputs = {"index": np.zeros(frames, int), "fraction": np.zeros(frames), "gain": gain}
+    wave = np.exp(-2j * np.pi * 100 * np.arange(frames) / 20_000)
+    phase = []
+    for skew in (0, 1):
+        spikes = Encoder(vidar(row_skew=skew), (rows, columns), seed=3).encode(stack, **inputs)
+        phase.append(np.angle(unpacked(spikes).sum(axis=2).T @ wave))
+    behind = np.degrees(phase[0] - phase[1])
+    assert behind == pytest.approx(1.8 * np.linspace(1, 0, rows), abs=0.1)
+
+
+def test_skew_does_nothing_to_light_that_stands_still():
+    charge = uniform(0.3 * THETA)
+    for noise in ((), ("shot", "threshold_noise")):
+        one, two = (encode(charge, vidar(on=noise, row_skew=skew), frames=400, seed=1) for skew in (0, 1))
+        assert np.array_equal(one, two)
+
+
 # --- blocks, threads, machines ----------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("changes", [{}, {"row_skew": 0.7, "reset_jitter": 0.1, "noise": {"reset_jitter": True}}])
 @pytest.mark.parametrize("cut", [(8,), (200, 304), (8, 16, 400)])
-def test_any_cut_into_blocks_gives_the_same_bits(cut):
+def test_any_cut_into_blocks_gives_the_same_bits(cut, changes):
     inputs = schedule()
-    sensor = get_sensor("vidar_400x250", threshold_e=2_000)
+    sensor = get_sensor("vidar_400x250", threshold_e=2_000, **changes)
     whole = Encoder(sensor, (5, 30), seed=11).encode(**inputs)
     encoder, parts = Encoder(sensor, (5, 30), seed=11), []
     for a, b in zip((0, *cut), (*cut, 404), strict=True):
@@ -261,11 +347,12 @@ def test_the_number_of_threads_does_not_matter(threads):
     assert np.array_equal(one, Encoder(sensor, (23, 31), seed=11, threads=threads).encode(**inputs))
 
 
+@pytest.mark.parametrize("skew", [0, 0.9])
 @pytest.mark.parametrize("rows", [slice(0, 5), slice(4, 9), slice(20, None), slice(None)])
-def test_some_rows_fire_as_they_do_in_the_whole(rows):
+def test_some_rows_fire_as_they_do_in_the_whole(rows, skew):
     """48 columns: blocks of 64 pixels begin in every fourth row."""
     inputs = schedule(shape=(23, 48))
-    sensor = get_sensor("vidar_400x250")
+    sensor = get_sensor("vidar_400x250", row_skew=skew)
     whole = Encoder(sensor, (23, 48), seed=11).encode(**inputs)
     some = Encoder(sensor, (23, 48), seed=11, rows=rows)
     parts = [

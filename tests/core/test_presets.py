@@ -140,7 +140,7 @@ def test_an_actuator_file_that_does_not_fit_is_refused_with_its_line(write_copy,
         ("dust_fraction: 0.0006", {"dust_fraction": 0}),
         ("response_twist_rms: 0.0060", {"response_twist_rms": 0}),
         ("temperature_c: 25\n\n", {}),
-        (", dust: true, dead: true", {"noise": {"dust": False, "dead": False}}),
+        (", dust: true, dead: true, reset_jitter: false", {"noise": {"dust": False, "dead": False}}),
     ],
 )
 def test_what_a_file_leaves_out_of_newer_keys_is_absent(write_copy, line, absent):

@@ -31,6 +31,7 @@ def encode_reference(
     first = make_generator("encoder", seed, "first thresholds").integers(0, NOISE_TABLE_SIZE, size)
     phases = make_generator("encoder", seed, "phases").random(size, dtype=np.float32)
     key = derive_seed("encoder", seed, "noise")
+    jitter = F(sensor.reset_jitter * sensor.noise.reset_jitter)
     spikes = np.zeros((len(index), height, width), np.uint8)
     for p in range(size):
         row, column = divmod(p, width)
@@ -43,6 +44,7 @@ def encode_reference(
         block_key = mix_bits(key + block * 0xD1342543DE82EF95)
         held = phases[p] * threshold
         share = F(1)
+        lead, before = F(sensor.row_skew * (height - 1 - row) / max(height - 1, 1)), None
         for t in range(len(index)):
             charge = pattern.dark[row, column]
             for g in range(stack.shape[0]):
@@ -50,6 +52,8 @@ def encode_reference(
                 next_knot = min(index[t] + 1, stack.shape[1] - 1)
                 far = stack[g, next_knot, row, column] * pattern.response[row, column]
                 charge += F(gain[t, g] * (1 - fraction[t])) * near + F(gain[t, g] * fraction[t]) * far
+            window = charge if before is None else charge + lead * (before - charge)
+            before, charge = charge, window
             held += share * charge
             share = F(1)
             if held >= threshold:
@@ -59,7 +63,7 @@ def encode_reference(
                 share = F(1 - (1.0 if sensor.saturation == "dead_readout" else sensor.reset_loss))
                 place = mix_bits(block_key + t * 0x9E3779B97F4A7C15) + lane
                 noise = table[place % NOISE_TABLE_SIZE] if normal is None else F(normal())
-                threshold = F(level) + sd * noise
+                threshold = F(level) + np.sqrt(sd * sd + (jitter * charge) * (jitter * charge)) * noise
     return spikes
 
 
