@@ -50,6 +50,7 @@ FAULTS = {
         (
             "optics/test_focus_drives.py::test_blur_is_one_pixel_at_the_ends_of_the_depth_of_focus",
             "stack/test_true_focus.py::test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths[image_distance]",
+            "optics/test_microscope.py::test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms",
         ),
     ),
     "no cos⁴": Fault(
@@ -95,6 +96,7 @@ FAULTS = {
             "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
             "optics/test_focus_drives.py::test_a_stage_keeps_the_lens_and_is_linear_in_z",
             "optics/test_focus_drives.py::test_a_point_that_the_lens_has_reached_has_no_finite_blur",
+            "render/test_render.py::test_a_stage_that_runs_into_the_lens_is_told",
         ),
     ),
     "shot noise halved": Fault(
@@ -121,6 +123,46 @@ FAULTS = {
         (
             "camera/test_encoder.py::test_the_bits_are_those_of_the_scalar_reference[changes4]",
             "camera/test_what_pixels_share.py::test_dark_current_does_not_know_of_the_response_to_light",
+        ),
+    ),
+    "quarter pixel": Fault(
+        "Every picture is moved by a quarter of a pixel along the rows.",
+        (
+            Change(
+                "render.camera_rays",
+                "first_x / pitch + grid.columns / 2,",
+                "first_x / pitch + (grid.columns / 2 + 0.25),",
+            ),
+        ),
+        (
+            "render/test_camera_rays.py::test_a_ray_meets_its_own_pixel_at_the_middle_of_the_travel",
+            "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
+            "optics/test_microscope.py::test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms",
+        ),
+    ),
+    "firefly clip": Fault(
+        "Light paths are clipped at half the brightest of a trial, not at 64 times that.",
+        (
+            Change("render.one_pass", "most = 64 * _brightest(", "most = 0.5 * _brightest("),
+            Change("render.one_pass", "most = _brightest([first])", "most = 0.5 * _brightest([first])"),
+            Change("render.filtered_pass", "most = 64 * _brightest_rays(", "most = 0.5 * _brightest_rays("),
+            Change(
+                "render.filtered_pass", "most = _brightest_rays([opening])", "most = 0.5 * _brightest_rays([opening])"
+            ),
+            Change("render.filtered_pass", "64 * value for name", "0.5 * value for name"),
+        ),
+        (
+            "render/test_camera_rays.py::test_a_small_lamp_keeps_its_light_in_focus_and_out_of_it",
+            "render/test_render.py::test_light_groups_alone_add_up_to_all_together",
+            "render/test_render.py::test_the_scalar_variant_renders_the_same_scene",
+        ),
+    ),
+    "angle doubled": Fault(
+        "Waves bend a path at the aperture by twice its angle.",
+        (Change("render.diffraction", "self.wavelength_m / (2 * math.pi))", "self.wavelength_m / math.pi)"),),
+        (
+            "render/test_diffraction.py::test_bent_paths_have_the_transfer_of_the_lens",
+            "render/test_diffraction.py::test_angles_spread_by_heisenbergs_share",
         ),
     ),
     "dark twice": Fault(
@@ -187,6 +229,36 @@ FAULTS = {
             "stream/test_interop.py::test_the_first_row_of_a_file_is_the_top_one_but_for_dense",
         ),
     ),
+    "aperture +3 %": Fault(
+        "Rays pass an aperture that is 3 % wider than the lens's.",
+        (
+            Change("render.camera_rays", "(lens) * radius\n", "(lens) * (radius * 1.03)\n"),
+            Change(
+                "render.camera_rays",
+                "radius=drive.aperture_radius_m, positions",
+                "radius=1.03 * drive.aperture_radius_m, positions",
+            ),
+        ),
+        (
+            "render/test_camera_rays.py::test_the_rays_of_a_position_fill_its_aperture_evenly",
+            "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
+            "render/test_render.py::test_an_edge_is_blurred_and_placed_by_the_closed_forms[image_distance]",
+        ),
+    ),
+    "Gaussian pupil": Fault(
+        "Rays are spread over the lens by a normal distribution of the same variance, not evenly over a disc.",
+        (
+            Change(
+                "render.camera_rays",
+                "mi.warp.square_to_uniform_disk_concentric(lens) * radius\n",
+                "mi.warp.square_to_std_normal(lens) * (radius / 2)\n",
+            ),
+        ),
+        (
+            "render/test_camera_rays.py::test_the_rays_of_a_position_fill_its_aperture_evenly",
+            "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
+        ),
+    ),
     "noise repeating by block": Fault(
         "Every block of 64 pixels draws the same noise.",
         (Change("camera.encoder_kernel", "_mixed(U(key) + block * STRIDE)", "_mixed(U(key) + start * U(0))"),),
@@ -202,6 +274,14 @@ FAULTS = {
             "camera/test_exposure.py::test_electrons_are_photons_times_quantum_efficiency_and_fill_factor",
             "camera/test_sensor.py::test_the_fill_factor_gives_rate_one_half_at_1700_lux",
             "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
+        ),
+    ),
+    "slices of another seed": Fault(
+        "Each time slice has camera rays of its own, so that what noise is left flickers where nothing moves.",
+        (Change("render", '"stack", base.key, "pictures"', '"stack", spec.key, "pictures"'),),
+        (
+            "render/test_slices_share_rays.py::test_slices_of_what_stands_still_are_the_same_where_shading_is_told_by_the_same_paths",
+            "render/test_slices_share_rays.py::test_a_still_scene_shows_no_beat_with_its_slices",
         ),
     ),
     "interpolation in time reversed": Fault(

@@ -50,7 +50,7 @@ def main(out: Path, jobs: list[tuple[str, list[str]]]) -> None:
     for n, (fault, tests) in enumerate(jobs):
         process = os.fork()
         if not process:
-            shown = os.open(out / f"{n}.txt", os.O_WRONLY | os.O_CREAT)
+            shown = os.open(out / f"{n}.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(shown, 1)
             os.dup2(shown, 2)
             signal.alarm(LONGEST_S)

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fault_list import FAULTS, PAGE, table
+from fault_list import FAULTS, PAGE, RENDERED, table
+from written_scenes import needs_llvm
 
 HERE = Path(__file__).parent
 
@@ -65,8 +66,13 @@ def test_cheap_tests_catch_the_faults(tmp_path):
     check(tmp_path, {name: fault.cheap_tests for name, fault in FAULTS.items() if fault.cheap_tests})
 
 
+def with_llvm_where_rendered(name):
+    rendered = any(test.startswith(RENDERED) for test in FAULTS[name].tests)
+    return pytest.param(name, marks=[needs_llvm] if rendered else [])
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("name", [with_llvm_where_rendered(name) for name in FAULTS])
 def test_every_test_beside_a_fault_catches_it(tmp_path, name):
     check(tmp_path, {name: FAULTS[name].tests})
 
