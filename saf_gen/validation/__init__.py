@@ -12,7 +12,7 @@ from saf_gen.validation.check import Check, Comparison, Curve, Finding, Plot, Ve
 
 __all__ = ["Check", "Comparison", "Curve", "Finding", "Plot", "Verdict", "all_checks", "choose_checks"]
 
-SUBJECTS = ("optics", "radiometry", "noise", "light")
+SUBJECTS = ("optics", "radiometry", "noise", "light", "truth")
 """The modules that hold checks, in the order of the page."""
 
 

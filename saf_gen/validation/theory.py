@@ -49,6 +49,11 @@ def off_axis(shape: tuple[int, int], pitch_m: float) -> np.ndarray:
     return np.hypot(rows[:, None], columns)
 
 
+def off_axis_columns(shape: tuple[int, int], pitch_m: float) -> np.ndarray:
+    """Return how far (m) each column of an array lies from its middle, with its sign."""
+    return np.asarray((np.arange(shape[1]) - (shape[1] - 1) / 2) * pitch_m)
+
+
 def window_autocovariance(frames: int, lags: np.ndarray, *, rate: float, per_spike: float) -> np.ndarray:
     """Return the covariance of the counts of two windows, ``lags`` windows apart, of one pixel under constant light.
 

@@ -68,29 +68,40 @@ def gain_of_rate(rate: float, sensor: Sensor) -> float:
     return float(charge_of_rate(rate, sensor) / axis)
 
 
-def lit_chequers(name: str, *, lights: Mapping[str, Sequence[str]]) -> WrittenScene:
-    """Return a chequered plane 0.5 m before the lens, under a ``lamp`` beside the lens and the light of a ``room``."""
-    lens = {"focal_length_mm": 25, "f_number": 2.0, "drive": "image_distance", "focus_range_m": [0.505, 0.495]}
-    build = """    white = {"type": "rgb", "value": 0.7}
-    grey = {"type": "rgb", "value": 0.2}
-    uv = mi.ScalarTransform4f().scale(30)
+STILL_LENS = {"focal_length_mm": 25, "f_number": 2.0, "drive": "image_distance", "focus_range_m": [0.505, 0.495]}
+
+
+def lit_chequers(
+    name: str, *, lights: Mapping[str, Sequence[str]], lens: Mapping[str, Any] = STILL_LENS, chequers: int = 60
+) -> WrittenScene:
+    """Return a chequered plane 0.5 m before the lens, under a ``lamp`` beside the lens and the light of a ``room``.
+
+    ``chequers`` is their number along the plane's metre.
+    """
+    build = """    def grey(value):
+        return {"type": "rgb", "value": value}
+
+    chequers = {
+        "type": "checkerboard",
+        "color0": grey(0.2),
+        "color1": grey(0.7),
+        "to_uv": mi.ScalarTransform4f().scale(CHEQUERS / 2),
+    }
     return {
         "plane": {
             "type": "rectangle",
             "to_world": t.translate([0, 0, 0.5]).rotate([0, 1, 0], 180).scale(0.5),
-            "bsdf": {
-                "type": "diffuse",
-                "reflectance": {"type": "checkerboard", "color0": grey, "color1": white, "to_uv": uv},
-            },
+            "bsdf": {"type": "diffuse", "reflectance": chequers},
         },
         "lamp": {
             "type": "rectangle",
             "to_world": t.translate([0.3, 0.2, -0.1]).scale(0.1),
-            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 30.0}},
+            "emitter": {"type": "area", "radiance": grey(30.0)},
         },
-        "room": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}},
+        "room": {"type": "constant", "radiance": grey(1.0)},
     }
 """
+    build = build.replace("CHEQUERS", str(chequers))
     return write_scene(name, build, lens=lens, lights=lights, target=["plane"])
 
 
@@ -127,3 +138,22 @@ def strips_behind_a_bar(name: str, *, lens: Mapping[str, Any]) -> WrittenScene:
     return wall | bar | {"room": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}}
 """
     return write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=["bar"])
+
+
+def planes(
+    name: str, *, shapes: Mapping[str, str], target: Sequence[str], lens: Mapping[str, Any], **card: Any
+) -> WrittenScene:
+    """Return grey planes in even light; ``shapes`` are transforms, by name, of a rectangle from −1 to 1 facing −z."""
+    made = "".join(f"        {name!r}: plane({where}),\n" for name, where in shapes.items())
+    build = f"""    def plane(where):
+        return {{
+            "type": "rectangle",
+            "to_world": where.rotate([0, 1, 0], 180),
+            "bsdf": {{"type": "diffuse", "reflectance": {{"type": "rgb", "value": 0.5}}}},
+        }}
+
+    return {{
+{made}        "room": {{"type": "constant", "radiance": {{"type": "rgb", "value": 1.0}}}},
+    }}
+"""
+    return write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=target, **card)
