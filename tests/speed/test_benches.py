@@ -17,6 +17,7 @@ from small_dataset import HERE
 
 from saf_gen import speed
 from saf_gen.authoring import scene_grain
+from saf_gen.benchmark.records import read_records
 from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.errors import BadInput, SafGenError
@@ -526,7 +527,7 @@ def script(monkeypatch):
     """Imports a script of benchmarks/ as `python benchmarks/NAME.py` would."""
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     yield lambda name: importlib.import_module(name)
-    for name in ("growth", "error", "drawing", "chunks", "bias_maps"):
+    for name in ("growth", "error", "drawing", "chunks", "bias_maps", "noisy_sensor"):
         sys.modules.pop(name, None)
 
 
@@ -624,3 +625,28 @@ def test_every_chunk_shape_counts_the_same_spikes(script, tmp_path):
     found = chunks.measure(spikes, (10, 90, 250), folder=tmp_path)
     assert 0.1 < found["bits"] < 0.6
     assert min(found.values()) > 0
+
+
+@needs_llvm
+@pytest.mark.slow
+def test_two_sensors_are_compared_on_the_same_stacks(script, tmp_path, test_scenes, small_recipe, capsys):
+    """Twenty times the threshold noise: every stream differs, no stack is rendered again, a rerun reads records."""
+    own = Path(__file__).parent.parent / "small_sensor.yaml"
+    noisy = tmp_path / "noisy.yaml"
+    noisy.write_text(own.read_text().replace("threshold_noise_rms: 0.0058", "threshold_noise_rms: 0.12"))
+    (tmp_path / "methods.txt").write_text("sd+argmax\nbrenner+argmax\n")
+    given = ["--out", str(tmp_path / "out"), "--recipe", str(small_recipe), "--sensor", str(own), str(noisy)]
+    given += ["--methods", str(tmp_path / "methods.txt")]
+    noisy_sensor = script("noisy_sensor")
+    noisy_sensor.main(given)
+    first = capsys.readouterr().out
+    assert "| method | success, `small_sensor` | error | success, `noisy` | error |" in first
+    assert "| `sd+argmax` | " in first
+    assert "Of 6 answers " in first
+    folder = tmp_path / "out" / "small"
+    assert len(list((folder / "dataset" / "stacks").iterdir())) == 1
+    a, b = (read_records(folder / f"{name}.jsonl") for name in ("small_sensor", "noisy"))
+    assert {r.data for r in a}.isdisjoint({r.data for r in b})
+    shutil.rmtree(folder / "dataset")
+    noisy_sensor.main(given)
+    assert capsys.readouterr().out == first

@@ -1,0 +1,88 @@
+"""What another sensor does to ranks: the same recipes recorded by two sensors and judged by the same methods.
+
+    python benchmarks/noisy_sensor.py --out FOLDER [--recipe sad_core ...] [--sensor vidar_400x250 vidar_400x250_noisy]
+
+Scenes, members, lights, motion of the lens and focal stacks are the same for both; device and noise are those of
+the sensor. Prints a table per recipe, as Markdown: success within one depth of focus and median
+error of each method under each sensor; then Kendall's tau of the two rankings, and how many single answers change
+sides of one depth of focus or move by more than half of one. Goes on after a stop; keeps records in FOLDER.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from scipy.stats import kendalltau
+
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.method_spec import read_method_list
+from saf_gen.benchmark.records import Record, format_records, read_records
+from saf_gen.core.files import write_text_atomically
+from saf_gen.core.shipped import find_recipe
+from saf_gen.generate.recipe import read_recipe
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.leaderboard import rank_methods
+
+SENSORS = "vidar_400x250", "vidar_400x250_noisy"
+METHODS = {"sad_core": "recorded.txt", "claims": "claims.txt"}
+CONTEST = Path(__file__).resolve().parent / "contest"
+
+
+def record_and_judge(recipe: str, sensor: str, *, folder: Path, methods: Sequence[str]) -> list[Record]:
+    """Return the records of methods on a recipe as this sensor records it; the stacks of ``folder`` are used again."""
+    kept = folder / f"{Path(sensor).stem}.jsonl"
+    if not kept.exists():
+        data = read_recipe(find_recipe(recipe)).model_dump(mode="json")
+        data["camera"]["sensor"] = sensor
+        written = folder / f"{Path(sensor).stem}.yaml"
+        written.write_text(json.dumps(data, indent=1))
+        generate(resolve_recipe(written), folder / "dataset")
+        write_text_atomically(kept, format_records(evaluate(folder / "dataset", methods=methods).records))
+    return read_records(kept)
+
+
+def compare(found: Sequence[list[Record]], sensors: Sequence[str]) -> str:
+    """Return the table of a recipe, and the sentence on ranks and single answers."""
+    boards = [{row.method: row for row in rank_methods(records)} for records in found]
+    lines = [
+        "| method | " + " | ".join(f"success, `{sensor}` | error" for sensor in sensors) + " |",
+        "|---" * (1 + 2 * len(sensors)) + "|",
+    ]
+    for method in boards[0]:
+        rows = [board[method] for board in boards]
+        cells = " | ".join(f"{row.success_1dof:.0%} | {row.median_error_dof:.2f}" for row in rows)
+        lines.append(f"| `{method}` | {cells} |")
+    success = [[board[method].success_1dof for method in boards[0]] for board in boards]
+    errors = [[board[method].median_error_dof for method in boards[0]] for board in boards]
+    first, second = ({(r.method, r.sequence): r for r in records} for records in found)
+    pairs = [(first[key], second[key]) for key in first]
+    sides = sum(a.success_1dof != b.success_1dof for a, b in pairs)
+    moved = sum(abs((a.error_dof or 0) - (b.error_dof or 0)) > 0.5 for a, b in pairs)
+    tau = [kendalltau(*columns).statistic for columns in (success, errors)]
+    lines.append(
+        f"\nKendall's tau: {tau[0]:.2f} by success, {tau[1]:.2f} by error. Of {len(pairs)} answers {sides} change "
+        f"sides of one depth of focus, {moved} move by more than half of one."
+    )
+    return "\n".join(lines)
+
+
+def main(given: Sequence[str] | None = None) -> None:
+    """Compare two sensors on some recipes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--recipe", nargs="+", default=list(METHODS))
+    parser.add_argument("--sensor", nargs=2, default=SENSORS)
+    parser.add_argument("--methods", type=Path, help="a file of methods, one per line, for all recipes")
+    asked = parser.parse_args(given)
+    for recipe in asked.recipe:
+        folder = asked.out / Path(recipe).stem
+        folder.mkdir(parents=True, exist_ok=True)
+        methods = read_method_list(asked.methods or CONTEST / METHODS.get(recipe, "claims.txt"))
+        found = [record_and_judge(recipe, sensor, folder=folder, methods=methods) for sensor in asked.sensor]
+        print(f"{recipe}\n\n{compare(found, [Path(s).stem for s in asked.sensor])}\n")
+
+
+if __name__ == "__main__":
+    main()
