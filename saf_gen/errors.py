@@ -67,12 +67,13 @@ def closest(value: object, allowed: Iterable[str]) -> str:
     Parameters
     ----------
     value : object
-        What was written; compared by its text.
+        What was written; compared by its text, whatever the case of its letters.
     allowed : iterable of str
         The names to choose among.
     """
-    found = get_close_matches(str(value), list(allowed), n=1, cutoff=0.5)
-    return found[0] if found else ""
+    by_letters = {name.casefold(): name for name in allowed}
+    found = get_close_matches(str(value).casefold(), by_letters, n=1, cutoff=0.5)
+    return by_letters[found[0]] if found else ""
 
 
 def unknown(what: str, value: object, *, allowed: Iterable[str], where: str = "", hint: str = "") -> BadInput:

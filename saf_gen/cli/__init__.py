@@ -8,10 +8,12 @@ import os
 import sys
 from collections.abc import Callable
 from io import TextIOWrapper
-from typing import NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
+import saf_gen
 from saf_gen.cli import (
     dataset_commands,
     evaluate_commands,
@@ -25,7 +27,7 @@ from saf_gen.cli import (
     tune_commands,
     validate_commands,
 )
-from saf_gen.cli._terminal import print_error
+from saf_gen.cli._terminal import out, print_error
 from saf_gen.errors import SafGenError
 
 __all__ = ["app", "main"]
@@ -81,22 +83,63 @@ STOP_MESSAGES = {
 }
 """What a stopped command leaves behind, for the commands that write files."""
 
+
+class _Command(TyperCommand):
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _hide_type_of_flags(super().get_params(ctx))
+
+
+class _Group(TyperGroup):
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _hide_type_of_flags(super().get_params(ctx))
+
+
+def _hide_type_of_flags(params: list[Any]) -> list[Any]:
+    """Take "<bool>" out of the help of options that have no value."""
+    for param in params:
+        if getattr(param, "is_bool_flag", False):
+            param.metavar = ""
+    return params
+
+
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    cls=_Group,
 )
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        out.print(f"saf-gen {saf_gen.__version__}")
+        raise typer.Exit
+
+
+Version = Annotated[
+    bool, typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=_print_version)
+]
+
+
+@app.callback()
+def _options(*, version: Version = False) -> None:
+    pass
+
+
 for name, command in COMMANDS.items():
-    app.command(name)(command)
+    app.command(name, cls=_Command)(command)
 for group, (words, commands) in GROUPS.items():
     under = typer.Typer(
-        help=words, no_args_is_help=group not in GROUP_DEFAULTS, invoke_without_command=group in GROUP_DEFAULTS
+        help=words,
+        no_args_is_help=group not in GROUP_DEFAULTS,
+        invoke_without_command=group in GROUP_DEFAULTS,
+        cls=_Group,
     )
     if group in GROUP_DEFAULTS:
         under.callback()(GROUP_DEFAULTS[group])
     for name, command in commands.items():
-        under.command(name)(command)
+        under.command(name, cls=_Command)(command)
     app.add_typer(under, name=group)
 
 
@@ -110,7 +153,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without θ or ┃ shows a question mark
     try:
-        code = app(args=argv, standalone_mode=False)
+        code = app(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
             command = next(iter(sys.argv[1:] if argv is None else argv), "")
             print_error("; ".join(filter(None, ("stopped", STOP_MESSAGES.get(command)))), STOPPED_EXIT_CODE)
@@ -118,7 +161,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
         code = print_error(str(error), error.exit_code)
     except typer.TyperException as error:
         message = error.format_message()  # empty if typer showed the help instead
-        code = print_error(f"{message}; see: saf-gen --help", 2) if message else 2
+        at = getattr(getattr(error, "ctx", None), "command_path", "saf-gen")
+        code = print_error(f"{message.removesuffix('.')}; see: {at} --help", 2) if message else 2
     except (SystemExit, BrokenPipeError):  # typer exits so when a pipe closes early, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes on exit
         code = 0

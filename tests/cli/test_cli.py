@@ -346,6 +346,44 @@ def test_doctor_tells_variant_and_versions(call):
         assert f"\n {fact} " in out
 
 
+def test_the_version_is_one_line(call):
+    code, out, err = call("--version")
+    assert (code, err) == (0, "")
+    assert out == f"saf-gen {saf_gen.__version__}\n"
+
+
+@pytest.mark.parametrize("words", [["-h"], ["scenes", "-h"], ["generate", "-h"], ["sensors", "list", "-h"]])
+def test_help_is_short_too_and_names_no_type_of_a_flag(call, words):
+    code, out, err = call(*words)
+    assert (code, err) == (0, "")
+    assert f"Usage: saf-gen {' '.join(words[:-1])}" in out
+    assert "<bool>" not in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("scenes chek", "No such command 'chek'. Did you mean 'check'?; see: saf-gen scenes --help"),
+        ("generate", "Missing argument 'recipe'; see: saf-gen generate --help"),
+        (
+            "evaluate x --splt y",
+            "No such option: --splt (Possible options: --split, --sweep); see: saf-gen evaluate --help",
+        ),
+        ("genrate", "No such command 'genrate'. Did you mean 'generate'?; see: saf-gen --help"),
+    ],
+)
+def test_an_error_points_to_the_help_of_its_own_command(call, words, said):
+    code, out, err = call(*words.split())
+    assert (code, out) == (2, "")
+    assert err == f"saf-gen: {said}\n"
+
+
+def test_a_mistyped_dataset_and_a_name_in_capitals_have_a_nearest(call, tmp_path):
+    (tmp_path / "quickstart").mkdir()
+    assert f"did you mean '{tmp_path / 'quickstart'}'?" in call("evaluate", tmp_path / "quikstart")[2]
+    assert call("methods", "show", "SD")[2].endswith("did you mean 'sd'?\n")
+
+
 def test_help_lists_the_commands(call):
     code, out, err = call("--help")
     assert (code, err) == (0, "")

@@ -12,7 +12,7 @@ from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.region import Region, target_bounding_box
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
 
@@ -78,12 +78,17 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
         raise BadInput(
             f"no dataset or stream at {str(path)!r}",
             allowed="a dataset folder or a stream file (.h5)",
+            nearest=str(path.with_name(nearest)) if (nearest := closest(path.name, _siblings(path))) else "",
             hint="make one with `saf-gen generate quickstart --out datasets/quickstart`",
         )
     for what, value in (("split", split), ("scene motion", scene_motion)):
         if value is not None:
             raise BadInput(f"{what} {value!r} of the single stream {str(path)!r}", allowed=f"no {what}, or a dataset")
     return SequenceTask(path.stem, None, path.stem, None, path, None)
+
+
+def _siblings(path: Path) -> list[str]:
+    return [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
 
 
 def choose_method_region(stream: SpikeStream, region: str) -> tuple[Region | None, str]:
