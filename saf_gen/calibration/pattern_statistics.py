@@ -22,7 +22,8 @@ class PatternStatistics:
     white_robust_rms : 1.4826 times the median absolute deviation of the rest.
     white_kurtosis : fourth moment over squared variance, 3 for a normal distribution.
     beyond_5, beyond_10 : fraction of pixels whose rest is more than so many robust rms away from its median.
-    neighbour_correlation : of the rest with that of the next pixel in its row.
+    neighbour_correlation : of the rest with that of the next pixel in its row, both held within 3 robust rms of the
+        median, so that a few specks of dust do not decide it.
     column_bands, row_bands : fraction of a profile's variance by band of frequency, as :data:`BANDS`.
     column_degrees, row_degrees : fraction of a profile's variance in Legendre fits of the :data:`DEGREES`.
     """
@@ -100,7 +101,9 @@ def measure_pattern(map_: np.ndarray) -> PatternStatistics:
     robust = float(ROBUST * np.median(np.abs(deviation)))
     beyond = [float(np.mean(np.abs(deviation) > n * robust)) if robust > 0 else float("nan") for n in (5, 10)]
     variance = white.var()
-    pairs = float(np.mean(white[:, 1:] * white[:, :-1])) if white.shape[1] > 1 else 0.0
+    held = np.clip(deviation, -3 * robust, 3 * robust)
+    held -= held.mean()
+    pairs = float(np.mean(held[:, 1:] * held[:, :-1])) if white.shape[1] > 1 else 0.0
     known = map_[np.isfinite(map_)]
     return PatternStatistics(
         mean=float(known.mean()),
@@ -112,7 +115,7 @@ def measure_pattern(map_: np.ndarray) -> PatternStatistics:
         white_kurtosis=float(np.mean(white**4) / variance**2) if variance > 0 else float("nan"),
         beyond_5=beyond[0],
         beyond_10=beyond[1],
-        neighbour_correlation=float(pairs / variance) if variance > 0 else float("nan"),
+        neighbour_correlation=float(pairs / held.var()) if robust > 0 else float("nan"),
         column_bands=band_fractions(columns),
         row_bands=band_fractions(rows),
         column_degrees=legendre_fractions(columns),
