@@ -27,6 +27,7 @@ DOORS = {
     "jinja2": ["leaderboard.report"],
     "distributed": ["generate.executor"],
     "multiprocessing": ["generate.executor"],
+    "emva1288": ["validation.emva_referee"],
     "gymnasium": ["benchmark.gym"],
     "yaml": ["core.config.yaml_document", "generate.run"],
 }

@@ -12,13 +12,20 @@ from saf_gen.validation.check import Check, Comparison, Curve, Finding, Plot, Ve
 
 __all__ = ["Check", "Comparison", "Curve", "Finding", "Plot", "Verdict", "all_checks", "choose_checks"]
 
-SUBJECTS = ("optics", "radiometry", "noise", "light", "truth")
-"""The modules that hold checks, in the order of the page."""
+SUBJECTS = {
+    "optics": "optics",
+    "radiometry": "radiometry",
+    "noise": "noise",
+    "light": "light",
+    "truth": "truth",
+    "referee": "emva_referee",
+}
+"""The module of the checks of each subject, in the order of the page."""
 
 
 def all_checks() -> dict[str, Check]:
     """Return every check by its name, in the order of the page."""
-    modules = (import_module(f"saf_gen.validation.{subject}") for subject in SUBJECTS)
+    modules = (import_module(f"saf_gen.validation.{module}") for module in SUBJECTS.values())
     return {check.name: check for module in modules for check in module.CHECKS}
 
 

@@ -95,7 +95,7 @@ def fit_edge(profile: np.ndarray) -> tuple[float, float]:
     return float(found.x[0]), float(found.x[1]) * (1 if rising else -1)
 
 
-def _law_of_edge(drive: str, window: range, frames: int, *, pitch_m: float) -> tuple[float, float]:
+def _law_of_edge(drive: str, window: range, *, frames: int, pitch_m: float) -> tuple[float, float]:
     """Return the blur and the edge's place off the axis (pixels) over a window: charge is a line between positions."""
     at = (np.arange(window.start, window.stop) + 0.5) / frames * (POSITIONS - 1)
     knots = np.arange(POSITIONS) / (POSITIONS - 1)
@@ -116,7 +116,7 @@ def _compare_edges(maker: DatasetMaker, quick: bool, *, breathing: bool) -> Find
         with made.open(scene=f"edge_{drive}") as stream:
             for stop in STOPS:
                 blur, place, window = _fit_edges(stream, stop, groups=12, columns=workload.sensor.columns)
-                expected = _law_of_edge(drive, window, workload.frames, pitch_m=pitch_m)
+                expected = _law_of_edge(drive, window, frames=workload.frames, pitch_m=pitch_m)
                 samples, right = (np.abs(place), expected[1]) if breathing else (blur, expected[0])
                 found = compare_mean(
                     f"{drive} at {stop:g}",
@@ -269,7 +269,7 @@ def check_occlusion(maker: DatasetMaker, quick: bool) -> Finding:
         per_radiance = charge_per_radiance(sensor, f_number=1.4, focal_length_m=0.025, image_distance_m=v, off_axis_m=x)
         radiance = charge_of_rate(rate, sensor) / per_radiance
         maker.report(f"thin lens of {reference_samples} samples")
-        reference = render_reference(made, scene, sensor, position=stop, samples=reference_samples)
+        reference = render_reference(made, scene, sensor=sensor, position=stop, samples=reference_samples)
         mean = float(reference.mean())
         profile = []
         for column in range(columns):
@@ -289,7 +289,7 @@ def check_occlusion(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("column", "radiance, W m⁻² sr⁻¹", tuple(curves)))
 
 
-def render_reference(made: Made, scene: WrittenScene, sensor: Sensor, *, position: float, samples: int) -> np.ndarray:
+def render_reference(made: Made, scene: WrittenScene, *, sensor: Sensor, position: float, samples: int) -> np.ndarray:
     """Render a workload's scene by Mitsuba's own thin lens, float64 (row, col); CheckSkipped without LLVM or CUDA."""
     from saf_gen.render import backend, mitsuba_scene, thin_lens
     from saf_gen.render.render_setup import RenderSetup

@@ -220,7 +220,7 @@ def _end_effect(charge: float, saturation: str) -> float:
 
 _TOLERANCE = (
     "The scatter of pixels (once in 10,000 runs by chance), 10⁻⁵ for what waves leave uneven, and half a last "
-    "digit of"
+    "digit of "
     "single precision per readout"
 )
 CHECKS = (

@@ -71,6 +71,7 @@ def window_autocovariance(frames: int, lags: np.ndarray, *, rate: float, per_spi
 
     def variance(windows: np.ndarray) -> np.ndarray:
         mean = np.abs(windows) * frames * rate
-        return np.where(mean > 0, count_variance(mean, np.maximum(mean * per_spike, 1e-12)), 0.0)
+        some = np.where(mean > 0, mean, frames * rate)
+        return np.where(mean > 0, count_variance(some, some * per_spike), 0.0)
 
     return (variance(lags + 1) - 2 * variance(lags) + variance(lags - 1)) / 2

@@ -36,7 +36,7 @@ def best_focus(drive: str, depths: np.ndarray) -> float:
     return float((z - begin) / (end - begin))
 
 
-def _depths(kind: str, drive: str, position: float, *, pitch_m: float) -> np.ndarray:
+def _depths(kind: str, drive: str, *, position: float, pitch_m: float) -> np.ndarray:
     """Return the depth (m) of every target pixel, seen through a pinhole at the lens's centre at a position."""
     v, _, z, _ = lens_at(drive, np.array([position]))
     slope = off_axis_columns(SHAPE, pitch_m) / v[0]
@@ -81,13 +81,13 @@ def check_depths(maker: DatasetMaker, quick: bool) -> Finding:
             truth = stream.truth
         places = [0.5]
         for _ in range(50):  # the pixels' depths follow from where the lens is, and that from them
-            places.append(best_focus(drive, _depths(kind, drive, places[-1], pitch_m=sensor.pitch_m).ravel()))
+            places.append(best_focus(drive, _depths(kind, drive, position=places[-1], pitch_m=sensor.pitch_m).ravel()))
         position = places[-1]
-        law = _depths(kind, drive, position, pitch_m=sensor.pitch_m)
+        law = _depths(kind, drive, position=position, pitch_m=sensor.pitch_m)
         target, depth = np.asarray(truth.target), np.asarray(truth.depth, np.float64)
         per_metre = abs(best_focus(drive, law.ravel() + 1e-4) - position) / 1e-4
         # The product looks twice: from the middle of the travel, and from where that is in focus.
-        unsettled = float(np.abs(_depths(kind, drive, places[1], pitch_m=sensor.pitch_m) - law).max())
+        unsettled = float(np.abs(_depths(kind, drive, position=places[1], pitch_m=sensor.pitch_m) - law).max())
         allowed_m = SINGLE_PRECISION_M + unsettled
         allowed = per_metre * allowed_m
         name = f"{kind}, {drive}"
