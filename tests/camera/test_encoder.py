@@ -301,9 +301,9 @@ def test_under_a_ramp_each_row_is_behind_by_its_part_of_the_skew(skew):
 def test_rows_see_a_flicker_at_their_own_time():
     """100 Hz at 20 kHz, a lamp of full modulation, skew 1: the phase of each row's counts, by Fourier, 2,000 readouts.
 
-    The first row is a readout behind: 1.8° of 100 Hz. 15,000 pixels of a row even out what whole spikes leave.
+    The first row is a readout behind: 1.8° of 100 Hz. 4,000 pixels of a row even out what whole spikes leave.
     """
-    frames, rows, columns = 2_000, 5, 15_000
+    frames, rows, columns = 2_000, 5, 4_000
     gain = (1 + np.sin(2 * np.pi * 100 * (np.arange(frames) + 0.5) / 20_000))[:, None]
     stack = np.full((1, 1, rows, columns), 0.3 * THETA, np.float32)
     inputs = {"index": np.zeros(frames, int), "fraction": np.zeros(frames), "gain": gain}
