@@ -18,6 +18,9 @@ SUBJECTS = {
     "noise": "noise",
     "light": "light",
     "truth": "truth",
+    "convergence": "convergence",
+    "crossfade": "cross_fade",
+    "dispersion": "dispersion",
     "referee": "emva_referee",
 }
 """The module of the checks of each subject, in the order of the page."""

@@ -44,8 +44,8 @@ class WrittenScene:
 class Workload:
     """Scenes, a sensor and a recipe: what a user would write.
 
-    ``lights`` are schedules by name, ``exposure`` and ``noise`` those keys of the recipe's camera, ``options`` further
-    top-level keys. All scenes are in the split ``test``.
+    ``lights`` are schedules by name; ``exposure``, ``focus`` and ``render`` are those keys of the recipe, ``split`` has
+    more keys of its split ``test``, which holds all scenes. ``shipped`` names scenes that come with saf_gen.
     """
 
     scenes: tuple[WrittenScene, ...]
@@ -60,6 +60,7 @@ class Workload:
     split: Mapping[str, Any] = field(default_factory=dict)
     saturation: str | None = None
     seed: int = 15
+    shipped: tuple[str, ...] = ()
 
     @cached_property
     def files(self) -> dict[str, str]:
@@ -72,7 +73,13 @@ class Workload:
             "focus": self.focus,
             "render": self.render,
             "lights": self.lights,
-            "splits": {"test": {"scenes": [s.id for s in self.scenes], "lights": list(self.lights), **self.split}},
+            "splits": {
+                "test": {
+                    "scenes": [*(s.id for s in self.scenes), *self.shipped],
+                    "lights": list(self.lights),
+                    **self.split,
+                }
+            },
         }
         found = {"recipe.yaml": _to_yaml(recipe), "sensor.yaml": _to_yaml(asdict(self.sensor))}
         for scene in self.scenes:

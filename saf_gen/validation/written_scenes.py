@@ -68,7 +68,12 @@ def gain_of_rate(rate: float, sensor: Sensor) -> float:
     return float(charge_of_rate(rate, sensor) / axis)
 
 
-STILL_LENS = {"focal_length_mm": 25, "f_number": 2.0, "drive": "image_distance", "focus_range_m": [0.505, 0.495]}
+STILL_LENS: dict[str, Any] = {
+    "focal_length_mm": 25,
+    "f_number": 2.0,
+    "drive": "image_distance",
+    "focus_range_m": [0.505, 0.495],
+}
 
 
 def lit_chequers(
@@ -157,3 +162,36 @@ def planes(
     }}
 """
     return write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=target, **card)
+
+
+def striped_card(name: str, *, period_m: float, speed_m_per_s: float) -> WrittenScene:
+    """Return a card 0.5 m before the lens with upright stripes, in even light, which moves sideways for a second."""
+    build = """    def grey(value):
+        return {"type": "rgb", "value": value}
+
+    # Along v the chequers are wider than the card: stripes are left.
+    stripes = {
+        "type": "checkerboard",
+        "color0": grey(0.2),
+        "color1": grey(0.8),
+        "to_uv": mi.ScalarTransform4f().scale([1 / PERIOD, 0.4, 1]),
+    }
+    return {
+        "card": {
+            "type": "rectangle",
+            "to_world": t.translate([0, 0, 0.5]).rotate([0, 1, 0], 180).scale(0.5),
+            "bsdf": {"type": "diffuse", "reflectance": stripes},
+        },
+        "room": {"type": "constant", "radiance": grey(1.0)},
+    }
+"""
+    keyframes = [{"time_s": 0.0}, {"time_s": 1.0, "translate_m": [speed_m_per_s, 0.0, 0.0]}]
+    return write_scene(
+        name,
+        build.replace("PERIOD", repr(float(period_m))),
+        lens=STILL_LENS,
+        lights={"room": ["room"]},
+        target=["card"],
+        motion={"card": {"keyframes": keyframes}},
+        slices_per_s=100.0,
+    )
