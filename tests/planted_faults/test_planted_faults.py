@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from fault_list import FAULTS, PAGE, RENDERED, table
+from planting import changed_sources
 from written_scenes import needs_llvm
 
 HERE = Path(__file__).parent
@@ -58,6 +59,12 @@ def check(folder: Path, tests_by_fault: dict[str, Sequence[str]]) -> None:
         if told := ended_otherwise(found, tests, planted=bool(fault)):
             wrong[fault or "without a fault"] = told
     assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
+
+
+def test_every_fault_still_finds_what_it_changes():
+    """Nothing is run: a change of the package that takes a fault's place away is told at once."""
+    for fault in FAULTS.values():
+        assert changed_sources(fault.changes)
 
 
 @pytest.mark.slow

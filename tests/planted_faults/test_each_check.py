@@ -1,0 +1,15 @@
+"""Each check of `saf-gen validate` by itself, so that fault_list.py can name the checks that catch a fault."""
+
+import pytest
+
+from saf_gen.validation import all_checks
+from saf_gen.validation.runner import run_checks
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", all_checks())
+def test_a_check_passes_at_its_small_size(tmp_path, name):
+    (verdict,) = run_checks([all_checks()[name]], tmp_path, quick=True)
+    if verdict.outcome in ("broken", "skipped"):
+        raise RuntimeError(f"{name} {verdict.outcome}: {verdict.reason}")
+    assert verdict.outcome == "passed", verdict.comparisons
