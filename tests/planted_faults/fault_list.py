@@ -60,6 +60,7 @@ FAULTS = {
         (
             "camera/test_exposure.py::test_irradiance_falls_with_the_fourth_power_of_the_cosine",
             "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
+            f"{EACH_CHECK}[radiometry_field_angle]",
         ),
     ),
     "no bellows": Fault(
@@ -69,6 +70,7 @@ FAULTS = {
             "camera/test_exposure.py::test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows",
             "generate/test_recorder.py::test_the_rate_over_the_sweep_follows_bellows_and_the_fourth_power_of_the_cosine",
             "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
+            f"{EACH_CHECK}[radiometry_bellows]",
         ),
     ),
     "near and far swapped": Fault(
@@ -81,6 +83,7 @@ FAULTS = {
             "optics/test_focus_drives.py::test_the_ends_of_the_travel_focus_where_the_card_says",
             "stack/test_time_resolved.py::test_the_truth_follows_a_target_that_comes_nearer",
             "generate/test_what_is_recorded.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
+            f"{EACH_CHECK}[truth_depths]",
         ),
     ),
     "stage reversed": Fault(
@@ -98,6 +101,7 @@ FAULTS = {
             "optics/test_focus_drives.py::test_a_stage_keeps_the_lens_and_is_linear_in_z",
             "optics/test_focus_drives.py::test_a_point_that_the_lens_has_reached_has_no_finite_blur",
             "render/test_render.py::test_a_stage_that_runs_into_the_lens_is_told",
+            f"{EACH_CHECK}[optics_breathing]",
         ),
     ),
     "shot noise halved": Fault(
@@ -107,6 +111,7 @@ FAULTS = {
             "camera/test_encoder.py::test_shot_noise_makes_the_variance_of_an_interval_the_threshold",
             "camera/test_encoder.py::test_the_contrast_of_counts_is_light_plus_shot_noise_plus_phase",
             "camera/test_counting_law.py::test_intervals_obey_the_exact_law[0.29]",
+            f"{EACH_CHECK}[noise_photon_transfer]",
         ),
     ),
     "threshold noise per readout": Fault(
@@ -116,6 +121,7 @@ FAULTS = {
             "camera/test_encoder.py::test_threshold_noise_alone_has_its_own_variance",
             "camera/test_encoder.py::test_intervals_are_independent_in_time_and_between_pixels",
             "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
+            f"{EACH_CHECK}[noise_intervals]",
         ),
     ),
     "response on dark": Fault(
@@ -139,6 +145,7 @@ FAULTS = {
             "render/test_camera_rays.py::test_a_ray_meets_its_own_pixel_at_the_middle_of_the_travel",
             "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
             "optics/test_microscope.py::test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms",
+            f"{EACH_CHECK}[optics_breathing]",
         ),
     ),
     "firefly clip": Fault(
@@ -156,6 +163,7 @@ FAULTS = {
             "render/test_camera_rays.py::test_a_small_lamp_keeps_its_light_in_focus_and_out_of_it",
             "render/test_render.py::test_light_groups_alone_add_up_to_all_together",
             "render/test_render.py::test_the_scalar_variant_renders_the_same_scene",
+            f"{EACH_CHECK}[optics_occlusion]",
         ),
     ),
     "angle doubled": Fault(
@@ -164,6 +172,7 @@ FAULTS = {
         (
             "render/test_diffraction.py::test_bent_paths_have_the_transfer_of_the_lens",
             "render/test_diffraction.py::test_angles_spread_by_heisenbergs_share",
+            f"{EACH_CHECK}[optics_transfer]",
         ),
     ),
     "dark twice": Fault(
@@ -211,6 +220,7 @@ FAULTS = {
             "lights/test_lights.py::test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp",
             "generate/test_recorder.py::test_the_mean_rate_is_the_one_asked_for_at_best_focus",
             "stack/test_time_resolved.py::test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track",
+            f"{EACH_CHECK}[light_additivity]",
         ),
     ),
     "residue halved": Fault(
@@ -220,6 +230,7 @@ FAULTS = {
             "camera/test_encoder.py::test_adjacent_half_windows_share_the_residue",
             "camera/test_encoder.py::test_charge_between_knots_is_a_straight_line",
             "camera/test_sensor.py::test_ideal_counts_charge_to_the_last_spike",
+            f"{EACH_CHECK}[noise_independence]",
         ),
     ),
     "import flipped": Fault(
@@ -244,6 +255,7 @@ FAULTS = {
             "render/test_camera_rays.py::test_the_rays_of_a_position_fill_its_aperture_evenly",
             "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
             "render/test_render.py::test_an_edge_is_blurred_and_placed_by_the_closed_forms[image_distance]",
+            f"{EACH_CHECK}[optics_blur]",
         ),
     ),
     "Gaussian pupil": Fault(
@@ -258,6 +270,7 @@ FAULTS = {
         (
             "render/test_camera_rays.py::test_the_rays_of_a_position_fill_its_aperture_evenly",
             "render/test_camera_rays.py::test_the_profile_of_a_blurred_edge_is_that_of_a_disc",
+            f"{EACH_CHECK}[optics_transfer]",
         ),
     ),
     "noise repeating by block": Fault(
@@ -266,6 +279,7 @@ FAULTS = {
         (
             "camera/test_what_pixels_share.py::test_pixels_that_fire_together_draw_thresholds_of_their_own",
             "camera/test_counting_law.py::test_counts_obey_the_exact_law[3.3]",
+            f"{EACH_CHECK}[noise_independence]",
         ),
     ),
     "charge +1 %": Fault(
@@ -275,6 +289,7 @@ FAULTS = {
             "camera/test_exposure.py::test_electrons_are_photons_times_quantum_efficiency_and_fill_factor",
             "camera/test_sensor.py::test_the_fill_factor_gives_rate_one_half_at_1700_lux",
             "generate/test_recorder.py::test_absolute_exposure_counts_the_scenes_own_electrons",
+            f"{EACH_CHECK}[radiometry_f_number]",
         ),
     ),
     "slices of another seed": Fault(
@@ -311,6 +326,7 @@ FAULTS = {
         (
             "stack/test_true_focus.py::test_the_truth_of_a_still_target_is_the_compromise_of_its_own_depths",
             "generate/test_what_is_recorded.py::test_a_recording_is_sharpest_in_the_frame_of_its_truth[still]",
+            f"{EACH_CHECK}[truth_depths]",
         ),
     ),
     "moving truth from all depths": Fault(
@@ -340,16 +356,17 @@ FAULTS = {
 
 def name_catcher(test: str) -> str:
     """A test as a page names it; a check of `saf-gen validate` by its own name."""
-    return (
-        f"saf-gen validate --only {test[len(EACH_CHECK) + 1 : -1]}" if test.startswith(EACH_CHECK) else f"tests/{test}"
-    )
+    if test.startswith(EACH_CHECK):
+        return f"`saf-gen validate --only {test[len(EACH_CHECK) + 1 : -1]}`"
+    file, _, name = test.partition("::")
+    return f"`tests/{file}`: `{name}`"
 
 
 def table() -> str:
     """The faults as a table of a page."""
     rows = ["| fault | what it breaks | caught by |", "|---|---|---|"]
     for name, fault in FAULTS.items():
-        caught = "<br>".join(f"`{name_catcher(test)}`" for test in fault.tests)
+        caught = "<br>".join(name_catcher(test) for test in fault.tests)
         rows.append(f"| {name} | {fault.breaks} | {caught} |")
     return "\n".join(rows) + "\n"
 
