@@ -22,7 +22,7 @@ DOORS = {
     "h5py": ["stream.stream_file", "stream.stream_writer"],
     "typer": ["cli"],
     "rich": ["cli"],
-    "matplotlib": ["leaderboard.figures", "authoring.preview", "validation.plots"],
+    "matplotlib": ["leaderboard.figures", "authoring.preview", "calibration.fit_plots", "validation.plots"],
     "PIL": ["leaderboard.figures"],
     "jinja2": ["leaderboard.report"],
     "distributed": ["generate.executor"],

@@ -75,6 +75,7 @@ class EncodedRecording:
     charge : float32 (K, H, W), photo-electrons per readout at K knots of light.
     knots : the knot before each readout of a block, and the fraction to the next, from the readouts' numbers.
     before : readouts encoded and left out first, so that phases are no longer those of the first charge.
+    device_seed : determines the fixed pattern; ``seed``, that of the noise, by default.
     """
 
     name: str
@@ -84,6 +85,7 @@ class EncodedRecording:
     seed: int
     knots: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
     before: int = 0
+    device_seed: int | None = None
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -97,7 +99,7 @@ class EncodedRecording:
 
     def blocks(self) -> Iterator[np.ndarray]:
         """Yield the spikes, as :class:`Recording` says; each call encodes the same ones."""
-        encoder = Encoder(self.sensor, self.shape[1:], seed=self.seed)
+        encoder = Encoder(self.sensor, self.shape[1:], seed=self.seed, device_seed=self.device_seed)
         stack = np.ascontiguousarray(self.charge[None], np.float32)
         if self.before:
             self._encode(encoder, stack, readout=np.zeros(self.before, np.int64))

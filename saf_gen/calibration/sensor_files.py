@@ -14,6 +14,7 @@ from saf_gen.core.config.document import read_text
 from saf_gen.core.config.presets import is_preset_file
 
 _NOMINAL = re.compile(r"^(\w+):[^#\n]*#[^\n]*\b(assumed|derived|nominal)\b", re.MULTILINE)
+_AS_IN = re.compile(r"^#[^\n]*is as in[ \n#]+(\w+)\.yaml", re.MULTILINE)
 _USUAL: dict[str, tuple[float, float, float, str]] = {
     "pitch_m": (1e6, 5, 50, "µm"),
     "threshold_e": (1, 1e3, 5e5, "electrons"),
@@ -47,8 +48,15 @@ def read_sensor_text(name: str | Path) -> str:
 
 
 def nominal_keys(text: str) -> list[str]:
-    """Return the keys of a sensor file whose comments say that they are assumed, derived or nominal."""
-    return [found[1] for found in _NOMINAL.finditer(text)]
+    """Return the keys of a sensor file whose comments say that they are assumed, derived or nominal.
+
+    A file that is as another one but for some keys names that in its first lines: keys without a comment are as there.
+    """
+    found = [found[1] for found in _NOMINAL.finditer(text)]
+    if other := _AS_IN.search(text):
+        explained = set(re.findall(r"^(\w+):[^#\n]*#", text, re.MULTILINE))
+        found += [key for key in nominal_keys(read_sensor_text(other[1])) if key not in explained]
+    return list(dict.fromkeys(found))
 
 
 def find_implausible(sensor: Sensor) -> Iterator[str]:

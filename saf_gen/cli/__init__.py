@@ -67,6 +67,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "show": sensor_commands.show,
             "check": sensor_commands.check,
             "compare": sensor_commands.compare,
+            "fit": sensor_commands.fit,
         },
     ),
     "methods": (

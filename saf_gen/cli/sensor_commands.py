@@ -1,7 +1,8 @@
-"""The commands ``sensors list``, ``show``, ``check`` and ``compare``."""
+"""The commands ``sensors list``, ``show``, ``check``, ``compare`` and ``fit``."""
 
 import json
 import math
+import re
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,12 +11,14 @@ import typer
 from rich.progress import Progress, TaskID
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import err, out, progress_bars
+from saf_gen.cli._terminal import OutFolder, err, out, progress_bars
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
     from saf_gen.calibration.comparison import Figures, Report
+    from saf_gen.calibration.estimates import Estimate
+    from saf_gen.calibration.recordings import Recording
 
 Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense or sps1000.")]
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not record it.")]
@@ -107,6 +110,93 @@ def compare(
     )
     for part, source in sources.items():
         out.print(f"published, {part}: {source}", soft_wrap=True)
+
+
+def fit(
+    flats: Annotated[
+        list[Path], typer.Argument(help="Flat fields at two or more levels: streams (.h5) or raw frames.")
+    ],
+    *,
+    dark: Annotated[Path | None, typer.Option(help="Recording without light.")] = None,
+    name: Annotated[str, typer.Option(help="Name of the fitted sensor, and of its files.")] = "fitted",
+    threshold_e: Annotated[
+        float | None,
+        typer.Option(help="Electrons per spike, where they are known: tells threshold noise from shot noise."),
+    ] = None,
+    base: Annotated[str, typer.Option(help="Sensor that lends what flat fields cannot tell.")] = "vidar_400x250",
+    folder: OutFolder = None,
+    layout: Layout = "416",
+    rate: Rate = 20_000.0,
+) -> None:
+    """Fit a sensor to flat fields and a dark recording: a sensor file with intervals, and a page of plots.
+
+    One recording of anything, without --dark, gives bounds and no file.
+    """
+    from saf_gen.calibration.fit_files import write_fit
+    from saf_gen.calibration.fit_sensor import fit_sensor
+    from saf_gen.calibration.recordings import open_recording
+    from saf_gen.camera import get_sensor
+    from saf_gen.core.files import check_writable
+
+    lender, target = get_sensor(base), folder or Path()
+    check_writable(target)
+    if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name):
+        raise BadInput(f"--name is {name!r}", allowed="letters, digits, _, . and -: it names files")
+    if threshold_e is not None and not threshold_e >= 25:
+        raise BadInput(f"--threshold-e is {threshold_e:g}", allowed="at least 25 electrons")
+    if dark is None and len(flats) > 1:
+        raise BadInput(
+            f"{len(flats)} flat fields and no dark recording are given",
+            allowed="--dark FILE",
+            hint="cover the lens and record; one recording alone gives bounds",
+        )
+    with ExitStack() as stack, progress_bars() as bars:
+        opened = [stack.enter_context(open_recording(f, layout=layout, readout_hz=rate)) for f in flats]
+        if dark is None:
+            _print_bounds(opened[0], _reporter(bars, "fit"))
+            return
+        unlit = stack.enter_context(open_recording(dark, layout=layout, readout_hz=rate))
+        found = fit_sensor(
+            list(opened), unlit, base=lender, name=name, threshold_e=threshold_e, report=_reporter(bars, "fit")
+        )
+        written = write_fit(found, target)
+    print_estimates(found.estimates, f"sensor {name}")
+    for note in found.notes:
+        out.print(f"note: {note}", soft_wrap=True)
+    for path in written:
+        out.print(str(path), soft_wrap=True)
+    out.print(
+        f"next: saf-gen sensors check {written[0]}; sensor: {written[0].name} in a recipe beside it", soft_wrap=True
+    )
+
+
+def _print_bounds(recording: "Recording", report: "Report") -> None:
+    """Print what one recording of anything bounds."""
+    from saf_gen.calibration.bounds import bound_sensor
+    from saf_gen.calibration.spike_statistics import measure_spikes
+
+    measured = measure_spikes(recording, report=lambda done: report(recording.name, done))
+    print_estimates(bound_sensor(measured, where=recording.name), f"bounds from {recording.name}")
+    out.print(
+        "note: without a dark recording and flat fields of two levels there are bounds only, and no file is written"
+    )
+
+
+def print_estimates(estimates: "dict[str, Estimate]", title: str) -> None:
+    """Print numbers with their intervals as a table."""
+    from saf_gen.calibration.fit_files import format_interval, format_number
+
+    rows = [
+        [
+            key,
+            format_number(found.value, found.high - found.low) if found.measured else "–",
+            format_interval(found),
+            found.how,
+        ]
+        for key, found in estimates.items()
+    ]
+    heads = TableColumn("key"), TableColumn("value", justify="right"), TableColumn("95 %")
+    print_table([*heads, TableColumn("from", folds=True, detail=1)], rows, title=title)
 
 
 def _columns(

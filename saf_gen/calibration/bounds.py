@@ -1,0 +1,80 @@
+"""What one ordinary recording bounds, without flat field and without dark: noise, fixed pattern, dark."""
+
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+
+from saf_gen.calibration.estimates import Estimate
+from saf_gen.calibration.interval_noise import fit_interval_noise
+from saf_gen.calibration.spike_statistics import SpikeStatistics, flat_areas
+from saf_gen.errors import BadInput
+
+_BLOCK = 8
+LEAST_PIXELS = 500
+
+
+def bound_sensor(statistics: SpikeStatistics, *, where: str = "") -> dict[str, Estimate]:
+    """Return upper bounds of a sensor's numbers from a recording of anything, by key.
+
+    Whatever the light does, it adds to what the sensor does: so what is seen is the most that the sensor can have.
+    The pattern is taken where the picture is flattest. What is lost after a spike is not known, and taken as a whole
+    readout: with less, the sensor has less of everything.
+
+    Raises
+    ------
+    BadInput : a recording with fewer than 500 pixels that fire 16 times.
+    """
+    usable = (statistics.counts >= 16) & (statistics.interval > 2)
+    if usable.sum() < LEAST_PIXELS:
+        needed = int(np.ceil(16 / max(float(np.median(statistics.counts)) / statistics.shape[0], 1e-9)))
+        raise BadInput(
+            f"only {usable.sum()} pixels fire 16 times or more in {statistics.shape[0]} readouts",
+            where=where,
+            allowed=f"at least {LEAST_PIXELS} pixels",
+            hint=f"record about {needed} readouts, or with more light" if needed < 10**7 else "record with more light",
+        )
+    noise = _noise_bound(statistics, usable)
+    flat = flat_areas(statistics.rates) & usable
+    charge = statistics.rates / (1 - np.minimum(statistics.rates, 0.9))
+    column_steps, row_steps = np.diff(charge, axis=1), np.diff(charge, axis=0)
+    means = (charge[:, 1:] + charge[:, :-1]) / 2
+    both = flat[:, 1:] & flat[:, :-1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = (column_steps / means)[both]
+    white = float(np.sqrt(np.mean(relative**2) / 2)) if relative.size else float("inf")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        columns = _line_noise(column_steps / means, axis=0)
+        rows = _line_noise(row_steps / ((charge[1:] + charge[:-1]) / 2), axis=1)
+    rate = statistics.counts / statistics.shape[0]
+    height, width = (n // _BLOCK * _BLOCK for n in rate.shape)
+    blocks = rate[:height, :width].reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK).mean(axis=(1, 3))
+    darkest = float(blocks.min()) if blocks.size else float(rate.min())
+    slack = 1 + 2 * 0.6 / _BLOCK
+    return {
+        "interval_noise": _most(noise, "the smallest noise that second differences show at any lag"),
+        "threshold_noise_rms": _most(noise, "as interval_noise: shot noise is in it"),
+        "white_and_threshold_rms": _most(white, "differences of neighbouring pixels in the flattest quarter"),
+        "column_white_rms": _most(columns, "differences of neighbouring columns, median over rows"),
+        "row_white_rms": _most(rows, "differences of neighbouring rows, median over columns"),
+        "dark_rate": _most(darkest / (1 - min(darkest, 0.9)) * slack, f"the darkest {_BLOCK} × {_BLOCK} pixels"),
+    }
+
+
+def _most(value: float, how: str) -> Estimate:
+    return Estimate(value, 0.0, value, how, measured=False)
+
+
+def _noise_bound(statistics: SpikeStatistics, usable: np.ndarray) -> float:
+    """Return the largest noise of intervals, 1/θ + σ² as a root, that the least noisy of four ranges of lags allows."""
+    chosen = replace(statistics, counts=np.where(usable, statistics.counts, 0))
+    found = [fit_interval_noise(chosen, loss=1.0, most_lag=lag) for lag in (2, 4, 16, 64)]
+    ends = [value + 2 * error for value, error in found if np.isfinite(value) and np.isfinite(error)]
+    return sqrt(min(ends)) if ends else float("inf")
+
+
+def _line_noise(steps: np.ndarray, *, axis: int) -> float:
+    """Return the rms of white noise of lines, from the median step from each line to the next."""
+    medians = np.nanmedian(np.where(np.isfinite(steps), steps, np.nan), axis=axis)
+    known = medians[np.isfinite(medians)]
+    return float(1.4826 * np.median(np.abs(known - np.median(known))) / sqrt(2)) if known.size else float("inf")

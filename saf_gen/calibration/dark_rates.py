@@ -1,0 +1,167 @@
+"""The dark rates of a chip, fitted to the counts of a dark recording by maximum likelihood.
+
+A pixel's dark rate is log-normal; of hot pixels, a few in a thousand, it follows a Pareto law from some times the
+median on. Dark rates are low: many pixels fire a few times in a recording, and some never. A count n over T readouts
+says only that the charge X = rate·T, in thresholds, lies between n − 1 and n + 1: it is ⌊X + u⌋, with an even phase
+u. So
+
+    P(n) = E max(0, 1 − |X − n|) = G(n + 1) − 2·G(n) + G(n − 1),    G(x) = E max(0, x − X)
+
+and G has a closed form for both laws. A pixel that never fired is censored in this sense, and counts as such.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize
+from scipy.special import ndtr
+
+from saf_gen.calibration.estimates import Estimate, normal_estimate
+from saf_gen.errors import BadInput
+
+_LEAST_SPIKES = 2.0
+_LEAST_HOT = 12
+_EXPONENTS = (1.5, 20.0)
+_STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class DarkFit:
+    """The dark of a chip. rate : mean over the pixels, spikes per readout, by expectation; log_sd : of the log-normal;
+    hot_fraction : of pixels above ``factor`` times the median; hot_exponent : of the Pareto law; median : of the
+    log-normal, spikes per readout; silent : fraction of the pixels that did not fire."""
+
+    rate: Estimate
+    log_sd: Estimate
+    hot_fraction: Estimate
+    hot_exponent: Estimate | None
+    median: float
+    silent: float
+
+
+def count_probabilities_of_dark(
+    counts: np.ndarray, *, median: float, log_sd: float, extra: float, factor: float, exponent: float
+) -> np.ndarray:
+    """Return the probability of each of some counts.
+
+    Parameters
+    ----------
+    counts : whole numbers, any shape.
+    median : of the log-normal, in spikes over the recording.
+    log_sd : standard deviation of its natural logarithm.
+    extra : fraction of the pixels that follow the Pareto law.
+    factor, exponent : where the Pareto law begins, in medians, and its exponent.
+    """
+
+    def shortfall(x: np.ndarray) -> np.ndarray:
+        at = np.maximum(x, 1e-12)
+        z = np.log(at / median) / log_sd
+        cold = at * ndtr(z) - median * np.exp(log_sd**2 / 2) * ndtr(z - log_sd)
+        start = factor * median
+        ratio = start / np.maximum(at, start)
+        hot = np.maximum(at, start) - start - start / (exponent - 1) * (1 - ratio ** (exponent - 1))
+        return np.where(x > 0, (1 - extra) * cold + extra * hot, 0.0)
+
+    n = np.asarray(counts, np.float64)
+    return shortfall(n + 1) - 2 * shortfall(n) + shortfall(n - 1)
+
+
+def fit_dark(counts: np.ndarray, frames: int, *, factor: float, exponent: float, where: str = "") -> DarkFit:
+    """Return the dark of a chip from the counts of its pixels over ``frames`` readouts without light.
+
+    Parameters
+    ----------
+    counts : spikes of each pixel that is not dead, any shape.
+    frames : readouts of the recording.
+    factor : times the median from which a pixel is called hot.
+    exponent : of the Pareto law, where too few pixels are hot to tell it.
+    where : what messages call the recording.
+
+    Raises
+    ------
+    BadInput : a recording with fewer than 2 spikes per pixel on average; it says how long it must be.
+    """
+    counts = np.asarray(counts).ravel()
+    if counts.mean() < _LEAST_SPIKES:
+        needed = int(np.ceil(frames * _LEAST_SPIKES / max(counts.mean(), 1 / counts.size)))
+        raise BadInput(
+            f"the dark recording has {counts.mean():.2g} spikes per pixel in {frames} readouts",
+            where=where,
+            allowed=f"at least {_LEAST_SPIKES:g}",
+            hint=f"record at least {needed} readouts",
+        )
+    seen, number = np.unique(counts, return_counts=True)
+    middle = float(np.median(counts))
+    fired = np.log(counts[counts > 0])
+    sd = float(np.clip((np.quantile(fired, 0.84) - np.quantile(fired, 0.16)) / 2, 0.02, 1.5))
+    many = int((counts > factor * max(middle, 1)).sum()) >= _LEAST_HOT
+    start = [np.log(max(middle, 1.0)), np.log(sd), np.log(2e-3)] + ([np.log(exponent - 1)] if many else [])
+
+    def unpack(unknown: np.ndarray) -> dict[str, float]:
+        tail = np.clip(np.exp(unknown[3]) + 1, *_EXPONENTS) if many else exponent
+        return {
+            "median": float(np.exp(unknown[0])),
+            "log_sd": float(np.exp(unknown[1])),
+            "extra": float(min(np.exp(unknown[2]), 0.5)),
+            "factor": factor,
+            "exponent": float(tail),
+        }
+
+    def loss(unknown: np.ndarray) -> float:
+        p = count_probabilities_of_dark(seen, **unpack(unknown))
+        return -float(number @ np.log(np.maximum(p, 1e-300)))
+
+    fit = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 4000})
+    cov = _covariance(loss, fit.x)
+    here = unpack(fit.x)
+
+    def delta(of: Callable[[dict[str, float]], float]) -> float:
+        slopes = np.array([(of(unpack(fit.x + e)) - of(unpack(fit.x - e))) / (2 * _STEP) for e in _steps(fit.x.size)])
+        return float(np.sqrt(max(slopes @ cov @ slopes, 0.0)))
+
+    def rate(p: dict[str, float]) -> float:
+        hot = p["factor"] * p["exponent"] / (p["exponent"] - 1)
+        return p["median"] * ((1 - p["extra"]) * np.exp(p["log_sd"] ** 2 / 2) + p["extra"] * hot) / frames
+
+    def hot_fraction(p: dict[str, float]) -> float:
+        tail = float(ndtr(-np.log(p["factor"]) / p["log_sd"]))
+        return p["extra"] + (1 - p["extra"]) * tail
+
+    how = "likelihood of the counts in the dark, pixels that never fired included"
+    found = hot_fraction(here)
+    tail = normal_estimate(here["exponent"], delta(lambda p: p["exponent"]), how=how, least=1)
+    low, high = _binomial_interval(round(found * counts.size), counts.size)
+    return DarkFit(
+        rate=normal_estimate(rate(here), delta(rate), how=how, least=0),
+        log_sd=normal_estimate(here["log_sd"], delta(lambda p: p["log_sd"]), how=how, least=0),
+        hot_fraction=Estimate(found, low, high, how),
+        hot_exponent=tail if many else None,
+        median=here["median"] / frames,
+        silent=float(np.mean(counts == 0)),
+    )
+
+
+def _steps(size: int) -> np.ndarray:
+    return np.eye(size) * _STEP
+
+
+def _covariance(loss: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
+    """Return the inverse of a likelihood's curvature; 0 for what it does not know, as a fraction of no hot pixel."""
+    steps = _steps(at.size) * 10
+    curvature = np.empty((at.size, at.size))
+    for i, a in enumerate(steps):
+        for j, b in enumerate(steps):
+            corners = loss(at + a + b) - loss(at + a - b) - loss(at - a + b) + loss(at - a - b)
+            curvature[i, j] = corners / (4 * (10 * _STEP) ** 2)
+    known = np.diag(curvature) > 1e-2
+    out = np.zeros_like(curvature)
+    out[np.ix_(known, known)] = np.linalg.pinv(curvature[np.ix_(known, known)])
+    return out
+
+
+def _binomial_interval(hits: int, trials: int) -> tuple[float, float]:
+    """Return the 95 % interval of a chance (Clopper and Pearson 1934, doi:10.1093/biomet/26.4.404)."""
+    low = stats.beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
+    return float(low), float(stats.beta.ppf(0.975, hits + 1, trials - hits))

@@ -1,0 +1,105 @@
+"""The noise of intervals, 1/θ + σ², from second differences of spike times.
+
+The time of a spike is a whole number of readouts: tⱼ = ⌈Sⱼ⌉. Sⱼ grows from spike to spike by m, with the variance
+s² = v·(m − ℓ)², v = 1/θ + σ², ℓ the fraction of a readout lost after a spike. The phase eⱼ = tⱼ − Sⱼ is even over a
+readout and independent of how S grows. So the second difference at a lag of k spikes, t₂ₖ − 2tₖ + t₀, has the variance
+
+    2·k·s² + Var(e₂ₖ − 2eₖ + e₀) = 2·k·s² + 1/2 − 4·O(k) + O(2k)
+
+where O(k) is twice the covariance of two phases k spikes apart, the oscillation of the exact law of intervals at the
+mean k·m and the variance k·s² (docs/physics.md). It knows neither the mean interval nor a steady drift of the light.
+At long lags the noise outgrows the phases, and O is nothing.
+"""
+
+import numpy as np
+
+from saf_gen.calibration.spike_kernel import LAGS
+from saf_gen.calibration.spike_statistics import SpikeStatistics
+from saf_gen.camera.counting_law import oscillation
+
+_LEAST_PIXELS = 200
+_ROUNDS = 4
+
+
+def second_difference_variance(
+    interval: np.ndarray, noise: float, *, lag: int, loss: float = 0.0, stretch: float = 1.0
+) -> np.ndarray:
+    """Return the variance, in readouts², of second differences at a lag of so many spikes.
+
+    Parameters
+    ----------
+    interval : mean interval of each pixel, readouts.
+    noise : v = 1/θ + σ², the relative variance of a threshold.
+    lag : spikes between the three times.
+    loss : ℓ, readouts lost after a spike.
+    stretch : mean square of the length of a readout, where times are stretched by the light; 1 in steady light.
+    """
+    grown = noise * (interval - loss) ** 2
+    phases = 0.5 - 4 * oscillation(lag * interval, lag * grown) + oscillation(2 * lag * interval, 2 * lag * grown)
+    return 2 * lag * grown + stretch * phases
+
+
+def fit_interval_noise(
+    statistics: SpikeStatistics, *, loss: float = 0.0, stretch: float = 1.0, most_lag: int = 1 << LAGS
+) -> tuple[float, float]:
+    """Return v = 1/θ + σ² of a recording in even light, and its standard error.
+
+    The sums of squares of every pixel, at each lag that has enough of them, are matched with what the law says for the
+    pixel's own mean interval: a generalised method of moments (Hansen 1982, doi:10.2307/1912775), whose weights and
+    error are the covariance of the sums over the pixels. ``most_lag`` spikes is the longest lag. Returns (NaN, ∞)
+    where fewer than 200 pixels have 16 spikes, or all intervals are the same.
+    """
+    used = (statistics.counts >= 16) & np.isfinite(statistics.interval)
+    if used.sum() < _LEAST_PIXELS:
+        return float("nan"), float("inf")
+    interval = statistics.interval[used]
+    squares, numbers = statistics.squares[used], statistics.numbers[used]
+    usable = [lag for lag in range(LAGS) if 1 << lag <= min(np.median(statistics.counts[used]) / 8, most_lag)]
+    longest = usable[-1]
+    steady = squares[:, longest].sum() - stretch / 2 * numbers[:, longest].sum()
+    grown = 2 * (1 << longest) * ((interval - loss) ** 2 * numbers[:, longest]).sum()
+    noise, error = max(float(steady / grown), 1e-8), float("inf")
+    for _ in range(_ROUNDS):
+        off, slope = _moments(
+            interval, squares=squares, numbers=numbers, usable=usable, noise=noise, loss=loss, stretch=stretch
+        )
+        kept = _informative(off, slope)
+        spread = np.cov(off[:, kept], rowvar=False).reshape(len(kept), len(kept))
+        weight = np.linalg.pinv(spread, hermitian=True) @ slope[kept]
+        information = float(slope[kept] @ weight)
+        if not information > 0:
+            return float("nan"), float("inf")
+        step = float(off[:, kept].mean(axis=0) @ weight) / information
+        error = float(1 / np.sqrt(information * interval.size))
+        noise = max(noise + step, 1e-9)
+        if abs(step) < 0.01 * error:
+            break
+    return noise, error
+
+
+def _moments(
+    interval: np.ndarray,
+    *,
+    squares: np.ndarray,
+    numbers: np.ndarray,
+    usable: list[int],
+    noise: float,
+    loss: float,
+    stretch: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what sums of squares exceed the law by, (pixels, lags), and the mean rise of the law with v, (lags,)."""
+    off, slope = np.empty((interval.size, len(usable))), np.empty(len(usable))
+    for at, lag in enumerate(usable):
+        law, more = (
+            second_difference_variance(interval, v, lag=1 << lag, loss=loss, stretch=stretch)
+            for v in (noise, 1.02 * noise)
+        )
+        off[:, at] = squares[:, lag] - numbers[:, lag] * law
+        slope[at] = np.mean(numbers[:, lag] * (more - law)) / (0.02 * noise)
+    return off, slope
+
+
+def _informative(off: np.ndarray, slope: np.ndarray) -> list[int]:
+    """Return the lags that tell at least a hundredth of what the best one tells."""
+    alone = slope**2 / np.maximum(off.var(axis=0), 1e-300)
+    return [at for at in range(slope.size) if alone[at] > 0.01 * alone.max()]

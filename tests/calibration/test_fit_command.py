@@ -1,0 +1,151 @@
+"""``sensors fit``: the files that it writes, what it prints, its bounds from one recording, and what it refuses."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import synthetic_cameras as cameras
+import yaml
+
+from saf_gen import write_stream
+from saf_gen.calibration.bounds import bound_sensor
+from saf_gen.calibration.estimates import Estimate
+from saf_gen.calibration.fit_files import format_interval, format_number
+from saf_gen.calibration.spike_statistics import measure_spikes
+from saf_gen.camera import get_sensor
+
+CAMERA = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_loss=0.01)
+SHAPE = (24, 40)
+
+
+def write(path, recording):
+    packed = np.concatenate(list(recording.blocks()), axis=2)
+    frames = np.unpackbits(packed, axis=2, bitorder="little", count=recording.shape[0]).transpose(2, 0, 1)
+    write_stream(path, frames, readout_hz=recording.readout_hz)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recordings")
+    for name, rate in (("dim", 0.1), ("bright", 0.4)):
+        write(folder / f"{name}.h5", cameras.flat(CAMERA, rate, shape=SHAPE, frames=3000))
+    write(folder / "dark.h5", cameras.dark(CAMERA, shape=SHAPE, frames=8000))
+    return folder
+
+
+@pytest.fixture
+def fit(recordings, call, tmp_path):
+    def run(*names, **options):
+        given = [word for key, value in options.items() for word in (f"--{key.replace('_', '-')}", value)]
+        return call("sensors", "fit", *(recordings / n for n in names), "--out", tmp_path / "out", *given)
+
+    return run
+
+
+def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path):
+    """The sensor file is read as it is, tells what was measured from what was assumed, and stands in the JSON too."""
+    code, shown, _ = fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="mine", threshold_e=29900)
+    assert code == 0
+    sensor = get_sensor(tmp_path / "out/mine.yaml")
+    text = (tmp_path / "out/mine.yaml").read_text()
+    found = json.loads((tmp_path / "out/mine.json").read_text())["estimates"]
+    for key in ("dark_rate", "threshold_noise_rms", "response_column_rms"):
+        assert found[key]["low"] <= found[key]["value"] <= found[key]["high"]
+        assert getattr(sensor, key) == pytest.approx(found[key]["value"], rel=0.01)
+        assert re.search(rf"^{key}: \S+  # 95 % ", text, re.MULTILINE)
+    assert found["threshold_noise_rms"]["low"] < 0.02 * 1.02
+    assert re.search(r"^pitch_m: \S+  # assumed", text, re.MULTILINE)
+    assert re.search(r"^threshold_e: 29900  # given", text, re.MULTILINE)
+    assert re.search(r"^threshold_spread_rms: \S+  # not told; at most ", text, re.MULTILINE)
+    assert set(yaml.safe_load(text)) == set(yaml.safe_load((tmp_path / "out/mine.yaml").read_text()))
+    assert "cannot be told apart by rates" in shown
+    assert "dark_rate" in shown
+
+
+def test_the_page_stands_alone_and_has_a_plot_of_each_kind(fit, recordings, tmp_path):
+    """No address outside, no id twice, and as many drawings as captions."""
+    fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="page")
+    page = (tmp_path / "out/page.html").read_text()
+    assert page.count("<svg") == page.count("<figcaption") == 7
+    assert not re.search(r'(src|href)="https?://', page)
+    ids = re.findall(r' id="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', page))
+    assert used <= set(ids)
+    for word in ("What could not be told", "interval_noise", "Linearity", "dim.h5"):
+        assert word in page
+
+
+def test_a_fitted_sensor_has_the_statistics_of_the_camera(fit, recordings, call, tmp_path):
+    """The way round: the sensor beside the recording it was fitted to, given its light. CV2 and a Fano factor to 15 %:
+    the first column and row of the recording stay in its light, and count twice.
+    """
+    fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="round")
+    code, shown, _ = call("sensors", "compare", recordings / "dim.h5", tmp_path / "out/round.yaml", "--json")
+    assert code == 0
+    rows = {row["key"]: row for row in json.loads(shown)["statistics"]}
+    assert rows["recording.cv2"]["b"] == pytest.approx(rows["recording.cv2"]["a"], rel=0.15)
+    assert rows["recording.fano_50"]["b"] == pytest.approx(rows["recording.fano_50"]["a"], rel=0.15)
+
+
+def test_one_recording_gives_bounds_and_no_file(fit, tmp_path):
+    code, shown, _ = fit("bright.h5")
+    assert code == 0
+    assert "threshold_noise_rms" in shown
+    assert "at most" in shown
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_bounds_hold_whatever_the_light_does(moving):
+    """A picture, at rest and moving, before cameras of 40 × 64 pixels: every bound is above what the camera has."""
+    for seed in range(6):
+        camera = cameras.draw_camera(seed)
+        ramp = np.broadcast_to(np.linspace(0.3, 1.7, 64), (40, 64))
+        light = 1 + 0.1 * np.sin(np.arange(4000) / 300) if moving else np.ones(4000)
+        shown = measure_spikes(cameras.flat(camera, 0.2, shape=(40, 64), frames=4000, picture=ramp, light=light))
+        bounds, truth = bound_sensor(shown), cameras.true_numbers(camera)
+        for key in ("interval_noise", "threshold_noise_rms", "white_and_threshold_rms", "dark_rate"):
+            assert bounds[key].high > 0.97 * truth[key], (seed, key)
+        if not moving:
+            assert bounds["interval_noise"].high < 2 * truth["interval_noise"]
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "words"),
+    [
+        (("dim.h5", "bright.h5"), {}, "no dark recording | --dark FILE | one recording alone gives bounds"),
+        (("dim.h5",), {"dark": "missing.h5"}, "missing.h5"),
+        (("dim.h5",), {"name": "a/b"}, "--name is 'a/b'"),
+        (("dim.h5",), {"threshold_e": 3}, "--threshold-e is 3 | at least 25"),
+        (("dim.h5",), {"base": "vidr"}, "unknown sensor 'vidr'"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused_in_one_line(names, options, words, fit):
+    code, _, told = fit(*names, **options)
+    assert code == 2
+    assert all(word in told.splitlines()[-1] for word in words.split(" | "))
+
+
+def test_too_few_spikes_give_no_bounds(tmp_path, call):
+    write_stream(tmp_path / "few.h5", np.zeros((100, 8, 8), np.uint8))
+    code, _, told = call("sensors", "fit", tmp_path / "few.h5")
+    assert code == 2
+    assert "fire 16 times or more" in told
+
+
+@pytest.mark.parametrize(
+    ("value", "width", "text"),
+    [
+        (0.0123456, 0.001, "0.0123"),
+        (29_900.0, None, "29900"),
+        (0.0, 1.0, "0"),
+        (2.5e-5, 1e-6, "2.5e-05"),
+        (4.0, 9.0, "4"),
+    ],
+)
+def test_a_number_has_the_digits_that_its_interval_leaves(value, width, text):
+    assert format_number(value, width) == text
+    assert format_interval(Estimate(1.0, 0.5, np.inf, "")) == "at least 0.5"

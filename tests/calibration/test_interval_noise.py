@@ -1,0 +1,148 @@
+"""The law of second differences, the noise fitted with it, the law of dark counts, and the line of two levels."""
+
+import numpy as np
+import pytest
+import synthetic_cameras as cameras
+from scipy import stats
+
+from saf_gen.calibration.dark_rates import count_probabilities_of_dark, fit_dark
+from saf_gen.calibration.interval_noise import fit_interval_noise, second_difference_variance
+from saf_gen.calibration.linearity import fit_response, tell_saturation
+from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
+from saf_gen.camera import get_sensor
+from saf_gen.core.seeds import make_generator
+
+FAR = stats.norm.isf(0.5e-4)
+CASES = [(m, sd, lag) for m in (1.3, 2.5, 3.0, 4.76, 7.81) for sd, lag in ((0.002, 1), (0.01, 4), (0.03, 16))]
+
+
+def drawn(interval, sd, lag):
+    """Second differences of 40,000 pixels, drawn from their definition: ⌈S⌉ of normal intervals, from an even phase."""
+    random = make_generator("second differences", round(100 * interval), lag)
+    steps = interval * (lag + sd * np.sqrt(lag) * random.standard_normal((2, 40_000)))
+    start = random.random(40_000)
+    times = np.ceil(np.stack([start, start + steps[0], start + steps.sum(axis=0)]))
+    return times[2] - 2 * times[1] + times[0]
+
+
+@pytest.mark.parametrize(("interval", "sd", "lag"), CASES)
+def test_second_differences_obey_the_exact_law(interval, sd, lag):
+    """The mean square of 40,000, within its own standard error at a significance of 1e-4."""
+    squares = drawn(interval, sd, lag) ** 2
+    law = float(second_difference_variance(np.array([interval]), sd**2, lag=lag)[0])
+    assert abs(squares.mean() - law) < FAR * max(squares.std(), 1e-3) / np.sqrt(squares.size) + 1e-12
+
+
+def test_the_exact_law_is_told_from_the_average_one():
+    """2·k·s² + 1/2 is off by more than ten times what the test above allows in at least 8 of the 15 cases."""
+    told = 0
+    for interval, sd, lag in CASES:
+        squares = drawn(interval, sd, lag) ** 2
+        average = 2 * lag * (sd * interval) ** 2 + 0.5
+        told += abs(squares.mean() - average) > 10 * FAR * squares.std() / np.sqrt(squares.size)
+    assert told >= 8
+
+
+@pytest.mark.parametrize(
+    ("rate", "changes"),
+    [
+        (0.2, {}),
+        (0.05, {"threshold_noise_rms": 0.03}),
+        (0.25, {"saturation": "dead_readout", "threshold_noise_rms": 0.01}),
+        (0.21, {"threshold_noise_rms": 0.0}),
+    ],
+)
+def test_the_noise_of_intervals_is_found_inside_its_interval(rate, changes):
+    """32 × 48 pixels, 6,000 readouts, ten seeds each: standardised errors are normal (mean and square, at 1e-4)."""
+    sensor = get_sensor("vidar_400x250", **changes)
+    truth = 1 / sensor.threshold_e + sensor.threshold_noise_rms**2
+    off = []
+    for seed in range(10):
+        flat = measure_spikes(cameras.flat(sensor, rate, seed=seed, device=seed, shape=(32, 48)))
+        noise, error = fit_interval_noise(flat, loss=sensor.post_spike_loss)
+        off.append((noise - truth) / error)
+        assert error < 0.05 * truth
+    assert abs(np.sum(off)) < FAR * np.sqrt(10)
+    assert np.square(off).sum() < stats.chi2.isf(1e-4, 10)
+
+
+def test_the_law_of_dark_counts_is_that_of_its_definition():
+    """χ² of 200,000 counts ⌊X + u⌋ of log-normal and Pareto rates, 1e-4 (seed 1); probabilities add up to 1."""
+    random = make_generator("dark law", 1)
+    numbers = {"median": 3.3, "log_sd": 0.5, "extra": 0.01, "factor": 4.0, "exponent": 2.5}
+    size = 200_000
+    x = 3.3 * np.exp(0.5 * random.standard_normal(size))
+    hot = random.random(size) < 0.01
+    x[hot] = 4 * 3.3 * (1 - random.random(hot.sum())) ** (-1 / 2.5)
+    seen = np.floor(x + random.random(size)).astype(int)
+    n = np.arange(40)
+    p = count_probabilities_of_dark(n, **numbers)
+    assert count_probabilities_of_dark(np.arange(100_000), **numbers).sum() == pytest.approx(1, abs=1e-6)
+    found = np.bincount(np.clip(seen, 0, 40), minlength=41)
+    expected = np.append(p, 1 - p.sum()) * size
+    assert stats.chi2.sf(((found - expected) ** 2 / expected).sum(), 40) > 1e-4
+
+
+@pytest.mark.parametrize("frames", [500, 20_000])
+def test_dark_is_found_though_pixels_never_fire(frames):
+    """3,000 pixels of a log-normal law of median 0.004, ten seeds; at 500 readouts some are silent.
+
+    Standardised errors of the mean rate and of the sd of ln, their sum and sum of squares at 1e-4.
+    """
+    off, silent = [], []
+    for seed in range(10):
+        random = make_generator("censored dark", seed)
+        rates = 0.004 * np.exp(0.45 * random.standard_normal(3000))
+        found = fit_dark(np.floor(rates * frames + random.random(3000)), frames, factor=4, exponent=2.7)
+        silent.append(found.silent)
+        for estimate, truth in ((found.rate, 0.004 * np.exp(0.45**2 / 2)), (found.log_sd, 0.45)):
+            off.append((estimate.value - truth) / ((estimate.high - estimate.low) / 3.92))
+    assert (max(silent) > 0.005) == (frames == 500)
+    for part in (off[::2], off[1::2]):
+        assert abs(np.sum(part)) < FAR * np.sqrt(10)
+        assert np.square(part).sum() < stats.chi2.isf(1e-4, 10)
+
+
+def regular(rates, frames=20_000, seed=1):
+    """Statistics of trains without noise at these rates, as the pass over spikes would give them."""
+    phase = make_generator("regular", seed).random(rates.shape)
+    number = np.floor(rates * frames + phase).astype(np.int64)
+    first, last = np.ceil((1 - phase) / rates), np.ceil((number - phase) / rates)
+    empty = np.zeros((*rates.shape, 11))
+    return SpikeStatistics(
+        shape=(frames, *rates.shape),
+        counts=number,
+        interval=(last - first) / (number - 1),
+        cv2=0.0,
+        interval_change=0.0,
+        fano={},
+        half_rates=np.zeros((2, *rates.shape)),
+        series=np.zeros(1),
+        series_variance=0.0,
+        squares=empty,
+        numbers=empty.astype(np.int64),
+    )
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.02, 1.0])
+def test_pixels_that_differ_tell_what_is_lost_after_a_spike(loss):
+    """Three levels nobody knows, 60 × 60 pixels of 5 %: ℓ in its interval, levels to 10⁻³, responses to their error."""
+    response = 1 + 0.05 * make_generator("line").standard_normal((60, 60))
+    response /= response.mean()
+    levels = np.array([0.08, 0.2, 0.5])
+    flats = [regular(1 / (1 / (level * response + 0.004) + loss), seed=i) for i, level in enumerate(levels)]
+    dark = np.full(response.shape, 0.004)
+    fit = fit_response(flats, dark, dark_error=0 * dark, noise=0.0)
+    assert fit.loss.holds(loss)
+    assert fit.loss.high - fit.loss.low < 0.004
+    assert fit.levels == pytest.approx(levels, rel=1e-3)
+    assert np.std((fit.response - response) / fit.error) < 1.3
+    assert tell_saturation(fit.loss)[0] == ("dead_readout" if loss == 1 else "subtract")
+    assert fit.misfit < 1.3
+
+
+def test_pixels_that_do_not_differ_tell_nothing():
+    """The same light on the same pixels: any ℓ will do, and the interval says so."""
+    flats = [regular(np.full((30, 30), rate), seed=i) for i, rate in enumerate((0.1, 0.4))]
+    dark = np.full((30, 30), 0.004)
+    assert tell_saturation(fit_response(flats, dark, dark_error=0 * dark, noise=1e-6).loss) is None
