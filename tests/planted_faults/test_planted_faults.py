@@ -50,10 +50,13 @@ def ended_otherwise(found: dict[str, Any], tests: Sequence[str], *, planted: boo
     return wrong + [f"{key}: {ended}" for key, ended in outcomes.items() if ended.startswith("cannot be collected")]
 
 
-def check(folder: Path, tests_by_fault: dict[str, Sequence[str]]) -> None:
-    """Run the tests of each fault while it is planted, and all of them without any."""
-    every_test = list(dict.fromkeys(test for tests in tests_by_fault.values() for test in tests))
-    jobs = [("", every_test), *tests_by_fault.items()]
+def jobs_of(tests_by_fault: dict[str, Sequence[str]]) -> list[tuple[str, Sequence[str]]]:
+    """All of the tests without a fault, and then those of each fault while it is planted."""
+    every_test = dict.fromkeys(test for tests in tests_by_fault.values() for test in tests)
+    return [("", list(every_test)), *tests_by_fault.items()]
+
+
+def check(folder: Path, jobs: Sequence[tuple[str, Sequence[str]]]) -> None:
     wrong = {}
     for (fault, tests), found in zip(jobs, run_with_faults(folder, jobs), strict=True):
         if told := ended_otherwise(found, tests, planted=bool(fault)):
@@ -70,18 +73,24 @@ def test_every_fault_still_finds_what_it_changes():
 @pytest.mark.slow
 def test_cheap_tests_catch_the_faults(tmp_path):
     """In one go, because libraries are then loaded once: half a minute."""
-    check(tmp_path, {name: fault.cheap_tests for name, fault in FAULTS.items() if fault.cheap_tests})
+    check(tmp_path, jobs_of({name: fault.cheap_tests for name, fault in FAULTS.items() if fault.cheap_tests}))
 
 
-def with_llvm_where_rendered(name):
-    rendered = any(test.startswith(RENDERED) for test in FAULTS[name].tests)
-    return pytest.param(name, marks=[needs_llvm] if rendered else [])
+EVERY_JOB = jobs_of({name: fault.tests for name, fault in FAULTS.items()})
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [with_llvm_where_rendered(name) for name in FAULTS])
-def test_every_test_beside_a_fault_catches_it(tmp_path, name):
-    check(tmp_path, {name: FAULTS[name].tests})
+@pytest.mark.parametrize(
+    "job",
+    [
+        pytest.param(
+            job, id=job[0] or "no fault", marks=[needs_llvm] if any(t.startswith(RENDERED) for t in job[1]) else []
+        )
+        for job in EVERY_JOB
+    ],
+)
+def test_every_test_beside_a_fault_catches_it_and_passes_without_one(tmp_path, job):
+    check(tmp_path, [job])
 
 
 @pytest.mark.parametrize("name", FAULTS)
