@@ -392,8 +392,8 @@ def desk(tmp_path_factory):
 
 def run(folder: Path, words: list[str], where: str = "") -> str:
     """Run a saf-gen command; one meant for a recipe of the project only says what it would do, one that looks at a
-    scene does so with a quarter of the pixels, and so does a bench, with few frames. An evaluation draws the sweep of
-    one sequence."""
+    scene does so with a quarter of the pixels, and so does a bench, with few frames; sensors are compared over 400. An
+    evaluation draws the sweep of one sequence."""
     environment, (_, *arguments) = split_env(words)
     whole = [str(p.relative_to(ROOT)) for p in (ROOT / "recipes").glob("*.yaml")]
     if arguments[0] == "generate" and arguments[1] in whole and "--dry-run" not in arguments:
@@ -404,6 +404,8 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(shown), redirect_stderr(told):
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
+        for name in ("FLAT_FRAMES", "DARK_FRAMES"):
+            patch.setattr(f"saf_gen.calibration.comparison.{name}", 400)
         patch.setattr("saf_gen.speed.BenchSize", partial(BenchSize, sensor="quarter.yaml", frames=2000))
         for name, value in environment.items():
             patch.setenv(name, value)

@@ -20,7 +20,7 @@ from saf_gen.calibration.flat_checks import (
     check_one_camera,
     find_light_variation,
 )
-from saf_gen.calibration.interval_noise import fit_interval_noise
+from saf_gen.calibration.interval_noise import START_NOISE, NoiseOfLevels, combine_noise, fit_interval_noise
 from saf_gen.calibration.linearity import ResponseFit, fit_response, tell_saturation
 from saf_gen.calibration.recordings import Recording
 from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
@@ -29,8 +29,8 @@ from saf_gen.core.config.presets import change_preset_fields
 from saf_gen.errors import BadInput
 
 Report = Callable[[str, float], None]
-_START_NOISE = 1e-4
 _MISFIT_RMS = 0.005
+_FITTED_NOISE = ("shot", "dark", "response", "threshold_spread", "threshold_noise", "dust", "dead")
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def fit_sensor(
         found = measure(flat)
         rough, _ = fit_interval_noise(found)
         variation = find_light_variation(
-            found, noise=rough if np.isfinite(rough) else _START_NOISE, readout_hz=flat.readout_hz
+            found, noise=rough if np.isfinite(rough) else START_NOISE, readout_hz=flat.readout_hz
         )
         check_flat(flat.name, found, dark=unlit.rates, variation=variation)
         if variation.light is not None:
@@ -130,32 +130,37 @@ def _fit(
     notes: list[str] = []
     lit = list(flats.values())
     dead = np.min([f.counts for f in lit], axis=0) == 0
-    dark_fit = fit_dark(
-        unlit.counts[~dead], unlit.shape[0], factor=base.dark_hot_factor, exponent=base.dark_hot_exponent,
-        where=dark_name,
-    )  # fmt: skip
     dark_error = np.full(dead.shape, sqrt(1 / 6) / unlit.shape[0])
-    loss, noise = base.post_spike_loss if len(lit) == 1 else 0.0, _START_NOISE
+    loss, noise = base.post_spike_loss if len(lit) == 1 else 0.0, START_NOISE
     for _ in range(3):
         dark_rates = unlit.rates / (1 - loss * np.minimum(unlit.rates, 0.5))
         response = fit_response(lit, dark_rates, dark_error=dark_error, noise=noise, loss=loss)
         told = response.loss is not None and response.loss.measured
         loss = response.loss.value if told and response.loss is not None else base.post_spike_loss
-        noise, noise_error, levels_agree = _combine_noise(flats, variations, loss=loss)
-    estimates: dict[str, Estimate] = {
-        "interval_noise": root_estimate(noise, noise_error, how="second differences of spike times in the flat fields")
-    }
-    if not levels_agree:
-        notes.append("the noise of intervals differs between levels: it is not that of thresholds alone")
+        joint = _noise_of_levels(flats, variations, loss=loss)
+        noise = joint.value
+    dark_fit = fit_dark(
+        _counts_without_loss(unlit.counts[~dead], unlit.shape[0], loss=loss),
+        unlit.shape[0],
+        factor=base.dark_hot_factor,
+        exponent=base.dark_hot_exponent,
+        where=dark_name,
+    )
+    how = "second differences of spike times in the flat fields"
+    estimates: dict[str, Estimate] = {"interval_noise": root_estimate(noise, joint.error, how=how)}
+    if joint.jitter is not None:
+        estimates["reset_jitter"] = joint.jitter
+    if not joint.agree:
+        notes.append("the noise of intervals differs between levels: it is not that of thresholds and resets alone")
     changes: dict[str, object] = {"name": name, "rows": dead.shape[0], "columns": dead.shape[1]}
     changes["readout_hz"] = readout_hz
     changes |= _saturation(response, estimates, notes=notes, base=base)
-    changes |= _threshold(estimates, notes, noise=(noise, noise_error), base=base, threshold_e=threshold_e)
+    changes |= _threshold(estimates, notes, noise=(noise, joint.error), base=base, threshold_e=threshold_e)
     pattern = fit_pattern(response.response, response.error, dark=dark_rates / dark_fit.rate.value)
     estimates |= pattern.estimates
     estimates |= _shared_white(estimates, notes)
     estimates |= {
-        "dark_rate": _charge_of_dark(dark_fit.rate, unlit.rates[~dead], loss=loss),
+        "dark_rate": dark_fit.rate,
         "dark_log_sd": dark_fit.log_sd,
         "dark_hot_fraction": dark_fit.hot_fraction,
     }
@@ -186,28 +191,22 @@ def _fit(
 
 
 def _build(base: Sensor, changes: dict[str, object]) -> Sensor:
-    """Return the base with what was fitted, all its noise switched on, within the ranges that a sensor may have."""
+    """Return the base with what was fitted, that noise switched on, within the ranges that a sensor may have."""
     plain = {key: [float(x) for x in v] if isinstance(v, list) else v for key, v in changes.items()}
-    noise = {switch.name: True for switch in fields(base.noise)}
+    noise = {**asdict(base.noise), **dict.fromkeys(_FITTED_NOISE, True)}
+    noise["reset_jitter"] = bool(plain.get("reset_jitter"))
     sources = ("fitted by saf-gen sensors fit", f"what flat fields do not tell: as {base.name}")
     return change_preset_fields(
         replace(base, sources=sources), {**plain, "noise": noise}, where=f"sensor {changes['name']}"
     )
 
 
-def _combine_noise(
+def _noise_of_levels(
     flats: dict[str, SpikeStatistics], variations: dict[str, LightVariation], *, loss: float
-) -> tuple[float, float, bool]:
-    """Return v of all levels together, its standard error, and whether the levels agree (at a significance of 1e-3)."""
+) -> NoiseOfLevels:
     found = [fit_interval_noise(f, loss=loss, stretch=variations[n].stretch) for n, f in flats.items()]
-    known = np.array([(v, e) for v, e in found if np.isfinite(v)])
-    if not known.size:
-        return _START_NOISE, inf, True
-    weight = 1 / known[:, 1] ** 2
-    value, error = float(np.average(known[:, 0], weights=weight)), float(1 / np.sqrt(weight.sum()))
-    off = float((((known[:, 0] - value) / known[:, 1]) ** 2).sum())
-    agree = len(known) < 2 or stats.chi2.sf(off, len(known) - 1) > 1e-3
-    return value, error if agree else error * sqrt(off / (len(known) - 1)), agree
+    lengths = [float(np.nanmedian(f.interval)) - loss for f in flats.values()]
+    return combine_noise(found, lengths)
 
 
 def _saturation(
@@ -281,10 +280,13 @@ def _shared_white(estimates: dict[str, Estimate], notes: list[str]) -> dict[str,
     return {"response_white_rms": half, "threshold_spread_rms": half}
 
 
-def _charge_of_dark(rate: Estimate, rates: np.ndarray, *, loss: float) -> Estimate:
-    """Return the mean dark charge in thresholds per readout: a rate R is of the charge R/(1 − ℓ·R)."""
-    more = 1 + loss * float(np.mean(rates**2) / np.mean(rates))
-    return replace(rate, value=rate.value * more, low=rate.low * more, high=rate.high * more)
+def _counts_without_loss(counts: np.ndarray, frames: int, *, loss: float) -> np.ndarray:
+    """Return the counts that dark charge would give if nothing were lost after a spike: n/(1 − ℓ·n/T).
+
+    They are made whole as counts are, by an even phase: that of the golden ratio's multiples, without randomness.
+    """
+    phase = np.arange(counts.size) * ((sqrt(5) - 1) / 2) % 1
+    return np.floor(counts / (1 - loss * np.minimum(counts / frames, 0.5)) + phase).astype(np.int64)
 
 
 def _spread_per_dark(estimates: dict[str, Estimate]) -> dict[str, Estimate]:

@@ -11,13 +11,21 @@ mean k·m and the variance k·s² (docs/physics.md). It knows neither the mean i
 At long lags the noise outgrows the phases, and O is nothing.
 """
 
-import numpy as np
+from dataclasses import dataclass
+from math import inf, sqrt
 
+import numpy as np
+from scipy import stats
+
+from saf_gen.calibration.estimates import NORMAL_95, Estimate, root_estimate
 from saf_gen.calibration.spike_kernel import LAGS
 from saf_gen.calibration.spike_statistics import SpikeStatistics
 from saf_gen.camera.counting_law import oscillation
 
+START_NOISE = 1e-4
+"""v where nothing is known of it yet, and where a recording does not tell it."""
 _LEAST_PIXELS = 200
+_SIGNIFICANCE = 1e-3
 _ROUNDS = 4
 
 
@@ -103,3 +111,49 @@ def _informative(off: np.ndarray, slope: np.ndarray) -> list[int]:
     """Return the lags that tell at least a hundredth of what the best one tells."""
     alone = slope**2 / np.maximum(off.var(axis=0), 1e-300)
     return [at for at in range(slope.size) if alone[at] > 0.01 * alone.max()]
+
+
+@dataclass(frozen=True)
+class NoiseOfLevels:
+    """The noise of intervals of several levels together.
+
+    value, error : v = 1/θ + σ², and its standard error.
+    jitter : of the instant of a reset, readouts, which adds the same variance to short intervals and to long ones; None
+        with one level.
+    agree : whether the levels have one v, at a significance of 1e-3, with the jitter.
+    """
+
+    value: float
+    error: float
+    jitter: Estimate | None
+    agree: bool
+
+
+def combine_noise(found: list[tuple[float, float]], lengths: list[float]) -> NoiseOfLevels:
+    """Return the noise of several levels from (v, standard error) of each, and the mean intervals (m − ℓ) there.
+
+    A jitter of j readouts makes v at a level v + j²/(m − ℓ)². Where the levels do not show it, it is 0, with a bound.
+    """
+    known = [(v, e, length) for (v, e), length in zip(found, lengths, strict=True) if np.isfinite(v) and np.isfinite(e)]
+    if not known:
+        return NoiseOfLevels(START_NOISE, inf, None, True)
+    values, errors, at = (np.array(column) for column in zip(*known, strict=True))
+    weight = 1 / errors**2
+    value, error = float(np.average(values, weights=weight)), float(1 / np.sqrt(weight.sum()))
+    off = float((((values - value) / errors) ** 2).sum())
+    if len(known) < 2:
+        return NoiseOfLevels(value, error, None, True)
+    how = "the noise of short intervals against that of long ones"
+    design = np.stack([np.ones(len(known)), 1 / at**2], axis=1) / errors[:, None]
+    spread = np.linalg.pinv(design.T @ design)
+    both = spread @ design.T @ (values / errors)
+    wide = sqrt(spread[1, 1])
+    if both[1] > stats.norm.isf(_SIGNIFICANCE / 2) * wide:
+        rest = float(((values / errors - design @ both) ** 2).sum())
+        agree = len(known) < 3 or stats.chi2.sf(rest, len(known) - 2) > _SIGNIFICANCE
+        return NoiseOfLevels(
+            float(both[0]), sqrt(spread[0, 0]), root_estimate(float(both[1]), wide, how=how), bool(agree)
+        )
+    agree = stats.chi2.sf(off, len(known) - 1) > _SIGNIFICANCE
+    bound = Estimate(0.0, 0.0, sqrt(max(both[1] + NORMAL_95 * wide, 0.0)), how)
+    return NoiseOfLevels(value, error if agree else error * sqrt(off / (len(known) - 1)), bound, bool(agree))
