@@ -59,6 +59,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "gallery": scene_commands.gallery,
         },
     ),
+    "dataset": ("Make a dataset of streams that are there.", {"index": stream_commands.index}),
     "recipes": ("List and check recipes.", {"list": recipe_commands.list_, "check": recipe_commands.check}),
     "sensors": (
         "List, show and check sensors, and compare them with each other and with recordings.",

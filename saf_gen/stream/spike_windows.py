@@ -197,7 +197,7 @@ class WindowBatches:
         return queues
 
 
-def _whole(what: str, value: int, most: int | None = None) -> int:
+def _whole(what: str, value: int, *, most: int | None = None) -> int:
     try:
         number = index(value)
     except TypeError:

@@ -470,7 +470,7 @@ WRONG = {
         ("score", "STREAM", "--measure", "sd", "--window", "9", "--out", "TEXT/x.csv"),
         ["cannot be written", "another folder"],
     ),
-    "file of another layout": (("import", "TEXT", *OUT), ["13000", "416", "no known layout fits"]),
+    "file of another layout": (("import", "TEXT", *OUT), ["13000", "416", "no known layout", "truncated"]),
     "unknown layout": (("import", "TEXT", *OUT, "--layout", "4l6"), ["'4l6'", "dense", "did you mean '416'?"]),
     "foreign file that is nowhere": (("import", "FOLDER/a.dat", *OUT), ["a.dat", "cannot be read"]),
     "foreign folder": (("import", "FOLDER", *OUT), ["is a folder", "file of raw frames"]),

@@ -1,5 +1,22 @@
 """Import and export of file layouts of other software."""
 
-from saf_gen.stream.interop.raw_frames import RAW_LAYOUTS, export_raw_frames, import_raw_frames
+from saf_gen.stream.interop.lens_log import read_lens_log, truth_from_text
+from saf_gen.stream.interop.raw_frames import (
+    RAW_LAYOUTS,
+    READERS,
+    count_raw_frames,
+    export_raw_frames,
+    import_raw_frames,
+    sniff_raw_layout,
+)
 
-__all__ = ["RAW_LAYOUTS", "export_raw_frames", "import_raw_frames"]
+__all__ = [
+    "RAW_LAYOUTS",
+    "READERS",
+    "count_raw_frames",
+    "export_raw_frames",
+    "import_raw_frames",
+    "read_lens_log",
+    "sniff_raw_layout",
+    "truth_from_text",
+]

@@ -12,13 +12,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from json import dumps
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from saf_gen.core import bits
 from saf_gen.core.files import write_atomically
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.metadata import Metadata
+from saf_gen.stream.metadata import stream_metadata_from_options
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -51,6 +52,41 @@ RAW_LAYOUTS = {
 }
 
 
+READERS = {"saf": "416", "rsir": "416", "spikecv": "dense", "spike-zoo": "dense"}
+"""The layout that other software reads, by its name; as their readers turn frames over, so does the layout."""
+
+_SNIFFED_FRAMES = 200  # frames that tell a layout
+
+
+def sniff_raw_layout(source: str | os.PathLike[str]) -> str:
+    """Return the layout of a file of raw frames, by its size and by bytes that one layout leaves 0.
+
+    Raises BadInput for a size that fits no layout, and where two layouts fit and nothing tells them apart.
+    """
+    path = Path(source)
+    size = _file_size(path)
+    fitting = [name for name, of in RAW_LAYOUTS.items() if size % of.frame_bytes == 0]
+    if "416" in fitting and (len(fitting) == 1 or _has_empty_gaps(path)):
+        return "416"
+    left = [name for name in fitting if name != "416"] or fitting
+    if len(left) != 1:
+        raise BadInput(
+            f"its {size} bytes fit {' and '.join(left) or 'no known layout'}",
+            where=str(source),
+            allowed=f"whole frames of {', '.join(f'{of.frame_bytes} bytes ({n})' for n, of in RAW_LAYOUTS.items())}",
+            hint="say which with --layout" if left else "the file is truncated",
+        )
+    return left[0]
+
+
+def _has_empty_gaps(path: Path) -> bool:
+    """Return whether the bytes that layout 416 ignores are 0 in the first frames, and not everything is."""
+    of = RAW_LAYOUTS["416"]
+    raw = np.fromfile(path, np.uint8, _SNIFFED_FRAMES * of.frame_bytes)
+    rows = raw[: raw.size // of.frame_bytes * of.frame_bytes].reshape(-1, 52)
+    return bool(rows.any()) and not rows[:, 50:].any()
+
+
 def _layout(name: str) -> RawLayout:
     if name not in RAW_LAYOUTS:
         raise unknown("layout", name, allowed=RAW_LAYOUTS)
@@ -62,7 +98,7 @@ def _check_apart(source: str | os.PathLike[str], out: str | os.PathLike[str]) ->
         raise BadInput("would be written over itself", where=str(source), hint="choose another name to write")
 
 
-def _frame_count(source: Path, layout: str, *, frames: int | None) -> int:
+def _file_size(source: Path) -> int:
     try:
         size = source.stat().st_size
     except OSError as error:
@@ -71,6 +107,17 @@ def _frame_count(source: Path, layout: str, *, frames: int | None) -> int:
         raise BadInput("this is a folder", where=str(source), allowed="a file of raw frames")
     if size == 0:
         raise BadInput("is empty", where=str(source), allowed="at least one frame")
+    return size
+
+
+def count_raw_frames(source: str | os.PathLike[str], layout: str, *, frames: int | None = None) -> int:
+    """Return how many frames a file holds, or ``frames`` where that is not more; BadInput as for the import."""
+    _layout(layout)
+    return _frame_count(Path(source), layout, frames=frames)
+
+
+def _frame_count(source: Path, layout: str, *, frames: int | None) -> int:
+    size = _file_size(source)
     each = RAW_LAYOUTS[layout].frame_bytes
     if size % each:
         fitting = [
@@ -99,11 +146,13 @@ def import_raw_frames(
     frames: int | None = None,
     readout_hz: float = 20_000,
     flip: bool | None = None,
+    **optional: Any,
 ) -> str:
     """Write the raw frames in ``source`` as the stream file ``out`` and return its content_sha256.
 
     ``frames`` limits the import to the first frames. ``readout_hz`` (1/s) is not in the file. ``flip`` tells
-    whether the bottom row comes first, by default as is usual for the layout. Memory does not grow with the
+    whether the bottom row comes first, by default as is usual for the layout. ``optional`` are fields of
+    :class:`Metadata` beside the provenance, such as ``focus_position`` and ``truth``. Memory does not grow with the
     file. Raises BadInput for a size that is not a whole number of frames, naming layouts that would fit, for
     fewer frames than requested, and for an ``out`` that is ``source``.
     """
@@ -113,7 +162,8 @@ def import_raw_frames(
     flipped = kind.flip if flip is None else bool(flip)
     bit = kind.bit_indices(flipped)
     settings = {"file": path.name, "layout": layout, "flip": flipped, "frames": total}
-    metadata = Metadata(provenance={"import": dumps(settings, ensure_ascii=False)})
+    provenance = {"import": dumps(settings, ensure_ascii=False), **optional.pop("provenance", {})}
+    metadata = stream_metadata_from_options({**optional, "provenance": provenance})
     shape = (total, kind.rows, kind.columns)
     with path.open("rb") as file, StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer:
         for first in range(0, total, _FRAMES):

@@ -1,0 +1,188 @@
+"""Recordings of a real camera: raw frames, a lens log and a truth become a ranked row; what they look like is told."""
+
+import json
+
+import numpy as np
+import pytest
+from refusals import refusal
+
+from saf_gen.stream.dataset_index import index_folder
+from saf_gen.stream.interop import RAW_LAYOUTS, export_raw_frames, read_lens_log, sniff_raw_layout, truth_from_text
+from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
+
+FRAMES, TRUTH = 1_000, 0.42
+
+
+def sweep_over_stripes():
+    """A sweep over stripes whose contrast is largest at the truth: (T, 250, 400) of 0 and 1, by chance, one seed."""
+    random = np.random.default_rng(1)
+    stripes = np.where(np.arange(400) // 8 % 2, 1.0, -1.0)
+    contrast = 0.8 * np.exp(-(((np.linspace(0, 1, FRAMES) - TRUTH) / 0.1) ** 2))
+    rate = 0.3 * (1 + contrast[:, None] * stripes)
+    return random.random((FRAMES, 250, 400), dtype=np.float32) < rate[:, None, :]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """The raw file of a camera, in the layout that SAF recorded, and its lens log."""
+    folder = tmp_path_factory.mktemp("camera")
+    write_stream(folder / "made.h5", sweep_over_stripes())
+    export_raw_frames(folder / "made.h5", folder / "desk.dat", layout="416")
+    (folder / "lens.csv").write_text("seconds,position\n0,0\n0.05,1\n")
+    return folder
+
+
+def test_a_raw_file_a_lens_log_and_a_truth_become_a_ranked_row_in_three_commands(recording, call, tmp_path):
+    out = tmp_path / "mine" / "desk-daylight-00.h5"
+    given = ("--focus", recording / "lens.csv", "--truth", TRUTH, "--depth-of-focus", 0.37, 0.47)
+    code, said, err = call("import", recording / "desk.dat", "--out", out, *given)
+    assert (code, err) == (0, "")
+    assert "1000 frames of 400×250" in said
+    assert "layout 416" in said
+    code, said, _ = call("dataset", "index", tmp_path / "mine")
+    assert code == 0
+    assert "1 sequences in splits test: saf-gen evaluate" in said
+    code, said, err = call("evaluate", tmp_path / "mine", "--method", "sd+argmax")
+    assert (code, err) == (0, "")
+    (row,) = json.loads((tmp_path / "mine" / "evaluation" / "leaderboard.json").read_text())["rows"]
+    assert (row["rank"], row["success_1dof"]) == (1, 1.0)
+    record = json.loads((tmp_path / "mine" / "evaluation" / "records.jsonl").read_text())
+    assert (record["scene"], record["light"]) == ("desk", "daylight")
+    assert abs(record["error"]) < 0.05
+
+
+def test_what_was_imported_is_what_was_logged(recording, call, tmp_path):
+    given = ("--focus", recording / "lens.csv", "--truth", TRUTH)
+    call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", *given)
+    with open_stream(tmp_path / "a.h5") as stream, open_stream(recording / "made.h5") as made:
+        assert np.array_equal(stream.counts(0, FRAMES), made.counts(0, FRAMES))
+        # The middle of readout t is at (t + 0.5)/20,000 s, and the lens takes 0.05 s.
+        assert stream.focus_position == pytest.approx((np.arange(FRAMES) + 0.5) / 1_000, abs=1e-6)
+        assert stream.truth.position == 0.42
+        assert stream.truth.frame == pytest.approx(419.5, abs=1e-3)
+
+
+def test_an_evaluation_without_truth_answers(recording, call, tmp_path):
+    call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", "--focus", recording / "lens.csv")
+    code, _, err = call("evaluate", tmp_path / "a.h5", "--method", "sd+argmax", "--out", tmp_path / "found")
+    assert (code, err) == (0, "")
+    record = json.loads((tmp_path / "found" / "records.jsonl").read_text())
+    assert record["error"] is None
+    assert record["position"] == pytest.approx(TRUTH, abs=0.05)
+
+
+def spikecv_reads(raw, *, rows=250, columns=400):
+    """Return the frames of a .dat file as SpikeCV and Spike-Zoo decode it: dense bits, then turned over."""
+    bits = np.unpackbits(np.frombuffer(raw, np.uint8), bitorder="little")
+    return bits.reshape(-1, rows, columns)[:, ::-1]
+
+
+@pytest.mark.parametrize("options", [(), ("--for", "spikecv"), ("--for", "spike-zoo"), ("--layout", "dense")])
+def test_other_software_reads_an_export_bit_for_bit_and_the_right_way_up(call, tmp_path, options):
+    frames = np.random.default_rng(3).integers(0, 2, (17, 250, 400), np.uint8)
+    write_stream(tmp_path / "a.h5", frames)
+    code, said, _ = call("export", tmp_path / "a.h5", "--out", tmp_path / "a.dat", *options)
+    assert code == 0
+    assert said == f"{17 * 12_500} bytes in {tmp_path / 'a.dat'}, layout dense\n"
+    assert np.array_equal(spikecv_reads((tmp_path / "a.dat").read_bytes()), frames)
+
+
+def test_an_export_for_saf_has_its_gaps_and_can_be_turned_over(call, tmp_path):
+    frames = np.random.default_rng(3).integers(0, 2, (3, 250, 400), np.uint8)
+    write_stream(tmp_path / "a.h5", frames)
+    for options, seen in ((("--for", "saf"), frames), (("--for", "saf", "--flip"), frames[:, ::-1])):
+        call("export", tmp_path / "a.h5", "--out", tmp_path / "a.dat", *options)
+        raw = np.frombuffer((tmp_path / "a.dat").read_bytes(), np.uint8).reshape(3, 250, 52)
+        assert not raw[:, :, 50:].any()
+        assert np.array_equal(np.unpackbits(raw[:, :, :50], axis=2, bitorder="little"), seen)
+
+
+@pytest.mark.parametrize("layout", sorted(RAW_LAYOUTS))
+def test_the_layout_of_an_own_file_is_found(tmp_path, layout):
+    of = RAW_LAYOUTS[layout]
+    write_stream(tmp_path / "a.h5", np.random.default_rng(1).integers(0, 2, (125, of.rows, of.columns), np.uint8))
+    export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
+    if layout == "sps1000":  # 125 of its frames are 1,280 of the dense ones
+        error = refusal(sniff_raw_layout, tmp_path / "a.dat")
+        assert error.problem == "its 16000000 bytes fit dense and sps1000"
+        assert error.hint == "say which with --layout"
+        export_raw_frames(tmp_path / "a.h5", tmp_path / "a.dat", layout=layout)
+        (tmp_path / "a.dat").write_bytes((tmp_path / "a.dat").read_bytes()[: 3 * of.frame_bytes])
+    assert sniff_raw_layout(tmp_path / "a.dat") == layout
+
+
+def test_a_layout_that_looks_wrong_is_said(recording, call, tmp_path):
+    code, said, err = call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", "--layout", "dense")
+    assert code == 0
+    assert "1040 frames" in said
+    assert err == f"{recording / 'desk.dat'} looks like layout 416, and is read as dense\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("time,position\n0,0\n", "the columns are 'time,position'"),
+        ("frame,position\n0,1.5\n", "position 1.5"),
+        ("frame,position\n5000,0.5\n", "the log covers frames 5000 to 5000"),
+        ("frame,position\n0,0\n0,1\n", "frame goes from 0 to 0"),
+        ("frame,position\n", "the table has no rows"),
+        ("", "the columns are ''"),
+    ],
+)
+def test_a_lens_log_that_does_not_fit_is_one_line(tmp_path, text, problem):
+    (tmp_path / "log.csv").write_text(text)
+    assert refusal(lambda: read_lens_log(tmp_path / "log.csv", frames=100, readout_hz=20_000)).problem == problem
+
+
+def test_a_truth_is_a_position_or_a_frame_of_the_log():
+    lens = np.linspace(0, 1, 101, dtype=np.float32)
+    assert truth_from_text("frame:25", focus_position=lens).position == pytest.approx(0.25)
+    assert truth_from_text("0.25", focus_position=lens).frame == pytest.approx(25)
+    assert np.isnan(truth_from_text("0.25", focus_position=None).frame)
+    for text in ("1.2", "frame:101", "half", "second:3", "nan"):
+        error = refusal(lambda text=text: truth_from_text(text, focus_position=lens))
+        assert error.allowed == "a position from 0 to 1, or frame:N with N from 0 to 100"
+    assert refusal(lambda: truth_from_text("frame:3", focus_position=None)).hint == "add --focus"
+    assert (
+        "the truth 0.25"
+        in refusal(lambda: truth_from_text("0.25", focus_position=lens, depth_of_focus=(0.3, 0.4))).allowed
+    )
+
+
+def test_nothing_is_written_where_something_does_not_fit(recording, call, tmp_path):
+    for options, said in (
+        (("--truth", "2"), "truth is '2'"),
+        (("--depth-of-focus", 0.1, 0.2), "--depth-of-focus is given without --truth"),
+        (("--layout", "dens"), "did you mean 'dense'?"),
+        (("--focus", tmp_path / "no.csv"), "does not exist"),
+    ):
+        code, _, err = call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", *options)
+        assert code == 2
+        assert said in err
+        assert not (tmp_path / "a.h5").exists()
+    code, _, err = call("export", recording / "made.h5", "--out", tmp_path / "a.dat", "--for", "spikecw")
+    assert (code, "did you mean 'spikecv'?" in err) == (2, True)
+    code, _, err = call("export", recording / "made.h5", "--out", tmp_path / "a.dat", "--for", "saf", "--layout", "416")
+    assert (code, "--layout and --for are both given" in err) == (2, True)
+
+
+def test_a_folder_is_indexed_once_with_splits_and_names(tmp_path):
+    frames = np.zeros((16, 4, 5), np.uint8)
+    for name in ("train/desk-lamp-01.h5", "test/vase-dynamic-sun-00.h5", "lonely.h5"):
+        write_stream(tmp_path / name, frames)
+    manifest = index_folder(tmp_path, split="rest")
+    assert read_manifest(tmp_path) == manifest
+    found = {s.id: (s.split, s.scene, s.scene_motion, s.light, s.repeat) for s in manifest.sequences}
+    assert found == {
+        "lonely": ("rest", "lonely", "static", "recorded", 0),
+        "test-vase-dynamic-sun-00": ("test", "vase", "dynamic", "sun", 0),
+        "train-desk-lamp-01": ("train", "desk", "static", "lamp", 1),
+    }
+    assert "manifest.json" in refusal(index_folder, tmp_path).problem
+    (tmp_path / "none").mkdir()
+    assert refusal(index_folder, tmp_path / "none").problem == "has no stream"
+    (tmp_path / "none" / "a.h5").write_text("no stream")
+    assert "not an HDF5 file" in refusal(index_folder, tmp_path / "none").problem
+    assert "no such folder" in refusal(index_folder, tmp_path / "nowhere").problem
