@@ -64,10 +64,10 @@ def check_dip(maker: DatasetMaker, quick: bool) -> Finding:
         whole = [np.mean(rows) for rows in found[0.0]]
         moved = whole[1] / whole[0]
         sign = 1.0 if abs(np.angle(moved * np.exp(-1j * turn))) < abs(np.angle(moved * np.exp(1j * turn))) else -1.0
-        at_slice = _mixed(0.0, turn, half)
+        at_slice = _mixed(0.0, turn, half=half)
         seen = []
         for part in parts[1:]:
-            law = _mixed(part, turn, half) / at_slice
+            law = _mixed(part, turn, half=half) / at_slice
             # Turned to where the pattern of the slice would have gone, the amplitude is real where the law's is.
             back = np.exp(-1j * (sign * np.angle(law)))
             ratios = [rows / mean * back for rows, mean in zip(found[part], whole, strict=True)]
@@ -85,7 +85,7 @@ def check_dip(maker: DatasetMaker, quick: bool) -> Finding:
             comparisons.append(one)
             seen.append(one.measured)
         x = np.linspace(0, 1, 60)
-        shown = [abs(_mixed(float(part), turn, half) / at_slice) ** 2 for part in x]
+        shown = [abs(_mixed(float(part), turn, half=half) / at_slice) ** 2 for part in x]
         curves += [
             Curve(f"law, {d:g} pixels", tuple(x.tolist()), tuple(shown)),
             Curve(f"stream, {d:g} pixels", tuple(parts[1:]), tuple(one**2 for one in seen), "points"),
@@ -93,7 +93,7 @@ def check_dip(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("between two slices", "contrast, squared", tuple(curves)))
 
 
-def _mixed(part: float, turn: float, half: int) -> complex:
+def _mixed(part: float, turn: float, *, half: int) -> complex:
     """Return the amplitude of a pattern that turns by ``turn`` per slice, mixed, as the mean over 2·``half`` frames."""
     at = part + (np.arange(-half, half) + 0.5) / SLICE_FRAMES
     before, weight = np.floor(at), at - np.floor(at)
