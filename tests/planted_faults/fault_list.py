@@ -312,6 +312,7 @@ FAULTS = {
         (
             "stack/test_time_resolved.py::test_what_the_encoder_gets_is_the_picture_of_every_readout",
             "generate/test_what_is_recorded.py::test_light_that_grows_evenly_from_slice_to_slice_grows_evenly_in_spikes",
+            f"{EACH_CHECK}[crossfade_dip]",
         ),
     ),
     "truth from the frame's centre": Fault(
