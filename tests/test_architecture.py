@@ -23,7 +23,7 @@ DOORS = {
     "typer": ["cli"],
     "rich": ["cli"],
     "matplotlib": ["leaderboard.figures", "authoring.preview", "calibration.fit_plots", "validation.plots"],
-    "PIL": ["leaderboard.figures"],
+    "PIL": ["leaderboard.figures", "validation.plots"],
     "jinja2": ["leaderboard.report"],
     "distributed": ["generate.executor"],
     "multiprocessing": ["generate.executor"],

@@ -42,8 +42,8 @@ def check_samples(maker: DatasetMaker, quick: bool) -> Finding:
             sensor,
             400,
             exposure={"mean_rate": RATE},
-            focus={"positions": 33, "motion": {"kind": "sweep"}},
-            render={"samples": samples},
+            focus={"positions": 9 if quick else 33, "motion": {"kind": "sweep"}},
+            render={"samples": samples, "max_depth": 3},
             shipped=scenes,
         )
 
@@ -68,7 +68,7 @@ def check_samples(maker: DatasetMaker, quick: bool) -> Finding:
 
 def check_positions(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare SD along a sweep of the positions of our recipes with that of four times as many."""
-    repeats, frames = (6, 2000) if quick else (12, 4000)
+    repeats, frames, samples = (4, 2000, 32) if quick else (12, 4000, 256)
     sensor = sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
     lens = {"drive": "image_distance", "f_number": F_NUMBER, **DRIVES["image_distance"]}
     scene = lit_chequers("chequers", lights={"lamp": ["lamp"], "room": ["room"]}, lens=lens, chequers=230)
@@ -80,7 +80,7 @@ def check_positions(maker: DatasetMaker, quick: bool) -> Finding:
             frames,
             exposure={"mean_rate": RATE},
             focus={"positions": positions, "motion": {"kind": "sweep"}},
-            render={"samples": 256, "max_depth": 3},
+            render={"samples": samples, "max_depth": 3},
             split={"repeats": repeats},
         )
         made = maker.make(workload)
