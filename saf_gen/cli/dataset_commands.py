@@ -38,6 +38,8 @@ def generate(
     validate_keep_slices(keep_slices)
     work = resolve_recipe(recipe, part=_shard(shard), split=split)
     target = folder or Path("datasets") / work.recipe.name
+    if work.stacks_to_render(target, keep_slices):
+        _warn_of_slow_renderer(variant)
     if dry_run:
         _print_plan(work, target, keep_slices=keep_slices)
         return
@@ -69,6 +71,16 @@ def generate(
         print_error(f"{name} failed: {problem}", result.exit_code)
     if result.failed:
         raise typer.Exit(result.exit_code)
+
+
+def _warn_of_slow_renderer(variant: str) -> None:
+    """Say on stderr that scenes will be rendered slowly, where nobody asked for that."""
+    try:
+        from saf_gen.render import backend
+    except ImportError:  # generating will say what is missing
+        return
+    if variant == "auto" and backend.choose_render_backend() == "scalar":
+        err.print(f"scenes are rendered by variant scalar here, slowly and without diffraction; {backend.ADVICE}")
 
 
 def _shard(text: str) -> tuple[int, int]:

@@ -331,6 +331,18 @@ def test_scenes_list_names_scenes_of_the_folder_named(call, test_scenes):
     assert "usaf_target" in out
 
 
+@pytest.mark.parametrize(("llvm", "variant", "said"), [(None, "auto", 1), ((15, 0, 0), "auto", 1), (None, "scalar", 0)])
+def test_a_slow_renderer_is_said_where_nobody_asked_for_it(
+    call, small_recipe, test_scenes, tmp_path, monkeypatch, llvm, variant, said
+):
+    monkeypatch.setattr(backend, "probe_render_backends", lambda: backend.BackendProbe(llvm, cuda=False))
+    given = ("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--variant", variant)
+    code, _, err = call(*given)
+    assert code == 0
+    assert err.count("scenes are rendered by variant scalar here, slowly and without diffraction; install LLVM") == said
+    assert err.count("\n") == said
+
+
 def test_recipes_check_counts_sequences_and_makes_nothing(call, small_recipe, test_scenes, tmp_path):
     before = sorted(tmp_path.iterdir())
     code, out, _ = call("recipes", "check", small_recipe)
