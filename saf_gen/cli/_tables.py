@@ -1,8 +1,9 @@
 """Tables that fit the terminal: prose is folded, then columns are left out, and no name and no figure is ever cut."""
 
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from rich import box
 from rich.cells import cell_len
@@ -30,12 +31,20 @@ class TableColumn:
 
 
 def print_table(
-    columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]], *, title: str = "", elsewhere: str = ""
+    columns: Sequence[TableColumn],
+    rows: Iterable[Sequence[str | Text]],
+    *,
+    title: str = "",
+    elsewhere: str = "",
+    as_json: bool = False,
 ) -> None:
     """Print a table as wide as it is into a pipe or file, and to a terminal so that it fits.
 
-    ``elsewhere`` says where the columns stand that had to be left out.
+    ``elsewhere`` says where the columns stand that had to be left out. ``as_json`` prints :func:`list_objects` instead.
     """
+    if as_json:
+        print_json(list_objects(columns, rows))
+        return
     cells, shown = [list(row) for row in rows], list(columns)
     while True:
         table = _build(columns, shown, cells=cells, title=title)
@@ -53,6 +62,21 @@ def print_table(
     left_out = [column.header for column in columns if column not in shown]
     if left_out:
         out.print(f"No room here for: {', '.join(left_out)}{f' ({elsewhere})' if elsewhere else ''}")
+
+
+def list_objects(columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]]) -> list[dict[str, str]] | dict:
+    """Return a table for JSON: an object per row, its keys the headings with _ for blanks.
+
+    Two columns without headings are one object.
+    """
+    keys = [column.header.replace(" ", "_") for column in columns]
+    texts = [[str(cell) for cell in row] for row in rows]
+    return [dict(zip(keys, row, strict=True)) for row in texts] if any(keys) else dict(texts)
+
+
+def print_json(document: Any) -> None:
+    """Print a document as indented JSON."""
+    out.file.write(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
 
 
 def _build(

@@ -12,7 +12,7 @@ from rich.progress import TaskID
 import saf_gen
 from saf_gen.cli._bench_table import WIDTH, make_figure_table, make_scene_table
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import err, out, print_error, progress_bars
+from saf_gen.cli._terminal import AsJson, err, out, print_error, progress_bars
 from saf_gen.errors import BadInput
 
 
@@ -81,13 +81,16 @@ def _finite(figure: dict[str, Any]) -> dict[str, Any]:
     return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in figure.items()}
 
 
-def doctor() -> None:
+def doctor(*, as_json: AsJson = False) -> None:
     """Show what this machine renders with, and what would make it faster."""
     from saf_gen.speed.machine_check import describe_installation
 
     described, advice = describe_installation()
     print_table(
-        [TableColumn(""), TableColumn("", folds=True)], described.items(), title=f"saf-gen {saf_gen.__version__}"
+        [TableColumn(""), TableColumn("", folds=True)],
+        described.items(),
+        title=f"saf-gen {saf_gen.__version__}",
+        as_json=as_json,
     )
-    for line in advice:
+    for line in () if as_json else advice:
         out.print(f"to be faster: {line}")

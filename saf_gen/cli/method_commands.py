@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.text import Text
 
-from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import err, out
+from saf_gen.cli._tables import TableColumn, list_objects, print_json, print_table
+from saf_gen.cli._terminal import AsJson, err, out
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ COST = "additions, multiplications and roots per pixel, of 400 x 250 pixels wher
 STYLES = {"pass": "green", "warn": "yellow", "fail": "bold red"}
 
 
-def list_(context: typer.Context) -> None:
+def list_(context: typer.Context, *, as_json: AsJson = False) -> None:
     """List focus measures and searches, show one in full, or check a method."""
     if context.invoked_subcommand is not None:
         return
@@ -34,6 +34,7 @@ def list_(context: typer.Context) -> None:
     )
     from saf_gen.core.config import registry
 
+    listed = {}
     for plugin_kind, columns in (("measures", ("degree", "cost", "forms")), ("searches", ("kind",))):
         rows: list[tuple[str | Text, ...]] = []
         for name in registry.names(plugin_kind):
@@ -48,9 +49,13 @@ def list_(context: typer.Context) -> None:
             else:
                 cells = [search_kind(plug_in)]
             rows.append((name, *cells, first_paragraph(plug_in).replace("``", "")))
-        print_table(
-            [*map(TableColumn, ("name", *columns)), TableColumn("what it is", folds=True)], rows, title=plugin_kind
-        )
+        shown = [*map(TableColumn, ("name", *columns)), TableColumn("what it is", folds=True)]
+        listed[plugin_kind] = list_objects(shown, rows)
+        if not as_json:
+            print_table(shown, rows, title=plugin_kind)
+    if as_json:
+        print_json(listed)
+        return
     out.print(f"Cost: {COST}. Show one in full: saf-gen methods show NAME.")
     out.print("A method is MEASURE+SEARCH, such as sd_code+sgfs_code:dt=50; check one: saf-gen methods check NAME.")
     out.print("NAME_n divides a measure by brightness. NAME_tfi scores the intervals between spikes instead of counts.")

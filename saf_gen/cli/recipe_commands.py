@@ -3,13 +3,13 @@
 from typing import TYPE_CHECKING
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import RecipeName, out
+from saf_gen.cli._terminal import AsJson, RecipeName, out
 
 if TYPE_CHECKING:
     from saf_gen.generate.recipe import Recipe
 
 
-def list_() -> None:
+def list_(*, as_json: AsJson = False) -> None:
     """List the recipes that come with saf_gen: ``saf-gen generate NAME`` makes one."""
     from saf_gen.core.shipped import find_recipe, recipe_names
     from saf_gen.generate.recipe import read_recipe
@@ -19,6 +19,7 @@ def list_() -> None:
     print_table(
         [*columns, TableColumn("scenes by split", folds=True), TableColumn("lights", folds=True)],
         [(r.name, f"{r.camera.frames:,}", _format_splits(r), ", ".join(r.lights)) for r in recipes],
+        as_json=as_json,
     )
 
 

@@ -10,7 +10,7 @@ from rich.progress import TaskID
 from rich.text import Text
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import out, print_error, progress_bars
+from saf_gen.cli._terminal import AsJson, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -23,7 +23,7 @@ SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or it
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
 
-def list_() -> None:
+def list_(*, as_json: AsJson = False) -> None:
     """List the scenes that can be found."""
     from saf_gen.scene.scene_folder import find_scene, scene_names
 
@@ -34,6 +34,7 @@ def list_() -> None:
         [*columns, TableColumn("licence", detail=1)],
         [(card.id, card.title, ", ".join(card.lights), card.lens.summary, card.licence) for card in cards],
         elsewhere="in scenes/NAME/scene.yaml",
+        as_json=as_json,
     )
 
 
@@ -65,7 +66,7 @@ def check(
     *,
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check scenes: geometry, units, focus range, light, detail, focus curve, motion, licence."""
     with defer_interrupts():

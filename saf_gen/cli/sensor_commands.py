@@ -11,7 +11,7 @@ import typer
 from rich.progress import Progress, TaskID
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import OutFolder, err, out, progress_bars
+from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput
 
@@ -24,7 +24,7 @@ Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense or sp
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not record it.")]
 
 
-def list_() -> None:
+def list_(*, as_json: AsJson = False) -> None:
     """List the sensors: array, readout rate, and which of their numbers nobody has measured."""
     from saf_gen.calibration.sensor_files import nominal_keys, read_sensor_text
     from saf_gen.camera import get_sensor, sensor_names
@@ -35,7 +35,7 @@ def list_() -> None:
         sensor = get_sensor(name)
         nominal = ", ".join(nominal_keys(read_sensor_text(name))) or "nothing"
         rows.append((name, f"{sensor.columns}×{sensor.rows}", f"{sensor.readout_hz:,.0f}", nominal))
-    print_table([*columns, TableColumn("assumed or derived", folds=True)], rows)
+    print_table([*columns, TableColumn("assumed or derived", folds=True)], rows, as_json=as_json)
 
 
 def show(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
@@ -69,7 +69,7 @@ def compare(
     layout: Layout = "416",
     rate: Rate = 20_000.0,
     seed: Annotated[int, typer.Option(help="Decides the devices and their noise.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show statistics side by side: rates, intervals, counts, fixed pattern, dark.
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import err, out
+from saf_gen.cli._terminal import AsJson, err, out
 from saf_gen.errors import BadInput, unknown
 
 
@@ -100,11 +100,11 @@ def index(
     out.print(f"{len(manifest.sequences)} sequences in splits {', '.join(manifest.splits)}: saf-gen evaluate {folder}")
 
 
-def inspect(stream: Annotated[Path, typer.Argument(help="Stream file.")]) -> None:
+def inspect(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
     """Describe a stream: size, light, true focus, and how it was made."""
     from saf_gen.stream.inspection import describe_stream_file
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
         facts = describe_stream_file(opened)
-    print_table([TableColumn(""), TableColumn("", folds=True)], facts.items(), title=str(stream))
+    print_table([TableColumn(""), TableColumn("", folds=True)], facts.items(), title=str(stream), as_json=as_json)

@@ -1,5 +1,6 @@
 """Tables in a terminal: what is printed fits, whole; what has no room is left out and named."""
 
+import json
 import re
 
 import pytest
@@ -69,6 +70,20 @@ def test_every_list_fits_a_terminal_of_80_columns(call, terminal, command):
     assert code == 0
     assert "…" not in shown
     assert max(map(len, shown.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("command", ["scenes list", "recipes list", "sensors list", "methods", "doctor"])
+def test_every_list_is_there_for_programs(call, command):
+    code, shown, err = call(*command.split(), "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(shown)
+    rows = {
+        "methods": lambda: found["measures"] + found["searches"],
+        "doctor": lambda: [{"name": name, "fact": fact} for name, fact in found.items()],
+    }.get(command, lambda: found)()
+    assert len(rows) >= 5
+    assert all(row and all(isinstance(cell, str) for cell in row.values()) for row in rows)
+    assert len({next(iter(row.values())) for row in rows}) == len(rows)
 
 
 def test_every_name_of_a_list_is_whole_at_80_columns(call, terminal):
