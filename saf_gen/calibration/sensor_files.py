@@ -37,6 +37,7 @@ _SWITCHED = {
     "response": ("response_column_rms", "response_row_rms", "response_white_rms"),
     "threshold_spread": ("threshold_spread_rms",),
     "threshold_noise": ("threshold_noise_rms",),
+    "reset_jitter": ("reset_jitter",),
 }
 """By switch of noise: the keys that act through it."""
 

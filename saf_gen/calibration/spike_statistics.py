@@ -171,7 +171,7 @@ def _summarise(
         series=series[:runs] / (SERIES_FRAMES * counts.size),
         series_variance=variance,
         squares=lags[0].reshape(*size, -1),
-        numbers=lags[1].reshape(*size, -1),
+        numbers=lags[1].reshape(*size, -1).astype(np.int32),
     )
 
 

@@ -6,7 +6,7 @@ import synthetic_cameras as cameras
 from scipy import stats
 
 from saf_gen.calibration.dark_rates import count_probabilities_of_dark, fit_dark
-from saf_gen.calibration.interval_noise import fit_interval_noise, second_difference_variance
+from saf_gen.calibration.interval_noise import fit_interval_noise, second_difference_law, second_difference_variance
 from saf_gen.calibration.linearity import fit_response, tell_saturation
 from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
 from saf_gen.camera import get_sensor
@@ -41,6 +41,15 @@ def test_the_exact_law_is_told_from_the_average_one():
         average = 2 * lag * (sd * interval) ** 2 + 0.5
         told += abs(squares.mean() - average) > 10 * FAR * squares.std() / np.sqrt(squares.size)
     assert told >= 8
+
+
+@pytest.mark.parametrize("noise", [1e-4, 3e-4, 2e-3])
+@pytest.mark.parametrize("lag", [1, 2, 16, 256])
+def test_the_law_of_many_pixels_is_that_of_each(noise, lag):
+    """200,000 intervals from 2 to 3 readouts, interpolated, against the law pixel by pixel."""
+    interval = 2 + make_generator("many pixels").random(200_000)
+    law = second_difference_law(interval, noise, lag=lag)
+    assert np.abs(law - second_difference_variance(interval, noise, lag=lag)).max() < 1e-4
 
 
 @pytest.mark.parametrize(
