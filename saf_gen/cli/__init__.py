@@ -62,7 +62,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "dataset": ("Make a dataset of streams that are there.", {"index": stream_commands.index}),
     "recipes": ("List and check recipes.", {"list": recipe_commands.list_, "check": recipe_commands.check}),
     "sensors": (
-        "List, show and check sensors, and compare them with each other and with recordings.",
+        "List, show and check sensors, compare them with recordings, and fit one to your camera.",
         {
             "list": sensor_commands.list_,
             "show": sensor_commands.show,
@@ -81,7 +81,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(("generate", "validate"), "what was done is kept: run the same command again to go on"),
-    **dict.fromkeys(("evaluate", "leaderboard", "tune", "score", "import", "export"), NOTHING_WRITTEN),
+    **dict.fromkeys(("evaluate", "leaderboard", "tune", "score", "import", "export", "sensors"), NOTHING_WRITTEN),
 }
 """What a stopped command leaves behind, for the commands that write files."""
 

@@ -73,8 +73,9 @@ def compare(
 ) -> None:
     """Show statistics side by side: rates, intervals, counts, fixed pattern, dark.
 
-    Two sensors are given the same even light, the dark, and bars of light that move. Beside a recording a sensor is
-    given the light that the recording shows, smoothed.
+    Two sensors are given the same even light, the dark, and bars of light that move.
+
+    Beside a recording a sensor is given the light that the recording shows, smoothed.
     """
     from saf_gen.calibration.comparison import compare_statistics, figures_as_published, published_figures
 
