@@ -14,7 +14,7 @@ import numpy as np
 
 from saf_gen.camera import Encoder, Sensor
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop import RAW_LAYOUTS, import_raw_frames
+from saf_gen.stream.interop import import_raw_frames, sniff_raw_layout
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
@@ -113,7 +113,7 @@ class EncodedRecording:
 
 
 @contextmanager
-def open_recording(path: str | Path, *, layout: str = "416", readout_hz: float = 20_000) -> Iterator[StreamRecording]:
+def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float = 20_000) -> Iterator[StreamRecording]:
     """Yield the recording in a file: a stream (.h5), or raw frames (any other ending) in a layout of other software.
 
     Raw frames are converted to a temporary stream first. Raises BadInput for a file that is neither.
@@ -121,7 +121,7 @@ def open_recording(path: str | Path, *, layout: str = "416", readout_hz: float =
     Parameters
     ----------
     path : the file.
-    layout : layout of raw frames, a name of :data:`saf_gen.stream.interop.RAW_LAYOUTS`.
+    layout : layout of raw frames, a name of :data:`saf_gen.stream.interop.RAW_LAYOUTS`, or ``auto``: as the file looks.
     readout_hz : readouts per second of raw frames, which do not record it.
     """
     path = Path(path)
@@ -135,11 +135,7 @@ def open_recording(path: str | Path, *, layout: str = "416", readout_hz: float =
         raise BadInput("there is no such file", where=str(path), allowed="a stream (.h5) or raw frames (.dat)")
     with TemporaryDirectory(prefix="saf-gen-") as folder:
         converted = Path(folder) / "recording.h5"
-        import_raw_frames(path, converted, layout=layout, readout_hz=readout_hz)
+        kind = sniff_raw_layout(path) if layout == "auto" else layout
+        import_raw_frames(path, converted, layout=kind, readout_hz=readout_hz)
         with open_stream(converted) as stream:
             yield StreamRecording(stream, path.name)
-
-
-def raw_layout_names() -> list[str]:
-    """Return the names of the layouts of raw frames."""
-    return list(RAW_LAYOUTS)

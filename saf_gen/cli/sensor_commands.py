@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from saf_gen.calibration.estimates import Estimate
     from saf_gen.calibration.recordings import Recording
 
-Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense or sps1000.")]
+Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense, sps1000, or auto.")]
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not record it.")]
 
 
@@ -66,7 +66,7 @@ def compare(
         str | None, typer.Option(help="Compare this sensor with what is published of real cameras.")
     ] = None,
     mean_rate: Annotated[float, typer.Option(help="Mean rate of light fields that sensors are given.")] = 0.2,
-    layout: Layout = "416",
+    layout: Layout = "auto",
     rate: Rate = 20_000.0,
     seed: Annotated[int, typer.Option(help="Decides the devices and their noise.")] = 1,
     as_json: AsJson = False,
@@ -126,7 +126,7 @@ def fit(
     ] = None,
     base: Annotated[str, typer.Option(help="Sensor that lends what flat fields cannot tell.")] = "vidar_400x250",
     folder: OutFolder = None,
-    layout: Layout = "416",
+    layout: Layout = "auto",
     rate: Rate = 20_000.0,
 ) -> None:
     """Fit a sensor to flat fields and a dark recording: a sensor file with intervals, and a page of plots.
