@@ -99,13 +99,12 @@ def _figures(comparisons: tuple[Comparison, ...]) -> list[str]:
     shown = ordered[: max(SHOWN, sum(not one.passed for one in ordered))]
     lines = ["| figure | measured (95 %) | law | allowed | |", "|---|---|---|---|---|"]
     for one in shown:
-        interval = f" ({format_number(one.low)} to {format_number(one.high)})" if math.isfinite(one.low) else ""
-        law = format_number(one.expected) if math.isfinite(one.expected) else "–"
-        unit = f" {one.unit}" if one.unit else ""
-        passed = "" if one.passed else "**fails**"
-        lines.append(
-            f"| {one.what} | {format_number(one.measured)}{unit}{interval} | {law} | {_allowed(one)} | {passed} |"
-        )
+        step = (one.at_most - one.at_least) / 20
+        low, high, measured, law = (format_number(x, step) for x in (one.low, one.high, one.measured, one.expected))
+        interval = f" ({low} to {high})" if math.isfinite(one.low) else ""
+        unit, passed = f" {one.unit}" if one.unit else "", "" if one.passed else "**fails**"
+        law = law if math.isfinite(one.expected) else "–"
+        lines.append(f"| {one.what} | {measured}{unit}{interval} | {law} | {_allowed(one, step)} | {passed} |")
     if len(shown) < len(ordered):
         lines += ["", f"The other {len(ordered) - len(shown)} figures lie nearer to the law."]
     return lines
@@ -116,10 +115,11 @@ def _rank(one: Comparison) -> float:
     return math.inf if math.isnan(used) else used
 
 
-def _allowed(one: Comparison) -> str:
+def _allowed(one: Comparison, step: float) -> str:
+    low, high = format_number(one.at_least, step), format_number(one.at_most, step)
     if math.isfinite(one.at_least) and math.isfinite(one.at_most):
-        return f"{format_number(one.at_least)} to {format_number(one.at_most)}"
-    return f"≤ {format_number(one.at_most)}" if math.isfinite(one.at_most) else f"≥ {format_number(one.at_least)}"
+        return f"{low} to {high}"
+    return f"≤ {high}" if math.isfinite(one.at_most) else f"≥ {low}"
 
 
 def tolerance_used(verdict: Verdict) -> float:
@@ -127,10 +127,15 @@ def tolerance_used(verdict: Verdict) -> float:
     return max((_rank(one) for one in verdict.comparisons), default=math.nan)
 
 
-def format_number(value: float) -> str:
-    """Return a number with as many digits as a reader of a table needs."""
+def format_number(value: float, step: float = math.inf) -> str:
+    """Return a number for a table, with digits down to ``step``, what a reader tells apart; four digits without one."""
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else str(value)
+    if 0 < step < math.inf:
+        digits = max(0, math.ceil(-math.log10(step)))
+        if digits <= 7 or abs(value) >= 0.1:
+            return f"{value:,.{digits}f}"
+        return f"{value:.2e}"
     if abs(value) >= 1000:
         return f"{value:,.0f}"
     return f"{value:.2e}" if abs(value) < 1e-3 else f"{value:.4g}"

@@ -58,7 +58,7 @@ def test_a_check_that_must_fail_fails_and_the_page_says_so(call, planted, tmp_pa
     assert told.splitlines()[-1] == "saf-gen: noise_wrong failed: the figure: 1.2"
     page = (tmp_path / "validation.md").read_text()
     assert "1 of 2 checks passed; 1 of 2 checks failed" in page
-    assert "| the figure | 1.2 m (1.15 to 1.25) | 1 | 0.9 to 1.1 | **fails** |" in page
+    assert "| the figure | 1.20 m (1.15 to 1.25) | 1.00 | 0.90 to 1.10 | **fails** |" in page
     assert "| [noise_wrong](#noise_wrong) | **failed** |" in page
     assert (tmp_path / "pictures/validation-noise-wrong.png").stat().st_size < 30_000
 
@@ -214,6 +214,8 @@ def test_numbers_of_the_page_have_as_many_digits_as_needed():
         "1.23e-04",
         "-0.5",
     ]
+    assert [format_number(x, 1e-6) for x in (0.9999848, 12.0, 0.0)] == ["0.999985", "12.000000", "0"]
+    assert format_number(1.23e-9, 1e-11) == "1.23e-09"
     assert math.isnan(tolerance_used(Verdict("a", "broken", 0.0)))
 
 
