@@ -275,7 +275,7 @@ def test_an_imported_file_is_exported_as_it_was(call, tmp_path):
     code, out, _ = call("import", foreign, "--out", stream)
     assert code == 0
     assert "3 frames of 400×250" in out
-    assert call("export", stream, "--out", back)[0] == 0
+    assert call("export", stream, "--out", back, "--for", "saf")[0] == 0
     assert back.read_bytes() == foreign.read_bytes()
     with saf_gen.open_stream(stream) as opened:
         assert opened.frames(0, 1)[0, 0, :8].tolist() == [raw[0, 0, 0] >> bit & 1 for bit in range(8)]
