@@ -3,6 +3,7 @@
 The only door to the package ``emva1288`` (extra ``validation``). EMVA Standard 1288, release 4.0, Linear.
 """
 
+import importlib
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,12 +42,10 @@ def judge_flat_fields(
     ------
     CheckSkipped : the package is not installed.
     """
-    try:
-        from emva1288.process.data import Data1288
-        from emva1288.process.results import Results1288
-        from emva1288.process.routines import get_int_imgs
-    except ImportError as error:
-        raise CheckSkipped(f"{error}; pip install 'saf-gen[validation]'") from None
+    _require_referee()
+    from emva1288.process.data import Data1288
+    from emva1288.process.results import Results1288
+    from emva1288.process.routines import get_int_imgs
 
     def summed(images: list[np.ndarray]) -> dict[str, Any]:
         found = get_int_imgs([image.astype(np.int64) for image in images])
@@ -74,6 +73,14 @@ def judge_flat_fields(
         }
 
 
+def _require_referee() -> None:
+    """Raise CheckSkipped where the package cannot be imported."""
+    try:
+        importlib.import_module("emva1288.process.results")
+    except ImportError as error:
+        raise CheckSkipped(f"{error}; pip install 'saf-gen[validation]'") from None
+
+
 @contextmanager
 def _numpy_as_it_asks() -> Iterator[None]:
     """Lend the package ``numpy.asfarray``, which numpy 2 no longer has, while it is at work."""
@@ -89,6 +96,7 @@ def _numpy_as_it_asks() -> Iterator[None]:
 
 def check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the referee's figures with ours: of long recordings, and of the exact law."""
+    _require_referee()
     size = {"rows": 40, "columns": 64} if quick else {"rows": 125, "columns": 200}
     images = 20 if quick else 50
     sensor = get_sensor("vidar_400x250", **size)

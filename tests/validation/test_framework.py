@@ -6,6 +6,7 @@ The checks here are made on the spot; tests/validation/test_checks.py runs the r
 import json
 import math
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -124,6 +125,14 @@ def test_a_check_that_cannot_run_is_neither_passed_nor_kept(call, planted, tmp_p
     assert [p.name for p in tmp_path.glob(".validation/*/*.json")] == ["noise_right.json"]
     planted(skipped)
     assert call("validate", "--out", tmp_path)[0] == 0
+
+
+def test_without_its_package_the_referee_is_skipped_before_anything_is_made(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "emva1288.process.results", None)
+    (verdict,) = runner.run_checks(choose_checks(["referee"]), tmp_path, quick=True)
+    assert verdict.outcome == "skipped"
+    assert "saf-gen[validation]" in verdict.reason
+    assert not list(tmp_path.rglob("*.h5"))
 
 
 def test_a_check_without_figures_does_not_pass(tmp_path):
