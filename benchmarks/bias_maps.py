@@ -39,6 +39,8 @@ class Case:
     scene: str
     away: float
     crop: tuple[int, int]
+    plain_depth: int = 6
+    """Segments of plain paths: more where much glass is passed, which shared shading does not count."""
 
     @property
     def name(self) -> str:
@@ -53,7 +55,7 @@ CASES = (
     Case("crossroad", 0.25, (172, 156)),
     Case("bookshelf", 0.0, (150, 220)),
     Case("speculars", 0.0, (230, 180)),
-    Case("bottle", 0.0, (210, 150)),
+    Case("bottle", 0.0, (210, 150), plain_depth=32),
 )
 
 
@@ -77,7 +79,9 @@ def render_case(case: Case, plan: Plan, *, references: Path | None) -> tuple[np.
     sensor = get_sensor("vidar_400x250")
     rows, columns = (size // plan.shrink for size in case.crop)
     sensor = replace(sensor, rows=rows, columns=columns)
-    renderer = SceneRenderer(find_scene(case.scene), sensor, backend_name="llvm", wavelength_m=sensor.wavelength_m)
+    made: dict[str, Any] = {"backend_name": "llvm", "wavelength_m": sensor.wavelength_m}
+    renderer = SceneRenderer(find_scene(case.scene), sensor, **made)
+    plain_renderer = SceneRenderer(find_scene(case.scene), sensor, max_depth=case.plain_depth, **made)
     seen = renderer.trace_depth_and_target(allow_unseen_target=True)
     whole = SceneRenderer(find_scene(case.scene), get_sensor("vidar_400x250"), backend_name="llvm")
     told = whole.trace_depth_and_target() if plan.shrink > 1 else seen
@@ -92,7 +96,7 @@ def render_case(case: Case, plan: Plan, *, references: Path | None) -> tuple[np.
             plain.append(np.load(kept))
             continue
         options: dict[str, Any] = {"positions": POSITIONS, "samples": plan.batch, "seed": 1000 + n, "window": window}
-        plain.append(one_pass.render_stack(renderer.prepare(), **options)[0][0])
+        plain.append(one_pass.render_stack(plain_renderer.prepare(), **options)[0][0])
         if kept:
             kept.parent.mkdir(parents=True, exist_ok=True)
             np.save(kept, plain[-1])
