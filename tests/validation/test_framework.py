@@ -1,6 +1,6 @@
 """The framework of `saf-gen validate`: what fails is said to fail, a stopped run goes on, bad input is one line.
 
-The checks here are made on the spot; tests/validation/test_checks.py runs the real ones.
+The checks here are made on the spot; tests/validation/test_validation.py runs the real ones.
 """
 
 import json
