@@ -5,7 +5,7 @@ its parent's were about to fill would stay empty.
 """
 
 import os
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from math import prod
 from threading import Lock
@@ -37,6 +37,7 @@ class BlockMemory:
         self._lock = Lock()
         self._pool: ThreadPoolExecutor | None = None
         self._blocks: OrderedDict[tuple[int, int], Block] = OrderedDict()
+        self._forgotten: deque[int] = deque()
 
     @property
     def pool(self) -> ThreadPoolExecutor:
@@ -52,14 +53,27 @@ class BlockMemory:
         """
         key = stream, start
         with self._lock:
+            self._free_forgotten()
             if key not in self._blocks:
                 self._blocks[key] = self._make_room(stream, shape), {}
             self._blocks.move_to_end(key)
             return self._blocks[key]
 
     def forget(self, stream: int) -> None:
-        """Free the memory of a stream."""
-        with self._lock:
+        """Free the memory of a stream; where the memory is in use just now, when a block is looked for next.
+
+        Python's garbage collector calls this for a lost stream at any moment, also from a thread that holds the lock.
+        """
+        self._forgotten.append(stream)
+        if self._lock.acquire(blocking=False):
+            try:
+                self._free_forgotten()
+            finally:
+                self._lock.release()
+
+    def _free_forgotten(self) -> None:
+        while self._forgotten:
+            stream = self._forgotten.popleft()
             for key in [key for key in self._blocks if key[0] == stream]:
                 del self._blocks[key]
 

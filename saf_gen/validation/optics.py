@@ -180,7 +180,7 @@ def check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     comparisons, curves = [], []
     best = (in_focus - first) / (last - first)
     for waves in (0.0, *places):
-        # Defocus W waves at the aperture's edge: c = 2·W·λ·v/R·… ; W·λ = R²·|1/d − 1/u|/2.
+        # W waves of defocus at the aperture's edge: W·λ = R²·|1/d − 1/u|/2.
         away = 2 * waves * sensor.wavelength_m / radius**2
         u = 1 / (1 / depth + away)
         position = ((focal * u / (u - focal)) - first) / (last - first) if waves else best

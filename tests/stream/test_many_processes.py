@@ -89,3 +89,15 @@ def test_a_reader_keeps_three_blocks_whatever_the_budget(monkeypatch):
     assert [key for key in memory._blocks] == [(1, 2), (1, 3), (1, 4)]
     memory.find(2, 0, shape=(2, 3, 4))
     assert list(memory._blocks) == [(2, 0)]
+
+
+def test_a_stream_that_is_lost_while_blocks_are_looked_for_is_forgotten_later(monkeypatch):
+    """Garbage is collected at any moment, so from a thread that holds the lock: waiting for it would be for ever."""
+    memory = BlockMemory()
+    memory.find(1, 0, shape=(2, 3, 4))
+    make_room = memory._make_room
+    monkeypatch.setattr(memory, "_make_room", lambda *given: memory.forget(1) or make_room(*given))
+    memory.find(2, 0, shape=(2, 3, 4))
+    assert list(memory._blocks) == [(1, 0), (2, 0)]
+    memory.find(2, 0, shape=(2, 3, 4))
+    assert list(memory._blocks) == [(2, 0)]
