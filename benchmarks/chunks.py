@@ -22,10 +22,10 @@ import h5py
 import numpy as np
 from isal import isal_zlib
 
+from saf_gen.acceptance.speed import synthetic_recording
 from saf_gen.camera import get_sensor
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.files import write_atomically
-from saf_gen.speed import synthetic_recording
 
 HERE = Path(__file__).resolve().parent
 WINDOW = 13  # bytes: 104 frames

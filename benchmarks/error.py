@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from drawing import BLUE, GREY, ORANGE, log_log, panels, save, slope
 
-from saf_gen.speed import bench_stack
-from saf_gen.speed.fresh_process import time_call
-from saf_gen.speed.machine_check import describe_installation
+from saf_gen.acceptance.speed import bench_stack
+from saf_gen.acceptance.speed.fresh_process import time_call
+from saf_gen.acceptance.speed.machine_check import describe_installation
 
 HERE = Path(__file__).resolve().parent
 

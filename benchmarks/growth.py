@@ -18,15 +18,15 @@ from typing import Any
 
 from drawing import BLUE, ORANGE, log_log, panels, save, slope, wide
 
+from saf_gen.acceptance.speed import bench_stack, synthetic_recording
+from saf_gen.acceptance.speed.fresh_process import peak_memory_gib, run_in_fresh_process, time_call
+from saf_gen.acceptance.speed.machine_check import describe_installation
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import get_sensor
 from saf_gen.generate.executor import ReportProgress
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.speed import bench_stack, synthetic_recording
-from saf_gen.speed.fresh_process import peak_memory_gib, run_in_fresh_process, time_call
-from saf_gen.speed.machine_check import describe_installation
 
 HERE = Path(__file__).resolve().parent
 CURVES = ("positions", "samples", "frames", "pixels", "sequences")

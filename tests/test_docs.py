@@ -27,6 +27,7 @@ import yaml
 from pydantic import BaseModel, TypeAdapter
 from small_dataset import HERE, SCENES
 
+from saf_gen.acceptance.speed import BenchSize
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.cli import app, main
@@ -38,7 +39,6 @@ from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
 from saf_gen.render import backend
 from saf_gen.scene.scene_folder import SceneCard
-from saf_gen.speed import BenchSize
 
 ROOT = HERE.parent
 FIRST = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "datasets/README.md")
@@ -406,7 +406,7 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
         for name in ("FLAT_FRAMES", "DARK_FRAMES"):
             patch.setattr(f"saf_gen.calibration.comparison.{name}", 400)
-        patch.setattr("saf_gen.speed.BenchSize", partial(BenchSize, sensor="quarter.yaml", frames=2000))
+        patch.setattr("saf_gen.acceptance.speed.BenchSize", partial(BenchSize, sensor="quarter.yaml", frames=2000))
         for name, value in environment.items():
             patch.setenv(name, value)
         with pytest.raises(SystemExit) as stop:

@@ -27,7 +27,7 @@ GIVEN_UP = {
 }
 """Words and phrases, with what to say instead."""
 KEPT = {
-    "referee": ("validation/",),  # the outside one, which judges us
+    "referee": ("acceptance/validation/",),  # the outside one, which judges us
     "film": ("render/", "scene/xml/"),  # Mitsuba's own word for the pixels of a camera
     "rig": ("benchmark/", "leaderboard/"),  # a key of records
 }

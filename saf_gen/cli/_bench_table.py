@@ -8,7 +8,7 @@ from rich import box
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from saf_gen.speed import BenchFigure
+    from saf_gen.acceptance.speed import BenchFigure
 
 WIDTH = 100
 """Columns that tables have room in."""

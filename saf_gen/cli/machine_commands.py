@@ -34,8 +34,8 @@ def bench(
     if names and "grain" not in names and (scenes or folder):
         option = "--scene" if scenes else "--out"
         raise BadInput(f"{option} is for the bench grain, which is not among {', '.join(names)}", hint="leave it out")
+    from saf_gen.acceptance.speed import BenchFigure, BenchSize, SceneFound, run_benches
     from saf_gen.scene.scene_folder import find_scene
-    from saf_gen.speed import BenchFigure, BenchSize, SceneFound, run_benches
 
     for scene in scenes or ():
         find_scene(scene)
@@ -83,7 +83,7 @@ def _finite(figure: dict[str, Any]) -> dict[str, Any]:
 
 def doctor(*, as_json: AsJson = False) -> None:
     """Show what this machine renders with, and what would make it faster."""
-    from saf_gen.speed.machine_check import describe_installation
+    from saf_gen.acceptance.speed.machine_check import describe_installation
 
     described, advice = describe_installation()
     print_table(

@@ -25,9 +25,9 @@ def validate(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Hold the product against theory, other code and itself (half an hour), and write a page of what came out."""
-    from saf_gen.validation import choose_checks
-    from saf_gen.validation.page import tolerance_used, write_page
-    from saf_gen.validation.runner import run_checks
+    from saf_gen.acceptance.validation import choose_checks
+    from saf_gen.acceptance.validation.page import tolerance_used, write_page
+    from saf_gen.acceptance.validation.runner import run_checks
 
     checks = choose_checks(only or [])
     with progress_bars() as bars:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from saf_gen.validation import all_checks
-from saf_gen.validation.runner import run_checks
+from saf_gen.acceptance.validation import all_checks
+from saf_gen.acceptance.validation.runner import run_checks
 
 
 @pytest.mark.long

@@ -1,0 +1,100 @@
+"""Measurements of speed, memory and file size: ratios within one run, or rates beside their workload.
+
+Each bench has a module of its own in this folder and yields figures, most of them with a target. A bench is
+not a test: a busy or old machine may miss a target without anything being wrong.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+
+from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
+from saf_gen.acceptance.speed.fresh_process import peak_memory_gib, run_in_fresh_process
+from saf_gen.acceptance.speed.grain_by_scene import SceneFound, measure_scenes
+from saf_gen.errors import SafGenError, unknown
+from saf_gen.generate.executor import ReportProgress
+
+__all__ = ["BENCHES", "BenchFigure", "BenchResults", "BenchSize", "SceneFound", "run_benches"]
+
+BENCHES = {
+    "stack": "the focal stack against Mitsuba's thin lens: time, and error at equal samples",
+    "grain": "noise that the renderer leaves in each scene's pictures, at rest and moving; time of a slice",
+    "encode": "charge to spikes: rate, growth with the length, comparison with public encoders",
+    "stream": "the stream file: write, size, three read patterns, file to scores",
+    "score": "ten methods on six sequences",
+    "job": "the paper's synthetic set, recipe to leaderboard, and again under another light",
+}
+PEAK_MEMORY, MAX_MEMORY_GIB = "peak memory of a process", 2.0
+
+
+@dataclass(frozen=True)
+class BenchResults:
+    """The figures, remarks on what was left out and why, and the failed benches, each with its error."""
+
+    figures: tuple[BenchFigure, ...]
+    remarks: tuple[str, ...]
+    failed: dict[str, SafGenError]
+
+
+def run_benches(
+    names: Sequence[str],
+    size: BenchSize,
+    *,
+    folder: Path | None = None,
+    report: ReportProgress = lambda stage, done: None,
+    show: Callable[[SceneFound], None] = lambda found: None,
+) -> BenchResults:
+    """Run benches (keys of BENCHES; all if empty) one after the other, each in a fresh process.
+
+    The bench of grain has a process for each scene. ``show`` is called with what was found of it, and ``folder`` keeps
+    that for a run that goes on. ``report`` is called with what is being measured and the fraction of it that is done,
+    0 to 1. A bench that cannot run here (no LLVM, no recipe) is among the failed ones; the others continue. Raises
+    BadInput for an unknown name, before anything is measured.
+    """
+    for name in names:
+        if name not in BENCHES:
+            raise unknown("bench", name, allowed=BENCHES)
+    found: list[BenchFigure | str] = []
+    failed: dict[str, SafGenError] = {}
+    for name in dict.fromkeys(names or BENCHES):
+        try:
+            if name == "grain":
+                found += _measure_grain(size, folder=folder, report=report, show=show)
+            else:
+                found += run_in_fresh_process(_measure, name, size, report=report)
+        except SafGenError as error:
+            failed[name] = error
+    figures = tuple(f for f in found if isinstance(f, BenchFigure))
+    return BenchResults(figures, tuple(f for f in found if isinstance(f, str)), failed)
+
+
+def _measure(name: str, size: BenchSize, *, report: ReportProgress) -> list[BenchFigure | str]:
+    """Return what a bench yields, and the peak memory of this process, which runs nothing else."""
+    run_bench: Callable[[BenchSize, ReportProgress], Iterator[BenchFigure | str]]
+    run_bench = import_module(f"saf_gen.acceptance.speed.bench_{name}").run_bench
+    return [
+        *run_bench(size, lambda stage, done: report(f"{name}: {stage}", done)),
+        BenchFigure(name, PEAK_MEMORY, peak_memory_gib(), "GiB", MAX_MEMORY_GIB, at_most=True),
+    ]
+
+
+def _measure_grain(
+    size: BenchSize, *, folder: Path | None, report: ReportProgress, show: Callable[[SceneFound], None]
+) -> list[BenchFigure | str]:
+    """Return what the bench of grain finds of all scenes, the worst of them, and the largest of their peak memories."""
+    found: list[BenchFigure | str] = []
+    peaks = []
+
+    def measure(size: BenchSize) -> list[BenchFigure | str]:
+        return run_in_fresh_process(_measure, "grain", size, report=report)
+
+    for scene in measure_scenes(size, measure=measure, folder=folder):
+        peaks += [f for f in scene.found if isinstance(f, BenchFigure) and f.what == PEAK_MEMORY]
+        rest = tuple(f for f in scene.found if isinstance(f, str) or f.what != PEAK_MEMORY)
+        show(replace(scene, found=rest))
+        found += rest
+    from saf_gen.acceptance.speed.bench_grain import find_worst
+
+    found += find_worst([f for f in found if isinstance(f, BenchFigure)])
+    return [*found, *([max(peaks, key=lambda f: f.value)] if peaks else [])]

@@ -1,0 +1,173 @@
+"""Grain: the noise that the renderer leaves in every scene's pictures, at rest and moving, and the time of a slice.
+
+Each scene is rendered twice, with independent noise, as recordings of the project's recipes have it; what the two do
+not share is grain. :mod:`saf_gen.stack.grain` defines the figures and their intervals.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
+from saf_gen.acceptance.speed.fresh_process import time_call
+from saf_gen.camera import Sensor, get_sensor
+from saf_gen.errors import BadInput
+from saf_gen.generate.executor import ReportProgress
+from saf_gen.scene.scene_folder import Scene, find_scene, scene_names
+from saf_gen.stack.focal_stack import StackSpec
+
+MAX_SLICE_S = {"fan": 1.9, "crossroad": 2.9, "cardiac_muscle": 0.7}
+TIMED_SLICES = 3
+ENERGY_NAMES = {
+    "contrast": "C²",
+    "brenner": "Brenner",
+    "tenengrad": "Tenengrad",
+    "variance_of_laplacian": "the variance of the Laplacian",
+}
+COLUMNS = {"contrast": "C²", "brenner": "Brenner", "tenengrad": "Tenengrad", "variance_of_laplacian": "Laplacian"}
+
+
+def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
+    """Yield the grain of each scene at rest and, where it moves, of its time slices.
+
+    Raises BadInput for a scene that is not known. A scene that cannot be rendered is left out, and named.
+    """
+    sensor = get_sensor(size.sensor)
+    for scene in [find_scene(name) for name in size.scenes or scene_names()]:
+        try:
+            yield from _bench_scene(scene, sensor, size=size, report=report)
+        except BadInput as problem:
+            yield f"grain: {scene.id} is left out: {problem}"
+
+
+def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
+    """Yield the figures of one scene, as the default member of its family."""
+    from saf_gen.authoring import scene_grain
+    from saf_gen.render.scene_renderer import SceneRenderer
+
+    whole = SceneRenderer(scene, sensor, backend_name="auto", wavelength_m=sensor.wavelength_m)
+    # Pixels beyond the target's box cost time and are not looked at.
+    cropped = scene_grain.crop_sensor_to_target(sensor, whole.trace_depth_and_target().target)
+    renderer = SceneRenderer(scene, cropped, backend_name="auto", wavelength_m=sensor.wavelength_m)
+    seen = renderer.trace_depth_and_target()
+    truth = scene.build_drive().true_focus(seen.depth[seen.target])
+    places = scene_grain.list_grain_places(truth)
+    positions = size.positions[0]
+    still = scene_grain.measure_still_grain(
+        renderer,
+        seen,
+        places=places,
+        positions=positions,
+        samples=size.still_samples,
+        progress=lambda done: report(f"{scene.id}, at rest", done),
+    )
+    max_contrast = dict.fromkeys(places, scene_grain.MAX_STILL_CONTRAST)
+    yield from _place_figures(scene.id, "still", found=still, max_rms=None, max_contrast=max_contrast)
+    if not (renderer.motions and scene.card.slices_per_s):
+        return
+    found = scene_grain.measure_slice_grain(
+        renderer,
+        seen,
+        places=places,
+        positions=positions,
+        samples=size.slice_samples,
+        step_s=1 / scene.card.slices_per_s,
+        time_s=scene.card.still_s,
+        progress=lambda done: report(f"{scene.id}, time slices", done),
+    )
+    max_contrast = {name: scene_grain.MAX_SLICE_CONTRAST for name in places if name != scene_grain.BEST_FOCUS}
+    max_rms = scene_grain.MAX_SLICE_RMS
+    yield from _place_figures(scene.id, "slice", found=found, max_rms=max_rms, max_contrast=max_contrast)
+    report(f"{scene.id}, later slices", 0.0)
+    correlations = scene_grain.measure_slice_correlation(
+        renderer,
+        seen,
+        position=truth,
+        positions=positions,
+        samples=size.slice_samples,
+        time_s=scene.card.still_s,
+        step_s=1 / scene.card.slices_per_s,
+    )
+    for steps, figure in correlations:
+        later = "the next slice" if steps == 1 else f"the slice {steps} on"
+        what = f"{scene.id}, slice, {scene_grain.BEST_FOCUS}: correlation of grain with {later}"
+        yield _percent(what, figure)
+    report(f"{scene.id}, later slices", 0.5)
+    seconds = _time_slices(whole, size=size, position=truth)
+    report(f"{scene.id}, later slices", 1.0)
+    what = f"{scene.id}, slice: loaded, rendered at two positions and stored"
+    yield BenchFigure("grain", what, seconds, "s", MAX_SLICE_S.get(scene.id), at_most=True)
+
+
+def _place_figures(
+    scene: str, picture: str, *, found: Mapping[str, Any], max_rms: float | None, max_contrast: Mapping[str, float]
+) -> Iterator[BenchFigure]:
+    """Yield rms and energies of a scene's stills or slices at each place, in per cent, beside their goals."""
+    for place, grain in found.items():
+        row, label = f"{picture}, {place}", f"{scene}, {picture}, {place}"
+        yield _percent(f"{label}: rms over mean", grain.box.rms, goal=max_rms, cell=(row, "rms"))
+        yield _percent(f"{label}: rms over mean on the target alone", grain.target.rms, cell=(row, "on target"))
+        for energy, name in ENERGY_NAMES.items():
+            goal = max_contrast.get(place) if energy == "contrast" else None
+            figure, cell = grain.box.noise_over_signal[energy], (row, COLUMNS[energy])
+            yield _percent(f"{label}: noise over signal in {name}", figure, goal=goal, cell=cell)
+
+
+def _percent(what: str, figure: Any, *, goal: float | None = None, cell: tuple[str, str] | None = None) -> BenchFigure:
+    target = None if goal is None else 100 * goal
+    return BenchFigure(
+        "grain",
+        what,
+        100 * figure.value,
+        "%",
+        target,
+        at_most=goal is not None,
+        low=100 * figure.low,
+        high=100 * figure.high,
+        cell=cell,
+    )
+
+
+def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
+    """Return the seconds per slice of a recording in which the lens rests at a position, by a SceneRenderer."""
+    from saf_gen.render import render_missing_stacks
+
+    first = min(int(position * (size.positions[0] - 1)), size.positions[0] - 2)
+    scene = renderer.scene
+    whole = StackSpec.from_scene(
+        scene,
+        renderer.grid,
+        positions=size.positions[0],
+        samples=size.slice_samples,
+        max_depth=6,
+        time_s=scene.card.still_s,
+        wavelength_m=renderer.wavelength_m,
+        window=(first, first + 1),
+    )
+    step_s = 1 / (scene.card.slices_per_s or 1.0)
+    specs = [replace(whole, time_s=whole.time_s + n * step_s) for n in range(2 + TIMED_SLICES)]
+    with TemporaryDirectory() as folder:
+        options: dict[str, Any] = {"root": Path(folder), "backend_name": renderer.backend_name}
+        render_missing_stacks(scene, specs[:1], **options)  # compiles
+        # The scene is built once for a whole recording: the difference of one slice and several leaves that out.
+        _, one_s = time_call(render_missing_stacks, scene, specs[1:2], **options)
+        _, several_s = time_call(render_missing_stacks, scene, specs[2:], **options)
+    return max(several_s - one_s, 0.0) / (TIMED_SLICES - 1)
+
+
+def find_worst(figures: Sequence[BenchFigure]) -> Iterator[BenchFigure]:
+    """Yield the worst of each kind of figure that has a goal, with the scene and place where it is."""
+    kinds = {
+        "worst slice: rms over mean": (", slice,", "rms over mean"),
+        "worst slice away from focus: noise over signal in C²": (", slice,", "C²"),
+        "worst still: noise over signal in C²": (", still,", "C²"),
+    }
+    for what, (kind, figure) in kinds.items():
+        found = [f for f in figures if f.target is not None and kind in f.what and f.what.endswith(figure)]
+        found = [f for f in found if not math.isnan(f.value)]
+        if found:
+            worst = max(found, key=lambda f: f.value)
+            yield replace(worst, what=f"{what} ({worst.what.partition(':')[0]})", cell=None)

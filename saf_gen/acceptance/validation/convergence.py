@@ -1,0 +1,134 @@
+"""Convergence: at the defaults, what samples, positions and slices leave out lies below the sensor's own noise."""
+
+from typing import Any
+
+import numpy as np
+
+import saf_gen
+from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
+from saf_gen.acceptance.validation.optics import DRIVES, F_NUMBER
+from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import lit_chequers
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.camera import get_sensor
+from saf_gen.camera.counting_law import noise_per_spike
+from saf_gen.leaderboard.grain_tables import compose_grain_notes
+from saf_gen.stream.recorded_grain import read_recorded_grain
+
+SAMPLES, POSITIONS, RATE, BLOCK = 64, 129, 0.2, 100
+"""What our recipes use for scenes at rest, and the block of frames in which measures look."""
+
+
+def check_samples(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare grain at the samples of our recipes with the noise of the sensor, and too few samples with a warning."""
+    scenes = ("usaf_target",) if quick else ("usaf_target", "low_texture", "bookshelf", "camel", "two_planes")
+    size: dict[str, Any] = {"rows": 50, "columns": 80, "pitch_m": 1e-4}
+    sensor = get_sensor("vidar_400x250", **(size if quick else {"rows": 125, "columns": 200, "pitch_m": 4e-5}))
+    comparisons, shown = [], []
+    # A block of frames has the fixed pattern, and counting noise, 1/6 on average, over the mean count.
+    spreads = (
+        sensor.response_column_rms,
+        sensor.response_row_rms,
+        sensor.response_white_rms,
+        sensor.threshold_spread_rms,
+    )
+    pattern = float(np.linalg.norm(spreads))
+    counting = float(np.sqrt(1 / 6 + RATE * BLOCK * noise_per_spike(sensor)) / (RATE * BLOCK))
+    noise = float(np.hypot(pattern, counting))
+
+    def make(samples: int) -> Workload:
+        return Workload(
+            (),
+            sensor,
+            400,
+            exposure={"mean_rate": RATE},
+            focus={"positions": 9 if quick else 33, "motion": {"kind": "sweep"}},
+            render={"samples": samples, "max_depth": 3},
+            shipped=scenes,
+        )
+
+    made = maker.make(make(SAMPLES))
+    for scene in scenes:
+        with made.open(scene=scene) as stream:
+            grain = read_recorded_grain(stream.metadata.provenance)
+        rms = float("nan") if grain is None else grain.rms_in_focus
+        comparisons.append(Comparison(f"{scene}: grain in focus over the mean", rms, at_least=0.0, at_most=noise))
+        shown.append(rms)
+    enough = compose_grain_notes(evaluate(made.folder, methods=["sd+argmax"]).records)
+    comparisons.append(Comparison("warnings of evaluate at the default", float(len(enough)), 0.0, 0.0, 0.0))
+    few = maker.make(make(1))
+    warned = compose_grain_notes(evaluate(few.folder, methods=["energy_of_laplacian+argmax"]).records)
+    comparisons.append(
+        Comparison("warnings of evaluate at one sample, by the Laplacian", float(len(warned)), at_least=1.0)
+    )
+    x = tuple(map(float, range(len(scenes))))
+    curves = (Curve("sensor", x, tuple(noise for _ in x)), Curve("grain", x, tuple(shown), "points"))
+    return Finding(tuple(comparisons), Plot(f"scene: {', '.join(scenes)}", "rms over the mean", curves))
+
+
+def check_positions(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare SD along a sweep of the positions of our recipes with that of four times as many."""
+    repeats, frames, samples = (4, 2000, 32) if quick else (12, 4000, 256)
+    sensor = sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
+    lens = {"drive": "image_distance", "f_number": F_NUMBER, **DRIVES["image_distance"]}
+    scene = lit_chequers("chequers", lights={"lamp": ["lamp"], "room": ["room"]}, lens=lens, chequers=230)
+    measure, curves_of = saf_gen.get_measure("sd"), {}
+    for positions in (POSITIONS, 4 * (POSITIONS - 1) + 1):
+        workload = Workload(
+            (scene,),
+            sensor,
+            frames,
+            exposure={"mean_rate": RATE},
+            focus={"positions": positions, "motion": {"kind": "sweep"}},
+            render={"samples": samples, "max_depth": 3},
+            split={"repeats": repeats},
+        )
+        made = maker.make(workload)
+        found = []
+        for repeat in range(repeats):
+            with made.open(repeat=repeat) as stream:
+                found.append([measure(stream.counts(k, k + BLOCK)) for k in range(0, frames, BLOCK)])
+        curves_of[positions] = np.array(found)
+    coarse, fine = curves_of.values()
+    scatter = np.sqrt((coarse.var(axis=0, ddof=1) + fine.var(axis=0, ddof=1)) / 2)
+    # A window's bias over the scatter of one recording: at most 1, that is below the sensor's own noise.
+    off = (coarse - fine.mean(axis=0)) / np.sqrt(np.mean(scatter**2))
+    comparisons = (
+        Comparison(
+            "rms difference of the curves over the scatter of one recording",
+            float(np.sqrt(max(np.mean(off.mean(axis=0) ** 2) - 2 / repeats, 0.0))),
+            at_least=0.0,
+            at_most=1.0,
+        ),
+    )
+    x = tuple(((np.arange(coarse.shape[1]) + 0.5) * BLOCK / frames).tolist())
+    error = tuple((1.96 * scatter).tolist())
+    curves = (
+        Curve("513 positions", x, tuple(fine.mean(axis=0).tolist())),
+        Curve("129 positions, scatter of one recording", x, tuple(coarse.mean(axis=0).tolist()), "points", error),
+    )
+    return Finding(comparisons, Plot("position", "SD", curves))
+
+
+CHECKS = (
+    Check(
+        "convergence_samples",
+        "At the samples of our recipes grain lies below the noise of the sensor; a dataset with far too few is "
+        "warned of.",
+        "grain rms ≤ √(fixed pattern² + (1/6 + F·m)/m²), m = rate × 100 frames",
+        "Grain: docs/physics.md, *Grain*; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
+        "Scenes at rest with 64 samples as stored beside each recording, and again with one; evaluate's warning.",
+        "The sensor's own noise in a block of 100 frames at a rate of 0.2.",
+        check_samples,
+    ),
+    Check(
+        "convergence_positions",
+        "At the 129 positions of our recipes the focus curve differs from that of 513 by less than one recording "
+        "scatters.",
+        "|mean SD(129) − mean SD(513)| ≤ sd of SD in one recording",
+        "Linear interpolation between positions (docs/physics.md, *Radiometry and exposure*)",
+        "A chequered plane swept by a lens at f/1.4, several seeds, with 129 and with 513 positions.",
+        "One standard deviation of a recording's SD; the noise of the means is taken off.",
+        check_positions,
+    ),
+)

@@ -1,0 +1,287 @@
+"""Noise in time: photon transfer, intervals, the spectrum of spikes per frame, independence of pixels and of time.
+
+All of it under constant, even light, with shot noise and threshold noise alone: then one exact law holds for every
+pixel (:mod:`saf_gen.camera.counting_law`).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
+from saf_gen.acceptance.validation.inference import FALSE_ALARM, compare_chi_squared, compare_estimate, compare_mean
+from saf_gen.acceptance.validation.theory import window_autocovariance
+from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import even_panel, gain_of_rate
+from saf_gen.camera.counting_law import chi_squared_of_counts, count_probabilities, count_variance, noise_per_spike
+from saf_gen.camera.noise_table import LANES
+from saf_gen.stream.stream_file import SpikeStream
+
+WINDOWS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000)
+RATES = (0.03, 0.2, 0.613)
+INTERVAL_RATES = (0.03, 0.05, 0.13, 0.21, 0.37, 0.5, 0.61, 0.77)
+PAIRS = 16
+COX = "D. R. Cox, Renewal Theory, 1962; the series: https://dlmf.nist.gov/24.8.E1"
+
+
+def even_light(rates: Sequence[float], *, frames: int, shape: tuple[int, int]) -> Workload:
+    """Return the workload of an even field at some rates (spikes per readout), each under a light of its own."""
+    sensor = sensor_with_noise("shot", "threshold_noise", rows=shape[0], columns=shape[1])
+    levels = {light_name(rate): gain_of_rate(rate, sensor) for rate in rates}
+    lights = {name: {"kind": "constant", "level": level} for name, level in levels.items()}
+    return Workload((even_panel(),), sensor, frames, lights)
+
+
+def light_name(rate: float) -> str:
+    """Return the name of the light under which the panel fires at this rate."""
+    return f"rate_{round(rate * 1e6):06d}"
+
+
+def _size(quick: bool) -> tuple[int, tuple[int, int]]:
+    return (2000, (100, 160)) if quick else (20_000, (250, 400))
+
+
+def check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare the temporal variance of counts, from pairs of windows, with the exact law."""
+    frames, shape = _size(quick)
+    workload = even_light(RATES, frames=frames, shape=shape)
+    made = maker.make(workload)
+    per_spike = noise_per_spike(workload.sensor)
+    windows = [n for n in WINDOWS if 2 * n <= frames]
+    comparisons, curves = [], []
+    for rate in RATES:
+        seen, law, errors = [], [], []
+        with made.open(light=light_name(rate)) as stream:
+            for n in windows:
+                samples = _half_square_differences(stream, n)
+                # A − B has the variance 2·Var A − 2·cov(A, B), and Var(A + B) is that of a window of 2n.
+                one, two = (float(count_variance(k * n * rate, k * n * rate * per_spike)) for k in (1, 2))
+                found = compare_mean(
+                    f"rate {rate:g}, {n:,} frames",
+                    samples,
+                    expected=2 * one - two / 2,
+                    figures=len(windows) * len(RATES),
+                )
+                comparisons.append(found)
+                seen.append(found.measured)
+                law.append(found.expected)
+                errors.append(found.high - found.measured)
+        x = tuple(n * rate for n in windows)
+        curves += [
+            Curve(f"law, rate {rate:g}", x, tuple(law)),
+            Curve(f"stream, rate {rate:g}", x, tuple(seen), "points", tuple(errors)),
+        ]
+    light = (windows[0] * RATES[0], windows[-1] * RATES[-1])
+    curves.append(Curve("Poisson", light, light))
+    plot = Plot("mean count of a window", "half the variance of A − B", tuple(curves), log_x=True, log_y=True)
+    return Finding(tuple(comparisons), plot)
+
+
+def _half_square_differences(stream: SpikeStream, frames: int) -> np.ndarray:
+    """Return (A − B)²/2 of adjacent windows per pixel, the mean over some pairs; pixels are independent samples."""
+    total = stream.shape[0]
+    pairs = min(PAIRS, total // (2 * frames))
+    starts = np.linspace(0, total - 2 * frames, pairs).astype(int).tolist()
+    found = np.zeros(stream.shape[1:])
+    for start in starts:
+        middle, stop = start + frames, start + 2 * frames
+        found += (stream.counts(start, middle).astype(float) - stream.counts(middle, stop)) ** 2 / 2
+    return found / pairs
+
+
+def check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare the interval that follows a spike at one readout with the exact law, by χ² and by its variance."""
+    shape = _size(quick)[1]
+    rates = INTERVAL_RATES[::3] if quick else INTERVAL_RATES
+    workload = even_light(rates, frames=400, shape=shape)
+    made = maker.make(workload)
+    per_spike = noise_per_spike(workload.sensor)
+    comparisons: list[Comparison] = []
+    curves = []
+    for rate in rates:
+        mean, first = 1 / rate, 200
+        with made.open(light=light_name(rate)) as stream:
+            spikes = stream.frames(first, min(first + int(1.2 * mean) + 10, 400)).reshape(-1, shape[0] * shape[1])
+        fired = spikes[0] == 1
+        seen = spikes[1:, fired].argmax(axis=0) + 1
+        numbers, probabilities = count_probabilities(mean, per_spike * mean**2)
+        chi, freedom = chi_squared_of_counts(seen, (numbers, probabilities))
+        name = f"rate {rate:g}, {seen.size:,} intervals"
+        if freedom:
+            comparisons.append(compare_chi_squared(f"{name}: χ²/dof", chi, freedom=freedom, figures=2 * len(rates)))
+        squares = (seen - mean) ** 2.0
+        expected = float(count_variance(mean, per_spike * mean**2))
+        fourth = float((probabilities * (numbers - mean) ** 4).sum())
+        comparisons.append(
+            compare_estimate(
+                f"{name}: variance",
+                float(squares.mean()),
+                standard_error=np.sqrt(max(fourth - expected**2, 0) / seen.size),
+                expected=expected,
+                figures=2 * len(rates),
+            )
+        )
+        shown = probabilities > 1e-4
+        found = np.bincount(seen, minlength=int(numbers[-1]) + 1)[numbers[shown]] / seen.size
+        x = tuple((numbers[shown] / mean).tolist())
+        curves.append(Curve(f"rate {rate:g}", x, tuple(found.tolist()), "points"))
+        curves.append(Curve(f"law, {rate:g}", x, tuple(probabilities[shown].tolist())))
+    return Finding(tuple(comparisons), Plot("interval over its mean", "probability", tuple(curves)))
+
+
+def spikes_per_frame(stream: SpikeStream) -> np.ndarray:
+    """Return the spikes of all pixels in each frame, int64 (T,)."""
+    total, size = stream.shape[0], -(-stream.shape[0] // 8)
+    out = np.zeros(8 * size, np.int64)
+    for first in range(0, size, 250):
+        packed = stream.packed(first, min(first + 250, size)).reshape(-1, min(250, size - first))
+        for bit in range(8):
+            out[8 * first + bit : 8 * (first + packed.shape[1]) : 8] = ((packed >> bit) & 1).sum(axis=0)
+    return out[:total]
+
+
+def check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare the periodogram of spikes per frame with that of the exact law: their quotient is white."""
+    frames, shape = _size(quick)
+    workload = even_light(RATES, frames=frames, shape=shape)
+    made = maker.make(workload)
+    per_spike, pixels = noise_per_spike(workload.sensor), shape[0] * shape[1]
+    taper = np.sqrt(8 / 3) * np.sin(np.pi * (np.arange(frames) + 0.5) / frames) ** 2
+    bands = 5 if quick else 10
+    figures = len(RATES) * (bands + 1)
+    comparisons, curves = [], []
+    for rate in RATES:
+        with made.open(light=light_name(rate)) as stream:
+            spikes = spikes_per_frame(stream) - pixels * rate
+        # Every third ordinate: under Hann's taper those are independent.
+        chosen = slice(3, frames // 2, 3)
+        seen = np.abs(np.fft.rfft(taper * spikes)[chosen]) ** 2 / frames
+        law = pixels * _expected_periodogram(taper, rate=rate, per_spike=per_spike)[chosen]
+        quotient = seen / law
+        for n, band in enumerate(np.array_split(quotient, bands), start=1):
+            name = f"rate {rate:g}, band {n} of {bands}: power over law"
+            comparisons.append(compare_chi_squared(name, float(2 * band.sum()), freedom=2 * band.size, figures=figures))
+        highest = -np.log1p(-((1 - FALSE_ALARM / figures) ** (1 / quotient.size)))
+        name = f"rate {rate:g}: highest line of {quotient.size:,}"
+        comparisons.append(Comparison(name, float(quotient.max()), float("nan"), 0.0, float(highest)))
+        at = np.fft.rfftfreq(frames)[chosen]
+        cells = np.array_split(np.arange(at.size), 60)
+        x = tuple(float(at[cell].mean()) for cell in cells)
+        curves.append(
+            Curve(f"stream, rate {rate:g}", x, tuple(float(seen[c].mean()) / pixels for c in cells), "points")
+        )
+        curves.append(Curve(f"law, rate {rate:g}", x, tuple(float(law[c].mean()) / pixels for c in cells)))
+    plot = Plot("frequency, cycles per readout", "power per pixel", tuple(curves), log_y=True)
+    return Finding(tuple(comparisons), plot)
+
+
+def _expected_periodogram(taper: np.ndarray, *, rate: float, per_spike: float) -> np.ndarray:
+    """Return the mean periodogram of one pixel's spikes per frame under a taper, float64 (T // 2 + 1,)."""
+    frames = taper.size
+    lags = np.arange(frames)
+    covariance = np.concatenate(
+        [window_autocovariance(1, part, rate=rate, per_spike=per_spike) for part in np.array_split(lags, 40)]
+    )
+    padded = np.fft.rfft(taper, 2 * frames)
+    overlap = np.fft.irfft(np.abs(padded) ** 2, 2 * frames)[:frames] / frames
+    weighted = overlap * covariance
+    return 2 * np.fft.rfft(weighted).real - weighted[0]
+
+
+def check_independence(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare correlations between pixels with 0, and those between windows of time with the exact law."""
+    frames, shape = _size(quick)
+    workload = even_light(RATES, frames=frames, shape=shape)
+    made = maker.make(workload)
+    rate, n, per_spike = RATES[1], 40, noise_per_spike(workload.sensor)
+    begin = 2000 - 10 * n if not quick else frames // 2 - 10 * n  # the middle pair lies on both sides of a time block
+    with made.open(light=light_name(rate)) as stream:
+        counts = np.stack([stream.counts(begin + k * n, begin + (k + 1) * n) for k in range(20)]).astype(float)
+    counts -= n * rate
+    apart = {"next column": 1, "next row": shape[1], "diagonal": shape[1] + 1, "next noise block": LANES}
+    lags = (1, 2, 3, 5, 8)
+    figures = len(apart) + 1 + len(lags) + 1
+    comparisons = []
+    flat = (counts[0::2] - counts[1::2]).reshape(len(counts) // 2, -1)
+    flat = flat / flat.std()
+    for what, lag in apart.items():
+        products = (flat[:, lag:] * flat[:, :-lag]).mean(axis=0)
+        comparisons.append(
+            compare_mean(f"correlation with the pixel in the {what}", products, expected=0.0, figures=figures)
+        )
+    halves = (flat[:5] * np.roll(flat[:5], flat.shape[1] // 2, axis=1)).mean(axis=0)
+    comparisons.append(
+        compare_mean("correlation with the pixel half an array away", halves, expected=0.0, figures=figures)
+    )
+    law = window_autocovariance(n, np.array([*lags, 1]), rate=rate, per_spike=per_spike)
+    for lag, expected in zip(lags, law, strict=False):
+        products = (counts[lag:] * counts[:-lag]).mean(axis=0)
+        what = f"covariance of windows of {n} frames, {lag} apart"
+        comparisons.append(compare_mean(what, products, expected=float(expected), figures=figures))
+    middle = counts[9] * counts[10]
+    comparisons.append(
+        compare_mean(
+            "covariance of windows beside a border of time blocks", middle, expected=float(law[-1]), figures=figures
+        )
+    )
+    x = tuple(float(lag) for lag in lags)
+    seen = comparisons[len(apart) + 1 : -1]
+    error = tuple(one.high - one.measured for one in seen)
+    curves = (
+        Curve("stream", x, tuple(one.measured for one in seen), "points", error),
+        Curve("law", x, tuple(one.expected for one in seen)),
+    )
+    return Finding(tuple(comparisons), Plot("windows apart", "covariance of counts", curves))
+
+
+_EVEN = "A glowing panel before a lens of 2 m, so that light is even to 10⁻⁵, at rates of "
+_BY_CHANCE = (
+    f"By the scatter of the pixels alone: all figures together fail a right product once in {1 / FALSE_ALARM:,.0f} "
+    "runs."
+)
+CHECKS = (
+    Check(
+        "noise_photon_transfer",
+        "The variance of counts from one window to the next is that of shot and threshold noise, plus that of "
+        "counting whole spikes.",
+        "E[(A − B)²]/2 = 2·V(n) − V(2n)/2; V = s² + 1/6 − π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k², m = n·rate, s² = "
+        "(1/θ + σ²)·m",
+        COX,
+        f"{_EVEN}{', '.join(map(str, RATES))}; adjacent windows A, B of n = 1 to 10,000 frames of 20,000, 100,000 "
+        "pixels.",
+        _BY_CHANCE,
+        check_photon_transfer,
+    ),
+    Check(
+        "noise_intervals",
+        "After a spike, the next comes after one of the whole numbers of readouts round θ/q, as often as the "
+        "exact law says.",
+        "P(N = n) = E[max(0, 1 − |X − n|)], X normal with mean 1/rate and variance (1/θ + σ²)/rate²",
+        COX,
+        f"{_EVEN}{', '.join(map(str, INTERVAL_RATES))}; of every pixel that fires at readout 200 the interval that "
+        "follows.",
+        f"Pearson's χ² and the variance with the law's own scatter. {_BY_CHANCE}",
+        check_intervals,
+    ),
+    Check(
+        "noise_spectrum",
+        "Spikes per frame have the spectrum that follows from the exact law, and no line beside it: over it they "
+        "are white.",
+        "S(f) = Σⱼ γ(j)·e^(2πifj), γ(j) = (V(j + 1) − 2·V(j) + V(j − 1))/2",
+        COX,
+        "The streams of noise_photon_transfer: spikes of 100,000 pixels in each of 20,000 frames, tapered by Hann.",
+        f"Ordinates of a periodogram are exponential about the law: χ² by band, and the highest of all. {_BY_CHANCE}",
+        check_spectrum,
+    ),
+    Check(
+        "noise_independence",
+        "Pixels know nothing of each other; windows of one pixel share what is left over of a spike, and nothing "
+        "else, also across blocks.",
+        "corr(pixel, pixel) = 0; cov(window 0, window j) = (V((j + 1)·n) − 2·V(j·n) + V((j − 1)·n))/2",
+        COX,
+        "The stream of noise_photon_transfer at a rate of 0.2: 20 windows of 40 frames round frame 2,000, where a "
+        "time block ends.",
+        _BY_CHANCE,
+        check_independence,
+    ),
+)

@@ -1,0 +1,279 @@
+"""Radiometry: the rate of a pixel against f-number, magnification, field angle and five decades of light.
+
+An evenly glowing panel of known radiance before a lens; what each pixel should fire follows from closed forms, in
+absolute units. Shot and threshold noise are on, the fixed pattern and dark current off.
+"""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
+from saf_gen.acceptance.validation.inference import compare_mean
+from saf_gen.acceptance.validation.theory import charge_of_rate, charge_per_radiance, firing_rate, off_axis
+from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import even_panel, gain_of_rate, glowing_panel
+from saf_gen.camera.counting_law import noise_per_spike
+from saf_gen.camera.sensor import Sensor
+
+F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)
+SETTLED = 100
+"""Frames that are left out at the beginning."""
+UNEVEN = 1e-5
+"""How even the waves' bends leave even light, of its radiance: docs/physics.md, *Waves*."""
+
+
+def rounding_error(rate: float) -> float:
+    """Return how far single precision may move a rate, relatively: half a last digit of θ at each readout."""
+    return 2.0**-25 / rate
+
+
+def _sensor(quick: bool, **changes: Any) -> Sensor:
+    """Return the sensor of 8 mm × 5 mm, with larger pixels at the small size."""
+    size: dict[str, Any] = (
+        {"rows": 50, "columns": 80, "pitch_m": 1e-4} if quick else {"rows": 125, "columns": 200, "pitch_m": 4e-5}
+    )
+    return sensor_with_noise("shot", "threshold_noise", **size, **changes)
+
+
+def check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare rates at f-numbers from 1.4 to 16 with 1/N²."""
+    numbers = F_NUMBERS[::3] if quick else F_NUMBERS
+    sensor, frames = _sensor(quick), 1000 if quick else 4000
+    focal, near, far = 0.2, 9.0, 12.0
+    v = focal * far / (far - focal)
+    x = off_axis((sensor.rows, sensor.columns), sensor.pitch_m)
+    widest = charge_per_radiance(sensor, f_number=1.4, focal_length_m=focal, image_distance_m=v, off_axis_m=0.0)
+    radiance = float(charge_of_rate(0.9, sensor) / widest)
+    scenes = tuple(
+        glowing_panel(
+            f"panel_f{round(10 * n):03d}",
+            radiance=radiance,
+            depth_m=10.0,
+            half_m=2.0,
+            lens={"focal_length_mm": 1000 * focal, "f_number": n, "focus_range_m": [far, near]},
+        )
+        for n in numbers
+    )
+    made = maker.make(Workload(scenes, sensor, frames))
+    comparisons, rates, law = [], [], []
+    for n, scene in zip(numbers, scenes, strict=True):
+        charge = radiance * charge_per_radiance(
+            sensor, f_number=n, focal_length_m=focal, image_distance_m=v, off_axis_m=x
+        )
+        expected = firing_rate(charge, sensor)
+        with made.open(scene=scene.id) as stream:
+            seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
+        rate = float(expected.mean())
+        comparisons.append(
+            compare_mean(
+                f"f/{n:g}: rate over law",
+                seen / expected,
+                expected=1.0,
+                figures=len(numbers),
+                model_error=UNEVEN + rounding_error(rate),
+            )
+        )
+        rates.append(float(seen.mean()))
+        law.append(rate)
+    curves = (Curve("law", tuple(numbers), tuple(law)), Curve("stream", tuple(numbers), tuple(rates), "points"))
+    return Finding(tuple(comparisons), Plot("f-number", "rate", curves, log_x=True, log_y=True))
+
+
+def check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare rates along a sweep from magnification 0 to 1 with 1/(1 + M)²."""
+    sensor, frames, focal, positions = _sensor(quick), 2000 if quick else 8000, 0.025, 129
+    ends = (1000.0, 2 * focal)
+    nearest, farthest = (focal * u / (u - focal) for u in ends)
+    axis = charge_per_radiance(sensor, f_number=4.0, focal_length_m=focal, image_distance_m=nearest, off_axis_m=0.0)
+    radiance = float(charge_of_rate(0.8, sensor) / axis)
+    lens = {"focal_length_mm": 1000 * focal, "f_number": 4.0, "focus_range_m": list(ends)}
+    panel = glowing_panel("panel_bellows", radiance=radiance, depth_m=0.6, half_m=0.4, lens=lens)
+    focus = {"positions": positions, "motion": {"kind": "sweep"}}
+    made = maker.make(Workload((panel,), sensor, frames, focus=focus))
+    x = off_axis((sensor.rows, sensor.columns), sensor.pitch_m)
+    windows = [(start, start + frames // 20) for start in range(frames // 20, frames, frames // 20)]
+    comparisons, magnifications, seen, law = [], [], [], []
+    # Between two positions charge is a straight line, which lies above 1/v² by at most 3/4·(step/v)².
+    chord = 0.75 * ((farthest - nearest) / (positions - 1) / nearest) ** 2
+    with made.open() as stream:
+        for start, stop in windows:
+            times = (start + (stop - start) * (np.arange(25) + 0.5) / 25) / frames  # middles of 25 equal parts
+            v = nearest + (farthest - nearest) * times
+            rates = np.mean(
+                [
+                    firing_rate(
+                        radiance
+                        * charge_per_radiance(
+                            sensor, f_number=4.0, focal_length_m=focal, image_distance_m=one, off_axis_m=x
+                        ),
+                        sensor,
+                    )
+                    for one in v
+                ],
+                axis=0,
+            )
+            counts = stream.counts(start, stop) / (stop - start)
+            magnification = float(v.mean()) / focal - 1
+            found = compare_mean(
+                f"M = {magnification:.2f}: rate over law",
+                counts / rates,
+                expected=1.0,
+                figures=len(windows),
+                model_error=UNEVEN + rounding_error(0.2) + chord,
+            )
+            comparisons.append(found)
+            magnifications.append(magnification)
+            seen.append(float(counts.mean()))
+            law.append(float(rates.mean()))
+    curves = (
+        Curve("law", tuple(magnifications), tuple(law)),
+        Curve("stream", tuple(magnifications), tuple(seen), "points"),
+    )
+    return Finding(tuple(comparisons), Plot("magnification", "rate", curves))
+
+
+def check_field_angle(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare rates in rings round the axis with cos⁴, out to 30 degrees."""
+    sensor, frames, focal, far = _sensor(quick), 1000 if quick else 4000, 0.008, 0.6
+    v = focal * far / (far - focal)
+    x = off_axis((sensor.rows, sensor.columns), sensor.pitch_m)
+    per_radiance = charge_per_radiance(sensor, f_number=2.8, focal_length_m=focal, image_distance_m=v, off_axis_m=x)
+    radiance = float(charge_of_rate(0.6, sensor) / per_radiance.max())
+    lens = {"focal_length_mm": 1000 * focal, "f_number": 2.8, "focus_range_m": [far, 0.4]}
+    panel = glowing_panel("panel_wide", radiance=radiance, depth_m=0.5, half_m=0.6, lens=lens)
+    made = maker.make(Workload((panel,), sensor, frames))
+    expected = firing_rate(radiance * per_radiance, sensor)
+    with made.open() as stream:
+        seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
+    angle = np.degrees(np.arctan(x / v))
+    rings = np.linspace(0, angle.max() + 1e-9, 4 if quick else 9)
+    # The product takes the angle at a pixel's middle; the mean over a pixel differs by the curvature of cos⁴.
+    curvature = 20 * (sensor.pitch_m / v) ** 2 / 24
+    comparisons, middles, rates, law = [], [], [], []
+    for first, last in pairwise(rings):
+        ring = (angle >= first) & (angle < last)
+        comparisons.append(
+            compare_mean(
+                f"{first:.1f} to {last:.1f} degrees: rate over law",
+                seen[ring] / expected[ring],
+                expected=1.0,
+                figures=len(rings) - 1,
+                model_error=UNEVEN + rounding_error(0.3) + curvature,
+            )
+        )
+        middles.append(float(angle[ring].mean()))
+        rates.append(float(seen[ring].mean()))
+        law.append(float(expected[ring].mean()))
+    curves = (Curve("law", tuple(middles), tuple(law)), Curve("stream", tuple(middles), tuple(rates), "points"))
+    return Finding(tuple(comparisons), Plot("field angle, degrees", "rate", curves))
+
+
+def check_decades(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare rates over five decades of light with both laws of saturation."""
+    frames = 2000 if quick else 20_000
+    light = np.geomspace(1e-2, 3.16, 4) if quick else np.geomspace(1e-5, 3.16, 12)
+    comparisons: list[Comparison] = []
+    curves = []
+    for saturation in ("subtract", "dead_readout"):
+        size: dict[str, Any] = {"rows": 50, "columns": 80} if quick else {"rows": 100, "columns": 160}
+        sensor = sensor_with_noise("shot", "threshold_noise", **size, saturation=saturation)
+        per_threshold = gain_of_rate(0.5, sensor) / (float(charge_of_rate(0.5, sensor)) / sensor.threshold_e)
+        lights = {f"light_{n:02d}": {"kind": "constant", "level": q * per_threshold} for n, q in enumerate(light)}
+        made = maker.make(Workload((even_panel(),), sensor, frames, lights))
+        rates, law = [], []
+        for name, q in zip(lights, light, strict=True):
+            expected = float(firing_rate(q * sensor.threshold_e, sensor))
+            with made.open(light=name) as stream:
+                seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
+            comparisons.append(
+                compare_mean(
+                    f"{saturation}, {q:.3g} thresholds per readout: rate over law",
+                    seen / expected,
+                    expected=1.0,
+                    figures=2 * light.size,
+                    model_error=UNEVEN
+                    + rounding_error(float(q))
+                    + _end_effect(float(q), saturation) / (frames - SETTLED) / expected
+                    + _lost_at_the_cap(float(q), sensor),
+                )
+            )
+            rates.append(float(seen.mean()))
+            law.append(expected)
+        x = tuple(light.tolist())
+        curves += [
+            Curve(f"law, {saturation}", x, tuple(law)),
+            Curve(f"stream, {saturation}", x, tuple(rates), "points"),
+        ]
+    plot = Plot("charge over threshold, per readout", "rate", tuple(curves), log_x=True, log_y=True)
+    return Finding(tuple(comparisons), plot)
+
+
+def _end_effect(charge: float, saturation: str) -> float:
+    """Return how many spikes the ends of a window may add or take away, on average; ``charge`` is in thresholds, q.
+
+    ``subtract`` begins with an even phase, as it goes on. ``dead_readout`` begins with no pixel dead. Conservation says
+    N·(1 + q) = q·W + q·(spikes in the last readout − in the one before the first) − (charge held after − before). A
+    readout has at most min(q, 1) spikes; what pixels hold is even at first and has a mean within q/2 of that later, or
+    within q beyond saturation.
+    """
+    if saturation == "subtract":
+        return 0.0
+    return (charge * charge + charge / 2 if charge < 1 else 2 * charge) / (1 + charge)
+
+
+def _lost_at_the_cap(charge: float, sensor: Sensor) -> float:
+    """Return the largest part of the rate that ``subtract`` loses, because it keeps one threshold of excess at most.
+
+    Within the noise of saturation a pixel that has just fired may hold more than that. Charge then diffuses over the
+    cap, by σ²/2 per spike at the most: half the variance of a threshold, at an even density.
+    """
+    return noise_per_spike(sensor) / 2 if sensor.saturation == "subtract" and charge > 0.9 else 0.0
+
+
+_TOLERANCE = (
+    "The scatter of pixels (once in 10,000 runs by chance), 10⁻⁵ for what waves leave uneven, and half a last "
+    "digit of "
+    "single precision per readout"
+)
+CHECKS = (
+    Check(
+        "radiometry_f_number",
+        "An evenly lit pixel fires in proportion to the aperture's area.",
+        "rate = q/(θ + ℓ·q), q = π·R²/v²·cos⁴ϑ·L·pitch²·FF·QE·λ/(h·c)/F, R = f/(2N)",
+        "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
+        "A panel of known radiance before lenses of 200 mm from f/1.4 to f/16, in absolute units, rates 0.007 to 0.9.",
+        f"{_TOLERANCE}.",
+        check_f_number,
+    ),
+    Check(
+        "radiometry_bellows",
+        "A lens that is drawn out to magnification M loses light by 1/(1 + M)².",
+        "E = π·R²/v²·cos⁴ϑ·L, v = f·(1 + M)",
+        "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
+        "A sweep of a lens of 25 mm from infinity to magnification 1, 129 positions; 19 windows.",
+        f"{_TOLERANCE}; straight lines between positions, 3/4·(step/v)².",
+        check_bellows,
+    ),
+    Check(
+        "radiometry_field_angle",
+        "Away from the axis light falls with the fourth power of the cosine.",
+        "E(ϑ) = E(0)·cos⁴ϑ",
+        "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
+        "A panel before a lens of 8 mm: rings round the axis, out to 30 degrees.",
+        f"{_TOLERANCE}; curvature of cos⁴ within a pixel.",
+        check_field_angle,
+    ),
+    Check(
+        "radiometry_decades",
+        "Rate follows light over five decades, and bends into saturation by the law that the sensor has.",
+        "subtract: min(1, q/(θ + ℓ·q)); dead_readout: 1/(1 + θ/q)",
+        "Acnext/SCSim; BIT-Vision/RSIR and SpikeNeRF calibrations (docs/physics.md, *Saturation*)",
+        "Even light from 10⁻⁵ to 3.16 thresholds per readout, both laws, 20,000 frames of 16,000 pixels.",
+        f"{_TOLERANCE}, which is 0.3 % at 10⁻⁵. For dead_readout the ends of the window, because it does not begin "
+        "with an even phase. For subtract near saturation 3·10⁻⁵, half the variance of a threshold: it keeps at "
+        "most one threshold of excess, and loses what noise brings above that (measured: 1.5·10⁻⁵).",
+        check_decades,
+    ),
+)
