@@ -1,4 +1,4 @@
-"""What docs/claims.md says of the paper's claims, on sweeps whose focus is planted; no renderer."""
+"""What docs/explanation/claims.md says of the paper's claims, on sweeps whose focus is planted; no renderer."""
 
 import shutil
 import subprocess

@@ -42,7 +42,7 @@ from saf_gen.scene.scene_folder import SceneCard
 
 ROOT = HERE.parent
 FIRST = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "datasets/README.md")
-PAGES = [p for p in (*(ROOT / n for n in FIRST), *sorted((ROOT / "docs").glob("*.md"))) if p.exists()]
+PAGES = [p for p in (*(ROOT / n for n in FIRST), *sorted((ROOT / "docs").rglob("*.md"))) if p.exists()]
 COMMAND = typer.main.get_command(app)
 TARGETS = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
 FORMATS = r"saf-gen (stream|dataset|focal stack \d+|record \d+)"  # what files call themselves
@@ -185,8 +185,9 @@ def test_links_and_paths_lead_somewhere(page):
 
 
 def test_every_page_is_in_the_index():
-    index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
-    assert [p.name for p in (ROOT / "docs").glob("*.md") if f"({p.name})" not in index] == ["README.md"]
+    index, docs = (ROOT / "docs/README.md").read_text(encoding="utf-8"), ROOT / "docs"
+    pages = [p.relative_to(docs).as_posix() for p in docs.rglob("*.md")]
+    assert [page for page in pages if f"({page})" not in index] == ["README.md"]
 
 
 # --- tables ------------------------------------------------------------------------------------------
@@ -234,7 +235,7 @@ def leaves(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, bool
 
 @pytest.mark.parametrize(
     ("page", "heading", "model"),
-    [("docs/generate.md", "key", Recipe), ("docs/add-a-scene.md", "key", SceneCard)],
+    [("docs/how-to/generate.md", "key", Recipe), ("docs/how-to/add-a-scene.md", "key", SceneCard)],
     ids=["recipe", "card"],
 )
 def test_the_table_of_keys_is_that_of_the_model(page, heading, model):
@@ -245,7 +246,7 @@ def test_the_table_of_keys_is_that_of_the_model(page, heading, model):
 def test_the_table_of_drives_is_that_of_the_cards():
     shown: dict[str, list[str]] = {}
     drive = ""
-    for first, _, key, *_ in table("docs/add-a-scene.md", "drive"):
+    for first, _, key, *_ in table("docs/how-to/add-a-scene.md", "drive"):
         drive = ticked(first)[0] if first else drive
         shown.setdefault(drive, []).append(ticked(key)[0])
     common = {key for key, _ in leaves(SceneCard)}
@@ -260,7 +261,7 @@ def test_the_table_of_drives_is_that_of_the_cards():
 def test_the_table_of_plugins_is_that_of_the_registry(heading, plugin_kind):
     shown: dict[str, dict[str, bool]] = {}
     kind = ""
-    for first, key, *_, default, _ in table("docs/generate.md", heading):
+    for first, key, *_, default, _ in table("docs/how-to/generate.md", heading):
         kind = ticked(first)[0] if first else kind
         shown.setdefault(kind, {})[ticked(key)[0]] = default in NEEDED
     classes = {name: registry.plugin_class(plugin_kind, name) for name in registry.names(plugin_kind)}
@@ -269,21 +270,21 @@ def test_the_table_of_plugins_is_that_of_the_registry(heading, plugin_kind):
 
 
 def test_the_keys_of_every_light_schedule_are_those_of_the_code():
-    shown = [ticked(row[0])[0] for row in table("docs/generate.md", "key of every kind")]
+    shown = [ticked(row[0])[0] for row in table("docs/how-to/generate.md", "key of every kind")]
     assert shown == list(COMMON_KEYS)
 
 
 def test_the_table_of_sensors_is_that_of_the_sensor_files():
-    for name, pixels, hz, _ in table("docs/generate.md", "sensor"):
+    for name, pixels, hz, _ in table("docs/how-to/generate.md", "sensor"):
         sensor = get_sensor(ticked(name)[0])
         assert pixels == f"{sensor.columns} × {sensor.rows}"
         assert hz == f"{sensor.readout_hz:,}"
-    assert sorted(ticked(row[0])[0] for row in table("docs/generate.md", "sensor")) == sensor_names()
+    assert sorted(ticked(row[0])[0] for row in table("docs/how-to/generate.md", "sensor")) == sensor_names()
 
 
 def test_the_methods_that_run_in_the_closed_loop_are_those_of_the_code():
     shown = {}
-    for searches, measures, how in table("docs/closed-loop.md", "search"):
+    for searches, measures, how in table("docs/how-to/closed-loop.md", "search"):
         shown |= {f"{m}+{s}": how for s in ticked(searches) for m in ticked(measures)}
     real = {name: commands_lens(parse_method(name).search) for name in DEFAULT_CLOSED_LOOP_METHODS}
     assert shown == {name: "by its own commands" if own else "by a sweep" for name, own in real.items()}
@@ -328,7 +329,7 @@ def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
         return {s.scene.id: stacks[s.planned.id] for s in work.sequences}, made
 
     stacks, before = fingerprints(lambda recipe: None)
-    rows = table("docs/generate.md", "you change")
+    rows = table("docs/how-to/generate.md", "you change")
     assert {ticked(row[0])[0] for row in rows} == set(CHANGES)
     for first, of_stacks, of_sequences in rows:
         key = ticked(first)[0]
@@ -346,7 +347,7 @@ def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
 def test_the_errors_that_the_page_on_scenes_quotes_are_in_the_code():
     code = "".join(p.read_text(encoding="utf-8") for p in (ROOT / "saf_gen").rglob("*.py"))
     code = re.sub(r'"\s+f?"', "", code) + " unknown scene unknown emitter of light group unknown target shape"
-    for row in table("docs/add-a-scene.md", "the line says"):
+    for row in table("docs/how-to/add-a-scene.md", "the line says"):
         for words in ticked(row[0].replace(" `", "`")):
             assert words in code
 
@@ -441,7 +442,7 @@ def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
     """The page's own claim, on noise-free sharpness, within one rendered position of nine."""
     import saf_gen
 
-    for block in blocks_of(ROOT / "docs/add-a-scene.md"):
+    for block in blocks_of(ROOT / "docs/how-to/add-a-scene.md"):
         if block.path:
             target = desk / block.path
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -458,19 +459,19 @@ def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
 @pytest.mark.slow
 def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     made = desk / "datasets/quickstart"
-    layout = (ROOT / "docs/file-layout.md").read_text(encoding="utf-8")
+    layout = (ROOT / "docs/reference/file-layout.md").read_text(encoding="utf-8")
     folder = layout.split("## A dataset folder")[1].split("```")[1]
     for line in folder.strip().splitlines():
         pattern = re.sub(r"<\w+>", "*", line.split()[0])
         assert list(made.glob(pattern)), f"{pattern} is not there"
     run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--method", "sd+argmax"])
-    for row in table("docs/evaluate.md", "file"):
+    for row in table("docs/how-to/evaluate.md", "file"):
         assert list((desk / "made").glob(ticked(row[0])[0].replace("SPLIT-SCENE", "*")))
     record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])
-    assert {key for row in table("docs/evaluate.md", "key") for key in ticked(row[0])} == set(record)
+    assert {key for row in table("docs/how-to/evaluate.md", "key") for key in ticked(row[0])} == set(record)
     with (desk / "made/leaderboard.csv").open() as file:
         header = next(csv.reader(file))
     lights = [f"success_1dof_light_{light}" for light in ("constant", "continuous", "sudden")]
-    named = [key for row in table("docs/evaluate.md", "column") for key in ticked(row[1])]
+    named = [key for row in table("docs/how-to/evaluate.md", "column") for key in ticked(row[1])]
     at = named.index("success_1dof_light_LIGHT")
     assert sorted(header) == sorted(named[:at] + lights + named[at + 1 :])

@@ -1,6 +1,6 @@
 """A sensor fitted to flat fields and a dark recording.
 
-What each parameter is known from, and what cannot be told apart, is worked out in docs/sensors.md.
+What each parameter is known from, and what cannot be told apart, is worked out in docs/explanation/sensors.md.
 """
 
 from collections.abc import Callable

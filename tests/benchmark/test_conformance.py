@@ -115,7 +115,7 @@ def test_the_paper_s_measures_and_searches_are_registered():
     assert {name for name in registry._own("searches") if commands(get_search(name))} == commanding
 
 
-# docs/add-a-method.md: its code is run as it stands.
+# docs/how-to/add-a-method.md: its code is run as it stands.
 
 
 def shown(language):

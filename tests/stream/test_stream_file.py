@@ -205,7 +205,7 @@ def test_the_digest_follows_every_value(tmp_path):
 
 
 def test_the_digest_is_as_documented(tmp_path):
-    """Computed here from the words of docs/file-layout.md alone."""
+    """Computed here from the words of docs/reference/file-layout.md alone."""
     frames = random_frames(2_011)
     digest = write_stream(tmp_path / "a.h5", frames, truth={"position": 0.25}, light_names=("a", "b"))
     packed = np.packbits(frames, axis=0, bitorder="little").transpose(1, 2, 0)

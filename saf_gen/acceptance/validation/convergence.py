@@ -116,7 +116,7 @@ CHECKS = (
         "At the samples of our recipes grain lies below the noise of the sensor; a dataset with far too few is "
         "warned of.",
         "grain rms ≤ √(fixed pattern² + (1/6 + F·m)/m²), m = rate × 100 frames",
-        "Grain: docs/physics.md, *Grain*; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
+        "Grain: docs/explanation/physics.md, *Grain*; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
         "Scenes at rest with 64 samples as stored beside each recording, and again with one; evaluate's warning.",
         "The sensor's own noise in a block of 100 frames at a rate of 0.2.",
         check_samples,
@@ -126,7 +126,7 @@ CHECKS = (
         "At the 129 positions of our recipes the focus curve differs from that of 513 by less than one recording "
         "scatters.",
         "|mean SD(129) − mean SD(513)| ≤ sd of SD in one recording",
-        "Linear interpolation between positions (docs/physics.md, *Radiometry and exposure*)",
+        "Linear interpolation between positions (docs/explanation/physics.md, *Radiometry and exposure*)",
         "A chequered plane swept by a lens at f/1.4, several seeds, with 129 and with 513 positions.",
         "One standard deviation of a recording's SD; the noise of the means is taken off.",
         check_positions,

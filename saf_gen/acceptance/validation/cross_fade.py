@@ -107,7 +107,7 @@ CHECKS = (
         "Half way between two slices, texture of f cycles per pixel that moves d pixels per slice has lost "
         "contrast by the cross-fade.",
         "dip of C² = (1 − cos 2πfd)/2; between: |1 − w + w·e^(2πifd)|²",
-        "The sum of two sines that are out of step (docs/physics.md, *What is not modelled*)",
+        "The sum of two sines that are out of step (docs/explanation/physics.md, *What is not modelled*)",
         "Stripes of a period of 12 pixels that move by 1 to 4.5 pixels per slice of 200 frames; the first "
         "harmonic of 20 frames.",
         "The scatter of rows, at the slice and between (once in 10,000 runs by chance).",

@@ -33,7 +33,7 @@ POSITIONS, FRAMES = 65, 8000
 
 
 def lens_at(drive: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return v, u and how near the scene has come, z, at positions, and R (m), by the formulas of docs/physics.md."""
+    """Return v, u and how near the scene has come, z, at positions, and R (m): docs/explanation/physics.md."""
     keys, p = DRIVES[drive], np.asarray(position, np.float64)
     if drive == "image_distance":
         focal = keys["focal_length_mm"] / 1000
@@ -163,7 +163,7 @@ def check_breathing(maker: DatasetMaker, quick: bool) -> Finding:
 
 
 MODEL_OF_WAVES = 0.039
-"""Largest error of ray bending's transfer below Nyquist at R/v = 0.024, 0 to 1.5 waves: docs/physics.md, *Waves*."""
+"""Largest error of ray bending's transfer below Nyquist at R/v = 0.024, 0 to 1.5 waves (*Waves* in the docs)."""
 WAVE_LENS = {"focal_length_mm": 50.0, "f_number": 15.63, "focus_range_m": [0.2313, 0.1777]}
 ANGLE_DEG = 5.0
 

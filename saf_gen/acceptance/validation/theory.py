@@ -1,4 +1,4 @@
-"""Closed forms that several checks compare with, written anew from docs/physics.md: nothing here calls the product.
+"""Closed forms that several checks compare with, written anew from docs/explanation: nothing here calls the product.
 
 Lengths are in metres, charge in electrons per readout, rates in spikes per readout.
 """

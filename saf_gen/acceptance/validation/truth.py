@@ -21,7 +21,7 @@ NEAR_M, FAR_M = 0.47, 0.53
 
 
 def best_focus(drive: str, depths: np.ndarray) -> float:
-    """Return the position with the smallest mean of c² over these depths (m), by the formulas of docs/physics.md."""
+    """Return the position with the smallest mean of c² over these depths (m): docs/explanation/physics.md."""
     first, last = (float(one) for one in lens_at(drive, np.array([0.0, 1.0]))[0])
     if drive == "image_distance":
         focal = DRIVES[drive]["focal_length_mm"] / 1000
@@ -236,7 +236,7 @@ CHECKS = (
         "The true focus is where the mean of c² over the target's own pixels is smallest, and depth is that of "
         "each pixel's ray.",
         "v = mean(w)/mean(w²), w = 1/f − 1/d; 1/u = mean(1/d); mean((y − u)/y³) = 0, y = d − z",
-        "Least squares of c = 2R·v·|1/d − 1/u| (docs/physics.md, *The lens and its drive*)",
+        "Least squares of c = 2R·v·|1/d − 1/u| (docs/explanation/physics.md, *The lens and its drive*)",
         "Two depths behind one mask before a wall, a plane at 20 degrees, and a roof; each drive; truth read from "
         "the files.",
         f"{_EXACT}; and that the product looks twice, from the middle of the travel and from where that is in "

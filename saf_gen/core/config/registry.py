@@ -79,7 +79,7 @@ def _load_dataclass(load: Callable[[], Any], what: str, **advice: str) -> type:
     except Exception as error:  # the module is anybody's code, and may raise anything
         raise BadInput(f"{what} cannot be loaded: {type(error).__name__}: {error}", **advice) from error
     if not (isinstance(plugin, type) and is_dataclass(plugin)):
-        raise BadInput(f"{what} is not a plug-in", allowed="a frozen dataclass; see docs/add-a-method.md")
+        raise BadInput(f"{what} is not a plug-in", allowed="a frozen dataclass; see docs/how-to/add-a-method.md")
     return plugin
 
 
