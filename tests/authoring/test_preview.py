@@ -11,15 +11,14 @@ from written_scenes import VARIANT
 from saf_gen.authoring.preview import (
     ContactSheet,
     draw_contact_sheet,
-    encode_preview_gamma,
     make_contact_sheet,
     preview_scene,
-    preview_white_level,
     save_preview_image_grid,
     write_preview,
 )
 from saf_gen.authoring.template import create_scene
 from saf_gen.camera import get_sensor
+from saf_gen.core.display_tone import encode_gamma, find_white_level
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
@@ -81,10 +80,10 @@ def test_small_images_get_a_row_of_their_own(tmp_path):
 
 def test_white_and_grey_are_for_the_eye():
     image = np.linspace(0, 2, 1001).reshape(7, 143)
-    white = preview_white_level(image)
+    white = find_white_level(image)
     assert white == pytest.approx(1.99, abs=0.005)
-    assert encode_preview_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
-    assert preview_white_level(np.zeros((3, 3))) == 1
+    assert encode_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
+    assert find_white_level(np.zeros((3, 3))) == 1
 
 
 def test_a_grid_is_as_small_as_asked_for(tmp_path):

@@ -9,13 +9,15 @@ from in_memory_stream import InMemory
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks import closed_loop_run
 from saf_gen.benchmark.tracks.search_run import run_search
-from saf_gen.benchmark.view import RecordingView, WindowCounts, interval_texture, stopwatch, window_counts
+from saf_gen.benchmark.view import RecordingView, WindowCounts, window_counts
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.benchmark.view.running_camera import RunningCamera
-from saf_gen.benchmark.view.stopwatch import Stopwatch
+from saf_gen.core import stopwatch
+from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.measures import get_measure
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
+from saf_gen.stream import interval_texture
 
 THINKS, SCORES, LOOKS_UP, COUNTS, READS, ENCODES, DRIVES = 1.0, 16.0, 256.0, 4e3, 6e4, 1e6, 1.6e7
 COMPILES = 2.5e8

@@ -10,9 +10,9 @@ from refusals import refusal
 from saf_gen import encode, get_measure, get_sensor, open_stream, write_stream
 from saf_gen.benchmark.evaluate import score_blocks
 from saf_gen.benchmark.view import RecordingView, WindowCounts
-from saf_gen.benchmark.view.window_counts import measure_input
 from saf_gen.core.seeds import make_generator
 from saf_gen.measures import BrightnessNormalised
+from saf_gen.stream.measure_input import measure_input
 
 DEBIASED, SD = get_measure("sd_debiased"), get_measure("sd")
 SIDE = 64

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from saf_gen.authoring.preview.display_images import encode_preview_gamma, preview_white_level
 from saf_gen.authoring.preview.sheet_plots import draw_preview_curves, draw_preview_histogram
 from saf_gen.camera import Sensor
+from saf_gen.core.display_tone import encode_gamma, find_white_level
 from saf_gen.core.files import write_atomically
 from saf_gen.stack.focal_stack import FocalStack
 
@@ -83,7 +83,7 @@ def _draw_images(axes: dict[str, Axes], sheet: ContactSheet) -> None:
     stack, best = sheet.stack, _best_index(sheet)
     spec = stack.spec
     image = stack.radiance.sum(axis=0)
-    white = preview_white_level(image[best])
+    white = find_white_level(image[best])
     truth = "the target is not in the image" if np.isnan(sheet.true_focus) else "nearest to the true focus"
     for name, k, caption in (
         ("first", 0, "one end of the travel"),
@@ -103,13 +103,13 @@ def _draw_images(axes: dict[str, Axes], sheet: ContactSheet) -> None:
     axes["groups"].set_title("light groups alone, at gain 1")
     if sheet.small_images:
         captions, small = zip(*sheet.small_images, strict=True)
-        white, size = preview_white_level(*small), (SHEET_WIDTH, SMALL_ROW_HEIGHT)
+        white, size = find_white_level(*small), (SHEET_WIDTH, SMALL_ROW_HEIGHT)
         _show_row(axes["small"], list(small), captions=captions, white=white, size=size)
         axes["small"].set_title("members of the family, and moments")
 
 
 def _show(axes: Axes, image: np.ndarray, *, white: float) -> None:
-    axes.imshow(encode_preview_gamma(image, white), cmap="gray", vmin=0, vmax=1)
+    axes.imshow(encode_gamma(image, white), cmap="gray", vmin=0, vmax=1)
     axes.set_axis_off()
 
 

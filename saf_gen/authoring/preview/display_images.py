@@ -1,4 +1,4 @@
-"""Radiance encoded for display, and images side by side in one file."""
+"""Images side by side in one file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,20 +8,7 @@ from matplotlib.image import imsave
 
 from saf_gen.core.files import write_atomically
 
-WHITE_QUANTILE = 0.995  # of the pixels are below white, so that a glint does not darken the rest
 GAP = 4  # pixels between two images
-
-
-def preview_white_level(*images: np.ndarray) -> float:
-    """Return the radiance to display as white in all of these images, above 0."""
-    brightest = max(float(np.quantile(image, WHITE_QUANTILE)) for image in images)
-    return brightest if brightest > 0 else 1.0
-
-
-def encode_preview_gamma(image: np.ndarray, white: float) -> np.ndarray:
-    """Return linear radiance as grey values 0...1, encoded with a gamma of 2.2."""
-    shown: np.ndarray = np.clip(image / white, 0, 1) ** (1 / 2.2)
-    return shown
 
 
 def save_preview_image_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, max_bytes: int) -> None:

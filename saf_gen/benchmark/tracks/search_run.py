@@ -6,7 +6,7 @@ from typing import Any
 
 from saf_gen.benchmark.view.metered_scorer import MeteredScorer
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, RestrictedView
-from saf_gen.benchmark.view.stopwatch import Stopwatch
+from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, Search, View, commands
 

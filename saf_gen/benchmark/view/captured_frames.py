@@ -5,11 +5,11 @@ Only the rows that a region needs are encoded, and only when somebody looks.
 
 import numpy as np
 
-from saf_gen.benchmark.view.interval_texture import time_texture_of_viewed_window
 from saf_gen.core import bits
 from saf_gen.core.region import Region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stream.interval_texture import time_texture_of_viewed_window
 
 
 class CapturedFrames:

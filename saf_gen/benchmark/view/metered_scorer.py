@@ -1,15 +1,24 @@
 """Scores of windows by a method's measure or by a named one, and what the method pays for them."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from saf_gen.benchmark.view.stopwatch import Stopwatch
-from saf_gen.benchmark.view.window_counts import WindowSource, measure_input
+from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 from saf_gen.parts import wants_frames
+from saf_gen.stream.measure_input import WindowSource, measure_input
+
+
+class TimedWindowSource(WindowSource, Protocol):
+    """Windows, and ``textures_s``: seconds in which their textures so far were computed, without reading and counting.
+
+    A texture that was kept counts as long as it took to compute.
+    """
+
+    textures_s: float
 
 
 class MeteredScorer:
@@ -34,7 +43,7 @@ class MeteredScorer:
         """Add time that the method computed outside its scores."""
         self._watch.seconds += seconds
 
-    def score(self, source: WindowSource, *, first: int, stop: int, measure: str | None = None) -> float:
+    def score(self, source: TimedWindowSource, *, first: int, stop: int, measure: str | None = None) -> float:
         """Return the score of frames ``first <= t < stop``, by the method's measure or by a named one.
 
         Raises BadInput for a window that is not there, for a score that is not a finite number, and for an

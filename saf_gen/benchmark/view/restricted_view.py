@@ -1,6 +1,6 @@
 """The wrapper through which a search holds its view: the members of saf_gen.parts.View and nothing else."""
 
-from saf_gen.benchmark.view.stopwatch import Stopwatch
+from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.parts import View
 
 

@@ -6,14 +6,11 @@ ones. So long windows are summed from running sums at knots, and windows already
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
-from saf_gen.benchmark.view.interval_texture import time_texture_of_viewed_window
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
-from saf_gen.errors import BadInput
-from saf_gen.parts import wants_halves, wants_intervals
+from saf_gen.stream.interval_texture import time_texture_of_viewed_window
 from saf_gen.stream.stream_file import SpikeStream
 
 KNOTS = 256
@@ -21,37 +18,6 @@ KNOTS = 256
 KNOT_BYTES = 128 << 20
 WINDOW_BYTES = 256 << 20
 """Memory for windows that are kept after they were counted."""
-
-
-class WindowSource(Protocol):
-    """Windows of frames that can be looked at, on a recording or on a running camera.
-
-    ``textures_s``: seconds in which the textures so far were computed, without reading and counting; a
-    texture that was kept counts as long as it took to compute.
-    """
-
-    textures_s: float
-
-    def window(self, first: int, stop: int) -> np.ndarray: ...
-
-    def intervals(self, first: int, stop: int) -> np.ndarray: ...
-
-
-def measure_input(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
-    """Return what a measure is given of a window of n frames.
-
-    It is counts (h, w); or (2, h, w), the counts of the first n // 2 frames and of the rest; or interval texture (h,
-    w). Raises BadInput for a single frame, which has no halves.
-    """
-    if not wants_halves(measure):
-        return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)
-    if stop - first < 2:
-        raise BadInput(
-            f"the window of frame {first} alone has no halves",
-            allowed="windows of 2 frames or more for a measure that compares halves",
-        )
-    middle = first + (stop - first) // 2
-    return np.stack([source.window(first, middle), source.window(middle, stop)])
 
 
 class WindowCounts:

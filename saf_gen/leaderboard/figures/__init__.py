@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from saf_gen.leaderboard.figures._style import (
+from saf_gen.core.figure_style import (
     MAX_MEASURES,
     PREDICTIONS_LABEL,
     PlotStyle,

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.leaderboard.figures._style import (
+from saf_gen.core.figure_style import (
     GREY,
     PAPER,
     PREDICTIONS_LABEL,

@@ -10,10 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
-from saf_gen.leaderboard.axes import BLOCK_READOUTS
-from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
-from saf_gen.leaderboard.figures._style import (
+from saf_gen.core.figure_style import (
     BAND,
     GREY,
     MAX_MEASURES,
@@ -25,6 +22,9 @@ from saf_gen.leaderboard.figures._style import (
     split_method_label,
     use_figure_style,
 )
+from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
+from saf_gen.leaderboard.axes import BLOCK_READOUTS
+from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
 
 BINS = 6
 POINTS = 240

@@ -12,8 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
-from saf_gen.leaderboard.figures._style import (
+from saf_gen.core.figure_style import (
     BAND,
     GREY,
     INK,
@@ -26,6 +25,7 @@ from saf_gen.leaderboard.figures._style import (
     shorten_figure_label,
     use_figure_style,
 )
+from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
 
 NO_LIGHT = "recording"
 MANY_ROWS, MAX_ROWS = 30, 80

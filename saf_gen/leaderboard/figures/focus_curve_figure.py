@@ -13,9 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.leaderboard.figures._answer_rows import AnswersBySearch, draw_answer_rows, group_answers
-from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
-from saf_gen.leaderboard.figures._style import (
+from saf_gen.core.figure_style import (
     BAND,
     GREY,
     INK,
@@ -27,6 +25,8 @@ from saf_gen.leaderboard.figures._style import (
     hide_spines,
     use_figure_style,
 )
+from saf_gen.leaderboard.figures._answer_rows import AnswersBySearch, draw_answer_rows, group_answers
+from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
 from saf_gen.leaderboard.figures._sweep_axis import (
     LENS_LINE,
     add_frame_axis_to_figure,

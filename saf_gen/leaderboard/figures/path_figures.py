@@ -13,8 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath, SweepSummary
-from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
-from saf_gen.leaderboard.figures._style import (
+from saf_gen.core.figure_style import (
     BAND,
     GREY,
     INK,
@@ -29,6 +28,7 @@ from saf_gen.leaderboard.figures._style import (
     split_method_label,
     use_figure_style,
 )
+from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
 from saf_gen.leaderboard.figures._sweep_axis import (
     find_figure_position_axis,
     find_runs_in_figure,

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from saf_gen.benchmark.view.stopwatch import Stopwatch
+from saf_gen.core.stopwatch import Stopwatch
 
 Read = Callable[[int, int], np.ndarray]
 

@@ -1,0 +1,33 @@
+"""What a focus measure is given of a window of frames."""
+
+from typing import Protocol
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.parts import wants_halves, wants_intervals
+
+
+class WindowSource(Protocol):
+    """Windows of frames that can be looked at, on a recording or on a running camera."""
+
+    def window(self, first: int, stop: int) -> np.ndarray: ...
+
+    def intervals(self, first: int, stop: int) -> np.ndarray: ...
+
+
+def measure_input(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
+    """Return what a measure is given of a window of n frames.
+
+    It is counts (h, w); or (2, h, w), the counts of the first n // 2 frames and of the rest; or interval texture (h,
+    w). Raises BadInput for a single frame, which has no halves.
+    """
+    if not wants_halves(measure):
+        return source.intervals(first, stop) if wants_intervals(measure) else source.window(first, stop)
+    if stop - first < 2:
+        raise BadInput(
+            f"the window of frame {first} alone has no halves",
+            allowed="windows of 2 frames or more for a measure that compares halves",
+        )
+    middle = first + (stop - first) // 2
+    return np.stack([source.window(first, middle), source.window(middle, stop)])
