@@ -22,7 +22,7 @@ install: $(STAMP)
 $(STAMP): pyproject.toml tools/install-llvm.sh
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "saf_gen needs Python 3.11 or newer; this is " + sys.version.split()[0] + ": run make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,validation]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[render,test,validation]'
 	@sh tools/install-llvm.sh
 	@touch $@
 

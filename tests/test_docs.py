@@ -132,6 +132,11 @@ def test_a_block_of_the_shell_holds_commands_that_the_tests_can_judge(block):
             options = [w for i, w in enumerate(rest) if rest[i - 1] == "-m"]
             assert set(options) <= set(markers)
             assert all((ROOT / w).exists() for w in rest if w.startswith("tests/"))
+        elif program == "pip":
+            (package,) = rest[1:]
+            name, _, extras = package.removesuffix("]").partition("[")
+            assert (rest[0], name) == ("install", "saf-gen")
+            assert set(filter(None, extras.split(","))) <= set(pyproject()["project"]["optional-dependencies"])
         else:
             assert program == "saf-gen", f"no test knows what {program!r} does"
 

@@ -78,3 +78,41 @@ def test_a_recipe_is_a_name_or_a_path():
         assert find_recipe(path) == Path(path)
     with pytest.raises(BadInput, match="or the path of a recipe file, such as ./mine.yaml"):
         find_recipe("mine")
+
+
+WITHOUT_RENDERER = """
+import json, sys
+sys.modules["mitsuba"] = sys.modules["drjit"] = None
+from saf_gen.cli import main
+for words in json.loads(sys.argv[1]):
+    try:
+        main(words)
+    except SystemExit as ended:
+        print("exit code", ended.code, file=sys.stderr)
+"""
+
+
+def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp_path):
+    refused = ["generate quickstart", "scenes check usaf_target", "scenes preview usaf_target", "validate --quick"]
+    works = ["recipes check quickstart", "scenes list", "scenes new mine", "doctor"]
+    commands = json.dumps([text.split() for text in (*refused, *works)])
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_RENDERER, commands], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    line = "rendering needs the packages mitsuba and drjit; pip install 'saf-gen[render]'"
+    assert done.stderr.splitlines() == [
+        *[f"saf-gen: {line}", "exit code 2"] * len(refused),
+        *["exit code 0"] * len(works),
+    ]
+    assert "to render: pip install 'saf-gen[render]'" in done.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["scenes"]
+
+
+def test_a_dry_run_without_the_renderer_tells_the_plan(tmp_path):
+    commands = json.dumps([["generate", "quickstart", "--dry-run"]])
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_RENDERER, commands], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert "focal stacks to render: usaf_target" in done.stdout
+    assert done.stderr.splitlines()[0].startswith("scenes cannot be rendered here: ")
+    assert not list(tmp_path.iterdir())

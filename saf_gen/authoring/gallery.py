@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.authoring.preview import render_small_images, save_preview_image_grid
+from saf_gen.authoring.preview import save_preview_image_grid
+from saf_gen.authoring.preview.scene_sheet import render_small_images
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import config_range_extremes, is_config_range
 from saf_gen.core.display_tone import encode_gamma, find_white_level

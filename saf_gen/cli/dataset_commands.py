@@ -39,7 +39,7 @@ def generate(
     work = resolve_recipe(recipe, part=_shard(shard), split=split)
     target = folder or Path("datasets") / work.recipe.name
     if work.stacks_to_render(target, keep_slices):
-        _warn_of_slow_renderer(variant)
+        _look_for_renderer(variant, dry_run=dry_run)
     if dry_run:
         _print_plan(work, target, keep_slices=keep_slices)
         return
@@ -73,11 +73,17 @@ def generate(
         raise typer.Exit(result.exit_code)
 
 
-def _warn_of_slow_renderer(variant: str) -> None:
-    """Say on stderr that scenes will be rendered slowly, where nobody asked for that."""
+def _look_for_renderer(variant: str, *, dry_run: bool) -> None:
+    """Say on stderr that scenes will be rendered slowly, where nobody asked for that.
+
+    Without any renderer a dry run says so, and all else raises BadInput.
+    """
     try:
         from saf_gen.render import backend
-    except ImportError:  # generating will say what is missing
+    except BadInput as missing:
+        if not dry_run:
+            raise
+        err.print(f"scenes cannot be rendered here: {missing}")
         return
     if variant == "auto" and backend.choose_render_backend() == "scalar":
         err.print(f"scenes are rendered by variant scalar here, slowly and without diffraction; {backend.ADVICE}")

@@ -66,7 +66,7 @@ def bench(
     if as_json:
         figures = [_finite({**asdict(figure), "met": figure.met}) for figure in results.figures]
         out.file.write(json.dumps(figures, indent=1, ensure_ascii=False) + "\n")
-    else:
+    elif results.figures:
         out.print(make_figure_table(f for f in results.figures if f not in shown), width=min(out.width, WIDTH))
     for remark in results.remarks:
         err.print(remark)
@@ -93,4 +93,4 @@ def doctor(*, as_json: AsJson = False) -> None:
         as_json=as_json,
     )
     for line in () if as_json else advice:
-        out.print(f"to be faster: {line}")
+        out.print(line)

@@ -120,7 +120,7 @@ def preview(
 ) -> None:
     """Draw a contact sheet of a scene: images, depth, light groups, histogram, focus curves, family."""
     with defer_interrupts():
-        from saf_gen.authoring.preview import preview_scene
+        from saf_gen.authoring.preview.scene_sheet import preview_scene
         from saf_gen.camera import get_sensor
 
     scene, camera = _scene(name), get_sensor(sensor)

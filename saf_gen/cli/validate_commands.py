@@ -28,8 +28,10 @@ def validate(
     from saf_gen.acceptance.validation import choose_checks
     from saf_gen.acceptance.validation.page import tolerance_used, write_page
     from saf_gen.acceptance.validation.runner import run_checks
+    from saf_gen.core.extras import RENDERER, require_extra
 
     checks = choose_checks(only or [])
+    require_extra("render", *RENDERER, of="rendering")
     with progress_bars() as bars:
         verdicts = run_checks(checks, folder, quick=quick, report=make_step_reporter("validate", bars))
     page = write_page(checks, verdicts, folder=folder, quick=quick)

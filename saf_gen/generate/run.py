@@ -4,15 +4,14 @@ import json
 import platform
 import shutil
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import yaml
 
 import saf_gen
-from saf_gen.authoring.preview import write_preview
 from saf_gen.core import seeds
 from saf_gen.core.cores import defer_interrupts, usable_cores
+from saf_gen.core.extras import installed_version
 from saf_gen.core.files import check_writable, remove_stale_temporaries
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_dataset_card
@@ -166,7 +165,7 @@ def _no_waves_error(backend_name: str, which: str) -> BadInput:
 
 def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     versions = {"saf_gen": saf_gen.__version__, "python": platform.python_version()}
-    versions |= {name: version(name) for name in PACKAGES}
+    versions |= {name: installed_version(name) for name in PACKAGES}
     return {
         "recipe": yaml.safe_dump(resolved.recipe.model_dump(mode="json"), sort_keys=False),
         "recipe_fingerprint": recipe_fingerprint(resolved.recipe),
@@ -195,6 +194,8 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
 
 def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
     """Write a contact sheet of every still scene whose focal stack is whole and that has none yet."""
+    from saf_gen.authoring.preview import write_preview  # loads matplotlib, which a dry run does without
+
     for stack in resolved.sequences_by_stack():
         spec = stack.specs[0]
         sheet = folder / "preview" / f"{spec.key}.png"

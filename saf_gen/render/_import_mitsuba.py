@@ -1,4 +1,4 @@
-"""Loads Dr.Jit and Mitsuba; imported before every other module of this package.
+"""Loads Dr.Jit; imported before every other module of this package, and says in one line where there is no renderer.
 
 While it loads, Dr.Jit writes a complaint about a missing LLVM straight to stderr. It is silenced here, and
 :mod:`saf_gen.render.backend` says in plain words what is missing.
@@ -12,6 +12,8 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+from saf_gen.core.extras import RENDERER, require_extra
 
 
 @contextmanager
@@ -27,6 +29,7 @@ def _silent_stderr() -> Iterator[None]:
         os.close(null)
 
 
+require_extra("render", *RENDERER, of="rendering")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 with _silent_stderr():

@@ -8,14 +8,8 @@ from PIL import Image
 from refusals import refusal
 from written_scenes import VARIANT
 
-from saf_gen.authoring.preview import (
-    ContactSheet,
-    draw_contact_sheet,
-    make_contact_sheet,
-    preview_scene,
-    save_preview_image_grid,
-    write_preview,
-)
+from saf_gen.authoring.preview import ContactSheet, draw_contact_sheet, save_preview_image_grid, write_preview
+from saf_gen.authoring.preview.scene_sheet import make_contact_sheet, preview_scene
 from saf_gen.authoring.template import create_scene
 from saf_gen.camera import get_sensor
 from saf_gen.core.display_tone import encode_gamma, find_white_level

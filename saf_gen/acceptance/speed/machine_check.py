@@ -2,9 +2,10 @@
 
 import os
 import platform
-from importlib.metadata import PackageNotFoundError, version
 
 from saf_gen.core.cores import usable_cores
+from saf_gen.core.extras import installed_version
+from saf_gen.errors import BadInput
 
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib")
 
@@ -18,27 +19,20 @@ def describe_installation() -> tuple[dict[str, str], list[str]]:
     advice: list[str] = []
     try:
         from saf_gen.render import backend
-    except ImportError as error:
-        facts["variant"] = f"none: {error}; streams can still be evaluated"
-        advice.append("install the renderer: pip install saf-gen")
+    except BadInput as error:
+        facts["variant"] = f"none: {error.problem}; streams can still be evaluated"
+        advice.append(f"to render: {error.hint}")
     else:
         found = backend.probe_render_backends()
         facts["variant"] = backend.choose_render_backend("auto", found)
         facts["LLVM"] = found.llvm_description
         facts["NVIDIA card"] = "usable" if found.cuda else "none that Mitsuba can use"
         if not found.llvm_usable and not found.cuda:
-            advice.append(backend.ADVICE)
+            advice.append(f"to be faster: {backend.ADVICE}")
     facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
     facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
     facts["Python"] = platform.python_version()
     for name in PACKAGES:
-        facts[name] = _version(name)
+        facts[name] = installed_version(name)
     return facts, advice
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "not installed"

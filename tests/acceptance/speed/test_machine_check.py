@@ -17,5 +17,5 @@ def test_a_machine_without_a_renderer_is_told_what_to_install(monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     described, advice = describe_installation()
-    assert described["variant"].startswith("none: ")
-    assert advice == ["install the renderer: pip install saf-gen"]
+    assert described["variant"].startswith("none: rendering needs the package mitsuba; ")
+    assert advice == ["to render: pip install 'saf-gen[render]'"]
