@@ -31,6 +31,7 @@ def generate(
 ) -> None:
     """Generate a dataset from a recipe, or resume one that was stopped."""
     with defer_interrupts():
+        from saf_gen.generate.coarse_sampling import find_coarse_sampling
         from saf_gen.generate.job_order import validate_keep_slices
         from saf_gen.generate.resolve import resolve_recipe
         from saf_gen.generate.run import generate as make
@@ -40,6 +41,8 @@ def generate(
     target = folder or Path("datasets") / work.recipe.name
     if work.stacks_to_render(target, keep_slices):
         _look_for_renderer(variant, dry_run=dry_run)
+    for line in find_coarse_sampling(work):
+        err.print(f"warning: {line}")
     if dry_run:
         _print_plan(work, target, keep_slices=keep_slices)
         return

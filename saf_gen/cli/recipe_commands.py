@@ -29,10 +29,10 @@ def _format_splits(recipe: "Recipe") -> str:
 
 def check(recipe: RecipeName) -> None:
     """Check a recipe and the scenes, sensor and files that it names; nothing is generated."""
-    from saf_gen.generate.coarse_positions import find_coarse_positions
+    from saf_gen.generate.coarse_sampling import find_coarse_sampling
     from saf_gen.generate.resolve import resolve_recipe
 
     work = resolve_recipe(recipe)
-    for line in find_coarse_positions(work):
+    for line in find_coarse_sampling(work):
         out.print(f"warning: {line}")
     out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}")

@@ -33,6 +33,11 @@ KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
 """Keys of a card that the digest leaves out: they change no pixel, or a stack records them itself (``params``
 and the moment), or their files count in their place (``library``)."""
 
+EDGE_POWER = 1.5
+"""The error of mixing two slices grows as their distance to this power, up to steps of about a pixel: while an edge
+crosses a pixel its light changes steadily, so only pixels that the edge enters or leaves in between are wrong. Their
+number grows with the step, and so does the error of each."""
+
 
 class CameraPose(FrozenModel):
     """The lens centre (m), a point on the optical axis (m), and the upward direction; world axes."""
@@ -100,6 +105,12 @@ class SceneCard(FrozenModel):
         if lux and not (set(lux) == set(self.lights) and all(value > 0 for value in lux.values())):
             raise ValueError(f"illuminance_lux above 0 for each of {', '.join(self.lights)}, or for none")
         return self
+
+    def estimate_interpolation_error(self, slices_per_s: float) -> float | None:
+        """Return ``interpolation_error`` at another number of slices per second; None where the card has none."""
+        if self.interpolation_error is None or self.slices_per_s is None:
+            return None
+        return self.interpolation_error * (self.slices_per_s / slices_per_s) ** EDGE_POWER
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from typing import Any
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import SafGenError
-from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.resolve import ResolvedRecipe, resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
@@ -120,19 +120,26 @@ class DatasetMaker:
     folder: Path
     report: Callable[[str], None] = lambda stage: None
 
-    def make(self, workload: Workload) -> Made:
-        """Write a workload's files, generate its dataset, and return it; SafGenError where a sequence fails."""
-        home = self.folder / workload.key
+    def resolve(self, workload: Workload) -> ResolvedRecipe:
+        """Write a workload's files, and return its recipe resolved."""
+        home = self._home(workload)
         for name, text in workload.files.items():
             if not (home / name).exists():
                 write_text_atomically(home / name, text)
-        made = home / "dataset"
         with scenes_of(home / "scenes"):
-            resolved = resolve_recipe(home / "recipe.yaml")
-            result = generate(resolved, made, report=lambda name, done: self.report(name))
+            return resolve_recipe(home / "recipe.yaml")
+
+    def make(self, workload: Workload) -> Made:
+        """Write a workload's files, generate its dataset, and return it; SafGenError where a sequence fails."""
+        resolved, home = self.resolve(workload), self._home(workload)
+        with scenes_of(home / "scenes"):
+            result = generate(resolved, home / "dataset", report=lambda name, done: self.report(name))
         for name, error in result.failed.items():
             raise SafGenError(f"{name}: {error}")
-        return Made(made, read_manifest(made).sequences)
+        return Made(home / "dataset", read_manifest(home / "dataset").sequences)
+
+    def _home(self, workload: Workload) -> Path:
+        return self.folder / workload.key
 
     def clear(self) -> None:
         """Delete all datasets."""

@@ -19,12 +19,12 @@ from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.target_motion import RECORDING_S
 from saf_gen.core.region import region_shape, target_bounding_box
 from saf_gen.scene.keyframes import motion_end_s
+from saf_gen.scene.scene_folder import EDGE_POWER
 from saf_gen.stack.time_resolved import frames_of_stack_slices
 
 PATHS, SLOW_PATHS = 1 << 19, 1 << 15  # per image
 MIN_SAMPLES, MAX_SAMPLES = 8, 256  # per pixel
 SIGMAS = 3.0  # standard errors by which a measured error must exceed the card's
-EDGE_POWER = 1.5  # the error of an edge grows as the distance between two slices to this power
 MIN_ERROR = 0.001  # a smaller error is hardly worth a render
 
 
