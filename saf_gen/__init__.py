@@ -6,8 +6,8 @@ Functions
 ---------
 open_stream, write_stream
     Read and write a spike stream with its truth (HDF5).
-SpikeWindows, WindowBatches
-    Windows of a dataset to train a network with, and batches that read fast.
+SpikeWindows
+    Windows of a dataset to train a network with, read fast in any order.
 get_sensor, encode
     A spike camera by name, and its spikes from collected charge.
 get_light, get_motion, get_measure, get_search
@@ -23,7 +23,6 @@ _HOMES = {
     "open_stream": "stream.stream_file",
     "write_stream": "stream.stream_writer",
     "SpikeWindows": "stream.spike_windows",
-    "WindowBatches": "stream.spike_windows",
     "get_measure": "measures",
     "get_search": "searches",
     "get_light": "lights",

@@ -35,6 +35,39 @@ def add_bit_counts(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: 
 
 
 @numba.njit(nogil=True, cache=True)
+def _add_train_counts(words, width, firsts, stops, counts):
+    for y in range(counts.shape[1]):
+        for x in range(counts.shape[2]):
+            train = (y * counts.shape[2] + x) * width
+            for k in range(counts.shape[0]):
+                first, last = train + firsts[k], train + stops[k] - 1
+                total = np.int64(0)
+                for i in range(first >> 6, (last >> 6) + 1):
+                    v = words[i]
+                    if i == first >> 6:
+                        v &= np.uint64(0xFFFFFFFFFFFFFFFF) << np.uint64(first & 63)
+                    if i == last >> 6:
+                        v &= np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(63 - (last & 63))
+                    # Sums of 2, 4 and 8 neighbouring bits, then of all bytes: LLVM knows it as one instruction.
+                    v -= (v >> np.uint64(1)) & np.uint64(0x5555555555555555)
+                    v = (v & np.uint64(0x3333333333333333)) + ((v >> np.uint64(2)) & np.uint64(0x3333333333333333))
+                    v = (v + (v >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+                    total += np.int64((v * np.uint64(0x0101010101010101)) >> np.uint64(56))
+                counts[k, y, x] += total
+
+
+def add_train_counts(trains: np.ndarray, counts: np.ndarray, *, firsts: np.ndarray, stops: np.ndarray) -> None:
+    """Add the spikes of windows of time-packed ``trains`` uint8 (h, w, bytes) to ``counts`` (windows, h, w).
+
+    Window k is ``firsts[k] <= t < stops[k]``, int64, not empty. Pixel goes by pixel, while its train is in the cache.
+    """
+    flat = np.ascontiguousarray(trains).reshape(-1)
+    if flat.size % 8:
+        flat = np.concatenate([flat, np.zeros(-flat.size % 8, np.uint8)])
+    _add_train_counts(flat.view("<u8"), 8 * trains.shape[2], firsts, stops, counts)
+
+
+@numba.njit(nogil=True, cache=True)
 def _pack(frames, planes):
     for b in range(planes.shape[0]):
         for y in range(planes.shape[1]):

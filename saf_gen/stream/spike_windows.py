@@ -1,10 +1,13 @@
-"""Windows of a dataset's spikes, to train a network with: what it sees, what it is to say, and batches that read fast.
+"""Windows of a dataset's spikes, to train a network with: what it sees and what it is to say, read fast in any order.
 
 No deep-learning library is needed here, and any can take these: ``torch.utils.data.DataLoader`` reads a
-:class:`SpikeWindows` as a map-style dataset and a :class:`WindowBatches` as its ``batch_sampler``.
+:class:`SpikeWindows` as a map-style dataset. :mod:`saf_gen.torch` gives the same as tensors.
 """
 
-from collections.abc import Callable, Iterator
+import hashlib
+import json
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from operator import index
 from pathlib import Path
@@ -12,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.core.region import Region, target_bounding_box
-from saf_gen.core.seeds import make_generator
+from saf_gen.core.files import remove_stale_temporaries
+from saf_gen.core.region import Region, region_shape, target_bounding_box
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
-from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
+from saf_gen.stream.window_counts import KeptCounts, count_type, keep_counts
 
-BLOCK_FRAMES = 8 * TIME_BLOCK_BYTES
+COUNTS_FOLDER = "counts"
 TARGETS = ("error", "position")
 
 
@@ -32,11 +35,21 @@ class Window:
     stop: int
 
 
+@dataclass(frozen=True)
+class _Sequence:
+    """Counts and targets of a sequence's windows. The stream is open where a function tells targets."""
+
+    counts: KeptCounts
+    targets: np.ndarray
+    stream: SpikeStream
+
+
 class SpikeWindows:
     """Windows of spike counts by number, each with what a network is to tell from it.
 
-    ``windows[i]`` is (counts, target): counts float32 (1, h, w), spikes per pixel in the window. It can be pickled and
-    used in processes that were forked; every process opens the streams for itself and keeps at most 512 MiB of them.
+    ``windows[i]`` is (counts, target): counts float32 (1, h, w), spikes per pixel in the window. When a sequence is
+    first asked for, all its windows are counted and kept in a file, from which any of them is read at once, in any
+    order and by any number of processes. It can be pickled, and used in processes that were forked.
 
     Parameters
     ----------
@@ -49,6 +62,8 @@ class SpikeWindows:
     target : ``error`` is how far the lens has to move, the truth less its position in the middle of the window, and
         ``position`` the truth, of that moment where the scene moves; both in fractions of the travel, float32 (). A
         function of (stream, first, stop) gives anything else.
+    counts : the folder that keeps the counts, a byte for each window and pixel, two for windows of more than 255
+        frames; None is ``counts`` in the dataset. Delete it when nothing reads it.
 
     Attributes
     ----------
@@ -57,7 +72,7 @@ class SpikeWindows:
     Raises
     ------
     BadInput : a folder that is no dataset, an unknown split or target, numbers that do not fit; and, when a window is
-        read, a stream without the truth that its target needs.
+        read, a stream without the truth that its target needs, or a folder for the counts that cannot be written.
     """
 
     def __init__(
@@ -69,6 +84,7 @@ class SpikeWindows:
         stride: int | None = None,
         crop: tuple[int, int] | None = None,
         target: str | Callable[[SpikeStream, int, int], Any] = "error",
+        counts: str | Path | None = None,
     ) -> None:
         manifest = read_manifest(dataset)
         if split is not None and split not in manifest.splits:
@@ -80,43 +96,67 @@ class SpikeWindows:
         self.window = _whole("window", window, most=shortest)
         self.stride = self.window if stride is None else _whole("stride", stride)
         self.dataset, self.crop, self.target = Path(dataset), crop, target
+        self.counts = Path(dataset, COUNTS_FOLDER) if counts is None else Path(counts)
         self.windows = [
             Window(entry, first, first + self.window)
             for entry in entries
             for first in range(0, entry.frames - self.window + 1, self.stride)
         ]
-        self._opened: dict[str, tuple[SpikeStream, Region | None]] = {}
+        self._sequences: dict[str, _Sequence] = {}
+        remove_stale_temporaries(self.counts)
 
     def __len__(self) -> int:
         return len(self.windows)
 
     def __getitem__(self, number: int) -> tuple[np.ndarray, Any]:
         window = self.windows[number]
-        stream, region = self._open(window.sequence)
-        counts = stream.counts(window.first, window.stop, region=region).astype(np.float32)[None]
+        sequence, at = self._sequence(window.sequence), window.first // self.stride
+        counts = sequence.counts.read(at).astype(np.float32)[None]
         if callable(self.target):
-            return counts, self.target(stream, window.first, window.stop)
-        return counts, self._tell(stream, (window.first + window.stop) // 2)
+            return counts, self.target(sequence.stream, window.first, window.stop)
+        return counts, sequence.targets[at]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_opened": {}}
+        return {**self.__dict__, "_sequences": {}}
 
     def close(self) -> None:
-        """Close the streams; they are opened again when they are read."""
-        for stream, _ in self._opened.values():
-            stream.close()
-        self._opened.clear()
+        """Close what is open; it is opened again when it is read."""
+        for sequence in self._sequences.values():
+            sequence.stream.close()
+        self._sequences.clear()
 
-    def _open(self, entry: SequenceEntry) -> tuple[SpikeStream, Region | None]:
-        if entry.id not in self._opened:
-            stream = open_stream(self.dataset / entry.file)
-            self._opened[entry.id] = stream, self._box(stream)
-        return self._opened[entry.id]
+    def _sequence(self, entry: SequenceEntry) -> _Sequence:
+        """Return what is known of a sequence; the first time its windows are counted, unless another process did."""
+        if entry.id not in self._sequences:
+            firsts = np.arange(0, entry.frames - self.window + 1, self.stride)
+            with ExitStack() as undo:
+                stream = undo.enter_context(open_stream(self.dataset / entry.file))
+                counts = self._keep_counts(stream, entry.id, firsts=firsts)
+                if callable(self.target):
+                    undo.pop_all()  # it is asked for each target
+                    targets = np.empty(0, np.float32)
+                else:
+                    targets = self._tell(stream, firsts + self.window // 2)
+                self._sequences[entry.id] = _Sequence(counts, targets, stream)
+        return self._sequences[entry.id]
 
-    def _box(self, stream: SpikeStream) -> Region | None:
-        if self.crop is None:
-            return None
+    def _keep_counts(self, stream: SpikeStream, name: str, *, firsts: np.ndarray) -> KeptCounts:
+        box = self._box(stream)
+        shape, dtype = (len(firsts), *region_shape(box)), count_type(self.window)
+        sides = [[side.start, side.stop] for side in box]
+        key = json.dumps([stream.content_sha256, self.window, self.stride, sides])
+        path = self.counts / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
+        with suppress(OSError, ValueError):  # not there, or damaged
+            kept = KeptCounts.open(path)
+            if (kept.shape, kept.dtype) == (shape, dtype):
+                return kept
+        pieces = stream.counts_of_windows(firsts, self.window, region=box)
+        return keep_counts(path, pieces, shape=shape, dtype=dtype)
+
+    def _box(self, stream: SpikeStream) -> Region:
         frame = stream.shape[1:]
+        if self.crop is None:
+            return slice(0, frame[0]), slice(0, frame[1])
         if not (len(self.crop) == 2 and all(1 <= n <= most for n, most in zip(self.crop, frame, strict=True))):
             raise BadInput(f"crop is {self.crop}", where=str(stream.path), allowed=f"(1, 1) to {frame}")
         mask = stream.truth.target
@@ -128,73 +168,23 @@ class SpikeWindows:
         ]
         return slice(begins[0], begins[0] + self.crop[0]), slice(begins[1], begins[1] + self.crop[1])
 
-    def _tell(self, stream: SpikeStream, middle: int) -> np.float32:
+    def _tell(self, stream: SpikeStream, moments: np.ndarray) -> np.ndarray:
+        """Return the targets at these frames, float32."""
         track, position = stream.truth.track, stream.focus_position
         if not stream.truth.known:
             raise _lacking(stream, "its true focus")
-        truth = stream.truth.position if track is None else track[middle]
+        truth = np.full(len(moments), stream.truth.position) if track is None else track[moments]
         if self.target == "position":
-            return np.float32(truth)
+            return truth.astype(np.float32)
         if position is None:
             raise _lacking(stream, "the positions of its lens")
-        return np.float32(truth - position[middle])
+        return (truth - position[moments]).astype(np.float32)
 
 
 def _lacking(stream: SpikeStream, what: str) -> BadInput:
     return BadInput(
         f"does not state {what}", where=str(stream.path), allowed="streams that do", hint="or a target of your own"
     )
-
-
-class WindowBatches:
-    """Batches of window numbers, in another order each time, that read every stretch of a stream once.
-
-    Spikes lie on the disk in blocks of 2,000 frames. Windows at random places would inflate a whole block for each of
-    them. Here windows are shuffled among those of ``blocks`` blocks, which are drawn at random and lie in memory
-    together. Batches go to ``workers`` processes in turn, as PyTorch's loader hands them out, each with its own blocks.
-
-    Iterating gives lists of numbers, and moves on to the order of the next epoch; the last of a worker may be shorter.
-
-    Parameters
-    ----------
-    windows : what to draw from.
-    batch_size : windows in a batch.
-    workers : the processes that read, at least 1.
-    blocks : blocks that are shuffled together.
-    seed : decides every order.
-    """
-
-    def __init__(
-        self, windows: SpikeWindows, *, batch_size: int, workers: int = 1, blocks: int = 8, seed: int = 0
-    ) -> None:
-        self.windows, self.seed, self.epoch = windows, seed, 0
-        self.batch_size, self.workers = _whole("batch_size", batch_size), _whole("workers", workers)
-        self.blocks = _whole("blocks", blocks)
-
-    def __len__(self) -> int:
-        return sum(-(-len(queue) // self.batch_size) for queue in self._draw_queues())
-
-    def __iter__(self) -> Iterator[list[int]]:
-        queues = self._draw_queues()
-        self.epoch += 1
-        for begin in range(0, max(map(len, queues)), self.batch_size):
-            for queue in queues:
-                if begin < len(queue):
-                    yield queue[begin : begin + self.batch_size]
-
-    def _draw_queues(self) -> list[list[int]]:
-        """Return the windows that each process will read, in order."""
-        random = make_generator("windows", self.seed, self.epoch)
-        in_block: dict[tuple[str, int], list[int]] = {}
-        for number, window in enumerate(self.windows.windows):
-            in_block.setdefault((window.sequence.id, window.first // BLOCK_FRAMES), []).append(number)
-        blocks = list(in_block.values())
-        order = random.permutation(len(blocks))
-        queues: list[list[int]] = [[] for _ in range(self.workers)]
-        for at in range(0, len(order), self.blocks):
-            together = np.concatenate([blocks[i] for i in order[at : at + self.blocks]])
-            min(queues, key=len).extend(random.permutation(together).tolist())
-        return queues
 
 
 def _whole(what: str, value: int, *, most: int | None = None) -> int:

@@ -11,7 +11,7 @@ lies beside the spikes, and ``content_sha256`` (over names, dtypes, shapes and v
 import hashlib
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -33,6 +33,7 @@ from saf_gen.stream.metadata import (
     stream_metadata_from_datasets,
 )
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
+from saf_gen.stream.window_counts import count_windows
 
 
 def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
@@ -169,6 +170,27 @@ class SpikeStream:
         for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
             bits.add_bit_counts(self._planes(start, part), out, first=low, stop=high)
         return out
+
+    def counts_of_windows(
+        self, firsts: Sequence[int] | np.ndarray, window: int, *, region: Region | None = None
+    ) -> Iterator[np.ndarray]:
+        """Give the spikes per pixel of many windows, some at a time, unsigned (windows, h, w), 8 bits or more.
+
+        Window k is the frames ``firsts[k] <= t < firsts[k] + window``, where ``firsts`` rise. The stream is inflated
+        once, and nothing of it stays in memory: each of many windows costs a fraction of :meth:`counts`.
+
+        Raises BadInput as :meth:`frames` does, and for windows that are not in order.
+        """
+        begins = np.asarray(firsts)
+        if begins.ndim != 1 or begins.dtype.kind not in "iu" or not begins.size or (begins[1:] < begins[:-1]).any():
+            raise BadInput(f"windows begin at {firsts!r:.60}", where=str(self.path), allowed="whole numbers that rise")
+        _, part = self._validated(int(begins[0]), int(begins[0]) + window, region=region)
+        self._validated(int(begins[-1]), int(begins[-1]) + window, region=region)
+        return self._count_windows(begins.astype(np.int64), window, region=part)
+
+    def _count_windows(self, firsts: np.ndarray, window: int, *, region: Region) -> Iterator[np.ndarray]:
+        with self._report_damage():
+            yield from count_windows(self._time_blocks, firsts, window=window, region=region)
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
         """Return bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes); BadInput outside."""

@@ -10,6 +10,7 @@ import itertools
 import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 from isal import igzip_lib, isal_zlib
@@ -22,6 +23,7 @@ TIME_BLOCK_BYTES = 250
 _CHUNK_BYTES = 1_000_000  # bytes in a chunk before deflate: 10 rows of 400 columns
 
 checksum = isal_zlib.crc32
+Result = TypeVar("Result")
 
 
 class DamagedChunk(ValueError):
@@ -153,16 +155,27 @@ class TimeBlocks:
         for start in range(a // time_block * time_block, b, time_block):
             yield start // 8, max(a - start, 0), min(b - start, time_block)
 
-    def row_bands(self, start: int) -> Iterator[np.ndarray]:
-        """Yield the time block at byte ``start`` in C order, as bands of rows (rows, W, bytes)."""
-        length = min(self.chunk[2], self.shape[2] - start)
+    def map_chunks(self, start: int, rows: slice, *, work: Callable[[int, np.ndarray], Result]) -> Iterator[Result]:
+        """Yield, in order, ``work(top, chunk)`` of all chunks at byte ``start`` that hold ``rows``; threads do it.
 
-        def block(top: int, data: bytes | np.ndarray) -> np.ndarray:
-            return np.ascontiguousarray(_inflated(data, self.chunk)[: self.shape[0] - top, :, :length])
+        ``top`` is the chunk's first row. The chunk, uint8 (rows, W, bytes), may go on after the last row and byte.
+        """
 
-        waiting = [self._pool.submit(block, top, self._read(top, start)) for top in self._tops(slice(0, self.shape[0]))]
+        def run(top: int, data: bytes | np.ndarray) -> Result:
+            return work(top, _inflated(data, self.chunk))
+
+        waiting = [self._pool.submit(run, top, self._read(top, start)) for top in self._tops(rows)]
         for future in waiting:
             yield future.result()
+
+    def row_bands(self, start: int) -> Iterator[np.ndarray]:
+        """Yield the time block at byte ``start`` in C order, as bands of rows (rows, W, bytes)."""
+        rows, _, length = self.shape
+
+        def band(top: int, chunk: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(chunk[: rows - top, :, : length - start])
+
+        return self.map_chunks(start, slice(0, rows), work=band)
 
     def planes(self, start: int, rows: slice) -> np.ndarray:
         """Return the time block at byte ``start``, uint8 (bytes, H, W), of which ``rows`` are filled."""

@@ -1,16 +1,16 @@
-"""Windows of a dataset to train with: counts and targets as they are stored, in batches that read each block once."""
+"""Windows of a dataset to train with: counts and targets as stored, counted once, then read in any order."""
 
 import multiprocessing
+import os
 import pickle
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen import SpikeWindows, WindowBatches
-from saf_gen.stream import spike_windows, time_blocks
+from saf_gen import SpikeWindows
+from saf_gen.stream import time_blocks, window_counts
 from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_writer import write_stream
@@ -34,7 +34,6 @@ def truth():
 def dataset(tmp_path, monkeypatch):
     """Three sequences of 1,000 frames, two to train with; blocks of 64 frames."""
     monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
-    monkeypatch.setattr(spike_windows, "BLOCK_FRAMES", 64)
     entries = []
     for n in range(3):
         entry = replace(ENTRY, id=f"s{n}", split="test" if n == 2 else "train", file=f"s{n}.h5")
@@ -78,37 +77,66 @@ def test_where_the_scene_moves_the_truth_is_that_of_the_moment(dataset):
     assert SpikeWindows(dataset, window=100)[4][1] == pytest.approx(track[450] - position[450])
 
 
-@pytest.mark.parametrize("workers", [1, 2, 3])
-def test_an_epoch_has_every_window_once_in_an_order_of_its_own(dataset, workers):
-    windows = SpikeWindows(dataset, window=16)
-    batches = WindowBatches(windows, batch_size=8, workers=workers, blocks=4, seed=5)
-    count, first, second = len(batches), list(batches), list(batches)
-    assert count == len(first)
-    for epoch in (first, second):
-        assert sorted(chain.from_iterable(epoch)) == list(range(len(windows)))
-    assert first != second
-    assert first == list(WindowBatches(windows, batch_size=8, workers=workers, blocks=4, seed=5))
-    assert first != list(WindowBatches(windows, batch_size=8, workers=workers, blocks=4, seed=6))
-    assert max(map(len, first)) == 8
+def read_all(windows, seed=0):
+    return [windows[number] for number in np.random.default_rng(seed).permutation(len(windows))]
 
 
-def test_every_block_is_inflated_once_in_an_epoch(dataset, monkeypatch):
-    """As many blocks as are shuffled together fit in memory, and nothing else does."""
+def test_each_stream_is_inflated_once_whatever_the_order_and_however_often(dataset, monkeypatch):
     inflated = []
     inflate = time_blocks._inflated
     monkeypatch.setattr(time_blocks, "_inflated", lambda *given: inflated.append(1) or inflate(*given))
-    monkeypatch.setattr("saf_gen.stream.block_memory.BUDGET_BYTES", 5 * 8 * 6 * 9)
-    windows = SpikeWindows(dataset, window=16, stride=16)
-    for numbers in WindowBatches(windows, batch_size=8, blocks=4):
-        for number in numbers:
-            windows[number]
+    windows = SpikeWindows(dataset, window=16)
+    read_all(windows)
     blocks = 3 * -(-FRAMES // 64)
-    assert blocks <= len(inflated) <= 1.5 * blocks  # reading in order, a stream inflates the next block too
-    inflated.clear()
+    assert len(inflated) == blocks
     windows.close()
-    for number in np.random.default_rng(0).permutation(len(windows)):
-        windows[number]
-    assert len(inflated) > 2.5 * blocks
+    read_all(windows, seed=1)
+    read_all(SpikeWindows(dataset, "train", window=16, target="position"))
+    assert len(inflated) == blocks
+    SpikeWindows(dataset, window=16, crop=(2, 2))[0]
+    assert len(inflated) > blocks
+
+
+def test_a_stream_that_was_made_anew_is_counted_anew(dataset):
+    before, _ = SpikeWindows(dataset, window=100)[0]
+    write_stream(dataset / "s0.h5", spikes(9), focus_position=np.zeros(FRAMES, np.float32), truth=truth())
+    after, _ = SpikeWindows(dataset, window=100)[0]
+    assert np.array_equal(after[0], spikes(9)[:100].sum(axis=0))
+    assert not np.array_equal(after, before)
+
+
+def test_counts_that_were_half_written_are_not_taken_for_whole(dataset, monkeypatch):
+    windows = SpikeWindows(dataset, window=100, counts=dataset / "elsewhere")
+    expected = windows[3]
+    (whole,) = (dataset / "elsewhere").glob("*.npy")
+    whole.write_bytes(whole.read_bytes()[:-1])
+    assert np.array_equal(SpikeWindows(dataset, window=100, counts=dataset / "elsewhere")[3][0], expected[0])
+    whole.unlink()
+
+    def stop(time_blocks, firsts, **given):
+        yield np.zeros((1, *SHAPE), np.uint8)
+        raise KeyboardInterrupt
+
+    again = SpikeWindows(dataset, window=100, counts=dataset / "elsewhere")
+    with monkeypatch.context() as patch:
+        patch.setattr("saf_gen.stream.stream_file.count_windows", stop)
+        with pytest.raises(KeyboardInterrupt):
+            again[3]
+    assert not list((dataset / "elsewhere").iterdir())
+    assert np.array_equal(again[3][0], expected[0])
+
+
+def test_what_a_killed_process_left_is_removed(dataset):
+    (dataset / "counts").mkdir()
+    process = multiprocessing.get_context("spawn").Process(target=os.getpid)
+    process.start()
+    process.join(60)
+    with window_counts.write_atomically(dataset / "counts" / "a.npy") as part:
+        left = part.with_name(part.name.replace(f".{os.getpid()}.", f".{process.pid}."))
+        left.touch()
+        part.touch()
+        SpikeWindows(dataset)
+        assert (left.exists(), part.exists()) == (False, True)
 
 
 def read_and_send(windows, numbers, pipe):
@@ -155,7 +183,8 @@ def test_a_crop_and_a_truth_that_are_not_there_are_refused_when_they_are_read(da
     assert SpikeWindows(dataset, target=lambda stream, first, stop: 1.0)[0][1] == 1.0
 
 
-@pytest.mark.parametrize("option", ["batch_size", "workers", "blocks"])
-def test_batches_of_nothing_are_refused(dataset, option):
-    given = {"batch_size": 8, option: 0}
-    assert refusal(lambda: WindowBatches(SpikeWindows(dataset), **given)).problem == f"{option} is 0"
+def test_a_folder_for_counts_that_cannot_be_written_is_refused(dataset):
+    (dataset / "file").touch()
+    error = refusal(lambda: SpikeWindows(dataset, counts=dataset / "file")[0])
+    assert "cannot be written" in error.problem
+    assert error.hint == "choose another folder"

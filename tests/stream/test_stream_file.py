@@ -24,7 +24,7 @@ from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter, write_stream
 
-DOCS = Path(__file__).parents[2] / "docs" / "file-layout.md"
+DOCS = Path(__file__).parents[2] / "docs" / "reference" / "file-layout.md"
 
 
 def random_frames(count, rows=6, columns=9, seed=0):

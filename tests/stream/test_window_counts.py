@@ -1,0 +1,84 @@
+"""Counts of many windows in one pass over a stream: those of one window at a time."""
+
+import numpy as np
+import pytest
+from refusals import refusal
+
+from saf_gen import open_stream, write_stream
+from saf_gen.core.bits import add_train_counts
+from saf_gen.stream import time_blocks
+from saf_gen.stream.window_counts import KeptCounts, keep_counts
+
+FRAMES = (np.random.default_rng(0).random((1_003, 7, 9)) < 0.4).astype(np.uint8)
+REGION = slice(2, 6), slice(3, 8)
+
+
+@pytest.fixture(scope="module")
+def stream(tmp_path_factory):
+    """A stream with blocks of 64 frames, and chunks of three of its seven rows."""
+    path = tmp_path_factory.mktemp("counts") / "a.h5"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
+        patch.setattr(time_blocks, "_CHUNK_BYTES", 3 * 9 * 8)
+        write_stream(path, FRAMES)
+        with open_stream(path) as stream:
+            yield stream
+
+
+@pytest.mark.parametrize("region", [None, REGION])
+@pytest.mark.parametrize(
+    ("first", "window", "stride"),
+    [(0, 16, 16), (0, 64, 64), (5, 100, 100), (3, 100, 7), (0, 1, 1), (13, 300, 250), (40, 9, 200), (0, 1_003, 1)],
+)
+def test_windows_in_one_pass_are_those_read_alone(stream, region, first, window, stride):
+    """Inside a block, over several, overlapping, with blocks that none needs, at both ends."""
+    firsts = range(first, 1_003 - window + 1, stride)
+    found = np.concatenate(list(stream.counts_of_windows(firsts, window, region=region)))
+    rows, columns = region or (slice(None), slice(None))
+    assert np.array_equal(found, [FRAMES[t : t + window, rows, columns].sum(axis=0) for t in firsts])
+    assert found.dtype == (np.uint8 if window < 256 else np.uint16)
+
+
+def test_a_count_of_every_frame_fits(tmp_path):
+    write_stream(tmp_path / "ones.h5", np.ones((600, 2, 2), np.uint8))
+    with open_stream(tmp_path / "ones.h5") as ones:
+        for window in (255, 256, 600):
+            (counts,) = ones.counts_of_windows([0], window)
+            assert (counts == window).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1, 1), (2, 3, 5), (3, 5, 8)])
+def test_trains_of_any_length_are_counted(size):
+    trains = np.random.default_rng(1).integers(0, 256, size, np.uint8)
+    frames = np.unpackbits(trains, axis=2, bitorder="little")
+    total = 8 * size[2]
+    firsts, stops = np.array([(a, b) for a in range(total) for b in range(a + 1, total + 1)]).T
+    counts = np.ones((len(firsts), *size[:2]), np.uint16)
+    add_train_counts(trains, counts, firsts=firsts, stops=stops)
+    assert np.array_equal(counts, [1 + frames[:, :, a:b].sum(axis=2) for a, b in zip(firsts, stops, strict=True)])
+
+
+@pytest.mark.parametrize(
+    ("firsts", "window"), [([0, 904], 100), ([-1, 5], 10), ([5, 4], 10), ([], 10), ([0.5], 10), ([0], 0)]
+)
+def test_windows_that_are_not_there_are_refused(stream, firsts, window):
+    assert "whole numbers" in refusal(lambda: stream.counts_of_windows(firsts, window)).allowed
+
+
+def test_a_damaged_stream_is_refused(tmp_path):
+    write_stream(tmp_path / "a.h5", FRAMES)
+    data = bytearray((tmp_path / "a.h5").read_bytes())
+    with open_stream(tmp_path / "a.h5") as whole:
+        at = whole._spikes.id.get_chunk_info(0).byte_offset
+    data[at + 20 : at + 60] = bytes(40)
+    (tmp_path / "a.h5").write_bytes(data)
+    with open_stream(tmp_path / "a.h5") as damaged:
+        assert "damaged" in refusal(lambda: list(damaged.counts_of_windows([0], 100))).problem
+
+
+def test_kept_counts_are_an_array_that_numpy_reads(tmp_path):
+    counts = np.random.default_rng(2).integers(0, 256, (5, 3, 4), np.uint8)
+    kept = keep_counts(tmp_path / "a.npy", [counts[:2], counts[2:]], shape=counts.shape, dtype=counts.dtype)
+    assert kept == KeptCounts.open(tmp_path / "a.npy")
+    assert np.array_equal([kept.read(number) for number in range(5)], counts)
+    assert np.array_equal(np.load(tmp_path / "a.npy"), counts)
