@@ -57,10 +57,14 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "check": scene_commands.check,
             "preview": scene_commands.preview,
             "gallery": scene_commands.gallery,
+            "schema": scene_commands.schema,
         },
     ),
     "dataset": ("Make a dataset of streams that are there.", {"index": stream_commands.index}),
-    "recipes": ("List and check recipes.", {"list": recipe_commands.list_, "check": recipe_commands.check}),
+    "recipes": (
+        "List and check recipes.",
+        {"list": recipe_commands.list_, "check": recipe_commands.check, "schema": recipe_commands.schema},
+    ),
     "sensors": (
         "List, show and check sensors, compare them with recordings, and fit one to your camera.",
         {

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 from rich import box
@@ -74,9 +75,13 @@ def list_objects(columns: Sequence[TableColumn], rows: Iterable[Sequence[str | T
     return [dict(zip(keys, row, strict=True)) for row in texts] if any(keys) else dict(texts)
 
 
-def print_json(document: Any) -> None:
-    """Print a document as indented JSON."""
-    out.file.write(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+def print_json(document: Any, path: Path | None = None) -> None:
+    """Print a document as indented JSON, or write it to a file."""
+    text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    if path is None:
+        out.file.write(text)
+    else:
+        path.write_text(text, encoding="utf-8")
 
 
 def _build(

@@ -19,6 +19,7 @@ err = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
 LOG_EVERY_S = 30.0
 RecipeName = Annotated[str, typer.Argument(help="A recipe that comes with saf_gen, by name, or a recipe file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+OutFile = Annotated[Path | None, typer.Option("--out", help="File to write (default: print).")]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
 
 

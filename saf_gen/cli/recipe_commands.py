@@ -1,9 +1,9 @@
-"""The commands ``recipes list`` and ``check``."""
+"""The commands ``recipes list``, ``check`` and ``schema``."""
 
 from typing import TYPE_CHECKING
 
-from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import AsJson, RecipeName, out
+from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._terminal import AsJson, OutFile, RecipeName, out
 
 if TYPE_CHECKING:
     from saf_gen.generate.recipe import Recipe
@@ -36,3 +36,10 @@ def check(recipe: RecipeName) -> None:
     for line in find_coarse_sampling(work):
         out.print(f"warning: {line}")
     out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}")
+
+
+def schema(*, path: OutFile = None) -> None:
+    """Print the JSON Schema of recipes, with which an editor completes keys and marks mistakes."""
+    from saf_gen.generate.recipe_schema import make_recipe_schema
+
+    print_json(make_recipe_schema(), path)

@@ -1,4 +1,4 @@
-"""The commands ``scenes list``, ``new``, ``check``, ``preview`` and ``gallery``."""
+"""The commands ``scenes list``, ``new``, ``check``, ``preview``, ``gallery`` and ``schema``."""
 
 import json
 from dataclasses import asdict
@@ -9,8 +9,8 @@ import typer
 from rich.progress import TaskID
 from rich.text import Text
 
-from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import AsJson, out, print_error, progress_bars
+from saf_gen.cli._tables import TableColumn, print_json, print_table
+from saf_gen.cli._terminal import AsJson, OutFile, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -165,3 +165,10 @@ def _scene(name: str) -> "Scene":
 
     folder = Path(name)
     return load_scene_folder(folder) if folder.name != name and folder.is_dir() else find_scene(name)
+
+
+def schema(*, path: OutFile = None) -> None:
+    """Print the JSON Schema of scene cards, with which an editor completes keys and marks mistakes."""
+    from saf_gen.scene.card_schema import make_card_schema
+
+    print_json(make_card_schema(), path)

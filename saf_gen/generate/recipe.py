@@ -27,8 +27,12 @@ class ExposureSettings(FrozenModel):
     """
 
     mean_rate: float | dict[str, Any] | None = None
+    """Spikes per readout of the target at best focus and gain 1, above the dark rate and below 1; may be a range.
+    Either this, or ``absolute: true``."""
     absolute: bool = False
+    """The scene's own radiances go through the lens, and nothing is scaled."""
     f_number: float | None = Field(default=None, gt=0.5, le=64)
+    """Replaces that of the scene's lens."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> "ExposureSettings":
@@ -44,24 +48,36 @@ class NoiseSettings(FrozenModel):
     """Which of the sensor's imperfections act; None leaves one as the sensor has it."""
 
     shot: bool | None = None
+    """Shot noise of the light; where it is left out, as the sensor has it."""
     dark: bool | None = None
+    """Dark current, the same."""
     response: bool | None = None
+    """Differences of response between pixels, the same."""
     threshold_spread: bool | None = None
+    """Differences of threshold between pixels, the same."""
     threshold_noise: bool | None = None
+    """Noise of a pixel's threshold from spike to spike, the same."""
     dust: bool | None = None
+    """Specks that take light from some pixels, the same."""
     dead: bool | None = None
+    """Pixels that never fire, the same."""
     reset_jitter: bool | None = None
+    """Uncertainty of the instant at which a pixel begins anew, the same."""
 
 
 class CameraSettings(FrozenModel):
     """The spike camera: its sensor, how many readouts it records, and its exposure."""
 
     sensor: str
+    """A sensor's name, or the path of a sensor file (``.yaml``) from the recipe's folder."""
     frames: int = Field(ge=16, le=10_000_000)
+    """Readouts of each recording."""
     exposure: ExposureSettings
     noise: NoiseSettings = NoiseSettings()
     reset: Literal["subtract", "hard"] | None = None
+    """What becomes of the charge over the threshold; where it is left out, as the sensor has it."""
     saturation: Literal["subtract", "dead_readout"] | None = None
+    """What happens where light is too bright, the same."""
 
 
 class FocusSettings(FrozenModel):
@@ -71,8 +87,11 @@ class FocusSettings(FrozenModel):
     """
 
     drive: Literal["image_distance", "focal_length", "stage"] | None = None
+    """The drive that every scene must have; where it is left out, each scene has its own."""
     positions: int = Field(ge=2, le=4096)
+    """Rendered focus positions, evenly over the travel."""
     motion: dict[str, Any] = Field(default_factory=lambda: {"kind": "sweep"})
+    """A lens motion, ``{kind: …}``; may be a choice of several."""
 
     @field_validator("motion", mode="before")
     @classmethod
@@ -94,12 +113,24 @@ class RenderSettings(FrozenModel):
     """
 
     samples: int = Field(ge=1, le=65_536)
+    """Light paths per pixel and position, for each light group; under ``estimator: filtered``, six camera rays as
+    well for each."""
     max_depth: int = Field(default=6, ge=2, le=64)
+    """Segments of a light path; with shared shading those behind the clear surfaces that a camera ray looks
+    through."""
     slice_samples: int | None = Field(default=None, ge=1, le=65_536)
+    """``samples`` for each time slice of a scene that moves; where it is left out, a quarter of ``samples``."""
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
+    """Time slices per second of a scene that moves; where it is left out, as its card says."""
     whole_slices: bool | float = False
+    """Time slices at all positions, which the closed loop needs: for so many seconds from the beginning, beside the
+    others, or for all of the recording, in place of them."""
     diffraction: bool | None = None
+    """Whether waves bend the light at the aperture, at the sensor's ``wavelength_m``; where it is left out,
+    wherever the renderer can: not with ``--variant scalar``."""
     estimator: Literal["filtered", "plain"] = "filtered"
+    """``filtered`` shares what paths tell about the light on a surface and leaves a quarter of the grain, with a
+    small bias; ``plain`` takes each path as it was traced, as ``scalar`` always does."""
 
     @field_validator("whole_slices", mode="before")
     @classmethod
@@ -131,10 +162,15 @@ class SplitSettings(FrozenModel):
     """
 
     scenes: tuple[str, ...] = Field(min_length=1)
+    """Scenes, each once, and in one split alone; ``saf-gen scenes list`` names them."""
     lights: tuple[str, ...] = Field(min_length=1)
+    """Names from ``lights``, each once."""
     repeats: int = Field(default=1, ge=1, le=10_000)
+    """Recordings of each scene under each light."""
     variants: int = Field(default=1, ge=1, le=10_000)
+    """Members of each scene's family, which the repeats use in turn; at most as many as repeats."""
     scene_motion: tuple[Literal["static", "dynamic"], ...] = Field(default=("static",), min_length=1)
+    """Whether a scene that moves is recorded standing still, moving, or both."""
 
     @field_validator("scenes", "lights", "scene_motion")
     @classmethod
@@ -154,13 +190,18 @@ class Recipe(FrozenModel):
     """A whole dataset; ``scene_params`` replaces parameters, or their ranges, on the cards of scenes."""
 
     name: str = Field(pattern=NAME_PATTERN)
+    """Name of the dataset: lower-case letters, digits, ``-``, ``_``."""
     seed: int = Field(ge=0, le=2**63 - 1)
+    """Names every random number of the dataset."""
     camera: CameraSettings
     focus: FocusSettings
     render: RenderSettings
     lights: dict[str, dict[str, Any]] = Field(min_length=1)
+    """A light schedule, ``{kind: …}``, for all light groups or for each by its name."""
     splits: dict[str, SplitSettings] = Field(min_length=1)
+    """The sequences of each split, by its name."""
     scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Values or ranges of a scene's parameters, in place of its card's."""
 
 
 def read_recipe(path: str | Path) -> Recipe:

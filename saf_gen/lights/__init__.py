@@ -6,6 +6,7 @@ Each kind is one file of this folder, or a package's, offered under the entry po
 from saf_gen.lights._schedule import (
     COMMON_KEYS,
     RESERVED_GROUP_NAMES,
+    UNITS,
     check_light_groups,
     draw_light_schedule,
     get_light,
@@ -18,6 +19,7 @@ from saf_gen.lights._schedule import (
 __all__ = [
     "COMMON_KEYS",
     "RESERVED_GROUP_NAMES",
+    "UNITS",
     "check_light_groups",
     "draw_light_schedule",
     "get_light",

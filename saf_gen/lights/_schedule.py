@@ -26,8 +26,12 @@ from saf_gen.core.config.ranges import RANGE_FORMS, is_config_range
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
 
-COMMON_KEYS = ("offset", "unit", "lux_at_gain_1")
-"""Keys that every kind of light schedule takes beside its own."""
+COMMON_KEYS = {
+    "offset": "Gain, 0 or more (0): is added to the gain: light that stays, in the same group.",
+    "unit": "ratio or lux (ratio): with lux, gains and offset are the illuminance of the target in lux.",
+    "lux_at_gain_1": "Lux, above 0 (from the scene's card): with unit lux, the illuminance at gain 1.",
+}
+"""Keys that every kind of light schedule takes beside its own, and what each means."""
 
 UNITS = ("ratio", "lux")
 GROUP = re.compile(r"[a-z0-9][a-z0-9_-]*")

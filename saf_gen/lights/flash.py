@@ -18,10 +18,15 @@ class Flash:
     """
 
     at_s: float
+    """Seconds, 0 or more: the moment at which the flash begins."""
     peak: float
+    """Gain, ``base`` or more: its height."""
     base: float = 1.0
+    """Gain, 0 or more: the gain before and after."""
     rise_s: float = 1e-4
+    """Seconds, 1e-7 to 10: it strikes as 1 − exp(−t/rise_s)."""
     decay_s: float = 1e-3
+    """Seconds, 1e-7 to 10: it dies as exp(−t/decay_s)."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.at_s < inf:

@@ -21,10 +21,15 @@ class Flicker:
     """
 
     depth: float
+    """0 to 1: modulation depth, (highest − lowest)/(highest + lowest)."""
     hz: float = 100.0
+    """Hz, above 0: twice the mains frequency, 100 or 120."""
     harmonics: tuple[float, ...] = (1.0,)
+    """List, not all 0: amplitudes of hz, 2·hz, 3·hz, … to each other."""
     level: float = 1.0
+    """Gain, 0 or more: the mean over a period, exactly."""
     phase: float = 0.0
+    """Radians: 0 begins at a crest."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.depth <= 1:

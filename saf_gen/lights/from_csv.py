@@ -20,6 +20,7 @@ class FromCsv:
     """
 
     file: Mapping[str, str] = field(repr=False)
+    """Path of a CSV file with ``time_s``, ``gain``: straight lines through its points."""
 
     def __post_init__(self) -> None:
         times, gains = parse_table(self.file, ("time_s", "gain"))

@@ -17,10 +17,15 @@ class Pwm:
     """
 
     hz: float
+    """Hz, above 0: periods per second."""
     duty: float
+    """Fraction of the period, 0 to 1: on for this fraction of it; the mean is low + duty·(high − low)."""
     low: float = 0.0
+    """Gain, 0 to ``high``: while it is off."""
     high: float = 1.0
+    """Gain, ``low`` or more: while it is on."""
     phase: float = 0.0
+    """Radians: 0 begins with the light just on."""
 
     def __post_init__(self) -> None:
         if not 0 < self.hz < inf:

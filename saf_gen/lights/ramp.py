@@ -16,8 +16,11 @@ class Ramp:
     """
 
     from_: float
+    """Gain, 0 or more: where the line begins."""
     to: float
+    """Gain, 0 or more: where it ends."""
     over_s: float | None = None
+    """Seconds, above 0, or the whole recording: how long it takes; after it the gain stays."""
 
     def __post_init__(self) -> None:
         if not (0 <= self.from_ < inf and 0 <= self.to < inf):

@@ -30,9 +30,14 @@ class RandomWalk:
     """
 
     sd: float
+    """Of ln gain, 0 to 3: standard deviation after one second, or throughout with ``return_s``."""
     return_s: float | None = None
+    """Seconds, 0.005 or more, or never: it forgets, with correlation exp(−lag/return_s)."""
     level: float = 1.0
+    """Gain, 0 or more: the expected gain, at all times."""
     seed: int = 0
+    """Whole number, 0 or more: the same seed gives the same walk; in a recipe each sequence and light group has its
+    own."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.sd <= 3:

@@ -13,9 +13,13 @@ class Sine:
     """The gain is ``level`` · (1 + ``swing`` · sin(2π · ``hz`` · t + ``phase``)), phase in radians."""
 
     hz: float
+    """Hz, above 0: the gain is level·(1 + swing·sin(2π·hz·t + phase))."""
     swing: float = 0.5
+    """Fraction of the level, 0 to 1: how far it swings."""
     level: float = 1.0
+    """Gain, 0 or more: the mean."""
     phase: float = 0.0
+    """Radians: 0 begins at the mean, rising."""
 
     def __post_init__(self) -> None:
         if not 0 < self.hz < inf:

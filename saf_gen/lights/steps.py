@@ -18,7 +18,9 @@ class Steps:
     """
 
     every_s: float
+    """Seconds, 1e-6 or more: the time between two gains."""
     levels: tuple[float, ...]
+    """Gains, a list, each 0 or more: used in turn, again and again."""
 
     def __post_init__(self) -> None:
         if not SHORTEST_S <= self.every_s < inf:

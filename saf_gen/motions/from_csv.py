@@ -22,6 +22,8 @@ class FromCsv:
     """
 
     file: Mapping[str, str] = field(repr=False)
+    """Path of a CSV file with ``time_s``, ``position``: straight lines through its points, from the middle of the
+    first readout to that of the last."""
 
     def __post_init__(self) -> None:
         times, positions = parse_table(self.file, ("time_s", "position"))

@@ -34,11 +34,18 @@ class Hand:
     """
 
     from_: float = 0.0
+    """Fraction of the travel, 0 to 1: where the ring is turned from."""
     to: float = 1.0
+    """Fraction of the travel, 0 to 1: where it is at the end of the recording."""
     irregularity: float = 0.5
+    """Fraction of the mean speed, above 0, up to 1: standard deviation of the speed."""
     bandwidth_hz: float = 5.0
+    """Hz, above 0, up to 1,000: the highest frequency of the speed; at least one period must fit into the
+    recording, or two without ``reversals``."""
     reversals: bool = False
+    """``true``, ``false``: whether the lens may go back a little."""
     seed: int = 0
+    """Whole number, 0 or more: the same seed moves in the same way; in a recipe each sequence has its own."""
 
     def __post_init__(self) -> None:
         check_motion_endpoints(self.from_, self.to)

@@ -12,6 +12,7 @@ class Hold:
     """The lens rests at ``position``, a fraction of the travel."""
 
     position: float
+    """Fraction of the travel, 0 to 1: the lens stays here."""
 
     def __post_init__(self) -> None:
         check_motion_position("position", self.position)

@@ -15,7 +15,9 @@ class Sweep:
     """
 
     from_: float = 0.0
+    """Fraction of the travel, 0 to 1: where the lens begins."""
     to: float = 1.0
+    """Fraction of the travel, 0 to 1: where it ends; backwards, or over a part of the travel, as you like."""
 
     def __post_init__(self) -> None:
         check_motion_endpoints(self.from_, self.to)

@@ -16,8 +16,11 @@ class SweepAndReturn:
     """
 
     from_: float = 0.0
+    """Fraction of the travel, 0 to 1: where the lens begins."""
     to: float = 1.0
+    """Fraction of the travel, 0 to 1: where it turns, and goes back at the same speed."""
     dwell_s: float = 0.0
+    """Seconds, 0 up to the recording: the rest at ``to``."""
 
     def __post_init__(self) -> None:
         check_motion_endpoints(self.from_, self.to)

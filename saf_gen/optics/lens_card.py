@@ -20,7 +20,9 @@ class _Lens(FrozenModel):
     drive_class: ClassVar[type[Drive]]
 
     f_number: float = Field(gt=0.5, le=64)
+    """For the lens focused at infinity."""
     transmission: float = Field(default=1.0, gt=0, le=1)
+    """Fraction of the light that passes the lens."""
 
     @property
     @abstractmethod
@@ -47,8 +49,11 @@ class ImageDistanceLens(_Lens):
     drive_class = ImageDistanceDrive
 
     drive: Literal["image_distance"] = "image_distance"
+    """The lens moves against the sensor, as in a macro lens."""
     focal_length_mm: FocalLengthMm
+    """mm."""
     focus_range_m: tuple[float, float]
+    """Object distances in focus at position 0 and at 1, both beyond the focal length, m."""
 
     @property
     def summary(self) -> str:
@@ -62,8 +67,11 @@ class FocalLengthLens(_Lens):
     drive_class = FocalLengthDrive
 
     drive: Literal["focal_length"]
+    """The lens changes its power, as a liquid lens does."""
     image_distance_mm: FocalLengthMm
+    """Lens to sensor, mm."""
     focus_range_m: tuple[float, float]
+    """Object distances in focus at position 0 and at 1, in front of the lens, m."""
 
     @property
     def summary(self) -> str:
@@ -77,9 +85,13 @@ class StageLens(_Lens):
     drive_class = Stage
 
     drive: Literal["stage"]
+    """The scene moves against the lens, as under a microscope."""
     focal_length_mm: FocalLengthMm
+    """mm."""
     magnification: float = Field(gt=0, le=1000)
+    """Of what is in focus, f·(1 + 1/M) away."""
     travel_m: tuple[float, float]
+    """How far the scene is moved towards the lens at position 0 and at 1, from where the card places it, m."""
 
     @property
     def summary(self) -> str:

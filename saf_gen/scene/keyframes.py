@@ -16,8 +16,11 @@ class Keyframe(FrozenModel):
     """The pose of a shape at ``time_s``: rotated about the axis of its motion, then translated."""
 
     time_s: float
+    """Seconds from the beginning of the recording, rising from keyframe to keyframe."""
     translate_m: Vector = (0.0, 0.0, 0.0)
+    """How far the shape has moved, m, world axes."""
     rotate_deg: float = 0.0
+    """How far it has turned about the axis, degrees."""
 
 
 class RigidMotion(FrozenModel):
@@ -28,8 +31,11 @@ class RigidMotion(FrozenModel):
     """
 
     keyframes: tuple[Keyframe, ...] = Field(min_length=2)
+    """Poses at two moments or more; between them straight lines."""
     axis: Vector = (0.0, 0.0, 1.0)
+    """Direction of the axis of rotation, world axes."""
     centre_m: Vector = (0.0, 0.0, 0.0)
+    """A point of that axis, m."""
 
     @model_validator(mode="after")
     def _can_be_followed(self) -> "RigidMotion":

@@ -43,8 +43,11 @@ class CameraPose(FrozenModel):
     """The lens centre (m), a point on the optical axis (m), and the upward direction; world axes."""
 
     origin_m: Vector
+    """Centre of the lens, m."""
     look_at_m: Vector
+    """Another point on the optical axis, m."""
     up: Vector = (0.0, 1.0, 0.0)
+    """A direction, not along the axis."""
 
     @model_validator(mode="after")
     def _has_an_axis(self) -> "CameraPose":
@@ -63,41 +66,43 @@ class SceneCard(FrozenModel):
     """Everything about a scene that is not geometry.
 
     Lengths are in metres, except in keys that end in ``_mm``.
-
-    Attributes
-    ----------
-    id, title, licence, source : the folder's name, a line for lists, an SPDX name, the origin or a file that tells it.
-    library : module of :mod:`saf_gen.scene.library` by the name under which ``scene.py`` imports it.
-    unit_m : metres per unit of the geometry.
-    lights : emitters by light group.
-    illuminance_lux : mean illuminance of the target at gain 1 by each light group alone, for all groups or
-        none. Light schedules in lux need it.
-    target : shapes that the lens is to focus on.
-    params : parameters of the geometry; a range makes the scene a family of members.
-    motion : motions by shape, on top of the pose that the geometry gives the shape.
-    slices_per_s : rendered time slices per second of a moving scene. A recording interpolates between them.
-    interpolation_error : largest error of that interpolation, for every member: the rms difference to a
-        render half way between two slices, over the mean brightness, in the target's bounding box.
-        :mod:`saf_gen.authoring.checks` measures it.
-    still_s : the moment that is seen where a moving scene is to stand still.
     """
 
     id: str = Field(pattern=r"^[a-z0-9][a-z0-9_]*$")
+    """The folder's name: lower-case letters, digits, ``_``."""
     title: str
+    """One line, for lists."""
     licence: str
+    """An SPDX name."""
     source: str
+    """The origin of everything in the folder; ``SOURCE.md`` for more than a line."""
     library: dict[str, str] = Field(default_factory=dict)
+    """A module of :mod:`saf_gen.scene.library`, by the name under which ``scene.py`` imports it."""
     unit_m: float = Field(default=1.0, gt=0)
+    """Metres per unit of the geometry; the card itself stays in metres."""
     camera: CameraPose
     lens: LensCard
+    """The lens and its drive, each drive with keys of its own."""
     lights: dict[str, tuple[str, ...]] = Field(min_length=1)
+    """Emitters that are switched together, by light group, whose name is of lower-case letters, digits, ``-``,
+    ``_``."""
     illuminance_lux: dict[str, float] = Field(default_factory=dict)
+    """Mean illuminance of the target at gain 1 by each light group alone, lux, above 0: for all groups or none.
+    Light schedules in lux need it."""
     target: tuple[str, ...] = Field(min_length=1)
+    """Shapes that the lens is to focus on."""
     params: dict[str, Any] = Field(default_factory=dict)
+    """Parameters of the geometry: finite numbers, text, ``true``, ``false``, lists of them. A range makes the scene
+    a family of members; a recipe may set any number, but only a listed value of a choice."""
     motion: dict[str, RigidMotion] = Field(default_factory=dict)
+    """Motion of a shape, on top of the pose that the geometry gives it."""
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
+    """Rendered time slices per second, between which a recording interpolates; a scene that moves must have it."""
     interpolation_error: float | None = Field(default=None, gt=0, lt=1)
+    """Largest error of that interpolation, for every member: rms difference to a render half way between two
+    slices, over the mean brightness, in the target's box. ``saf-gen scenes check`` measures it."""
     still_s: float = 0.5
+    """The moment that is seen where a moving scene is to stand still, s."""
 
     @model_validator(mode="after")
     def _light_is_measured_whole(self) -> "SceneCard":

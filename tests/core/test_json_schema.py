@@ -1,0 +1,137 @@
+"""JSON Schemas of recipes and scene cards accept what the models accept, and refuse what they refuse."""
+
+import json
+from copy import deepcopy
+
+import jsonschema
+import pytest
+import yaml
+from small_dataset import HERE, SCENES
+
+from saf_gen.cli import main
+from saf_gen.core.config.field_docs import field_docs
+from saf_gen.core.config.ranges import RANGE_FORMS
+from saf_gen.generate.recipe import Recipe
+from saf_gen.generate.recipe_schema import make_recipe_schema
+from saf_gen.scene.card_schema import make_card_schema
+from saf_gen.scene.scene_folder import SceneCard
+
+ROOT = HERE.parent
+RECIPES = sorted((ROOT / "recipes").glob("*.yaml"))
+CARDS = sorted([*(ROOT / "scenes").glob("*/scene.yaml"), *SCENES.glob("*/scene.yaml")])
+RECIPE = yaml.safe_load((ROOT / "recipes/quickstart.yaml").read_text())
+CARD = yaml.safe_load((ROOT / "scenes/camel/scene.yaml").read_text())
+
+
+@pytest.fixture(scope="module")
+def validators():
+    schemas = {"recipe": make_recipe_schema(), "card": make_card_schema()}
+    for schema in schemas.values():
+        jsonschema.Draft202012Validator.check_schema(schema)
+    return {name: jsonschema.Draft202012Validator(schema) for name, schema in schemas.items()}
+
+
+@pytest.mark.parametrize("path", [*RECIPES, *CARDS], ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_every_recipe_and_card_of_the_project_is_accepted(path, validators):
+    kind = "card" if path in CARDS else "recipe"
+    assert [e.message for e in validators[kind].iter_errors(yaml.safe_load(path.read_text()))] == []
+
+
+def changed(document, keys, value):
+    """The document with one value replaced or added."""
+    copy = deepcopy(document)
+    inner = copy
+    for key in keys[:-1]:
+        inner = inner.setdefault(key, {}) if isinstance(inner, dict) else inner[key]
+    inner[keys[-1]] = value
+    return copy
+
+
+@pytest.mark.parametrize(
+    ("keys", "value"),
+    [
+        (("lights", "one"), {"kind": "flicker", "depth": {"uniform": [0.2, 0.9]}, "hz": 120, "offset": 0.1}),
+        (("lights", "one"), {"lamp": {"kind": "ramp", "from": 0.5, "to": 2}, "room": {"kind": "constant"}}),
+        (("lights", "one"), {"choice": [{"kind": "constant"}, {"kind": "pwm", "hz": 1000, "duty": 0.5}]}),
+        (("lights", "one"), {"kind": "from_csv", "file": "a.csv"}),
+        (("focus", "motion"), {"kind": "hand", "reversals": True}),
+        (("camera", "exposure"), {"mean_rate": {"log_uniform": [0.1, 0.3]}}),
+        (("camera", "exposure"), {"absolute": True, "f_number": 2.8}),
+        (("render", "whole_slices"), 0.25),
+        (("scene_params",), {"usaf_target": {"tilt_deg": {"choice": [0, 1]}, "name": "a"}}),
+    ],
+    ids=str,
+)
+def test_what_a_recipe_may_say_is_accepted(keys, value, validators):
+    assert [e.message for e in validators["recipe"].iter_errors(changed(RECIPE, keys, value))] == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "value"),
+    [
+        ("recipe", ("colour",), 1),
+        ("recipe", ("camera", "framse"), 100),
+        ("recipe", ("camera", "frames"), 8),
+        ("recipe", ("camera", "frames"), "many"),
+        ("recipe", ("camera", "exposure", "mean_rate"), 1.5),
+        ("recipe", ("focus", "drive"), "image"),
+        ("recipe", ("focus", "motion"), {"kind": "swep"}),
+        ("recipe", ("focus", "motion"), {"kind": "hold"}),
+        ("recipe", ("lights", "one"), {"kind": "ramp", "from": 1}),
+        ("recipe", ("lights", "one"), {"kind": "constant", "levle": 1}),
+        ("recipe", ("lights", "one"), {"kind": "sine", "hz": {"uniform": [1]}}),
+        ("recipe", ("lights",), {}),
+        ("card", ("colour",), 1),
+        ("card", ("lens", "f_number"), 0.2),
+        ("card", ("lens", "drive"), "stage"),
+        ("card", ("camera", "origin_m"), [0, 1]),
+        ("card", ("target",), []),
+        ("card", ("motion",), {"camel": {"keyframes": [{"time_s": 0}]}}),
+    ],
+    ids=str,
+)
+def test_a_mistake_is_refused(kind, keys, value, validators):
+    document = {"recipe": RECIPE, "card": CARD}[kind]
+    assert validators[kind].is_valid(document)
+    assert not validators[kind].is_valid(changed(document, keys, value))
+
+
+@pytest.mark.parametrize("kind", ["recipe", "card"])
+def test_every_key_has_a_description(kind, validators):
+    """Keys whose value is a model of its own are described by the docstring of that model."""
+    schema = validators[kind].schema
+    parts = {"": schema, **schema["$defs"]}
+    bare = {
+        f"{name}.{key}"
+        for name, part in parts.items()
+        for key, value in part.get("properties", {}).items()
+        if not value.get("description") and "$ref" not in value and key not in ("kind", *RANGE_FORMS)
+    }
+    assert bare == set()
+
+
+def test_the_docstring_below_a_field_is_found_and_its_bases_come_first():
+    class Base:
+        one: int
+        """What one is,
+        over two lines."""
+        two: int = 2
+
+    class Derived(Base):
+        three: str = "3"
+        """What three is."""
+
+    assert field_docs(Derived) == {"one": "What one is, over two lines.", "three": "What three is."}
+    assert set(field_docs(Recipe)) <= set(Recipe.model_fields)
+    assert set(field_docs(SceneCard)) <= set(SceneCard.model_fields)
+
+
+@pytest.mark.parametrize(("group", "make"), [("recipes", make_recipe_schema), ("scenes", make_card_schema)])
+def test_the_command_prints_the_schema_or_writes_it(group, make, tmp_path, capsys):
+    for option in ([], ["--out", str(tmp_path / "schema.json")]):
+        with pytest.raises(SystemExit) as stop:
+            main([group, "schema", *option])
+        assert stop.value.code == 0
+    expected = json.loads(json.dumps(make()))
+    assert json.loads(capsys.readouterr().out) == expected
+    assert json.loads((tmp_path / "schema.json").read_text()) == expected
