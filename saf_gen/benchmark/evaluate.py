@@ -17,12 +17,13 @@ from saf_gen.benchmark.results import Evaluation, LensPath, SequenceFailure, Swe
 from saf_gen.benchmark.thumbnails import select_sequences_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_method_predictions
 from saf_gen.benchmark.tracks.recorded_track import check_no_lens_commands, run_recorded_sequence
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, choose_method_region, list_sequence_tasks
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequence_tasks
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures import get_measure
 from saf_gen.parts import Measure
+from saf_gen.stream.measure_input import choose_method_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 if TYPE_CHECKING:

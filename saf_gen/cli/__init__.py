@@ -26,6 +26,7 @@ from saf_gen.cli import (
     stream_commands,
     tune_commands,
     validate_commands,
+    view_command,
 )
 from saf_gen.cli._terminal import out, print_error
 from saf_gen.errors import SafGenError
@@ -43,6 +44,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "import": stream_commands.import_,
     "export": stream_commands.export,
     "inspect": stream_commands.inspect,
+    "view": view_command.view,
     "verify": dataset_commands.verify,
     "validate": validate_commands.validate,
     "bench": machine_commands.bench,
@@ -85,7 +87,9 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(("generate", "validate"), "what was done is kept: run the same command again to go on"),
-    **dict.fromkeys(("evaluate", "leaderboard", "tune", "score", "import", "export", "sensors"), NOTHING_WRITTEN),
+    **dict.fromkeys(
+        ("evaluate", "leaderboard", "tune", "score", "import", "export", "view", "sensors"), NOTHING_WRITTEN
+    ),
 }
 """What a stopped command leaves behind, for the commands that write files."""
 

@@ -1,11 +1,13 @@
-"""What a focus measure is given of a window of frames."""
+"""Where a focus measure looks, and what it is given of a window of frames."""
 
 from typing import Protocol
 
 import numpy as np
 
+from saf_gen.core.region import Region, target_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
+from saf_gen.stream.readable import ReadableStream
 
 
 class WindowSource(Protocol):
@@ -31,3 +33,11 @@ def measure_input(source: WindowSource, measure: object, *, first: int, stop: in
         )
     middle = first + (stop - first) // 2
     return np.stack([source.window(first, middle), source.window(middle, stop)])
+
+
+def choose_method_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
+    """Return the box of a region and its name; the box is None for the frame, also where there is no target."""
+    target = stream.truth.target
+    if region == "target" and target is not None and np.any(target):
+        return target_bounding_box(target), "target"
+    return None, "frame"

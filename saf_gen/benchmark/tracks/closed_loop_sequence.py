@@ -9,11 +9,12 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream_of_task, choose_method_region
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream_of_task
 from saf_gen.benchmark.view.captured_frames import rows_in_method_view
 from saf_gen.core.region import Region, validate_region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stream.measure_input import choose_method_region
 from saf_gen.stream.stream_file import SpikeStream
 
 

@@ -14,12 +14,12 @@ from saf_gen.benchmark.tracks.picture_grain import describe_picture_grain
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import (
     SequenceTask,
-    choose_method_region,
     describe_evaluated_sequence,
     measure_rate_of_evaluated_stream,
 )
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.parts import commands
+from saf_gen.stream.measure_input import choose_method_region
 from saf_gen.stream.stream_file import open_stream
 
 PATH_POINTS = 400

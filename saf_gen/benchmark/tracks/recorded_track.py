@@ -17,13 +17,13 @@ from saf_gen.benchmark.tracks.search_run import run_search
 from saf_gen.benchmark.tracks.sequence_tasks import (
     SequenceTask,
     check_stream_of_task,
-    choose_method_region,
     describe_evaluated_sequence,
     measure_rate_of_evaluated_stream,
 )
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
+from saf_gen.stream.measure_input import choose_method_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 

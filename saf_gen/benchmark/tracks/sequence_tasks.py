@@ -11,7 +11,6 @@ from saf_gen.benchmark.tracks.focus_location import locate_focus_in_recording, l
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.cores import describe_machine
-from saf_gen.core.region import Region, target_bounding_box
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
@@ -89,14 +88,6 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
 
 def _siblings(path: Path) -> list[str]:
     return [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-
-
-def choose_method_region(stream: SpikeStream, region: str) -> tuple[Region | None, str]:
-    """Return the box of a region and its name; the box is None for the frame, also where there is no target."""
-    target = stream.truth.target
-    if region == "target" and target is not None and np.any(target):
-        return target_bounding_box(target), "target"
-    return None, "frame"
 
 
 def check_stream_of_task(task: SequenceTask, stream: SpikeStream) -> None:

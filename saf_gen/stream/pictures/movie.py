@@ -1,0 +1,138 @@
+"""A recording as a moving picture, GIF or MP4: a picture with a cursor on the plots beside it."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont
+from PIL import Image, ImageDraw, ImageFont
+
+from saf_gen.core.extras import require_extra
+from saf_gen.core.figure_style import STYLE
+from saf_gen.core.region import Region
+from saf_gen.errors import BadInput
+from saf_gen.stream.pictures.panels import draw_panels, list_panels
+from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment
+from saf_gen.stream.pictures.windows import WindowPictures
+
+PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: width and height of plots, a line of text
+PICTURE, WIDEST = 400, 800  # pixels: a picture is at least and at most about so wide
+BOX, CURSOR, TEXT = (255, 216, 74), (0, 98, 163), (31, 35, 40)
+GREYS = 200  # of 256 colours of a GIF; the others are those of the plots
+
+
+class Screen:
+    """What stays while the picture changes, and where the picture and the cursors go.
+
+    ``size`` is (width, height) in pixels, both even, as video needs it.
+    """
+
+    def __init__(self, pictures: WindowPictures, timeline: Timeline, *, region: Region | None) -> None:
+        self._pictures, self._region = pictures, region
+        _, height, width = pictures.stream.shape
+        scale = -(-PICTURE // width) if width < PICTURE else min(1.0, WIDEST / width)
+        self._shown = round(width * scale), round(height * scale)
+        tall = max(self._shown[1] + LINE, PANEL * len(list_panels(timeline)) + LINE)
+        self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
+        style: dict[Any, Any] = {**STYLE, "figure.facecolor": "white"}
+        with matplotlib.rc_context(style):
+            inches = self.size[0] / DOTS_PER_INCH, self.size[1] / DOTS_PER_INCH
+            figure = Figure(figsize=inches, dpi=DOTS_PER_INCH, layout="constrained")
+            canvas = FigureCanvasAgg(figure)
+            halves: Any = figure.subfigures(1, 2, width_ratios=[self._shown[0], self.size[0] - self._shown[0]])
+            axes = draw_panels(halves[1], timeline)
+            canvas.draw()
+            self._background = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+            boxes = [ax.get_window_extent() for ax in axes]
+            self._rows = [(self.size[1] - round(b.y1), self.size[1] - round(b.y0)) for b in boxes]
+            ends = axes[0].transData.transform([(f, 0) for f in pictures.centres])[:, 0]
+        self._columns = np.clip(ends.round().astype(int), 0, self.size[0] - 2)
+        self._font = ImageFont.truetype(findfont(FontProperties(family="DejaVu Sans")), 12)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        """Yield the screen at each picture, uint8 (height, width, 3)."""
+        stream, window = self._pictures.stream, self._pictures.window
+        for number, grey in enumerate(self._pictures):
+            first = int(self._pictures.starts[number])
+            yield self._draw(grey, number, words=describe_moment(stream, first=first, window=window))
+
+    def _draw(self, grey: np.ndarray, number: int, *, words: str) -> np.ndarray:
+        out = self._background.copy()
+        larger = self._shown[0] > grey.shape[1]
+        how = Image.Resampling.NEAREST if larger else Image.Resampling.BOX
+        picture = Image.fromarray(grey).resize(self._shown, how)
+        out[: self._shown[1], : self._shown[0]] = np.asarray(picture)[:, :, None]
+        for top, bottom in self._rows:
+            out[top:bottom, self._columns[number] : self._columns[number] + 2] = CURSOR
+        canvas = Image.fromarray(out)
+        draw = ImageDraw.Draw(canvas)
+        if self._region is not None:
+            rows, columns = self._region
+            scale = self._shown[0] / grey.shape[1]
+            draw.rectangle(
+                [columns.start * scale, rows.start * scale, columns.stop * scale - 1, rows.stop * scale - 1],
+                outline=BOX,
+            )
+        draw.text((4, self._shown[1] + 5), self._fit(words), fill=TEXT, font=self._font)
+        return np.asarray(canvas)
+
+    def _fit(self, words: str) -> str:
+        """Return as many of the words, from the first, as fit below the picture."""
+        parts = words.split(SEPARATOR)
+        while len(parts) > 1 and self._font.getlength(SEPARATOR.join(parts)) > self._shown[0] - 4:
+            parts.pop()
+        return SEPARATOR.join(parts)
+
+
+def write_gif(screen: Screen, path: Path, *, fps: float) -> None:
+    """Write a screen as a GIF that repeats for ever; one palette serves all of it."""
+    frames = iter(screen)
+    first = Image.fromarray(next(frames))
+    colours = np.asarray(first.quantize(256 - GREYS).getpalette(), np.uint8).reshape(-1, 3)[: 256 - GREYS]
+    greys = np.repeat(np.linspace(0, 255, GREYS).round().astype(np.uint8)[:, None], 3, axis=1)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(np.concatenate([greys, colours]).tobytes())
+
+    def reduce(image: Image.Image) -> Image.Image:
+        return image.quantize(palette=palette, dither=Image.Dither.NONE)
+
+    reduce(first).save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=(reduce(Image.fromarray(frame)) for frame in frames),
+        duration=max(round(1000 / fps), 20),  # browsers slow down what is faster than 50 a second
+        loop=0,
+        optimize=False,
+    )
+
+
+def write_mp4(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
+    """Write frames uint8 (height, width, 3) as H.264 video; a frame is in memory at a time.
+
+    Raises BadInput where imageio-ffmpeg, which brings an encoder, is missing or fails.
+    """
+    require_extra("video", "imageio_ffmpeg", of="MP4")
+    import imageio_ffmpeg
+
+    writer = imageio_ffmpeg.write_frames(
+        str(path.absolute()),
+        size,
+        fps=fps,
+        codec="libx264",
+        quality=8,
+        macro_block_size=2,
+        ffmpeg_log_level="error",
+        output_params=["-f", "mp4", "-movflags", "+faststart"],
+    )
+    try:
+        writer.send(None)
+        for frame in frames:
+            writer.send(np.ascontiguousarray(frame))
+        writer.close()
+    except (OSError, RuntimeError) as error:
+        raise BadInput(f"the video cannot be written: {str(error).splitlines()[0]}", where=str(path)) from error

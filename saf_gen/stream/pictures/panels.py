@@ -1,0 +1,131 @@
+"""Lens, light and scores over the time of a view, one plot below the other: a plot for each that is known."""
+
+from collections.abc import Callable, Iterable, Mapping
+from math import isfinite
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, assign_styles, hide_spines
+from saf_gen.errors import BadInput
+from saf_gen.stream.pictures.timeline import Extremes, Timeline
+
+TICKS = [1, 2, 5, 10]
+Panel = Callable[[Axes, Timeline], None]
+
+
+def list_panels(timeline: Timeline) -> list[Panel]:
+    """Return what there is to draw. Raises BadInput for more measures than can be told apart."""
+    if len(timeline.scores) > MAX_MEASURES:
+        raise BadInput(f"{len(timeline.scores)} measures", allowed=f"at most {MAX_MEASURES} in one picture")
+    return [
+        *([_draw_lens] if timeline.lens is not None else []),
+        _draw_light,
+        *([_draw_scores] if timeline.scores else []),
+    ]
+
+
+def draw_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
+    """Draw all that is known, aligned, over the same frames; returns the axes from the top."""
+    panels = list_panels(timeline)
+    axes: list[Axes] = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0].tolist()
+    for ax, draw in zip(axes, panels, strict=True):
+        draw(ax, timeline)
+        ax.yaxis.set_label_coords(-0.13, 0.5)  # one line of labels, however wide the numbers are
+        ax.tick_params(length=2.5, pad=2)
+    axes[-1].set_xlim(timeline.first - 0.5, timeline.stop - 0.5)
+    axes[-1].set_xlabel("frame", labelpad=2)
+    axes[-1].xaxis.set_major_locator(MaxNLocator(5, steps=TICKS, integer=True))
+    axes[-1].xaxis.set_major_formatter(FuncFormatter(lambda frame, _: f"{frame:,.0f}"))
+    return axes
+
+
+def _draw_lens(axes: Axes, timeline: Timeline) -> None:
+    truth, (near, far) = timeline.truth, timeline.depth_of_focus
+    if truth is not None:
+        middle = (truth.low + truth.high) / 2
+        if isfinite(near):
+            axes.fill_between(truth.frames, middle + near, middle + far, color=BAND, alpha=0.6, lw=0)
+        axes.plot(truth.frames, middle, color=INK, lw=0.9, label="true focus, its depth of focus")
+    if timeline.lens is not None:
+        draw_extremes(axes, timeline.lens, style=PlotStyle("#0072b2", "-", "o"), label="lens")
+    axes.set_ylim(-0.03, 1.03)
+    axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
+    axes.set_ylabel("position")
+    hide_spines(axes, "top", "right")
+    _put_legend_above(axes)
+
+
+def _draw_light(axes: Axes, timeline: Timeline) -> None:
+    rate = axes.twinx() if timeline.gains else axes
+    width = np.diff(timeline.centres).min() if len(timeline.centres) > 1 else timeline.stop - timeline.first
+    centres = np.concatenate(([timeline.centres[0] - width / 2], timeline.centres, [timeline.centres[-1] + width / 2]))
+    shown = np.pad(timeline.rate, 1, mode="edge")
+    rate.fill_between(centres, shown, color=GREY, lw=0, step="mid", label="spikes per readout")
+    rate.set_ylim(0, 1.1 * timeline.rate.max() or 1)
+    rate.yaxis.set_major_locator(MaxNLocator(3, steps=TICKS))
+    hide_spines(rate, "top", "right" if rate is axes else "left")
+    if rate is axes:
+        axes.set_ylabel("spikes")
+    else:
+        rate.tick_params(length=2.5, pad=2, labelcolor=SOFT)
+        rate.spines["right"].set_visible(False)
+        axes.set_zorder(rate.get_zorder() + 1)
+        axes.patch.set_visible(False)
+        hide_spines(axes, "top", "right")
+        alike = _group_alike(timeline.gains)
+        for names, style in zip(alike, _styles(alike, after=1), strict=True):
+            draw_extremes(axes, timeline.gains[names.split(", ")[0]], style=style, label=f"gain of {names}")
+        axes.set_ylim(0, 1.1 * max(gain.high.max() for gain in timeline.gains.values()) or 1)
+        axes.yaxis.set_major_locator(MaxNLocator(3, steps=TICKS))
+        axes.set_ylabel("gain")
+    _put_legend_above(axes, rate)
+
+
+def _draw_scores(axes: Axes, timeline: Timeline) -> None:
+    """Draw scores, each over its own range; a score that is not finite leaves a gap."""
+    for (name, scores), style in zip(timeline.scores.items(), _styles(timeline.scores), strict=True):
+        known = scores[np.isfinite(scores)]
+        low, span = (known.min(), np.ptp(known)) if known.size else (0.0, 0.0)
+        shown = np.where(np.isfinite(scores), (scores - low) / (span or 1), np.nan)
+        axes.plot(timeline.centres, shown, color=style.colour, ls=style.dashes, lw=1.1, label=name)
+    axes.set_ylim(-0.03, 1.03)
+    axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
+    axes.set_ylabel("score")
+    hide_spines(axes, "top", "right")
+    _put_legend_above(axes)
+
+
+def draw_extremes(axes: Axes, values: Extremes, *, style: PlotStyle, label: str) -> None:
+    """Draw a quantity as a line, and as a band where it changes faster than the line can tell."""
+    axes.fill_between(values.frames, values.low, values.high, color=style.colour, alpha=0.3, lw=0)
+    axes.plot(values.frames, (values.low + values.high) / 2, color=style.colour, ls=style.dashes, lw=1.1, label=label)
+
+
+def _group_alike(gains: Mapping[str, Extremes]) -> list[str]:
+    """Return the names of light groups, those whose gains are the same joined by commas."""
+    alike: dict[bytes, list[str]] = {}
+    for name, gain in gains.items():
+        alike.setdefault(gain.low.tobytes() + gain.high.tobytes(), []).append(name)
+    return [", ".join(names) for names in alike.values()]
+
+
+def _styles(names: Iterable[str], *, after: int = 0) -> list[PlotStyle]:
+    given = [*map(str, range(after)), *names]
+    styles = assign_styles(given)
+    return [styles[name] for name in given[after:]]
+
+
+def _put_legend_above(*axes: Axes) -> None:
+    handles, labels = [], []
+    for one in axes:
+        for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
+            handles.append(handle)
+            labels.append(label)
+    legend = axes[0].legend(
+        handles, labels, loc="lower left", bbox_to_anchor=(0, 0.97), ncols=3, borderpad=0, borderaxespad=0.1,
+        handlelength=1.6, columnspacing=1.2, handletextpad=0.5,
+    )  # fmt: skip
+    legend.set_in_layout(True)

@@ -1,0 +1,124 @@
+"""Windows of a recording as pictures, read one at a time, so that memory does not grow with the recording."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from operator import index
+
+import numpy as np
+
+from saf_gen.core.display_tone import encode_gamma, find_white_level
+from saf_gen.core.region import validate_window
+from saf_gen.errors import BadInput, unknown
+from saf_gen.stream.interval_texture import texture_of_viewed_window
+from saf_gen.stream.readable import ReadableStream
+
+KINDS = {
+    "tfp": "Texture from playback: the spikes of each pixel in the window",
+    "tfi": "Texture from intervals: the rate by the one interval round the middle of the window",
+    "spikes": "The readout in the middle of the window, a spike white",
+}
+WINDOW = 100
+"""Frames in a window, unless told: the block of the methods."""
+WHITE_QUANTILE, WHITE_WINDOWS = 0.998, 12
+"""So many of the pixels are below white, in so many windows over the view; all pictures have the same white."""
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPictures:
+    """Pictures of windows of a recording, evenly spaced.
+
+    Attributes
+    ----------
+    stream : the open recording.
+    kind : a key of KINDS.
+    window : frames in a window.
+    starts : int64 (n,), the first frame of each window.
+    white : what is shown white, in counts per window.
+    """
+
+    stream: ReadableStream
+    kind: str
+    window: int
+    starts: np.ndarray
+    white: float
+
+    @property
+    def centres(self) -> np.ndarray:
+        """The middle of each window, frames, float64 (n,)."""
+        centres: np.ndarray = self.starts + (self.window - 1) / 2
+        return centres
+
+    def linear(self, number: int) -> np.ndarray:
+        """Return the light of a picture (H, W), in counts per window; spikes are 0 and 1."""
+        return _read_picture(self.stream, self.kind, first=int(self.starts[number]), window=self.window)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        """Yield the pictures as grey values for a screen, uint8 (H, W)."""
+        for number in range(len(self.starts)):
+            grey = encode_gamma(self.linear(number), self.white)
+            yield (255 * grey).round().astype(np.uint8)
+
+
+def choose_windows(
+    stream: ReadableStream,
+    *,
+    kind: str = "tfp",
+    window: int | None = None,
+    first: int = 0,
+    stop: int | None = None,
+    every: int | None = None,
+    count: int = 6,
+    most: int = 10_000,
+) -> WindowPictures:
+    """Return pictures of windows within frames ``first <= t < stop``.
+
+    Windows begin ``every`` so many frames; without it ``count`` of them are spread evenly over the view, or fewer where
+    they would begin in the same frames. ``window`` is 100 frames unless told, or the whole view if that is shorter.
+
+    Raises BadInput for an unknown kind, frames outside the recording, a window longer than the view, and more than
+    ``most`` pictures.
+    """
+    if kind not in KINDS:
+        raise unknown("kind of picture", kind, allowed=KINDS)
+    total = stream.shape[0]
+    span = validate_window(first, total if stop is None else stop, total=total, where=str(stream.path))
+    length = _at_least_one("window", min(WINDOW, len(span)) if window is None else window)
+    if length > len(span):
+        raise BadInput(
+            f"a window of {length} frames in a view of {len(span)}", allowed=f"1 to {len(span)}", hint="widen the view"
+        )
+    last = span.stop - length
+    if every is None:
+        starts = np.unique(np.linspace(span.start, last, max(count, 1)).astype(np.int64))
+    else:
+        starts = np.arange(span.start, last + 1, _at_least_one("every", every))
+    if len(starts) > most:
+        raise BadInput(
+            f"{len(starts)} pictures",
+            allowed=f"at most {most}",
+            hint=f"--every {-(-(last - span.start + 1) // most)}, or a shorter view",
+        )
+    shown = starts[np.unique(np.linspace(0, len(starts) - 1, WHITE_WINDOWS).astype(int))]
+    samples = (_read_picture(stream, kind, first=int(a), window=length) for a in shown)
+    white = 1.0 if kind == "spikes" else max(find_white_level(s, quantile=WHITE_QUANTILE) for s in samples)
+    return WindowPictures(stream, kind, length, starts, white)
+
+
+def _read_picture(stream: ReadableStream, kind: str, *, first: int, window: int) -> np.ndarray:
+    stop = first + window
+    if kind == "spikes":
+        middle = (first + stop - 1) // 2
+        return stream.frames(middle, middle + 1)[0]
+    if kind == "tfi":
+        return texture_of_viewed_window(stream.packed, stream.counts, first=first, stop=stop)
+    return stream.counts(first, stop)
+
+
+def _at_least_one(name: str, value: int) -> int:
+    try:
+        number = index(value)
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise BadInput(f"{name} is {value!r}", allowed="a whole number of frames, at least 1")
+    return number

@@ -1,0 +1,29 @@
+"""What an open stream offers to those who describe, draw or score it: they need not know how it is stored."""
+
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from saf_gen.core.region import Region
+from saf_gen.stream.metadata import Metadata, Truth
+
+
+class ReadableStream(Protocol):
+    """An open recording with what is known of it; :class:`saf_gen.stream.stream_file.SpikeStream` is one."""
+
+    path: Path
+    shape: tuple[int, int, int]
+    readout_hz: float
+    content_sha256: str
+    metadata: Metadata
+    truth: Truth
+    focus_position: np.ndarray | None
+    gain: np.ndarray | None
+    light_names: tuple[str, ...]
+
+    def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray: ...
+
+    def counts(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray: ...
+
+    def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray: ...

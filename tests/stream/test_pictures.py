@@ -1,0 +1,310 @@
+"""Views of a stream: the right windows, in each kind of file, with what is known drawn beside them."""
+
+import html
+import json
+import re
+import sys
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, NO_CHROMIUM, run_in_page
+from PIL import Image, ImageSequence
+from refusals import assert_says, refusal
+
+from saf_gen.benchmark.evaluate import score_blocks
+from saf_gen.stream.interval_texture import texture_of_viewed_window
+from saf_gen.stream.pictures import FORMS, write_view
+from saf_gen.stream.pictures.movie import CURSOR, Screen, write_mp4
+from saf_gen.stream.pictures.timeline import BINS, describe_moment, read_timeline
+from saf_gen.stream.pictures.windows import choose_windows
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
+
+FRAMES, ROWS, COLUMNS, FLASH = 1_200, 20, 32, 700
+BOX = (slice(5, 15), slice(8, 24))
+
+
+@pytest.fixture(scope="module")
+def stream(tmp_path_factory):
+    """Half the array under twice the light of the other, for one readout ten times as much; a sweep with its truth."""
+    rate = np.where(np.arange(COLUMNS) < COLUMNS // 2, 0.2, 0.4)
+    frames = np.random.default_rng(2).random((FRAMES, ROWS, COLUMNS)) < rate
+    gain = np.ones((FRAMES, 2), np.float32)
+    gain[FLASH, 0] = 10
+    target = np.zeros((ROWS, COLUMNS), bool)
+    target[BOX] = True
+    path = tmp_path_factory.mktemp("view") / "sweep.h5"
+    write_stream(
+        path,
+        frames,
+        focus_position=(np.arange(FRAMES) + 0.5) / FRAMES,
+        gain=gain,
+        light_names=("lamp", "room"),
+        truth={"position": 0.4, "depth_of_focus": (0.35, 0.45), "frame": 479.5, "target": target},
+    )
+    with open_stream(path) as opened:
+        yield opened
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """A stream of which nothing else is known."""
+    write_stream(tmp_path / "bare.h5", np.ones((40, 6, 10), np.uint8))
+    with open_stream(tmp_path / "bare.h5") as opened:
+        yield opened
+
+
+def test_pictures_are_counts_textures_or_one_readout_of_evenly_spaced_windows(stream):
+    counts = choose_windows(stream, first=100, stop=700, window=50, count=4)
+    assert counts.starts.tolist() == [100, 283, 466, 650]
+    assert counts.centres[0] == 124.5
+    assert np.array_equal(counts.linear(1), stream.counts(283, 333))
+    textures = choose_windows(stream, kind="tfi", window=50, every=400)
+    assert textures.starts.tolist() == [0, 400, 800]
+    assert np.array_equal(
+        textures.linear(2), texture_of_viewed_window(stream.packed, stream.counts, first=800, stop=850)
+    )
+    spikes = choose_windows(stream, kind="spikes", window=51, count=1)
+    assert np.array_equal(list(spikes), 255 * stream.frames(25, 26))
+
+
+def test_half_the_light_is_as_dark_in_every_picture(stream):
+    """Counts of 20 and 40 in 100 frames: the ratio of grey values is that of light to the power of 1/2.2."""
+    for picture in choose_windows(stream, count=3):
+        dark, bright = picture[:, :16].mean(), picture[:, 16:].mean()
+        assert dark / bright == pytest.approx(0.5 ** (1 / 2.2), abs=0.02)
+
+
+def test_a_long_recording_is_read_window_by_window(stream):
+    """A view of 1,200 frames asks for a window at a time, and for no more windows than it draws and scores."""
+
+    class Watched:
+        asked: list[tuple[int, int]] = []  # noqa: RUF012 - one object
+
+        def __getattr__(self, name):
+            return getattr(stream, name)
+
+        def counts(self, first, stop, *, region=None):
+            self.asked.append((first, stop))
+            return stream.counts(first, stop, region=region)
+
+    watched = Watched()
+    pictures = list(choose_windows(watched, window=20, count=30))
+    read_timeline(watched, first=0, stop=FRAMES, window=20, measures=["sd"])
+    assert len(pictures) == 30
+    assert {stop - first for first, stop in watched.asked} == {20}
+    assert len(watched.asked) == 12 + 30 + 2 * 60
+
+
+def test_scores_beside_pictures_are_those_of_the_methods(stream):
+    for measure in ("sd", "sd_debiased", "tenengrad_tfi", "sd_calibrated"):
+        timeline = read_timeline(stream, first=0, stop=FRAMES, window=100, measures=[measure], region=BOX)
+        first, scores = score_blocks(stream, measure, window=100, region="target")
+        assert timeline.centres.tolist() == (first + 49.5).tolist()
+        assert timeline.scores[measure].tolist() == scores.tolist()
+
+
+def test_a_flash_of_one_readout_is_drawn_however_long_the_view(stream):
+    timeline = read_timeline(stream, first=0, stop=FRAMES, window=100)
+    lamp = timeline.gains["lamp"]
+    assert len(lamp.frames) == BINS < FRAMES
+    assert (lamp.low.max(), lamp.high.max()) == (1, 10)
+    assert abs(lamp.frames[lamp.high.argmax()] - FLASH) <= 1.5
+    assert timeline.rate == pytest.approx(0.3, abs=0.01)
+    assert timeline.truth.low == pytest.approx(0.4)
+    assert timeline.depth_of_focus == pytest.approx((-0.05, 0.05))
+
+
+def test_a_moment_is_told_in_words(stream, bare):
+    # Frames 540 to 639: the lens is at 590/1,200, which is 0.0917 travels or 0.9 depths of focus from 0.4.
+    assert describe_moment(stream, first=540, window=100) == "frames 540–639 · lens 0.492 · +0.9 DoF · from 27.0 ms"
+    assert describe_moment(bare, first=3, window=1) == "frame 3 · from 0.1 ms"
+
+
+def test_each_kind_of_figure_is_one_column_wide_and_the_same_again(stream, tmp_path):
+    for name in ("a.png", "b.png", "a.svg", "b.svg", "a.pdf"):
+        write_view(stream, tmp_path / name, measures=["sd", "variance"], window=50, every=575)
+    for form in ("png", "svg"):
+        assert (tmp_path / f"a.{form}").read_bytes() == (tmp_path / f"b.{form}").read_bytes()
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.size[0] == 3.5 * 300
+    pdf = (tmp_path / "a.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF")
+    assert b"CreationDate" not in pdf
+    svg = (tmp_path / "a.svg").read_text()
+    for words in (
+        "lens",
+        "gain of lamp",
+        "gain of room",
+        "sd",
+        "variance",
+        "spikes per readout",
+        "frame 24, lens 0.02",
+    ):
+        assert f">{words}<" in svg
+
+
+def test_what_is_not_known_leaves_no_empty_plot(bare, stream, tmp_path):
+    def draw(opened):
+        write_view(opened, tmp_path / "a.svg", window=20)
+        return (tmp_path / "a.svg").read_text()
+
+    known, unknown = draw(stream), draw(bare)
+    assert ">position<" in known
+    assert ">position<" not in unknown
+    assert ">spikes per readout<" in unknown
+    heights = [float(re.search(r'height="([\d.]+)pt', svg)[1]) for svg in (known, unknown)]
+    assert heights[0] - heights[1] > 0.6 * 72
+
+
+def test_a_gif_has_a_frame_for_each_picture_and_the_rate_asked_for(stream, tmp_path):
+    write_view(stream, tmp_path / "a.gif", every=100, fps=8, measures=["sd"])
+    with Image.open(tmp_path / "a.gif") as image:
+        assert image.n_frames == 12
+        assert {frame.info["duration"] for frame in ImageSequence.Iterator(image)} == {120}  # hundredths of a second
+        image.seek(5)
+        whole = np.asarray(image.convert("RGB"), int)
+    pictures = choose_windows(stream, every=100)
+    expected = np.kron(list(pictures)[5], np.ones((13, 13)))[:240, :300]
+    # Beside the box; a GIF has 200 greys here, and Pillow takes one that is near, not always the nearest.
+    assert np.abs(whole[:240, :300].mean(axis=2) - expected)[:60, :100].max() <= 4
+
+
+def test_the_cursor_goes_as_frames_go(stream):
+    pictures = choose_windows(stream, window=100, count=5)
+    screen = Screen(pictures, read_timeline(stream, first=0, stop=FRAMES, window=100), region=None)
+    assert screen.size[0] % 2 == screen.size[1] % 2 == 0
+    seen = []
+    for image in screen:
+        assert image.shape == (screen.size[1], screen.size[0], 3)
+        seen.append(np.flatnonzero((image == CURSOR).all(axis=2).sum(axis=0) > 50).min())
+    steps = np.diff(seen) / np.diff(pictures.centres)
+    assert steps == pytest.approx(steps.mean(), rel=0.02)
+
+
+@pytest.fixture
+def encoder(monkeypatch):
+    """Stands for imageio-ffmpeg, which need not be installed: keeps what it is given."""
+    fake = ModuleType("imageio_ffmpeg")
+    fake.__spec__ = ModuleSpec("imageio_ffmpeg", None)
+    fake.frames = []
+
+    def write_frames(path, size, **options):
+        fake.options = {"size": size, **options}
+        with Path(path).open("wb") as file:
+            while True:
+                fake.frames.append((yield))
+                file.write(b"frame")
+
+    fake.write_frames = write_frames
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", fake)
+    return fake
+
+
+def test_a_video_is_given_each_screen_once(stream, tmp_path, encoder):
+    write_view(stream, tmp_path / "a.mp4", every=200, fps=25)
+    assert len(encoder.frames) == 6
+    assert encoder.options["fps"] == 25
+    assert {frame.shape[:2] for frame in encoder.frames} == {encoder.options["size"][::-1]}
+    assert (tmp_path / "a.mp4").read_bytes() == b"frame" * 6
+
+
+def test_a_video_that_fails_leaves_nothing(stream, tmp_path, encoder, monkeypatch):
+    def fail(path, size, **options):
+        yield
+        raise OSError("broken pipe\nand a log")
+
+    encoder.write_frames = fail
+    error = refusal(write_view, stream, tmp_path / "a.mp4")
+    assert error.problem == "the video cannot be written: broken pipe"
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    assert refusal(write_mp4, [], tmp_path / "a.mp4", size=(2, 2), fps=1).hint == "pip install 'saf-gen[video]'"
+
+
+def test_a_page_stands_alone_and_holds_every_picture(stream, tmp_path):
+    for kind, media_type in (("tfp", "image/jpeg"), ("spikes", "image/png")):
+        write_view(stream, tmp_path / "index.html", kind=kind, every=100, measures=["sd"])
+        page = (tmp_path / "index.html").read_text(encoding="utf-8")
+        assert not re.search(r"(src|href)=\"(?!data:|#)", page)
+        assert f'src="data:{media_type};base64,' in page
+        play = json.loads(html.unescape(re.search(r'data-play="([^"]+)"', page)[1]))
+        assert len(play["words"]) == len(play["x"]) == 12
+        assert np.diff(play["x"]) == pytest.approx(np.diff(play["x"])[0], abs=1e-3)
+        assert 'max="11"' in page
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)
+def test_a_page_is_scrubbed_by_keys_and_by_the_plots(stream, tmp_path):
+    write_view(stream, tmp_path / "index.html", every=100, measures=["sd"])
+    script = """
+    const told = page.querySelector("output"), slider = page.querySelector("input"), plot = page.querySelector(".plot");
+    const at = () => [told.value.split(" ")[1], slider.value, page.querySelector(".cursor").style.left];
+    const key = (name) => page.dispatchEvent(new window.KeyboardEvent("keydown", { key: name }));
+    const seen = [at()];
+    key("ArrowRight"); seen.push(at());
+    key("ArrowLeft"); key("ArrowLeft"); seen.push(at());
+    const box = plot.getBoundingClientRect();
+    plot.dispatchEvent(new window.PointerEvent("pointermove", { pointerType: "mouse", clientX: box.right }));
+    seen.push(at());
+    key(" "); const playing = page.querySelector("button").textContent; key(" ");
+    return { seen, playing, wide: page.documentElement.scrollWidth, ratio: page.querySelector(".view").offsetWidth };
+    """
+    answer = run_in_page(tmp_path, script, profile=tmp_path / "profile", width=390)
+    # It begins nearest to the focus, at frame 479.5.
+    assert [moment[1] for moment in answer["seen"]] == ["4", "5", "3", "11"]
+    assert [moment[0] for moment in answer["seen"]] == ["400–499", "500–599", "300–399", "1,100–1,199"]
+    assert answer["playing"] == "Stop"
+    assert answer["wide"] <= 390
+    assert answer["ratio"] >= 350
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"name": "a.txt"}, "unknown kind of file '.txt' | .gif, .html, .mp4, .pdf, .png, .svg"),
+        ({"name": "a.pngg"}, "did you mean '.png'?"),
+        ({"kind": "tfq"}, "unknown kind of picture 'tfq' | did you mean"),
+        ({"first": 1_200}, "frames 1200 to 1200 were asked for"),
+        ({"window": 101, "stop": 100}, "a window of 101 frames in a view of 100 | allowed: 1 to 100"),
+        ({"window": 0}, "window is 0"),
+        ({"every": 0}, "every is 0"),
+        ({"every": 1}, "1101 pictures | at most 48 | --every 23"),
+        ({"measures": ["sdd"]}, "unknown focus measure 'sdd' | did you mean 'sd'?"),
+        ({"measures": ["sd_debiased"], "window": 1}, "has no halves"),
+        ({"region": "box"}, "unknown region 'box'"),
+        ({"fps": 0.0}, "0 pictures per second"),
+        ({"measures": ["sd", "cen", "sd_n", "entropy"] * 3}, "sd_n"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_line_and_nothing_is_written(stream, tmp_path, options, says):
+    name = options.pop("name", "a.png")
+    assert_says(refusal(write_view, stream, tmp_path / name, **options), says)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_hint_of_too_many_pictures_leads_to_few_enough(stream, tmp_path):
+    write_view(stream, tmp_path / "a.gif", every=-(-1_101 // FORMS["gif"].most), window=100)
+    with Image.open(tmp_path / "a.gif") as image:
+        assert 200 < image.n_frames <= 300
+
+
+def test_more_measures_than_can_be_told_apart_are_refused(stream, tmp_path):
+    names = ["sd", "variance", "brenner", "entropy", "tenengrad", "er_count", "er_sumsq", "vollath_f4", "vollath_f5"]
+    assert_says(refusal(write_view, stream, tmp_path / "a.png", measures=names), "9 measures | at most 8")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_draws_what_its_options_say(stream, tmp_path, call):
+    code, said, err = call(
+        "view", stream.path, "--as", "tfi", "--window", 60, "--from", 200, "--to", 800, "--every", 100,
+        "--measure", "sd", "--measure", "sd_tfi", "--region", "frame", "--out", tmp_path / "a.png",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert said == f"6 pictures of 60 frames each in {tmp_path / 'a.png'}\n"
+    code, _, err = call("view", tmp_path / "none.h5", "--out", tmp_path / "b.png")
+    assert (code, "there is no such file" in err) == (2, True)
