@@ -10,7 +10,7 @@ KERNELS := $(VENV)/.kernels
 
 .PHONY: help install demo test test-fast test-long lint checked clean
 help:
-	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (about a minute)"
+	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (half a minute, after a minute of set-up)"
 	@echo "make test       linters, types and every test (about seven minutes on two cores)"
 	@echo "make test-fast  linters, types and the short tests (under two minutes)"
 	@echo "make test-long  a tenth of the paper's grid at full size, planted faults, checks (half an hour more)"

@@ -28,6 +28,7 @@ from saf_gen.cli import (
     validate_commands,
     view_command,
 )
+from saf_gen.cli._examples import help_ending
 from saf_gen.cli._terminal import out, print_error
 from saf_gen.errors import SafGenError
 
@@ -114,6 +115,7 @@ def _hide_type_of_flags(params: list[Any]) -> list[Any]:
 
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
+    epilog=help_ending(""),
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -138,10 +140,11 @@ def _options(*, version: Version = False) -> None:
 
 
 for name, command in COMMANDS.items():
-    app.command(name, cls=_Command)(command)
+    app.command(name, cls=_Command, epilog=help_ending(name))(command)
 for group, (words, commands) in GROUPS.items():
     under = typer.Typer(
         help=words,
+        epilog=help_ending(group),
         no_args_is_help=group not in GROUP_DEFAULTS,
         invoke_without_command=group in GROUP_DEFAULTS,
         cls=_Group,
@@ -149,7 +152,7 @@ for group, (words, commands) in GROUPS.items():
     if group in GROUP_DEFAULTS:
         under.callback()(GROUP_DEFAULTS[group])
     for name, command in commands.items():
-        under.command(name, cls=_Command)(command)
+        under.command(name, cls=_Command, epilog=help_ending(f"{group} {name}"))(command)
     app.add_typer(under, name=group)
 
 
@@ -170,9 +173,9 @@ def main(argv: list[str] | None = None) -> NoReturn:
     except SafGenError as error:
         code = print_error(str(error), error.exit_code)
     except typer.TyperException as error:
-        message = error.format_message()  # empty if typer showed the help instead
+        message = error.format_message()  # empty if typer showed the help instead, of a group without a command
         at = getattr(getattr(error, "ctx", None), "command_path", "saf-gen")
-        code = print_error(f"{message.removesuffix('.')}; see: {at} --help", 2) if message else 2
+        code = print_error(f"{message.removesuffix('.')}; see: {at} --help", 2) if message else 0
     except (SystemExit, BrokenPipeError):  # typer exits so when a pipe closes early, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes on exit
         code = 0

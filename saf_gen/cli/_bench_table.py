@@ -4,27 +4,26 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from rich import box
-from rich.table import Table
+from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._terminal import out
 
 if TYPE_CHECKING:
     from saf_gen.acceptance.speed import BenchFigure
 
-WIDTH = 100
-"""Columns that tables have room in."""
+MARKS = {True: "yes", False: "no", None: ""}
 
 
-def make_figure_table(figures: "Iterable[BenchFigure]") -> Table:
-    """Return a table of figures, a line each."""
-    table = Table("bench", "what", "measured", "unit", "target", "met")
-    marks = {True: "yes", False: "no", None: ""}
-    for f in figures:
-        table.add_row(f.bench, f.what, _with_interval(f), f.unit, _target(f), marks[f.met])
-    return table
+def print_figures(figures: "Iterable[BenchFigure]") -> None:
+    """Print a table of figures, a line each."""
+    columns = [TableColumn("bench"), *(TableColumn(name, folds=True) for name in ("what", "measured", "unit"))]
+    print_table(
+        [*columns, TableColumn("target"), TableColumn("met")],
+        [(f.bench, f.what, _with_interval(f), f.unit, _target(f), MARKS[f.met]) for f in figures],
+    )
 
 
-def make_scene_table(scene: str, figures: "Iterable[BenchFigure]") -> tuple[Table, list[str]]:
-    """Return the grain of a scene as a table of a row per place, and a line for each figure that has no cell in it."""
+def print_scene_grain(scene: str, figures: "Iterable[BenchFigure]") -> None:
+    """Print the grain of a scene as a table of a row per place, and a line for each figure that has no cell in it."""
     cells: dict[tuple[str, str], BenchFigure] = {}
     lines = []
     for f in figures:
@@ -34,16 +33,21 @@ def make_scene_table(scene: str, figures: "Iterable[BenchFigure]") -> tuple[Tabl
             target = f", target {_target(f)}" if _target(f) else ""
             lines.append(f"{f.what}: {_with_interval(f)} {f.unit}{target}")
     columns = list(dict.fromkeys(column for _, column in cells))
+    rows = []
+    for place in dict.fromkeys(row for row, _ in cells):
+        found = [cells.get((place, column)) for column in columns]
+        rows.append((place, *("" if f is None else _format_cell(f) for f in found)))
+    print_table(
+        [TableColumn("place"), *(TableColumn(name, folds=True, detail=1, justify="right") for name in columns)],
+        rows,
+        title=f"{scene}: grain in %, each figure above its interval",
+        elsewhere="--json has them",
+    )
     missed = sorted({f"{f.target:g} % in {column}" for (_, column), f in cells.items() if f.met is False})
-    caption = f"! is above its goal: {', '.join(missed)}" if missed else None
-    title = f"{scene}: grain in %, each figure above its interval"
-    table = Table("", title=title, caption=caption, box=box.SIMPLE_HEAD, width=WIDTH)
-    for column in columns:
-        table.add_column(column, justify="right", no_wrap=True)
-    for row in dict.fromkeys(row for row, _ in cells):
-        found = [cells.get((row, column)) for column in columns]
-        table.add_row(row, *("" if f is None else _format_cell(f) for f in found))
-    return table, lines
+    if missed:
+        out.print(f"! is above its goal: {', '.join(missed)}")
+    for line in lines:
+        out.print(line)
 
 
 def _target(figure: "BenchFigure") -> str:

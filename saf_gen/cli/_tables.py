@@ -113,6 +113,6 @@ def _build(
 
 def _least_width(texts: Sequence[str], *, folds: bool) -> int:
     """Return the characters that a column must have: its longest word, where texts are folded, or its longest text."""
-    longest = max(map(cell_len, texts))
+    longest = max(cell_len(line) for text in texts for line in text.splitlines() or [""])
     words = (word for text in texts for word in text.split())
     return max(min(PROSE_WIDTH, longest), *map(cell_len, words), 0) if folds else longest

@@ -10,7 +10,7 @@ import typer
 from rich.progress import TaskID
 
 import saf_gen
-from saf_gen.cli._bench_table import WIDTH, make_figure_table, make_scene_table
+from saf_gen.cli._bench_table import print_figures, print_scene_grain
 from saf_gen.cli._tables import TableColumn, print_table
 from saf_gen.cli._terminal import AsJson, err, out, print_error, progress_bars
 from saf_gen.errors import BadInput
@@ -55,8 +55,7 @@ def bench(
             figures = [f for f in scene.found if isinstance(f, BenchFigure)]
             if figures and not as_json:
                 shown.extend(figures)
-                table, lines = make_scene_table(scene.scene, figures)
-                out.print(table, *lines, sep="\n")
+                print_scene_grain(scene.scene, figures)
             seconds = scene.seconds_left
             left = f", about {seconds / 60:.0f} min left" if seconds else ""
             err.print(f"grain: {scene.scene} is done, {scene.number} of {scene.count}{left}")
@@ -67,7 +66,7 @@ def bench(
         figures = [_finite({**asdict(figure), "met": figure.met}) for figure in results.figures]
         out.file.write(json.dumps(figures, indent=1, ensure_ascii=False) + "\n")
     elif results.figures:
-        out.print(make_figure_table(f for f in results.figures if f not in shown), width=min(out.width, WIDTH))
+        print_figures(f for f in results.figures if f not in shown)
     for remark in results.remarks:
         err.print(remark)
     for name, problem in results.failed.items():

@@ -40,6 +40,7 @@ STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound of what a stream takes on di
 # stored and verified per second; seconds to load a scene, for each light group of each stack; seconds to sum
 # and store one pixel at one focus position.
 PATHS_PER_S, PIXEL_FRAMES_PER_S, LOAD_S, PLANE_S_PER_PIXEL = 2.5e6, 0.7e9, 0.3, 8e-8
+START_S = 15.0  # processes, kernels, contact sheets: quickstart takes 25 s on two cores, of which its work is 9
 FILTERED_TIME = 1.8  # of a sample by the filtered estimator over a plain one; 1.2 in most slices, 3.5 through stains
 
 
@@ -177,7 +178,8 @@ class ResolvedRecipe:
             return len(s.groups) * (LOAD_S + pixels * (s.samples * sample + s.rendered_count * PLANE_S_PER_PIXEL))
 
         rendering = sum(map(render_seconds, self._missing_stacks(folder, keep_slices)))
-        return rendering + self._missing_pixel_frames(folder) / PIXEL_FRAMES_PER_S
+        working = rendering + self._missing_pixel_frames(folder) / PIXEL_FRAMES_PER_S
+        return START_S + working if working else 0.0
 
     def _missing_stacks(self, folder: Path, keep_slices: str) -> set[StackSpec]:
         stacks = folder / "stacks"

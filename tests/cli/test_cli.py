@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -14,11 +15,13 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+import typer
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, read_method_list
-from saf_gen.cli import _terminal
+from saf_gen.cli import _terminal, app
+from saf_gen.cli._examples import EXAMPLES
 from saf_gen.core.files import write_atomically
 from saf_gen.render import backend
 from saf_gen.stream.manifest import read_manifest, write_manifest
@@ -130,7 +133,14 @@ def test_a_dry_run_says_what_would_be_made_and_writes_nothing(call, small_recipe
     assert out.count("400") == 3
     assert "focal stacks to render: plane" in out
     assert "disk still needed" in out
+    assert "time: about 16 s on two cores" in out, "what is small takes its start"
     assert not (tmp_path / "ds").exists()
+
+
+def test_a_dry_run_of_what_is_there_takes_no_time(call, dataset, test_scenes):
+    out = call("generate", dataset.parent / "small.yaml", "--out", dataset, "--dry-run")[1]
+    assert "focal stacks to render: none, all are there" in out
+    assert "time: about 0 s on two cores" in out
 
 
 def test_a_dry_run_of_a_split_lists_its_sequences_only(call, tmp_path):
@@ -404,10 +414,43 @@ def test_help_lists_the_commands(call):
         assert f" {command} " in out
 
 
-def test_no_command_at_all_shows_the_help_and_no_empty_error(call):
-    _, out, err = call()
-    assert "Usage" in out + err
-    assert "saf-gen: ;" not in err
+@pytest.mark.parametrize("words", [[], ["scenes"], ["recipes"]])
+def test_no_command_at_all_shows_the_help_and_is_no_error(call, words):
+    code, out, err = call(*words)
+    assert (code, err) == (0, "")
+    assert f"Usage: {' '.join(['saf-gen', *words])} " in out
+
+
+def every_command(command=None, words=()):
+    """Each command and group of the command line, with the words that call it."""
+    command = command or typer.main.get_command(app)
+    yield list(words), command
+    for name, below in getattr(command, "commands", {}).items():
+        yield from every_command(below, (*words, name))
+
+
+EVERY_COMMAND = [pytest.param(*found, id=" ".join(found[0]) or "saf-gen") for found in every_command()]
+
+
+@pytest.mark.parametrize(("words", "command"), EVERY_COMMAND)
+def test_every_help_ends_with_examples_that_its_command_takes(call, monkeypatch, words, command):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = call(*words, "--help")
+    lines = [line.strip() for line in out.rsplit("Examples:", 1)[1].splitlines() if line.strip()]
+    assert (code, "<bool>" in out, "…" in out) == (0, False, False)
+    assert max(map(len, out.splitlines())) <= 80
+    assert lines
+    for line in lines:
+        program, *rest = shlex.split(line)
+        assert (program, rest[: len(words)]) == ("saf-gen", words)
+        below, shown = command, rest[len(words) :]
+        while hasattr(below, "commands") and shown and shown[0] in below.commands:
+            below = below.commands[shown.pop(0)]
+        below.make_context(line, shown)  # raises for an option, argument or value that the command does not take
+
+
+def test_every_example_is_of_a_command():
+    assert set(EXAMPLES) <= {" ".join(words) for words, _ in every_command()}
 
 
 def test_a_name_with_brackets_is_a_name_and_no_markup(call, dataset, tmp_path):

@@ -1,0 +1,53 @@
+"""Examples that the help of each command ends with; every command has one, and a test parses them all."""
+
+EXAMPLES = {
+    "": ("generate quickstart", "evaluate datasets/quickstart", "scenes list", "methods show sd"),
+    "generate": (
+        "generate quickstart",
+        "generate recipes/sad_synthetic.yaml --dry-run",
+        "generate my_recipe.yaml --out datasets/mine --workers 2",
+    ),
+    "evaluate": (
+        "evaluate datasets/quickstart",
+        "evaluate recording.h5 --method sd_code+sgfs_code:dt=50 --out judged",
+        "evaluate datasets/quickstart --track closed_loop --budget 100",
+        "evaluate datasets/quickstart --predictions answers.jsonl",
+    ),
+    "leaderboard": ("leaderboard mine/evaluation other/evaluation --out merged",),
+    "tune": ("tune mine --method sd+sgfs_code --try search.dt=25,50 --out best.json",),
+    "score": ("score recording.h5 --measure sd --window 100 --out curve.csv",),
+    "import": (
+        "import camera.dat --out recording.h5",
+        "import camera.dat --out recording.h5 --focus lens.csv --truth 0.42",
+    ),
+    "export": ("export recording.h5 --out frames.dat --for spikecv",),
+    "inspect": ("inspect recording.h5", "inspect recording.h5 --json"),
+    "verify": ("verify datasets/quickstart",),
+    "validate": ("validate --quick --only noise", "validate --out docs"),
+    "bench": ("bench stream", "bench grain --scene fan --out grain"),
+    "doctor": ("doctor", "doctor --json"),
+    "scenes list": ("scenes list", "scenes list --json"),
+    "scenes new": ("scenes new my_scene", "scenes new my_scene --from exported/scene.xml"),
+    "scenes check": ("scenes check my_scene", "scenes check camel fan --json"),
+    "scenes preview": ("scenes preview my_scene --out sheet.png",),
+    "scenes gallery": ("scenes gallery my_scene --out gallery",),
+    "dataset index": ("dataset index recordings",),
+    "recipes list": ("recipes list",),
+    "recipes check": ("recipes check my_recipe.yaml",),
+    "sensors list": ("sensors list",),
+    "sensors show": ("sensors show vidar_400x250",),
+    "sensors check": ("sensors check my_camera.yaml",),
+    "sensors compare": ("sensors compare recording.h5 vidar_400x250", "sensors compare --published vidar_400x250"),
+    "sensors fit": ("sensors fit dim.h5 bright.h5 --dark dark.h5 --name my_camera",),
+    "methods": ("methods", "methods --json"),
+    "methods show": ("methods show sd", "methods show sd_code+sgfs_code:dt=50"),
+    "methods check": ("methods check sd+argmax",),
+}
+"""By command, without the word saf-gen; "" stands for the program itself."""
+
+
+def help_ending(command: str) -> str:
+    """Return the examples of a command, or of the commands of a group, as the end of its help."""
+    lines = list(EXAMPLES.get(command, ()))
+    lines += [found[0] for name, found in EXAMPLES.items() if command and name.startswith(f"{command} ")]
+    return "\n".join(["Examples:", *(f"  saf-gen {line}" for line in lines)])
