@@ -101,10 +101,15 @@ def index(
 
 
 def inspect(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
-    """Describe a stream: size, light, true focus, and how it was made."""
-    from saf_gen.stream.inspection import describe_stream_file
+    """Describe a stream: what is in it (length, rates, light, lens, true focus), and how it was made."""
+    from saf_gen.stream.description import describe_content, describe_making
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
-        facts = describe_stream_file(opened)
-    print_table([TableColumn(""), TableColumn("", folds=True)], facts.items(), title=str(stream), as_json=as_json)
+        content, making = describe_content(opened), describe_making(opened)
+    columns = TableColumn(""), TableColumn("", folds=True)
+    if as_json:
+        print_table(columns, [*content.items(), *making.items()], as_json=True)
+        return
+    print_table(columns, content.items(), title=str(stream))
+    print_table(columns, making.items(), title="how it was made")

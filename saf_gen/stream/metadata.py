@@ -11,6 +11,7 @@ import hashlib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,22 @@ class Truth:
     def known(self) -> bool:
         """Whether the position of best focus is known."""
         return math.isfinite(self.position)
+
+    def __repr__(self) -> str:
+        return f"Truth({', '.join(f'{name}={text}' for name, text in self._known_fields().items())})"
+
+    def _repr_html_(self) -> str:
+        """Return what is known as a table for a notebook."""
+        rows = "".join(
+            f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in self._known_fields().items()
+        )
+        return f"<table>{rows}</table>"
+
+    def _known_fields(self) -> dict[str, str]:
+        """Return numbers as they are, and of arrays what they are: 100,000 depths say nothing on a screen."""
+        held = {field.name: getattr(self, field.name) for field in fields(self)}
+        known = {n: v for n, v in held.items() if v is not None and not np.isnan(np.asarray(v, float)).all()}
+        return {n: f"{v.dtype} {v.shape}" if isinstance(v, np.ndarray) else repr(v) for n, v in known.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,6 +137,19 @@ class SpikeStream:
         if self._process != os.getpid() and self._file:
             self.__dict__.update(open_stream(self.path, threads=self._threads).__dict__)
 
+    def __repr__(self) -> str:
+        frames, rows, columns = self.shape
+        focus = f"true focus {self.truth.position:.3f}" if self.truth.known else "true focus unknown"
+        state = "" if self._file else ", closed"
+        size = f"{frames} frames of {columns}×{rows} at {self.readout_hz:g} Hz"
+        return f"<SpikeStream {self.path.name}: {size}, {focus}{state}>"
+
+    def _repr_html_(self) -> str | None:
+        """Return pictures and facts for a notebook; None, so that the text is shown, once the stream is closed."""
+        from saf_gen.stream.pictures.notebook import format_stream_as_html
+
+        return format_stream_as_html(self) if self._file else None
+
     def __enter__(self) -> Self:
         return self
 

@@ -23,7 +23,7 @@ from saf_gen.lights import light_group_gains
 from saf_gen.render import backend
 from saf_gen.stack.exr import read_planes
 from saf_gen.stack.focal_stack import StackStore
-from saf_gen.stream.inspection import describe_stream_file
+from saf_gen.stream.description import describe_stream_file
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.recorded_grain import read_recorded_grain
 

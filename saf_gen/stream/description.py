@@ -1,0 +1,140 @@
+"""What is in a stream, in words, and how it was made."""
+
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saf_gen.core.focus_crossings import find_focus_crossings
+from saf_gen.stream.readable import ReadableStream
+from saf_gen.stream.recorded_grain import read_recorded_grain
+
+RATE_BLOCKS = 50
+"""Parts of a recording whose mean rates are compared, at most."""
+
+
+def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict[str, str]:
+    """Return what is in a stream as text, by name: length, rates, light, lens, truth.
+
+    Without the rates no spike is read, with them all are.
+    """
+    frames, rows, columns = stream.shape
+    planned = _read_json(stream, "sequence")
+    facts = {"scene": f"{planned['scene']}, {planned['scene_motion']}"} if "scene" in planned else {}
+    facts |= {
+        "pixels": f"{columns}×{rows}",
+        "frames": f"{frames} at {stream.readout_hz:g} Hz ({frames / stream.readout_hz:g} s)",
+        **(_describe_rates(stream) if with_rates else {}),
+    }
+    if "light" in planned:
+        facts["light"] = str(planned["light"])
+    if stream.gain is not None:
+        names = stream.light_names or [f"{n + 1}" for n in range(stream.gain.shape[1])]
+        for name, gain in zip(names, stream.gain.T, strict=True):
+            facts[f"light {name}"] = f"gain {gain.min():.3g} to {gain.max():.3g}"
+    if isinstance(planned.get("motion"), dict):
+        facts["lens motion"] = str(planned["motion"].get("kind", ""))
+    facts["focus"] = _describe_range(stream.focus_position, "of the travel")
+    facts["object in focus"] = _describe_range(stream.metadata.object_distance, "m")
+    truth = stream.truth
+    facts["true focus"] = "unknown"
+    if truth.known:
+        facts["true focus"] = f"{truth.position:.5f} of the travel, {_describe_crossings(stream)}"
+        if truth.track is not None:
+            facts["true focus"] += f"; it moves from {truth.track[0]:.5f} to {truth.track[-1]:.5f}"
+    if all(map(math.isfinite, truth.depth_of_focus)):
+        near, far = truth.depth_of_focus
+        facts["depth of focus"] = f"{near:.5f} to {far:.5f} of the travel{_describe_time_in_focus(stream)}"
+    if truth.target is not None:
+        facts["target"] = f"{np.mean(truth.target):.1%} of the pixels"
+    facts["grain"] = _describe_grain(stream)
+    return facts
+
+
+def describe_making(stream: ReadableStream) -> dict[str, str]:
+    """Return how a stream was made as text, by name: size on the disk, versions, seeds, digests."""
+    facts = {"size": f"{Path(stream.path).stat().st_size * 8 / math.prod(stream.shape):.3f} bit per pixel and frame"}
+    for name, text in stream.metadata.provenance.items():
+        if name == "versions":
+            facts["made with"] = ", ".join(f"{k} {v}" for k, v in _read_json(stream, name).items())
+        elif "\n" not in text:
+            facts[name] = text
+    facts["content sha256"] = stream.content_sha256
+    return facts
+
+
+def describe_stream_file(stream: ReadableStream) -> dict[str, str]:
+    """Return facts about a stream as text, by name: what is in it, then how it was made."""
+    return {**describe_content(stream), **describe_making(stream)}
+
+
+def _read_json(stream: ReadableStream, name: str) -> dict[str, Any]:
+    """Return a text of the provenance that holds an object in JSON; empty where it is absent or something else."""
+    try:
+        found = json.loads(stream.metadata.provenance.get(name, "{}"))
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _describe_rates(stream: ReadableStream) -> dict[str, str]:
+    frames = stream.shape[0]
+    edges = np.unique(np.linspace(0, frames, min(RATE_BLOCKS, frames) + 1).astype(int)).tolist()
+    total, rates = np.zeros(stream.shape[1:], np.int64), []
+    for first, stop in pairwise(edges):
+        counts = stream.counts(first, stop)
+        rates.append(counts.mean() / (stop - first))
+        total += counts
+    low, high = np.quantile(total / frames, [0.01, 0.99])
+    silent = int((total == 0).sum())
+    return {
+        "mean rate": f"{total.mean() / frames:.4f} spikes per pixel and readout",
+        "rate over time": f"{min(rates):.3g} to {max(rates):.3g}, in {len(rates)} parts of the recording",
+        "rate of pixels": f"{low:.3g} to {high:.3g} for 98 % of them"
+        + (f", {silent} of {total.size} never fire" if silent else ""),
+    }
+
+
+def _describe_time_in_focus(stream: ReadableStream) -> str:
+    """Return for how long the lens is within the depth of focus, as text; '' where that is unknown."""
+    lens, truth = stream.focus_position, stream.truth
+    if lens is None or not truth.known:
+        return ""
+    away = lens.astype(np.float64) - (truth.position if truth.track is None else truth.track)
+    near, far = sorted(truth.depth_of_focus)
+    within = (away >= near - truth.position) & (away <= far - truth.position)
+    return f", the lens is there in {np.mean(within):.1%} of the frames"
+
+
+def _describe_range(values: np.ndarray | None, unit: str) -> str:
+    """Return the first and last value as text, and the extremes if the values turned back in between."""
+    if values is None:
+        return "not recorded"
+    low, high, ends = values.min(), values.max(), (values[0], values[-1])
+    if low == high:
+        return f"{low:.4g} {unit} throughout"
+    steps = np.diff(values)
+    once = (steps >= 0).all() or (steps <= 0).all()
+    text = f"{ends[0]:.4g} to {ends[1]:.4g} {unit}"
+    return text if once else f"{text} with turns, within {low:.4g} to {high:.4g}"
+
+
+def _describe_grain(stream: ReadableStream) -> str:
+    """Return how much noise of the renderer is in the pictures behind a stream, as text."""
+    grain = read_recorded_grain(stream.metadata.provenance)
+    if grain is None or not math.isfinite(grain.rms_in_focus):
+        return "unknown"
+    low, high = grain.rms_range
+    return f"{grain.rms_in_focus:.2%} of the mean in focus, {low:.2%} to {high:.2%} along the recording"
+
+
+def _describe_crossings(stream: ReadableStream) -> str:
+    first, lens, track = stream.truth.frame, stream.focus_position, stream.truth.track
+    if not math.isfinite(first):
+        return "never passed"
+    truth = stream.truth.position if track is None else track
+    times = 1 if lens is None else len(find_focus_crossings(lens.astype(np.float64) - truth, 0.0))
+    return f"at frame {first:.1f}" + (f", the first of {times} times" if times > 1 else "")

@@ -1,0 +1,32 @@
+"""A stream as a notebook shows it: some pictures of it, and what is known."""
+
+from base64 import b64encode
+from html import escape
+
+from saf_gen.stream.description import describe_content
+from saf_gen.stream.pictures.image_strip import build_image_strip
+from saf_gen.stream.pictures.windows import choose_windows
+from saf_gen.stream.readable import ReadableStream
+
+PICTURES, MAX_BYTES = 5, 300_000
+
+
+def format_stream_as_html(stream: ReadableStream) -> str:
+    """Return pictures of a stream, evenly over its time, and a table of what is known, as HTML without scripts.
+
+    Five windows are read, so that it takes as long for a long recording as for a short one.
+    """
+    pictures = choose_windows(stream, count=PICTURES)
+    strip = build_image_strip(pictures, count=len(pictures.starts), max_bytes=MAX_BYTES)
+    source = f"data:{strip.media_type};base64,{b64encode(strip.data).decode()}"
+    rows = "".join(
+        f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(text)}</td></tr>'
+        for name, text in describe_content(stream, with_rates=False).items()
+    )
+    centres = ", ".join(f"{centre:,.0f}" for centre in pictures.centres)
+    words = f"{pictures.window} frames each, round the frames {centres}"
+    return (
+        f"<div><b>{escape(stream.path.name)}</b><br>"
+        f'<img style="max-width:100%" src="{source}" alt="{strip.count} pictures: {words}"><br>'
+        f"<small>{words}</small><table>{rows}</table></div>"
+    )

@@ -1,0 +1,121 @@
+"""What is in a stream, in words: on a terminal, in a notebook."""
+
+import numpy as np
+import pytest
+
+import saf_gen
+from saf_gen.core.focus_crossings import find_focus_crossings
+from saf_gen.motions import lens_motion_at_readouts
+from saf_gen.stream.description import describe_stream_file
+from saf_gen.stream.metadata import Truth
+
+
+def test_a_stream_with_truth_is_described(tmp_path):
+    frames = np.zeros((80, 4, 6), dtype=np.uint8)
+    frames[::4] = 1
+    saf_gen.write_stream(
+        tmp_path / "a.h5",
+        frames,
+        readout_hz=40_000,
+        focus_position=np.linspace(0, 1, 80, dtype=np.float32),
+        gain=np.linspace(0.5, 2, 80, dtype=np.float32)[:, None],
+        light_names=("lamp",),
+        truth={"position": 0.25, "depth_of_focus": (0.2, 0.3), "frame": 19.5},
+        provenance={"variant": "llvm"},
+    )
+    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+        facts = describe_stream_file(stream)
+    assert facts["pixels"] == "6×4"
+    assert facts["frames"] == "80 at 40000 Hz (0.002 s)"
+    assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
+    assert facts["light lamp"] == "gain 0.5 to 2"
+    assert facts["true focus"] == "0.25000 of the travel, at frame 19.5"
+    # 8 of 80 steps of 1/79 lie between 0.2 and 0.3.
+    assert facts["depth of focus"] == "0.20000 to 0.30000 of the travel, the lens is there in 10.0% of the frames"
+    assert facts["variant"] == "llvm"
+
+
+@pytest.mark.parametrize(
+    ("motion", "path", "passed"),
+    [
+        ({"kind": "sweep", "from": 0.8, "to": 0.0}, "0.795 to 0.005 of the travel", "at frame 54.5"),
+        (
+            {"kind": "sweep_and_return"},
+            "0.0125 to 0.0125 of the travel with turns, within 0.0125 to 0.9875",
+            "at frame 9.5, the first of 2 times",
+        ),
+        ({"kind": "hold", "position": 0.5}, "0.5 of the travel throughout", "never passed"),
+    ],
+)
+def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
+    lens = lens_motion_at_readouts(motion, 80, readout_hz=80.0)
+    when = find_focus_crossings(lens, 0.25)
+    saf_gen.write_stream(
+        tmp_path / "a.h5",
+        np.zeros((80, 4, 6), dtype=np.uint8),
+        focus_position=lens,
+        truth={"position": 0.25, "frame": when[0] if when.size else np.nan},
+    )
+    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+        facts = describe_stream_file(stream)
+    assert facts["focus"] == path
+    assert facts["true focus"] == f"0.25000 of the travel, {passed}"
+
+
+def test_a_stream_without_truth_says_so(tmp_path):
+    saf_gen.write_stream(tmp_path / "a.h5", np.zeros((8, 2, 2), dtype=np.uint8))
+    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+        facts = describe_stream_file(stream)
+    assert facts["true focus"] == "unknown"
+    assert facts["focus"] == "not recorded"
+
+
+def test_rates_are_told_over_time_and_over_pixels(tmp_path):
+    frames = np.zeros((100, 10, 10), np.uint8)
+    frames[50:, :, 5:] = 1  # half the pixels fire, in the second half
+    saf_gen.write_stream(tmp_path / "a.h5", frames)
+    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+        facts = describe_stream_file(stream)
+    assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
+    assert facts["rate over time"] == "0 to 0.5, in 50 parts of the recording"
+    assert facts["rate of pixels"] == "0 to 0.5 for 98 % of them, 50 of 100 never fire"
+
+
+def test_what_is_in_a_stream_is_said_before_how_it_was_made(tmp_path, call):
+    plan = '{"scene": "fan", "scene_motion": "dynamic", "light": "flicker", "motion": {"kind": "sweep"}}'
+    digest = "0" * 64
+    saf_gen.write_stream(
+        tmp_path / "a.h5", np.ones((8, 2, 2), np.uint8), provenance={"sequence": plan, "fingerprint": digest}
+    )
+    code, said, _ = call("inspect", tmp_path / "a.h5")
+    assert code == 0
+    content, making = said.split("how it was made")
+    for words in ("fan, dynamic", "flicker", "sweep", "mean rate", "true focus"):
+        assert words in content
+    assert digest not in content
+    assert digest in making
+    saf_gen.write_stream(tmp_path / "b.h5", np.ones((8, 2, 2), np.uint8), provenance={"sequence": "[] no JSON"})
+    assert call("inspect", tmp_path / "b.h5")[0] == 0
+
+
+def test_a_notebook_shows_pictures_and_facts_and_says_when_the_stream_is_closed(tmp_path):
+    path = tmp_path / "<b>.h5"
+    frames = np.random.default_rng(5).integers(0, 2, (300, 6, 9), np.uint8)
+    saf_gen.write_stream(path, frames, truth={"position": 0.25}, light_names=("<lamp>",), gain=np.ones((300, 1)))
+    with saf_gen.open_stream(path) as stream:
+        shown = stream._repr_html_()
+        assert repr(stream) == "<SpikeStream <b>.h5: 300 frames of 9×6 at 20000 Hz, true focus 0.250>"
+    assert "data:image/jpeg;base64," in shown
+    assert "5 pictures: 100 frames each" in shown
+    assert "&lt;b&gt;.h5" in shown
+    assert "light &lt;lamp&gt;" in shown
+    assert "<lamp>" not in shown
+    assert stream._repr_html_() is None
+    assert repr(stream).endswith(", closed>")
+
+
+def test_a_truth_shows_numbers_and_the_shapes_of_arrays():
+    truth = Truth(0.5, (0.4, 0.6), depth=np.ones((3, 4), np.float32))
+    assert repr(truth) == "Truth(position=0.5, depth_of_focus=(0.4, 0.6), depth=float32 (3, 4))"
+    assert "<th>depth</th><td>float32 (3, 4)</td>" in truth._repr_html_()
+    assert repr(Truth()) == "Truth()"
