@@ -36,6 +36,7 @@ DOORS = {
     "multiprocessing": ["generate.executor"],
     "emva1288": ["acceptance.validation.emva_referee"],
     "gymnasium": ["benchmark.gym"],
+    "torch": ["torch"],
     "yaml": ["core.config.yaml_document", "generate.run"],
 }
 """Heavy dependencies, and the only folders or modules that import them."""

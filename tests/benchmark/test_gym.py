@@ -2,10 +2,12 @@
 
 import gc
 import json
+import pickle
 import subprocess
 import sys
 import weakref
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import gymnasium
@@ -307,6 +309,33 @@ def test_the_budget_ends_an_episode(dataset):
     assert env.episode.run.problem == "the budget of 800 frames was spent"
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(hold)
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
+@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
+def test_environments_run_in_processes_of_their_own(dataset, method):
+    """Also after the parent has captured; each gives what the parent's gives for the same seed."""
+    here = make_env(dataset)
+    actions = np.array([[0.2, 0.0], [0.6, 0.0]], np.float32)
+    first, _ = here.reset(seed=5)
+    rows = [here.step(action) for action in actions]
+    apart = gymnasium.vector.AsyncVectorEnv([partial(make_env, dataset)] * 2, context=method)
+    begun, _ = apart.reset(seed=[5, 5])
+    assert np.array_equal(begun["image"], [first["image"]] * 2)
+    for action, (seen, reward, *_) in zip(actions, rows, strict=True):
+        others, rewards, *_ = apart.step(np.stack([action] * 2))
+        assert np.array_equal(others["image"], [seen["image"]] * 2)
+        assert rewards.tolist() == [reward] * 2
+    apart.close()
+
+
+def test_a_pickled_environment_begins_anew(dataset):
+    env = make_env(dataset)
+    rows = play(env, 0.2, 0.6, seed=5)
+    again = pickle.loads(pickle.dumps(env))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        again.step(np.array([0.5, 0.0], np.float32))
+    assert are_equal(play(again, 0.2, 0.6, seed=5), rows)
 
 
 # --- the benchmark ----------------------------------------------------------------------------------

@@ -8,43 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refusal
+from windowed_dataset import FRAMES, SHAPE, TRUTH, make_spikes, make_truth, make_windowed_dataset
 
 from saf_gen import SpikeWindows
 from saf_gen.stream import time_blocks, window_counts
-from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
-from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_writer import write_stream
-
-SHAPE, FRAMES, TRUTH = (6, 9), 1_000, 0.4
-ENTRY = SequenceEntry("", "train", "plane", 0, "static", "sweep", "constant", 0, 1, "", FRAMES, "f", "c")
-
-
-def spikes(seed):
-    return (np.random.default_rng(seed).random((FRAMES, *SHAPE)) < 0.3).astype(np.uint8)
-
-
-def truth():
-    target = np.zeros(SHAPE, bool)
-    target[1:3, 6:8] = True
-    plane = np.zeros(SHAPE, np.float32)
-    return Truth(TRUTH, (0.3, 0.5), 12.5, plane, target, plane, np.arange(5.0))
 
 
 @pytest.fixture
 def dataset(tmp_path, monkeypatch):
     """Three sequences of 1,000 frames, two to train with; blocks of 64 frames."""
     monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
-    entries = []
-    for n in range(3):
-        entry = replace(ENTRY, id=f"s{n}", split="test" if n == 2 else "train", file=f"s{n}.h5")
-        position = np.linspace(0, 1, FRAMES, dtype=np.float32)
-        entries.append(replace(entry, content_sha256=write_one(tmp_path / entry.file, n, position)))
-    write_manifest(tmp_path, Manifest("made", "abc", "llvm", tuple(entries)))
-    return tmp_path
-
-
-def write_one(path, seed, position):
-    return write_stream(path, spikes(seed), focus_position=position, truth=truth())
+    return make_windowed_dataset(tmp_path)
 
 
 def test_windows_are_the_counts_of_their_frames_and_the_way_of_the_lens_to_focus(dataset):
@@ -54,7 +29,7 @@ def test_windows_are_the_counts_of_their_frames_and_the_way_of_the_lens_to_focus
         counts, error = windows[number]
         seed = int(window.sequence.id[1:])
         assert (counts.dtype, counts.shape) == (np.float32, (1, *SHAPE))
-        assert np.array_equal(counts[0], spikes(seed)[window.first : window.stop].sum(axis=0))
+        assert np.array_equal(counts[0], make_spikes(seed)[window.first : window.stop].sum(axis=0))
         assert error == pytest.approx(TRUTH - (window.first + 32) / (FRAMES - 1), abs=1e-6)
     assert {w.sequence.split for w in windows.windows} == {"train"}
 
@@ -64,7 +39,7 @@ def test_strides_crops_and_targets_are_chosen(dataset):
     assert len(windows) == 3 * 19
     counts, position = windows[1]
     # The target's middle is row 2, column 7: the box is moved back into the frame.
-    assert np.array_equal(counts[0], spikes(0)[50:150].sum(axis=0)[0:4, 4:9])
+    assert np.array_equal(counts[0], make_spikes(0)[50:150].sum(axis=0)[0:4, 4:9])
     assert position == np.float32(TRUTH)
     own = SpikeWindows(dataset, "test", window=100, target=lambda stream, first, stop: (stream.shape, first, stop))
     assert own[3][1] == ((FRAMES, *SHAPE), 300, 400)
@@ -72,7 +47,7 @@ def test_strides_crops_and_targets_are_chosen(dataset):
 
 def test_where_the_scene_moves_the_truth_is_that_of_the_moment(dataset):
     track, position = np.linspace(0.2, 0.6, FRAMES, dtype=np.float32), np.linspace(1, 0, FRAMES, dtype=np.float32)
-    write_stream(dataset / "s0.h5", spikes(0), focus_position=position, truth=replace(truth(), track=track))
+    write_stream(dataset / "s0.h5", make_spikes(0), focus_position=position, truth=replace(make_truth(), track=track))
     assert SpikeWindows(dataset, window=100, target="position")[4][1] == track[450]
     assert SpikeWindows(dataset, window=100)[4][1] == pytest.approx(track[450] - position[450])
 
@@ -99,9 +74,9 @@ def test_each_stream_is_inflated_once_whatever_the_order_and_however_often(datas
 
 def test_a_stream_that_was_made_anew_is_counted_anew(dataset):
     before, _ = SpikeWindows(dataset, window=100)[0]
-    write_stream(dataset / "s0.h5", spikes(9), focus_position=np.zeros(FRAMES, np.float32), truth=truth())
+    write_stream(dataset / "s0.h5", make_spikes(9), focus_position=np.zeros(FRAMES, np.float32), truth=make_truth())
     after, _ = SpikeWindows(dataset, window=100)[0]
-    assert np.array_equal(after[0], spikes(9)[:100].sum(axis=0))
+    assert np.array_equal(after[0], make_spikes(9)[:100].sum(axis=0))
     assert not np.array_equal(after, before)
 
 
@@ -161,6 +136,23 @@ def test_windows_are_read_in_other_processes(dataset, method):
     assert len(pickle.dumps(windows)) < 100_000
 
 
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_processes_that_count_the_same_sequences_at_once_agree(dataset):
+    context = multiprocessing.get_context("fork")
+    windows, numbers = SpikeWindows(dataset, window=50), range(60)
+    pipes = [context.Pipe(duplex=False) for _ in range(4)]
+    processes = [context.Process(target=read_and_send, args=(windows, numbers, there)) for _, there in pipes]
+    for process in processes:
+        process.start()
+    assert all(here.poll(60) for here, _ in pipes)
+    first, *others = (here.recv() for here, _ in pipes)
+    for found in others:
+        assert np.array_equal([counts for counts, _ in found], [counts for counts, _ in first])
+    for process in processes:
+        process.join(60)
+    assert sorted(path.suffix for path in windows.counts.iterdir()) == [".npy"] * 3
+
+
 @pytest.mark.parametrize(
     ("options", "problem", "allowed"),
     [
@@ -178,7 +170,7 @@ def test_what_does_not_fit_is_refused(dataset, options, problem, allowed):
 
 def test_a_crop_and_a_truth_that_are_not_there_are_refused_when_they_are_read(dataset):
     assert refusal(lambda: SpikeWindows(dataset, crop=(7, 9))[0]).allowed == "(1, 1) to (6, 9)"
-    write_stream(dataset / "s0.h5", spikes(0))
+    write_stream(dataset / "s0.h5", make_spikes(0))
     assert refusal(lambda: SpikeWindows(dataset)[0]).problem == "does not state its true focus"
     assert SpikeWindows(dataset, target=lambda stream, first, stop: 1.0)[0][1] == 1.0
 

@@ -106,6 +106,10 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._task: SequenceTask | None = None
         self._episode: Episode | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy, in this process or another, reads its sequences again and begins with ``reset``."""
+        return {**self.__dict__, "_sequences": OrderedDict(), "_episode": None}
+
     @property
     def parameters(self) -> str:
         """Everything that determines the observations, in one line, for records."""

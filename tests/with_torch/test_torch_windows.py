@@ -1,0 +1,63 @@
+"""Windows as tensors, in loaders whose workers are forked or spawned; all but the last test need PyTorch."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from windowed_dataset import SHAPE, make_windowed_dataset
+
+import saf_gen
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    pytest.importorskip("torch", reason="the extra torch is not installed")
+    return make_windowed_dataset(tmp_path_factory.mktemp("windows"))
+
+
+def mean_of_stream(stream, first, stop):
+    return stream.counts(first, stop).mean()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_a_loader_reads_streams_that_its_parent_had_opened_and_read(dataset, method):
+    """Once a stream that was read before a fork hung its child for ever, and none could be pickled."""
+    from torch.utils.data import DataLoader
+
+    from saf_gen.torch import SpikeWindows
+
+    windows = SpikeWindows(dataset, "train", window=100, target=mean_of_stream)
+    expected = [(counts.numpy(), float(mean)) for counts, mean in (windows[number] for number in range(len(windows)))]
+    loader = DataLoader(windows, batch_size=8, num_workers=2, multiprocessing_context=method, timeout=60)
+    batches = list(loader)
+    assert [len(counts) for counts, _ in batches] == [8, 8, 4]
+    assert np.array_equal(np.concatenate([counts for counts, _ in batches]), [counts for counts, _ in expected])
+    assert np.array_equal(np.concatenate([means for _, means in batches]), [mean for _, mean in expected])
+
+
+def test_tensors_are_the_arrays(dataset):
+    import torch
+
+    from saf_gen.torch import SpikeWindows
+
+    arrays, tensors = saf_gen.SpikeWindows(dataset, window=100), SpikeWindows(dataset, window=100)
+    assert len(tensors) == len(arrays) == 30
+    for number in (0, 7, 29):
+        (counts, error), (array, value) = tensors[number], arrays[number]
+        assert (counts.dtype, counts.shape, error.dtype, error.shape) == (torch.float32, (1, *SHAPE), torch.float32, ())
+        assert np.array_equal(counts, array)
+        assert float(error) == value
+
+
+def test_without_torch_one_line_says_what_to_install():
+    code = (
+        "import sys\n"
+        "sys.modules['torch'] = None\n"
+        "from saf_gen.errors import BadInput\n"
+        "try: import saf_gen.torch\n"
+        "except BadInput as error: print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "saf_gen.torch needs the package torch; pip install 'saf-gen[torch]'\n"
