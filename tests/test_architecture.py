@@ -19,7 +19,7 @@ DOORS = {
     "mitsuba": ["render"],
     "drjit": ["render"],
     "OpenEXR": ["stack.exr"],
-    "h5py": ["stream.stream_file", "stream.stream_writer"],
+    "h5py": ["stream.checked_file", "stream.stream_file", "stream.stream_writer"],
     "typer": ["cli"],
     "rich": ["cli"],
     "matplotlib": [

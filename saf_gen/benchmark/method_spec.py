@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.benchmark.tuned_method import read_tuned_method
+from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.config.source_digest import plugin_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
@@ -89,7 +90,8 @@ def parse_method(spec: str) -> Method:
     Parameters
     ----------
     spec : ``MEASURE[:KEY=VALUE,...]+SEARCH[:KEY=VALUE,...][@REGION]``, or ``@FILE`` for the method of a tuned file.
-        MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``, whose module is run.
+        MEASURE and SEARCH are registered names, or ``package.module:Class`` or ``file.py:Class``, whose module is run;
+        a tuned file may name only what is registered or was loaded before.
 
     Raises
     ------
@@ -101,7 +103,8 @@ def parse_method(spec: str) -> Method:
         if tuned.method.startswith("@"):
             raise BadInput(f"{spec[1:]} names {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file")
         method = f"{split_method_region(tuned.method)[0]}@{region}" if region else tuned.method
-        return replace(parse_method(method), tuning=digest)
+        with refuse_code(path):
+            return replace(parse_method(method), tuning=digest)
     text, region = split_method_region("".join(spec.split()))
     halves = text.split("+")
     if len(halves) != 2 or not all(halves):
@@ -193,6 +196,8 @@ def _find_nested(plugin: object) -> Iterator[object]:
 def read_method_list(path: Path) -> list[str]:
     """Return the names in a list of methods, one per line, without empty lines and comments after ``#``.
 
+    A list runs no code of its own: it names what is registered, or what this process has loaded before.
+
     A comment begins a line, or follows a space and is followed by one. Raises BadInput with the line for a
     name that cannot be parsed, and for a list that cannot be read or is empty.
     """
@@ -206,7 +211,8 @@ def read_method_list(path: Path) -> list[str]:
     for number, line in enumerate(text.splitlines(), 1):
         if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
             try:
-                parse_method(name)
+                with refuse_code(str(path)):
+                    parse_method(name)
             except BadInput as error:
                 raise BadInput(str(error), where=f"{path}:{number}") from error
             names.append(name)

@@ -45,11 +45,13 @@ def evaluate(
 ) -> None:
     """Run focus methods over recordings, rank them, and write tables, figures and a page."""
     from saf_gen.benchmark.evaluate import evaluate as run
-    from saf_gen.benchmark.method_spec import read_method_list
+    from saf_gen.benchmark.method_spec import parse_method, read_method_list
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.report import write_evaluation_report
 
+    for one in method or ():
+        parse_method(one)  # code that is named here may be named by a list and by tuned files too
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"

@@ -130,6 +130,8 @@ class StackSpec:
         """Return the spec of the stack ``key`` under ``root``; BadInput if it is missing or damaged."""
         path = root / key / "geometry.json"
         try:
+            if Path(key).name != key:  # a stream of a stranger names its stack: not a path to elsewhere
+                raise ValueError(key)
             fields = json.loads(path.read_text())["spec"]
             window = fields.pop("window")
             fields |= {"drive": drive_from_dict(fields["drive"]), "groups": tuple(fields["groups"])}

@@ -4,7 +4,8 @@
 ``readout_hz`` and ``frames``, then one line per dataset, sorted by name, with name, dtype, shape and the SHA-256 of the
 values (little-endian, C order; text as UTF-8, each string followed by a zero byte). The values of ``/spikes`` are
 hashed as consecutive time blocks of 250 bytes along time, each in C order, so that both writing and verifying can
-stream. The group ``/provenance`` says how the content was made and is left out.
+stream. The group ``/provenance`` says how the content was made and is left out; the attribute ``provenance_sha256`` is
+the same over its lines. With the hash of the spikes alone, ``spikes_sha256``, everything small is checked on opening.
 """
 
 import hashlib
@@ -189,6 +190,28 @@ def stream_content_digest(lines: list[str], *, readout_hz: float, frames: int) -
     """Return ``content_sha256`` from the lines of all datasets."""
     text = "\n".join([f"readout_hz {float(readout_hz)!r}", f"frames {frames}", *sorted(lines)])
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def stream_provenance_digest(lines: Iterable[str]) -> str:
+    """Return ``provenance_sha256`` from the lines of all datasets in ``/provenance``."""
+    return hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()
+
+
+def stream_digests(
+    datasets: Iterable[tuple[str, Any]], shape: tuple[int, int, int], *, spikes: str, readout_hz: float, frames: int
+) -> tuple[str, str]:
+    """Return ``content_sha256`` and ``provenance_sha256``.
+
+    ``datasets`` are all but ``/spikes``, by name; ``shape`` and ``spikes`` the shape and SHA-256 of that.
+    """
+    spikes_line = format_digest_line("/spikes", "uint8", shape=shape, sha256=spikes)
+    lines = [stream_digest_line(name, value) for name, value in datasets]
+    of_provenance = [line for line in lines if line.startswith("/provenance/")]
+    content = [line for line in lines if not line.startswith("/provenance/")]
+    return (
+        stream_content_digest([*content, spikes_line], readout_hz=readout_hz, frames=frames),
+        stream_provenance_digest(of_provenance),
+    )
 
 
 def stream_metadata_from_options(options: Mapping[str, Any]) -> Metadata:

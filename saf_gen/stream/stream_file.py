@@ -9,10 +9,11 @@ lies beside the spikes, and ``content_sha256`` (over names, dtypes, shapes and v
 """
 
 import hashlib
+import itertools
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -24,14 +25,8 @@ from saf_gen.core import bits
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
-from saf_gen.stream.metadata import (
-    FORMAT,
-    LAYOUT,
-    format_digest_line,
-    stream_content_digest,
-    stream_digest_line,
-    stream_metadata_from_datasets,
-)
+from saf_gen.stream.checked_file import open_spikes, read_attribute, read_small_datasets
+from saf_gen.stream.metadata import FORMAT, LAYOUT, stream_digests, stream_metadata_from_datasets
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
 from saf_gen.stream.window_counts import count_windows
 
@@ -50,7 +45,8 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
 
     Raises
     ------
-    BadInput : a file that is missing, truncated or damaged, not HDF5, not a stream, or of a newer layout.
+    BadInput : a file that is missing, truncated or damaged, not HDF5, not a stream, or of a newer layout; one that
+        leads to other files or holds what a stream does not, or not the small datasets that it was made with.
     """
     where = Path(path)
     if not where.is_file():
@@ -65,14 +61,16 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
         if start != b"\x89HDF\r\n\x1a\n":
             problem = "is empty" if not start else "is not an HDF5 file"
             raise BadInput(problem, where=str(path), allowed="a saf-gen stream", hint="import foreign files first")
-        file = h5py.File(where, "r")
-    except OSError as error:
+        with ExitStack() as undo:
+            stream = SpikeStream(where, undo.enter_context(h5py.File(where, "r")), threads=threads)
+            undo.pop_all()
+            return stream
+    except _DAMAGE as error:
         raise _damaged(where, error) from error
-    try:
-        return SpikeStream(where, file, threads=threads)
-    except BaseException:
-        file.close()
-        raise
+
+
+_DAMAGE = (DamagedChunk, OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError)
+"""What h5py raises for damaged files, by where the damage is."""
 
 
 def _damaged(path: Path, error: Exception) -> BadInput:
@@ -101,29 +99,30 @@ class SpikeStream:
 
     def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
         self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
-        kind, layout = file.attrs.get("format"), file.attrs.get("layout")
+        where = str(path)
+        kind, layout = (read_attribute(file, name) for name in ("format", "layout"))
         if kind != FORMAT:
-            raise BadInput(
-                "is HDF5, but not a saf-gen stream", where=str(path), allowed=f"attribute format = {FORMAT!r}"
-            )
+            raise BadInput("is HDF5, but not a saf-gen stream", where=where, allowed=f"attribute format = {FORMAT!r}")
         if layout != LAYOUT:
-            raise BadInput(f"has layout {layout}", where=str(path), allowed=f"layout {LAYOUT}", hint="update saf_gen")
-        try:
-            self._spikes = file["spikes"]
-            rows, columns, length = self._spikes.shape
-            frames = int(self._spikes.attrs["frames"])
-            self.readout_hz = float(self._spikes.attrs["readout_hz"])
-            self.content_sha256 = str(file.attrs["content_sha256"])
-            self.metadata = stream_metadata_from_datasets(dict(read_small_datasets(file)), (frames, rows, columns))
-        except (KeyError, ValueError, TypeError, AttributeError, OSError, RuntimeError) as error:
-            raise _damaged(path, error) from error
-        if self._spikes.dtype != np.uint8 or length != -(-frames // 8) or frames < 1:
+            raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
+        self._spikes = open_spikes(file, where)
+        rows, columns, length = self._spikes.shape
+        frames, hz = (read_attribute(self._spikes, name) for name in ("frames", "readout_hz"))
+        if None in (frames, hz) or not (float(hz) > 0 and math.isfinite(hz)):
+            raise BadInput("/spikes does not say frames and readout_hz", where=where, hint="make it again")
+        frames, self.readout_hz = int(frames), float(hz)
+        self.content_sha256 = str(read_attribute(file, "content_sha256"))
+        small = dict(read_small_datasets(file, where))
+        self.metadata = stream_metadata_from_datasets(small, (frames, rows, columns))
+        if length != -(-frames // 8) or frames < 1:
             raise BadInput(
                 f"/spikes is {self._spikes.dtype} {self._spikes.shape} for {frames} frames",
-                where=str(path),
+                where=where,
                 allowed="uint8 (H, W, ceil(T/8))",
             )
         self.shape = (frames, rows, columns)
+        if (spikes := read_attribute(file, "spikes_sha256")) is not None:  # streams made before had none
+            self._check_digests(small.items(), str(spikes))
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
         read = self._read_own_chunk if self._has_own_chunks() else self._read_any_chunk
@@ -222,18 +221,21 @@ class SpikeStream:
             with self._report_damage():
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)
-        lines = [
-            stream_digest_line(n, v) for n, v in read_small_datasets(self._file) if not n.startswith("/provenance/")
-        ]
-        lines.append(format_digest_line("/spikes", "uint8", shape=self._spikes.shape, sha256=sha.hexdigest()))
-        found = stream_content_digest(lines, readout_hz=self.readout_hz, frames=self.shape[0])
-        if found != self.content_sha256:
-            raise BadInput(
-                f"the content has SHA-256 {found[:12]}...",
-                where=str(self.path),
-                allowed=f"{self.content_sha256[:12]}... as stored",
-                hint="the file was changed or damaged: make it again",
-            )
+        self._check_digests(read_small_datasets(self._file, str(self.path)), sha.hexdigest())
+
+    def _check_digests(self, datasets: Iterable[tuple[str, Any]], spikes: str) -> None:
+        """Raise BadInput unless the small datasets and spikes of this SHA-256 are what the file was made with."""
+        shape, hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
+        found = stream_digests(datasets, shape, spikes=spikes, readout_hz=hz, frames=frames)
+        stored = self.content_sha256, read_attribute(self._file, "provenance_sha256")
+        for what, mine, listed in zip(("content", "provenance"), found, stored, strict=True):
+            if listed not in (mine, None):
+                raise BadInput(
+                    f"the {what} has SHA-256 {mine[:12]}...",
+                    where=str(self.path),
+                    allowed=f"{listed!s:.12}... as stored",
+                    hint="the file was changed or damaged: make it again",
+                )
 
     def _validated(self, first: int, stop: int, *, region: Region | None) -> tuple[range, Region]:
         self._reopen_after_fork()
@@ -250,7 +252,7 @@ class SpikeStream:
     def _report_damage(self) -> Iterator[None]:
         try:
             yield
-        except (DamagedChunk, OSError, RuntimeError) as error:
+        except _DAMAGE as error:
             raise _damaged(self.path, error) from error
 
     def _has_own_chunks(self) -> bool:
@@ -271,15 +273,30 @@ class SpikeStream:
         return np.frombuffer(data, np.uint8).reshape(self._spikes.chunks) if skipped else data
 
     def _read_any_chunk(self, top: int, start: int) -> np.ndarray:
-        rows, _, time_block = time_blocks.chunk_shape(self._spikes.shape)
-        return self._spikes[top : top + rows, :, start : start + time_block]
+        """Return the same part of a file that somebody else wrote, in chunks of any shape or in none."""
+        ends = zip((top, 0, start), time_blocks.chunk_shape(self._spikes.shape), self._spikes.shape, strict=True)
+        window = [slice(first, min(first + size, total)) for first, size, total in ends]
+        if (chunk := self._spikes.chunks) is None:
+            return self._spikes[tuple(window)]
+        out = np.full([part.stop - part.start for part in window], self._spikes.fillvalue, np.uint8)
+        firsts = [range(part.start // size * size, part.stop, size) for part, size in zip(window, chunk, strict=True)]
+        for origin in itertools.product(*firsts):
+            block = self._inflate_foreign_chunk(origin)
+            if block is not None:
+                pairs = list(zip(window, origin, chunk, strict=True))
+                to = tuple(slice(max(o - w.start, 0), min(o + c, w.stop) - w.start) for w, o, c in pairs)
+                of = tuple(slice(max(w.start - o, 0), min(w.stop - o, c)) for w, o, c in pairs)
+                out[to] = block[of]
+        return out
 
-
-def read_small_datasets(file: h5py.File) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of every dataset except /spikes; text as str."""
-    names: list[str] = []
-    file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
-    for name in names:
-        if name != "spikes":
-            item = file[name]
-            yield f"/{name}", (item.asstr() if h5py.check_string_dtype(item.dtype) else item)[()]
+    def _inflate_foreign_chunk(self, origin: tuple[int, ...]) -> np.ndarray | None:
+        """Return the chunk that begins at a (row, column, byte); None where it was never written."""
+        stored, chunk = self._spikes.id.get_create_plist(), self._spikes.chunks
+        if self._spikes.id.get_chunk_info_by_coord(origin).byte_offset is None:
+            return None
+        skipped, data = self._spikes.id.read_direct_chunk(origin)
+        filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
+        deflate = h5py.h5z.FILTER_DEFLATE  # shuffling leaves single bytes where they are
+        if deflate in filters and not skipped >> filters.index(deflate) & 1:
+            return time_blocks.inflate_chunk(data, chunk)
+        return np.frombuffer(data, np.uint8).reshape(chunk)

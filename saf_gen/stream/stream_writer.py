@@ -5,6 +5,7 @@ import math
 import operator
 import os
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -17,17 +18,15 @@ from saf_gen.core.files import unwritable_error, write_atomically
 from saf_gen.errors import BadInput
 from saf_gen.stream import time_blocks
 from saf_gen.stream.block_memory import make_stream_thread_pool
+from saf_gen.stream.checked_file import read_small_datasets
 from saf_gen.stream.metadata import (
     FORMAT,
     LAYOUT,
     Metadata,
-    format_digest_line,
     metadata_to_datasets,
-    stream_content_digest,
-    stream_digest_line,
+    stream_digests,
     stream_metadata_from_options,
 )
-from saf_gen.stream.stream_file import read_small_datasets
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
 
@@ -83,7 +82,7 @@ class StreamWriter:
     def __enter__(self) -> Self:
         with ExitStack() as undo:
             self._part = undo.enter_context(write_atomically(self.path))
-            self._file = h5py.File(self._part, "w")
+            self._file = h5py.File(self._part, "w", libver="v110")  # its structures carry checksums
             undo.callback(self._close)
             self._spikes = self._file.create_dataset(
                 "spikes",
@@ -143,23 +142,21 @@ class StreamWriter:
     def _verify_written(self) -> str:
         """Close the file, compare it with what was written, and return its content_sha256."""
         self._assembler.check_complete()
-        shape, readout_hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
-        spikes = format_digest_line("/spikes", "uint8", shape=shape, sha256=self._sha.hexdigest())
-        lines = [stream_digest_line(n, v) for n, v in self._datasets.items() if not n.startswith("/provenance/")]
-        sha256 = stream_content_digest([*lines, spikes], readout_hz=readout_hz, frames=frames)
+        spikes, shape = self._sha.hexdigest(), self._spikes.shape
+        digest = partial(stream_digests, spikes=spikes, readout_hz=self.readout_hz, frames=self.shape[0])
+        sha256, provenance = written = digest(self._datasets.items(), shape)
         if self._file is not None:
-            self._file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=sha256)
+            digests = {"content_sha256": sha256, "spikes_sha256": spikes, "provenance_sha256": provenance}
+            self._file.attrs.update(format=FORMAT, layout=LAYOUT, **digests)
             self._file.close()
         with h5py.File(self._part, "r") as file:
-            stored = [
-                stream_digest_line(n, v) for n, v in read_small_datasets(file) if not n.startswith("/provenance/")
-            ]
+            stored = digest(read_small_datasets(file, str(self.path)), shape)
             chunks = file["spikes"].id
             same = all(
                 time_blocks.checksum(chunks.read_direct_chunk((row, 0, at))[1]) == crc
                 for (row, at), crc in self._crcs.items()
             )
-        if not same or stream_content_digest([*stored, spikes], readout_hz=readout_hz, frames=frames) != sha256:
+        if not same or stored != written:
             raise BadInput("what was read back is not what was written", where=str(self.path), hint="check the disk")
         return sha256
 

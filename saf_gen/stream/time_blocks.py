@@ -46,14 +46,22 @@ def deflate_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
     return isal_zlib.compress(np.ascontiguousarray(block), 1, isal_zlib.MAX_WBITS)
 
 
-def _inflated(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
+def inflate_chunk(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
+    """Return a stored chunk, uint8 of the shape ``chunk``; an array is given back as it is.
+
+    Raises DamagedChunk for bytes that are not a chunk of this size, or whose checksum is wrong. No more than the size
+    of a chunk is ever inflated.
+    """
     if isinstance(data, np.ndarray):
         return data
-    size = chunk[0] * chunk[1] * chunk[2]
+    size, inflater = chunk[0] * chunk[1] * chunk[2], isal_zlib.decompressobj(isal_zlib.MAX_WBITS)
     try:
-        return np.frombuffer(isal_zlib.decompress(data, isal_zlib.MAX_WBITS, size), np.uint8).reshape(chunk)
+        found = inflater.decompress(data, size + 1)  # one byte more, so that the checksum at the end is read
     except (igzip_lib.IsalError, ValueError) as error:  # type: ignore[misc]  # its stub says instance
         raise DamagedChunk(str(error)) from error
+    if len(found) != size or not inflater.eof:
+        raise DamagedChunk(f"a chunk does not hold {size:,} bytes")
+    return np.frombuffer(found, np.uint8).reshape(chunk)
 
 
 class TimeBlockAssembler:
@@ -162,7 +170,7 @@ class TimeBlocks:
         """
 
         def run(top: int, data: bytes | np.ndarray) -> Result:
-            return work(top, _inflated(data, self.chunk))
+            return work(top, inflate_chunk(data, self.chunk))
 
         waiting = [self._pool.submit(run, top, self._read(top, start)) for top in self._tops(rows)]
         for future in waiting:
@@ -206,7 +214,7 @@ class TimeBlocks:
         planes, filling = BLOCK_MEMORY.find(self._number, start, shape=(self.chunk[2], *self.shape[:2]))
 
         def transpose(top: int, data: bytes | np.ndarray) -> None:
-            block = _inflated(data, self.chunk)[: self.shape[0] - top]
+            block = inflate_chunk(data, self.chunk)[: self.shape[0] - top]
             planes[: block.shape[2], top : top + block.shape[0]] = block.transpose(2, 0, 1)
 
         for top in self._tops(rows):

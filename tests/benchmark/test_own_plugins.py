@@ -6,7 +6,8 @@ from planted_sweeps import write_sweep
 from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import parse_method
+from saf_gen.benchmark.method_spec import parse_method, read_method_list
+from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned_method
 from saf_gen.errors import BadInput
 from saf_gen.measures import get_measure
 
@@ -61,3 +62,49 @@ def test_a_file_that_breaks_is_told_and_can_be_mended(tmp_path):
     assert_says(refusal(get_measure, f"{path}:Range"), "ZeroDivisionError: division by zero")
     path.write_text(PARTS)
     assert get_measure(f"{path}:Range")
+
+
+RUNS = """\
+from dataclasses import dataclass
+from pathlib import Path
+
+Path({trace!r}).write_text("run")
+
+@dataclass(frozen=True)
+class Part:
+    degree = 1
+
+    def __call__(self, counts):
+        return float(counts.sum())
+"""
+
+
+@pytest.mark.parametrize(
+    "form", ["{code}+argmax", "{code}_n+argmax", "sd+{code}", "sd+coarse_to_fine:far={code}", "module"]
+)
+@pytest.mark.parametrize("kind", ["tuned file", "list"])
+def test_a_file_runs_no_code_that_the_command_line_does_not_name(tmp_path, monkeypatch, form, kind):
+    """A tuned file and a list of methods may come from strangers, with the code that they name beside them."""
+    path, trace = tmp_path / f"package_{kind[:4]}" / "parts.py", tmp_path / "trace"
+    path.parent.mkdir()
+    path.write_text(RUNS.format(trace=str(trace)))
+    monkeypatch.syspath_prepend(tmp_path)
+    method = f"{path.parent.name}.parts:Part+argmax" if form == "module" else form.format(code=f"{path}:Part")
+    file = tmp_path / "theirs"
+    if kind == "list":
+        file.write_text(f"sd+argmax\n{method}\n")
+    else:
+        file.write_text(
+            format_tuned_method(TunedMethod(method, "d", "train", "recorded", "", "target", 1, "0", "0", ()))
+        )
+
+    def read():
+        return read_method_list(file) if kind == "list" else parse_method(f"@{file}")
+
+    error = refusal(read)
+    assert_says(error, "names the code | registered names in files | name it first")
+    assert not trace.exists()
+    if form.startswith("{code}") or form == "module":  # named on the command line, it has been run and is taken
+        get_measure(method.split("+")[0].removesuffix("_n"))
+        assert trace.exists()
+        assert read()

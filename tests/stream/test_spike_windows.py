@@ -58,8 +58,8 @@ def read_all(windows, seed=0):
 
 def test_each_stream_is_inflated_once_whatever_the_order_and_however_often(dataset, monkeypatch):
     inflated = []
-    inflate = time_blocks._inflated
-    monkeypatch.setattr(time_blocks, "_inflated", lambda *given: inflated.append(1) or inflate(*given))
+    inflate = time_blocks.inflate_chunk
+    monkeypatch.setattr(time_blocks, "inflate_chunk", lambda *given: inflated.append(1) or inflate(*given))
     windows = SpikeWindows(dataset, window=16)
     read_all(windows)
     blocks = 3 * -(-FRAMES // 64)

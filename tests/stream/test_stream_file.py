@@ -131,7 +131,10 @@ def test_plain_h5py_reads_the_documented_datasets(tmp_path):
     frames, metadata = random_frames(2_345), full_metadata(2_345)
     digest = write_stream(tmp_path / "a.h5", frames, readout_hz=40_000, **metadata)
     with h5py.File(tmp_path / "a.h5") as file:
-        assert dict(file.attrs) == {"format": "saf-gen stream", "layout": 1, "content_sha256": digest}
+        digests = {"spikes_sha256", "provenance_sha256"}  # what they are over: test_the_digest_is_as_documented
+        attributes = {name: value for name, value in file.attrs.items() if name not in digests}
+        assert attributes == {"format": "saf-gen stream", "layout": 1, "content_sha256": digest}
+        assert digests <= set(file.attrs)
         assert dict(file["spikes"].attrs) == {"frames": 2_345, "readout_hz": 40_000.0}
         unpacked = np.unpackbits(file["spikes"][:], axis=2, bitorder="little")
         assert np.array_equal(unpacked[:, :, :2_345].transpose(2, 0, 1), frames)
@@ -440,13 +443,22 @@ def test_what_the_disk_changed_is_found_before_the_rename(tmp_path, monkeypatch)
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("where", ["spikes", "focus/position"])
-def test_a_changed_value_is_found_by_verify(tmp_path, where):
-    write_stream(tmp_path / "a.h5", random_frames(100), focus_position=np.zeros(100))
+def test_changed_spikes_are_found_by_verify(tmp_path):
+    write_stream(tmp_path / "a.h5", random_frames(100))
     with h5py.File(tmp_path / "a.h5", "r+") as file:
-        file[where][0] = file[where][0] + 1
+        file["spikes"][0] = file["spikes"][0] + 1
     with open_stream(tmp_path / "a.h5") as stream, pytest.raises(BadInput, match=r"content has SHA-256 .* as stored"):
         stream.verify()
+
+
+@pytest.mark.parametrize(("where", "what"), [("focus/position", "content"), ("provenance/recipe", "provenance")])
+def test_a_changed_value_beside_the_spikes_is_found_on_opening(tmp_path, where, what):
+    write_stream(tmp_path / "a.h5", random_frames(100), focus_position=np.zeros(100), provenance={"recipe": "name: x"})
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        value = file[where][()]
+        file[where][()] = value + (b"y" if isinstance(value, bytes) else 1)
+    with pytest.raises(BadInput, match=f"{what} has SHA-256 .* as stored"):
+        open_stream(tmp_path / "a.h5")
 
 
 def test_a_changed_byte_in_a_chunk_is_found(tmp_path):
@@ -507,7 +519,7 @@ def test_a_newer_layout_is_told(tmp_path):
     ("change", "message"),
     [
         (lambda f: f.__delitem__("spikes"), "truncated, damaged"),
-        (lambda f: f["spikes"].attrs.__delitem__("frames"), "truncated, damaged"),
+        (lambda f: f["spikes"].attrs.__delitem__("frames"), "/spikes does not say frames and readout_hz"),
         (lambda f: f["spikes"].attrs.__setitem__("frames", 9), r"/spikes is uint8 \(1, 1, 1\) for 9 frames"),
         (lambda f: f.create_dataset("focus/position", data=[1.0]), r"focus_position has shape \(1,\)"),
     ],

@@ -3,13 +3,16 @@
 A plug-in is a frozen dataclass: one in a file of its own, ``saf_gen/<plug-in kind>/<name>.py``, one that a package
 offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:Class`` or ``file.py:Class``.
 Its fields are the keys that a recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
-Listing names imports nothing, so a plug-in that cannot be imported does not break the others.
+Listing names imports nothing, so a plug-in that cannot be imported does not break the others. Names that come out of
+files are resolved by :func:`refuse_code`: only what is registered, or named on the command line too, is run.
 """
 
 import hashlib
 import pkgutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
@@ -24,6 +27,21 @@ import numpy as np
 from saf_gen.errors import BadInput, SafGenError, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
+
+_CODE_REFUSED_IN: ContextVar[str] = ContextVar("code refused in", default="")
+
+
+@contextmanager
+def refuse_code(where: str) -> Iterator[None]:
+    """Refuse to load ``package.module:Class`` and ``file.py:Class`` where names come from the file ``where``.
+
+    A stranger may have written it. What this process has loaded before, since its command line named it, is taken.
+    """
+    token = _CODE_REFUSED_IN.set(where)
+    try:
+        yield
+    finally:
+        _CODE_REFUSED_IN.reset(token)
 
 
 @cache
@@ -63,6 +81,12 @@ def plugin_class(plugin_kind: str, name: str) -> type:
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r} of the entry point {source.value!r}"
         return _load_dataclass(source.load, what, hint="repair or remove the package that offers it")
     if ":" in name:
+        if where := _CODE_REFUSED_IN.get():
+            raise BadInput(
+                f"{where} names the code {name!r}",
+                allowed="registered names in files; code is run only where the command line names it",
+                hint="read it, and if you trust it name it first, by --method of its own",
+            )
         path, _, cls = name.rpartition(":")
 
         def load() -> Any:

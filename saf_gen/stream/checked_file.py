@@ -1,0 +1,147 @@
+"""An HDF5 file of any origin, read with care: no link is followed, nothing large is loaded, nothing unknown is taken.
+
+HDF5 can hold links and datasets that read other files, filters that run other code, and sizes that fill the memory.
+A stream has a few known datasets, stored inside the file, and all of that is checked before a value is read.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from saf_gen.errors import BadInput, closest
+from saf_gen.stream.metadata import ARRAY_DATASETS
+
+GROUPS = ("focus", "light", "truth", "provenance")
+NAMES = frozenset(["/spikes", "/light/names", *(name for name, _, _ in ARRAY_DATASETS.values())])
+"""The datasets that a stream may have, beside any text in ``/provenance``."""
+
+MAX_PIXELS = 1 << 22
+MAX_SMALL_BYTES = 1 << 29
+MAX_DEFLATED_BYTES = 1 << 20
+"""Of a small dataset as stored, where it is deflated: it may inflate a thousandfold."""
+MAX_CHUNK_BYTES = 1 << 24
+MAX_TEXT_BYTES = 1 << 24
+MAX_NAMES = 1_000
+ALLOWED_FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE)
+_REFERENCE_BYTES = 16
+"""What a text of any length takes in its dataset: four bytes of length, and where the text lies."""
+
+
+def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
+    """Return one attribute, a number or text; None where it is missing, an array, or another type."""
+    if name not in item.attrs:
+        return None
+    kind = h5py.h5a.open(item.id, name.encode())
+    if kind.shape != () or (kind.dtype.kind not in "iufO" and kind.dtype.itemsize > 1024):
+        return None
+    value = item.attrs[name]
+    return value if isinstance(value, str | np.integer | np.floating) else None
+
+
+def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
+    """Return ``/spikes``; raises BadInput for a link, storage outside the file, other filters, and too large pixels."""
+    spikes = _open_dataset(file, "spikes", where)
+    if spikes.dtype != np.uint8 or spikes.ndim != 3 or 0 in spikes.shape:
+        raise BadInput(f"/spikes is {spikes.dtype} {spikes.shape}", where=where, allowed="uint8 (H, W, ceil(T/8))")
+    rows, columns, _ = spikes.shape
+    if rows * columns > MAX_PIXELS:
+        raise BadInput(f"/spikes has {rows * columns:,} pixels", where=where, allowed=f"at most {MAX_PIXELS:,}")
+    if spikes.chunks is not None and math.prod(spikes.chunks) > MAX_CHUNK_BYTES:
+        raise BadInput(
+            f"/spikes has chunks of {math.prod(spikes.chunks):,} bytes",
+            where=where,
+            allowed=f"at most {MAX_CHUNK_BYTES:,}",
+        )
+    return spikes
+
+
+def read_small_datasets(file: h5py.File, where: str) -> Iterator[tuple[str, Any]]:
+    """Yield name and value of every dataset but ``/spikes``; text as str.
+
+    Raises BadInput for whatever a stream does not hold, before it is read.
+    """
+    _check_names(file, "", where, known=[*GROUPS, "spikes"])
+    for group in GROUPS:
+        if group not in file:
+            continue
+        _check_link(file, group, where)
+        held = file[group]
+        if not isinstance(held, h5py.Group):
+            raise BadInput(f"/{group} is not a group", where=where, allowed="a saf-gen stream")
+        known = [name.split("/")[2] for name in NAMES if name.startswith(f"/{group}/")]
+        _check_names(held, group, where, known=known if group != "provenance" else None)
+        for name in held:
+            item = _open_dataset(file, f"{group}/{name}", where)
+            is_text = h5py.check_string_dtype(item.dtype) is not None
+            if is_text != (group == "provenance" or name == "names"):
+                raise BadInput(f"/{group}/{name} holds {item.dtype}", where=where, allowed="numbers; text in names")
+            if is_text:
+                _check_text_length(file, item, where)
+            yield f"/{group}/{name}", (item.asstr() if is_text else item)[()]
+
+
+def _check_names(group: h5py.Group, path: str, where: str, *, known: list[str] | None) -> None:
+    """Refuse a group that holds what a stream does not; ``known`` is None for names of any kind."""
+    if len(group) > MAX_NAMES:
+        raise BadInput(f"/{path} holds {len(group):,} names", where=where, allowed=f"at most {MAX_NAMES:,}")
+    for name in group:
+        if known is not None and name not in known:
+            raise BadInput(
+                f"holds /{path}{'/' * bool(path)}{name}, which is no part of a stream",
+                where=where,
+                allowed=", ".join(sorted(known)),
+                nearest=closest(name, known),
+            )
+
+
+def _check_link(file: h5py.File, name: str, where: str) -> None:
+    if file.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+        raise BadInput(f"/{name} is a link to elsewhere", where=where, allowed="data inside the file")
+
+
+def _open_dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
+    """Return a dataset whose values lie inside the file, are of a plain type and not too many."""
+    _check_link(file, name, where)
+    item = file[name]
+    if not isinstance(item, h5py.Dataset):
+        raise BadInput(f"/{name} is not a dataset", where=where, allowed="a saf-gen stream")
+    stored = item.id.get_create_plist()
+    if stored.get_layout() == h5py.h5d.VIRTUAL or stored.get_external_count():
+        raise BadInput(f"/{name} lies in other files", where=where, allowed="data inside the file")
+    filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
+    if not set(filters) <= set(ALLOWED_FILTERS):
+        raise BadInput(f"/{name} has the filters {filters}", where=where, allowed="deflate (1) and shuffle (2)")
+    plain = item.dtype.kind in "buif" and item.dtype.itemsize <= 8 and not item.dtype.subdtype
+    if item.shape is None or not (plain or h5py.check_string_dtype(item.dtype)):
+        raise BadInput(f"/{name} holds {item.dtype}", where=where, allowed="numbers or text")
+    if name != "spikes":
+        if item.size * item.dtype.itemsize > MAX_SMALL_BYTES:
+            raise BadInput(
+                f"/{name} has the shape {item.shape}", where=where, allowed=f"{MAX_SMALL_BYTES:,} bytes at most"
+            )
+        if filters and item.id.get_storage_size() > MAX_DEFLATED_BYTES:
+            raise BadInput(f"/{name} is compressed", where=where, allowed="plain datasets beside /spikes")
+    return item
+
+
+def _check_text_length(file: h5py.File, item: h5py.Dataset, where: str) -> None:
+    """Refuse text that is too long; how long it is stands beside the reference to it."""
+    if item.ndim > 1 or item.size > MAX_NAMES:
+        raise BadInput(f"{item.name} holds text of the shape {item.shape}", where=where, allowed="one text, or a list")
+    total = item.size * item.dtype.itemsize
+    if h5py.check_string_dtype(item.dtype).length is None:
+        at = item.id.get_offset()
+        if at is None:
+            if item.id.get_storage_size():
+                raise BadInput(f"{item.name} is stored in pieces", where=where, allowed="text stored as one")
+            return
+        with Path(file.filename).open("rb") as raw:
+            raw.seek(at)
+            references = np.frombuffer(raw.read(_REFERENCE_BYTES * item.size), np.uint8).reshape(-1, _REFERENCE_BYTES)
+        total = int(references[:, :4].copy().view("<u4").sum(dtype=np.int64))
+    if total > MAX_TEXT_BYTES:
+        raise BadInput(f"{item.name} holds {total:,} bytes of text", where=where, allowed=f"at most {MAX_TEXT_BYTES:,}")
