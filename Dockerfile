@@ -1,0 +1,27 @@
+# saf-gen with its fast renderer: docker build --tag saf-gen .
+# docker run --rm --volume "$PWD/datasets:/work/datasets" saf-gen generate quickstart
+FROM python:3.12-slim-trixie AS build
+WORKDIR /src
+COPY pyproject.toml README.md LICENSE ./
+COPY saf_gen saf_gen
+COPY scenes scenes
+COPY recipes recipes
+RUN python -m pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
+
+FROM python:3.12-slim-trixie
+# Mitsuba's fast variant needs an LLVM, which no wheel brings.
+# hadolint ignore=DL3008
+RUN apt-get update \
+ && apt-get install --yes --no-install-recommends libllvm19 \
+ && rm -rf /var/lib/apt/lists/*
+COPY constraints.txt /tmp/constraints.txt
+RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
+    wheel=$(echo /wheels/*.whl) \
+ && python -m pip install --no-cache-dir --constraint /tmp/constraints.txt "${wheel}[render]"
+# Numba and Dr.Jit keep compiled kernels in the home folder; whoever runs with another --user has one in /tmp.
+RUN useradd --create-home saf && mkdir /work && chown saf /work
+USER saf
+ENV NUMBA_CACHE_DIR=/tmp/numba MPLCONFIGDIR=/tmp/matplotlib
+WORKDIR /work
+ENTRYPOINT ["saf-gen"]
+CMD ["--help"]
