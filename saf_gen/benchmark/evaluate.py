@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method, parse_method
+from saf_gen.benchmark.plugin_description import describe_methods
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Evaluation, LensPath, SequenceFailure, SweepSummary
 from saf_gen.benchmark.thumbnails import select_sequences_to_show
@@ -121,7 +122,13 @@ def evaluate(
             f"none of {len(tasks)} sequences can be evaluated, the first because: {failures[0].problem}",
             where=str(path),
         )
-    return Evaluation(tuple(records), tuple(sweeps), tuple(failures), tuple(lens_paths))
+    return Evaluation(
+        records=tuple(records),
+        sweeps=tuple(sweeps),
+        failures=tuple(failures),
+        lens_paths=tuple(lens_paths),
+        plugins=describe_methods(chosen.values()),
+    )
 
 
 def _group_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:

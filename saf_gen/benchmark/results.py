@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saf_gen.benchmark.plugin_description import PluginDescription
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.thumbnails import Thumbnails
 
@@ -75,10 +76,12 @@ class SequenceFailure:
 class Evaluation:
     """Records (sequence by sequence, methods in the order given), and what figures and failures need.
 
-    ``lens_paths`` has one entry per record of the closed loop, which has no sweeps.
+    ``lens_paths`` has one entry per record of the closed loop, which has no sweeps; ``plugins`` describes the
+    measures and searches of the methods, as far as their code is at hand.
     """
 
     records: tuple[Record, ...]
     sweeps: tuple[SweepSummary, ...]
     failures: tuple[SequenceFailure, ...]
     lens_paths: tuple[LensPath, ...] = ()
+    plugins: tuple[PluginDescription, ...] = ()

@@ -6,19 +6,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from saf_gen.core.region import Region
+from saf_gen.stream.interval_texture import texture_of_viewed_window
 from saf_gen.stream.stream_file import SpikeStream
 
 THUMBNAIL_COUNT = 48
 MAX_WIDTH_PX = 400
 """Widest picture, in pixels; a wider sensor is binned."""
+SPIKES_WIDTH_PX = 140
+"""Widest part of the sensor that is shown spike by spike, in pixels."""
 
 
 @dataclass(frozen=True, eq=False)
 class Thumbnails:
-    """Texture from playback (TFP) of windows side by side, over a whole recording."""
+    """Pictures of windows side by side, over a whole recording, in the three ways in which spikes are looked at."""
 
     images: np.ndarray
-    """uint32 (n, h, w): spikes in the window, summed over ``binning`` × ``binning`` pixels."""
+    """uint32 (n, h, w): texture from playback (TFP), spikes in the window, over ``binning`` × ``binning`` pixels."""
+    textures: np.ndarray
+    """float32 (n, h, w): texture from intervals (TFI), what the windows would count, summed likewise."""
+    spikes: np.ndarray
+    """uint8 (n, h', w'), 0 or 1: the readout in the middle of each window, of a part of the sensor."""
     frames: np.ndarray
     """(n,) centres of the windows, frames."""
     window: int
@@ -31,22 +38,40 @@ class Thumbnails:
 def make_recording_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
     """Return THUMBNAIL_COUNT pictures of a recording, or one per frame where it has fewer frames.
 
-    ``region`` is where measures look, None the whole frame. Frames beyond the last whole window, and rows and
-    columns beyond a whole multiple of the binning, are left out.
+    ``region`` is where measures look, None the whole frame; the part that is shown spike by spike lies round its
+    middle. Frames beyond the last whole window, and rows and columns beyond a whole multiple of the binning, are left
+    out.
     """
     frames, height, width = stream.shape
     window = max(frames // THUMBNAIL_COUNT, 1)
-    first = np.arange(min(THUMBNAIL_COUNT, frames)) * window
+    firsts = (np.arange(min(THUMBNAIL_COUNT, frames)) * window).tolist()
     binning = -(-width // MAX_WIDTH_PX)
-    rows, columns = max(height // binning, 1), max(width // binning, 1)
-    whole_bins = (slice(0, rows * binning), slice(0, columns * binning)) if binning > 1 else None
-    images = np.stack([_bin_pixels(stream.counts(a, a + window, region=whole_bins), binning) for a in first.tolist()])
+    rows, columns = max(height // binning, 1) * binning, max(width // binning, 1) * binning
+    part = slice(0, rows), slice(0, columns)
+    box = _to_fractions(region, (height, width))
+    spikes_part = _select_part(box, (height, width))
+
+    def read(first_byte: int, stop_byte: int) -> np.ndarray:
+        return stream.packed(first_byte, stop_byte, region=part)
+
+    def count(first: int, stop: int) -> np.ndarray:
+        return stream.counts(first, stop, region=part)
+
+    images, textures, spikes = [], [], []
+    for first in firsts:
+        middle = first + window // 2
+        images.append(_bin_pixels(count(first, first + window), binning))
+        texture = texture_of_viewed_window(read, count, first=first, stop=first + window)
+        textures.append(_bin_pixels(texture.astype(np.float32), binning))
+        spikes.append(stream.counts(middle, middle + 1, region=spikes_part).astype(np.uint8))
     return Thumbnails(
-        images=images,
-        frames=first + (window - 1) / 2,
+        images=np.stack(images),
+        textures=np.stack(textures),
+        spikes=np.stack(spikes),
+        frames=np.array(firsts) + (window - 1) / 2,
         window=window,
         binning=binning,
-        box=_to_fractions(region, (height, width)),
+        box=box,
     )
 
 
@@ -67,12 +92,24 @@ def select_sequences_to_show(keys: Sequence[tuple[Hashable, Hashable]], most: in
     return sorted(index for _, _, index in sorted(turns)[: max(most, 0)])
 
 
-def _bin_pixels(counts: np.ndarray, size: int) -> np.ndarray:
+def _bin_pixels(image: np.ndarray, size: int) -> np.ndarray:
+    """Return the sums of an image (row, col) over squares of ``size`` pixels, in its own number type."""
     if size == 1:
-        return counts
-    rows, columns = counts.shape[0] // size, counts.shape[1] // size
-    binned: np.ndarray = counts.reshape(rows, size, columns, size).sum(axis=(1, 3), dtype=np.uint32)
+        return image
+    rows, columns = image.shape[0] // size, image.shape[1] // size
+    binned: np.ndarray = image.reshape(rows, size, columns, size).sum(axis=(1, 3), dtype=image.dtype)
     return binned
+
+
+def _select_part(box: tuple[float, float, float, float], size: tuple[int, int]) -> Region:
+    """Return at most SPIKES_WIDTH_PX columns, and rows in the sensor's proportion, round the middle of a box."""
+    height, width = size
+    columns = min(width, SPIKES_WIDTH_PX)
+    rows = max(round(columns * height / width), 1)
+    top = round((box[0] + box[2]) / 2 * height - rows / 2)
+    left = round((box[1] + box[3]) / 2 * width - columns / 2)
+    top, left = min(max(top, 0), height - rows), min(max(left, 0), width - columns)
+    return slice(top, top + rows), slice(left, left + columns)
 
 
 def _to_fractions(region: Region | None, size: tuple[int, int]) -> tuple[float, float, float, float]:

@@ -15,6 +15,7 @@ def leaderboard(
     folder: OutFolder = None,
 ) -> None:
     """Rank the methods of several evaluations in one table, if their data and code agree."""
+    from saf_gen.benchmark.plugin_description import describe_recorded_methods
     from saf_gen.benchmark.records import read_records
     from saf_gen.benchmark.results import Evaluation
     from saf_gen.core.files import check_writable
@@ -36,7 +37,9 @@ def leaderboard(
         rows, records=records, title=f"{len(rows)} methods, {sequences} sequences, {len(runs)} evaluations"
     )
     if folder is not None:
-        evaluation = Evaluation(records=tuple(records), sweeps=(), failures=())
+        evaluation = Evaluation(
+            records=tuple(records), sweeps=(), failures=(), plugins=describe_recorded_methods(records)
+        )
         print_written_paths(
             write_evaluation_report(folder, rows=rows, evaluation=evaluation, title=folder.resolve().name)
         )

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
 from rich.text import Text
 
 from saf_gen.cli._tables import TableColumn, list_objects, print_json, print_table
@@ -25,10 +26,10 @@ def list_(context: typer.Context, *, as_json: AsJson = False) -> None:
     """List focus measures and searches, show one in full, or check a method."""
     if context.invoked_subcommand is not None:
         return
-    from saf_gen.cli._plugin_page import (
+    from saf_gen.benchmark.plugin_description import (
         build_or_class,
         first_paragraph,
-        format_attribute,
+        format_plugin_attribute,
         measure_suffixes,
         search_kind,
     )
@@ -45,7 +46,7 @@ def list_(context: typer.Context, *, as_json: AsJson = False) -> None:
                 continue
             if plugin_kind == "measures":
                 forms = " ".join(form for form in measure_suffixes(plug_in) if form != "_n_tfi")
-                cells = [format_attribute(plug_in, "degree"), format_attribute(plug_in, "cost"), forms]
+                cells = [*(format_plugin_attribute(plug_in, key) for key in ("degree", "cost")), forms]
             else:
                 cells = [search_kind(plug_in)]
             rows.append((name, *cells, first_paragraph(plug_in).replace("``", "")))
@@ -67,7 +68,7 @@ def show(
     """Show a measure or a search in full: formula, options, range, degree, cost and source."""
     from saf_gen.benchmark.conformance.name_resolution import resolve_method_name
     from saf_gen.benchmark.method_spec import Method, split_method_region
-    from saf_gen.cli._plugin_page import build_plugin_page
+    from saf_gen.benchmark.plugin_description import describe_plugin
 
     found = resolve_method_name(name)
     if isinstance(found, Method):
@@ -76,7 +77,12 @@ def show(
     else:
         pages = [("".join(name.split()), *found)]
     for title, kind, plug_in in pages:
-        out.print(build_plugin_page(title, kind, plug_in=plug_in))
+        table = Table(title=Text(title, "bold"), title_justify="left", show_header=False, box=None, pad_edge=False)
+        table.add_column(style="bold", no_wrap=True)
+        table.add_column()
+        for key, text in describe_plugin(title, kind, plug_in=plug_in).facts:
+            table.add_row(key, Text(text))
+        out.print(table)
 
 
 def check(

@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 from handmade_records import failed, record
 
+from saf_gen.benchmark.method_spec import parse_method
+from saf_gen.benchmark.plugin_description import describe_methods
 from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SequenceFailure, SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 
@@ -37,7 +39,8 @@ def make_thumbnails(count=16, *, rows=20, columns=32):
     grey = np.linspace(1, 60, count).astype(np.uint32)
     images = np.broadcast_to(grey[:, None, None], (count, rows, columns)).copy()
     frames = (np.arange(count) + 0.5) * 800 / count - 0.5
-    return Thumbnails(images, frames, 800 // count, 1, (0.25, 0.125, 0.75, 0.875))
+    spikes = np.tile(np.arange(rows * columns).reshape(rows, columns) % 2, (count, 1, 1)).astype(np.uint8)
+    return Thumbnails(images, images.astype(np.float32), spikes, frames, 800 // count, 1, (0.25, 0.125, 0.75, 0.875))
 
 
 def make_lens_path(method, light="constant", *, scene="camel", problem=""):
@@ -94,4 +97,5 @@ def make_evaluation():
         make_sweep("ramp"),
         make_sweep("steps", scene="fan", split="train"),
     )
-    return Evaluation(tuple(make_records()), sweeps, (SequenceFailure("bad", "truncated"),))
+    plugins = describe_methods(map(parse_method, ("sd+argmax", "er_count+egs_code")))
+    return Evaluation(tuple(make_records()), sweeps, (SequenceFailure("bad", "truncated"),), plugins=plugins)

@@ -27,6 +27,7 @@ TABLES = {
 }
 CURVES = {"curves.csv", "measures.csv", "figures/curves-camel-constant.svg"}
 ERRORS = "figures/errors-camel_test.svg"
+OPENING = "figures/depth-of-focus.svg"
 
 
 def with_curves():
@@ -48,7 +49,7 @@ def held(folder):
 
 def test_all_files_are_written_and_told(tmp_path):
     written = write(tmp_path / "new/out", with_curves())
-    assert held(tmp_path / "new/out") == TABLES | CURVES | {ERRORS}
+    assert held(tmp_path / "new/out") == TABLES | CURVES | {ERRORS, OPENING}
     assert {p.relative_to(tmp_path / "new/out").as_posix() for p in written.paths} == {
         *TABLES,
         "curves.csv",
@@ -65,11 +66,11 @@ def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_or_figu
     written = write(tmp_path, of_one_method("fan"))
     assert written.replaced == "replaced the earlier evaluation of 2 methods"
     foreign = {"notes.txt", "figures/mine.svg", "figures/curves-camel-constant-edited.svg"}
-    assert held(tmp_path) == TABLES | {"figures/errors-fan_test.svg"} | foreign
+    assert held(tmp_path) == TABLES | {"figures/errors-fan_test.svg", OPENING} | foreign
     assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
     again = write(tmp_path, with_curves())
     assert again.replaced == "replaced the earlier evaluation of 1 method"
-    assert held(tmp_path) == TABLES | CURVES | {ERRORS} | foreign
+    assert held(tmp_path) == TABLES | CURVES | {ERRORS, OPENING} | foreign
 
 
 def test_a_folder_of_figures_that_nobody_needs_goes(tmp_path):
@@ -83,7 +84,7 @@ def test_an_evaluation_that_cannot_be_read_is_replaced_and_told(tmp_path):
     write(tmp_path, with_curves())
     (tmp_path / "records.jsonl").write_text('{"half": ')
     assert write(tmp_path, of_one_method()).replaced == "replaced an earlier evaluation that cannot be read"
-    assert held(tmp_path) == TABLES | {ERRORS}
+    assert held(tmp_path) == TABLES | {ERRORS, OPENING}
 
 
 def test_curves_and_figures_that_somebody_else_made_stay(tmp_path):
@@ -92,7 +93,7 @@ def test_curves_and_figures_that_somebody_else_made_stay(tmp_path):
     (tmp_path / "index.html").write_text('<figure id="mine">')
     (tmp_path / "figures/mine.svg").write_text("<svg/>")
     assert write(tmp_path, of_one_method()).replaced == ""
-    assert held(tmp_path) == TABLES | {ERRORS, "curves.csv", "figures/mine.svg"}
+    assert held(tmp_path) == TABLES | {ERRORS, OPENING, "curves.csv", "figures/mine.svg"}
 
 
 @pytest.mark.parametrize("moved", [0, 1, 2, len(TABLES)])  # of these and a figure
@@ -113,7 +114,7 @@ def test_a_folder_half_replaced_is_no_evaluation_and_the_next_one_clears_it(tmp_
             write(tmp_path, of_one_method("fan"))
     assert "records.jsonl" in refusal(read_records, tmp_path).problem
     write(tmp_path, of_one_method("usaf"))
-    assert held(tmp_path) == TABLES | {"figures/errors-usaf_test.svg"}
+    assert held(tmp_path) == TABLES | {"figures/errors-usaf_test.svg", OPENING}
 
 
 def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tmp_path, monkeypatch):
@@ -131,7 +132,8 @@ def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tm
 
 def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluation_stays(tmp_path):
     write(tmp_path, Evaluation(of_one_method().records, (), ()))
-    (tmp_path / ERRORS).unlink()
+    for figure in (ERRORS, OPENING):
+        (tmp_path / figure).unlink()
     (tmp_path / "figures").rmdir()
     (tmp_path / "figures").write_text("in the way")
     assert "figures" in str(refusal(write, tmp_path, with_curves()))

@@ -1,4 +1,5 @@
 import io
+import math
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -18,11 +19,13 @@ from saf_gen.leaderboard.figures import (
     add_paper_background,
     assign_styles,
     build_image_strip,
+    build_spike_strip,
     error_figure,
     inline_svg,
     locate_figure_cursor,
     normalise_curve_of_figure,
     plot_condition,
+    plot_depth_of_focus,
     plot_errors,
     plot_focus_curves,
     plot_lens_paths,
@@ -383,14 +386,53 @@ def test_the_way_of_the_lens_ends_with_a_mark_or_a_cross():
 
 
 def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():
-    made = build_image_strip(make_thumbnails(12), max_bytes=20_000)
-    sheet = np.asarray(Image.open(io.BytesIO(made.jpeg)), dtype=float)
+    made = build_image_strip(make_thumbnails(12).images, max_bytes=20_000)
+    sheet = np.asarray(Image.open(io.BytesIO(made.file)).convert("L"), dtype=float)
     assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 12)
     assert sheet.shape == (40, 256)
     grey = [sheet[y : y + 20, x : x + 32].mean() for y in (0, 20) for x in range(0, 256, 32)]
     assert grey[:12] == sorted(grey[:12])
     assert grey[12:] == pytest.approx([0] * 4, abs=3)
     noise = np.random.default_rng(1).integers(0, 9, (48, 175, 280)).astype(np.uint32)
-    noisy = replace(make_thumbnails(48), images=noise)
-    assert len(build_image_strip(noisy, max_bytes=500_000).jpeg) <= 500_000
-    assert len(build_image_strip(noisy, max_bytes=1).jpeg) < len(build_image_strip(noisy, max_bytes=10**9).jpeg)
+    large, small = (build_image_strip(noise, max_bytes=most) for most in (10**9, 100_000))
+    assert len(large.file) > 500_000
+    assert len(small.file) <= 100_000  # by less quality, and then by smaller pictures
+    assert (large.size, small.count) == ((280, 175), 48)
+    assert small.size[0] < 280
+
+
+def test_single_readouts_are_shown_bit_for_bit():
+    spikes = np.random.default_rng(2).integers(0, 2, (10, 20, 32)).astype(np.uint8)
+    made = build_spike_strip(spikes)
+    sheet = np.asarray(Image.open(io.BytesIO(made.file)))
+    assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 10)
+    for number, frame in enumerate(spikes):
+        row, column = divmod(number, 8)
+        assert (sheet[20 * row : 20 * row + 20, 32 * column : 32 * column + 32] == frame).all()
+
+
+def pictures_of(axes):
+    """The grey pictures of a figure, from left to right."""
+    return [image.get_array() for a in axes for image in a.get_images()]
+
+
+def test_the_depth_of_focus_is_explained_with_what_the_camera_saw():
+    steady, flicker = make_sweep(thumbnails=make_thumbnails()), make_sweep("ramp", thumbnails=make_thumbnails(8))
+    flicker = replace(flicker, rate=np.linspace(0.1, 0.4, CENTRES.size))
+    figure = plot_depth_of_focus([make_sweep("steps"), flicker, steady])
+    labels = [axes.get_xlabel() for axes in figure.axes if axes.get_images()]
+    # Pictures are 0.0625 of the travel apart, 0.7 of the depth of focus; the truth lies between two of them.
+    assert labels == ["−3.8", "−1.0", "+0.3", "+1.0", "+3.8"]
+    means = [picture.mean() for picture in pictures_of(figure.axes)]
+    assert means == sorted(means)  # make_thumbnails brightens from picture to picture
+    plot = figure.axes[-1]
+    line = next(line for line in plot.get_lines() if len(line.get_xdata()) == 3)
+    assert np.interp([-1, -0.5, 0, 0.5, 1], line.get_xdata(), line.get_ydata()) == pytest.approx([2, 1, 0, 1, 2])
+
+
+@pytest.mark.parametrize("change", [{"truth": math.nan}, {"track": np.full(800, 0.4)}, {"thumbnails": None}])
+def test_without_a_known_resting_focus_and_pictures_the_depth_of_focus_is_drawn_alone(change):
+    sweep = make_sweep(**{"thumbnails": make_thumbnails(), **change})
+    figure = plot_depth_of_focus([sweep])
+    assert pictures_of(figure.axes) == []
+    assert len(figure.axes) == 1

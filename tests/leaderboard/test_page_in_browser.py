@@ -1,15 +1,28 @@
 """The page in Chromium: worked by its controls, on a phone, in the dark, on paper, without its script."""
 
+import csv
+import io
+import json
+import re
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
 
 import pytest
 from browser import CHROMIUM, NO_CHROMIUM, run_chromium, run_in_page
 from handmade_evaluations import make_evaluation, make_records
+from handmade_records import record
 
+from saf_gen.benchmark.results import Evaluation
 from saf_gen.leaderboard import list_shown_columns, rank_methods
 from saf_gen.leaderboard.report import write_report
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)]
+
+try:
+    AXE = next(Path(f.locate()) for f in files("axe-playwright-python") if f.name == "axe.min.js")
+except PackageNotFoundError:
+    AXE = None
 
 READ = """
 const board = page.getElementById("board");
@@ -177,7 +190,7 @@ def test_single_answers_follow_what_is_shown_and_a_methods_name_lists_its_own(as
         assert sorted(line[:2] for line in shown) == sorted([r.method, r.sequence] for r in expected)
         assert all([records[int(line[7]) - 1].method, records[int(line[7]) - 1].note] == line[::8] for line in shown)
     assert answer["said"] == f"{len(kept)} answers, the worst first."
-    assert answer["whose"] == f"{len(own)} answers of {answer['first']}, the worst first."
+    assert answer["whose"].startswith(f"{len(own)} answers of {answer['first']}, the worst first.")
     assert (answer["open"], answer["notes"]) == (True, 0)
 
 
@@ -247,11 +260,276 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
     assert answer["inner"] == 390
     assert answer["page"] <= 390
     assert set(answer["boxes"]) == {"auto"}
-    assert answer["board"] > 390
+    assert answer["board"] <= 390  # its main columns fit
     assert answer["names"] < 190  # they stay in view, and leave the better half to numbers
     assert max(answer["figures"]) <= 390
     assert answer["smallest"] >= 8
     assert min(answer["controls"]) >= 32
+
+
+MAIN = ["#", "method", "≤1 DoF", "err DoF"]
+MANY_LIGHTS = tuple(f"a rather long name of a light {number}" for number in range(8))
+
+
+@pytest.fixture(scope="module")
+def crowded(tmp_path_factory):
+    """A page of a long method and of more lights than any screen has room for."""
+    methods = ("structure_calibrated+photon_aware", "sd+argmax", "mfdct_code_n_tfi+sgfs_code:dt=50,window=100")
+    records = [
+        record(method, f"{scene}-{light}", 0.1, scene=scene, light=light, time_to_focus_s=0.1)
+        for method in methods
+        for scene in "abc"
+        for light in MANY_LIGHTS
+    ]
+    out = tmp_path_factory.mktemp("crowded")
+    write_report(out, evaluation=Evaluation(tuple(records), (), ()), rows=rank_methods(records), title="crowded")
+    return out, [column.header for column in list_shown_columns(rank_methods(records))]
+
+
+COLUMNS = """
+const box = page.querySelector("#leaderboard .wide");
+const columns = () => [...page.querySelectorAll("#board thead tr:last-child th")]
+  .filter((head) => head.getBoundingClientRect().width > 0).map((head) => head.textContent);
+const groups = () => [...page.querySelectorAll("#board .groups > *")].filter((cell) => !cell.hidden)
+  .reduce((total, cell) => total + cell.colSpan, 0);
+const narrow = [columns(), box.scrollWidth - box.clientWidth, groups()];
+page.querySelector("[name=whole]").click();
+return { narrow, wide: [columns(), groups()] };
+"""
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_main_columns_need_no_sideways_scrolling_and_all_can_be_asked_for(crowded, tmp_path, width):
+    out, every = crowded
+    answer = run_in_page(out, COLUMNS, profile=tmp_path, width=width)
+    columns, beyond, spanned = answer["narrow"]
+    assert beyond <= 0
+    assert spanned == len(columns)
+    assert columns == (MAIN if width == 390 else [*MAIN, "abst.", "failed", "lens", "to focus s"])
+    assert answer["wide"] == [every, len(every)]
+
+
+def test_a_link_leads_to_the_view_and_a_view_is_in_the_address(ask):
+    answer = ask("""
+      choose("Light schedule", "ramp"); type("sd");
+      form.elements.whole.click();
+      click("err DoF"); click("err DoF");
+      form.elements.first.value = "sd+argmax"; form.elements.second.value = "er_count+argmax";
+      form.elements.second.dispatchEvent(new window.Event("input", { bubbles: true }));
+      const compared = () => page.getElementById("compared").textContent;
+      const state = () => [read(), status(), form.elements.whole.checked, form.elements.text.value, compared(),
+        form.elements.selection.selectedOptions[0].text, head("err DoF").getAttribute("aria-sort")];
+      const [made, hash] = [state(), window.location.hash];
+      const link = page.getElementById("permalink").getAttribute("href");
+      const turn = (to) => new Promise((done) => {
+        window.addEventListener("hashchange", () => setTimeout(done, 20), { once: true });
+        window.location.hash = to;
+      });
+      await reset();
+      const [clean, bare] = [state(), window.location.hash];
+      await turn(hash);
+      const back = state();
+      await turn("#find=none&sequences=no+such&sort=%00&method=%3Cb%3E&answers=%3Cb%3E");
+      const nonsense = [state().slice(1, 4), compared(), page.querySelectorAll("#compared b, #answers td b").length];
+      return { made, hash, link, clean, bare, back, nonsense };
+    """)
+    assert answer["hash"] == answer["link"]
+    assert set(answer["hash"][1:].split("&")) == {
+        "find=sd",
+        "sequences=Light+schedule%3A+ramp",
+        "sort=error%3A+err+DoF",
+        "order=descending",
+        "columns=all",
+        "method=sd%2Bargmax",
+        "beside=er_count%2Bargmax",
+    }
+    assert answer["back"] == answer["made"] != answer["clean"]
+    assert answer["made"][4:] == [answer["made"][4], "ramp", "descending"]
+    assert answer["clean"][0] == python_rows()  # a reset also forgets how the table was sorted
+    assert "=" not in answer["bare"]
+    assert answer["nonsense"] == [["0 of 4 methods, 12 of 12 sequences.", False, "none"], "", 0]
+
+
+def test_two_methods_stand_side_by_side_sequence_by_sequence(ask):
+    answer = ask("""
+      choose("Split", "test");
+      form.elements.first.value = "sd+egs_code"; form.elements.second.value = "er_count+argmax";
+      form.elements.first.dispatchEvent(new window.Event("input", { bubbles: true }));
+      const tables = [...page.querySelectorAll("#compared table")].map((table) => [...table.rows]
+        .map((row) => [...row.cells].map((cell) => cell.textContent)));
+      const links = [...page.querySelectorAll("#compared a")].map((a) => [a.textContent, a.getAttribute("href")]);
+      const opened = links.map(([, href]) => page.querySelector(href).tagName);
+      return { tables, links, opened, said: page.querySelector("#compare [role=status]").textContent, rows: read() };
+    """)
+    figures, errors = answer["tables"]
+    first, second = "sd+egs_code", "er_count+argmax"
+    rows = {row[2]: row for row in answer["rows"]}
+    assert figures[0] == ["figure", first, second]
+    assert [line[1] for line in figures[1:-1]] == [text for at, text in enumerate(rows[first]) if at != 2]
+    assert [line[2] for line in figures[1:-1]] == [text for at, text in enumerate(rows[second]) if at != 2]
+    of = {(r.method, r.sequence): r for r in make_records() if r.split == "test"}
+    nearer = []
+    for sequence, *shown, better in errors[1:]:
+        sizes = [of[method, sequence].error_dof for method in (first, second)]
+        assert shown == ["–" if e is None else f"{e:.2f}" for e in sizes]
+        known = [abs(float(text)) for text in shown if text != "–"]
+        expected = (
+            "–" if len(known) < 2 else first if known[0] < known[1] else second if known[1] < known[0] else "alike"
+        )
+        assert better == expected
+        nearer.append(expected)
+    assert len(nearer) == len({sequence for _, sequence in of}) == 8
+    assert answer["said"].startswith(f"{first} is nearer on {nearer.count(first)}, {second} on {nearer.count(second)},")
+    assert {link[0] for link in answer["links"]} >= {"what er_count computes", "what argmax computes"}
+    assert set(answer["opened"]) == {"DETAILS"}
+
+
+def test_a_table_is_had_as_csv_of_what_it_shows(ask):
+    answer = ask("""
+      const files = [];
+      window.URL.createObjectURL = (blob) => { files.push(blob); return "#"; };
+      window.HTMLAnchorElement.prototype.click = function () { files.push(this.download); };
+      const csv = (table) => table.closest(".wide").nextElementSibling.click();
+      type("sd+"); choose("Split", "train"); click("method"); csv(board);
+      const rows = read();
+      const columns = [...board.querySelectorAll("thead tr:last-child th")]
+        .map((head) => window.getComputedStyle(head).display !== "none");
+      const table = page.querySelector("#conditions table");
+      [table.tBodies[0].rows[0].cells[0], table.tBodies[0].rows[0].cells[1]]
+        .forEach((cell, at) => { cell.textContent = ["=1+1", 'a "b", c'][at]; });
+      csv(table);
+      return { name: files[1], text: await files[0].text(), rows, columns, hostile: await files[2].text() };
+    """)
+    assert answer["name"] == "Leaderboard.csv"
+    lines = list(csv.reader(io.StringIO(answer["text"])))
+    assert lines[1:] == [
+        [text for text, is_shown in zip(row, answer["columns"], strict=True) if is_shown] for row in answer["rows"]
+    ]
+    assert len(lines) == 3
+    assert {"success: ≤1 DoF", "≤1 DoF by light: ramp", "error: err DoF"} <= set(lines[0])
+    assert list(csv.reader(io.StringIO(answer["hostile"])))[1][:2] == ["'=1+1", 'a "b", c']
+
+
+def test_a_sweep_plays_and_is_shown_as_tfp_tfi_or_spikes(ask):
+    answer = ask("""
+      const viewer = page.querySelector(".viewer");
+      const [play, slider, kind] = ["button", "input", "select"].map((name) => viewer.querySelector(name));
+      const seen = () => [...viewer.querySelectorAll("img")].filter((i) => i.getBoundingClientRect().width > 0)
+        .map((i) => i.className);
+      const kinds = [...kind.options].map((option) => {
+        kind.value = option.value; kind.dispatchEvent(new window.Event("input", { bubbles: true }));
+        return [option.value, seen(), viewer.querySelector(".box").hidden];
+      });
+      const from = Number(slider.value), at = [];
+      const watch = new window.MutationObserver(() => at.push(Number(slider.value)));
+      watch.observe(slider, { attributes: true, attributeFilter: ["aria-valuetext"] });
+      play.click();
+      const pressed = play.getAttribute("aria-pressed");
+      while (at.length < 12) await new Promise((done) => setTimeout(done, 50));
+      play.click();
+      await new Promise((done) => setTimeout(done, 0));
+      const played = at.length;
+      await new Promise((done) => setTimeout(done, 500));
+      return { kinds, from, at: at.slice(0, 12), pressed, stopped: play.getAttribute("aria-pressed"),
+        still: at.length === played, names: [play, slider, kind].map((c) => c.getAttribute("aria-label")) };
+    """)
+    assert answer["kinds"] == [["TFP", ["TFP"], False], ["TFI", ["TFI"], False], ["spikes", ["spikes"], True]]
+    assert answer["at"] == [(answer["from"] + step) % 16 for step in range(1, 13)]  # and begins again at the end
+    assert (answer["pressed"], answer["stopped"], answer["still"]) == ("true", "false", True)
+    assert all("camel-constant" in name for name in answer["names"])
+
+
+def test_a_link_to_a_measure_or_its_code_opens_it(ask):
+    answer = ask("""
+      const open = async (link) => {
+        link.click();
+        await new Promise((done) => window.addEventListener("hashchange", () => setTimeout(done, 20), { once: true }));
+        return page.querySelector(link.getAttribute("href")).open;
+      };
+      board.querySelector("tbody:not([hidden]) a").click();
+      const link = page.querySelector("#answers [role=status] a");
+      const plugin = page.querySelector(link.getAttribute("href"));
+      const before = plugin.open;
+      return [before, await open(link), await open(plugin.querySelector("a[href^='#code']"))];
+    """)
+    assert answer == [False, True, True]
+
+
+AUDIT = """
+page.querySelectorAll("tbody[hidden]").forEach((body) => body.remove()); // the like of what is shown, many times
+page.querySelectorAll("details").forEach((details) => { details.open = true; });
+form.elements.first.value = "sd+argmax"; form.elements.second.value = "er_count+argmax";
+form.elements.first.dispatchEvent(new window.Event("input", { bubbles: true }));
+// First what axe leaves open, as it knows no background behind drawings and gradients: their texts.
+const channels = (colour) => colour.match(/[0-9.]+/g).slice(0, 3).map((c) => Number(c) / 255)
+  .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
+const light = (colour) => channels(colour).reduce((sum, c, at) => sum + c * [0.2126, 0.7152, 0.0722][at], 0);
+const contrast = (a, b) => { const [low, high] = [light(a), light(b)].sort((p, q) => p - q);
+  return (high + 0.05) / (low + 0.05); };
+const style = (what) => window.getComputedStyle(what);
+const probe = page.body.appendChild(page.createElement("i"));
+const named = (name) => { probe.style.color = `var(${name})`; return style(probe).color; };
+const papers = [named("--paper"), named("--raised")];
+const texts = [...page.querySelectorAll("svg text")].map((text) => contrast(style(text).fill, papers[0]));
+const bars = [...page.querySelectorAll("td[style]")].flatMap((cell) =>
+  [...papers, named("--bar")].map((paper) => contrast(style(cell).color, paper)));
+page.querySelectorAll("svg").forEach((svg) => svg.replaceChildren()); // their parts are most of the page
+
+new window.Function(%s).call(window);
+const { violations } = await window.axe.run(page, { resultTypes: ["violations"] });
+const found = violations.map((v) => [v.id, v.impact, v.nodes.slice(0, 3).map((node) => node.html.slice(0, 200))]);
+return { violations: found, texts: Math.min(...texts), bars: Math.min(...bars) };
+"""
+
+
+@pytest.mark.skipif(AXE is None, reason="the package axe-playwright-python is missing: make install brings it")
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)])
+def test_an_audit_of_accessibility_finds_nothing(folder, tmp_path, width, dark):
+    """axe-core finds nothing at all, and texts in figures and on bars have the contrast of WCAG 2.2 AA, 4.5."""
+    audited = tmp_path / "page"
+    audited.mkdir()
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    without_policy, count = re.subn("<meta http-equiv[^>]*>", "", page)  # which would stop the audit's script, too
+    assert count == 1
+    (audited / "index.html").write_text(without_policy, encoding="utf-8")
+    source = json.dumps(AXE.read_text(encoding="utf-8")).replace("</", "<\\/")
+    flags = ("--force-dark-mode",) if dark else ()
+    answer = run_in_page(audited, READ + AUDIT % source, profile=tmp_path / "profile", width=width, flags=flags)
+    assert answer["violations"] == []
+    assert min(answer["texts"], answer["bars"]) >= 4.5
+
+
+@pytest.mark.skipif(AXE is None, reason="the package axe-playwright-python is missing: make install brings it")
+def test_the_audit_finds_what_is_broken_on_purpose(folder, tmp_path):
+    audited = tmp_path / "page"
+    audited.mkdir()
+    page = re.sub("<meta http-equiv[^>]*>", "", (folder / "index.html").read_text(encoding="utf-8"))
+    broken = page.replace("--soft: #59636e", "--soft: #b9c3ce").replace('aria-label="Picture of', 'data-label="')
+    (audited / "index.html").write_text(broken, encoding="utf-8")
+    source = json.dumps(AXE.read_text(encoding="utf-8")).replace("</", "<\\/")
+    answer = run_in_page(audited, READ + AUDIT % source, profile=tmp_path / "profile")
+    assert {violation[0] for violation in answer["violations"]} >= {"color-contrast", "label"}
+    assert answer["texts"] < 4.5
+
+
+def test_the_page_is_worked_by_keys_alone_in_the_order_that_is_seen(ask):
+    """Every control and folded part takes the focus by Tab, in the order of the page, and shows that it has it."""
+    answer = ask("""
+      const reached = [...page.querySelectorAll("a[href], button, input, select, summary, [tabindex]")]
+        .filter((what) => what.getBoundingClientRect().height > 0 && what.checkVisibility());
+      const shown = reached.map((what) => {
+        what.focus({ focusVisible: true });
+        const { outlineStyle, outlineWidth } = window.getComputedStyle(what);
+        return [page.activeElement === what, outlineStyle !== "none" && parseFloat(outlineWidth) > 0];
+      });
+      const places = reached.map((what) => what.tabIndex);
+      const heights = [...page.querySelectorAll("main section[id]")].map((what) => what.getBoundingClientRect().top);
+      return { count: reached.length, shown, places, heights };
+    """)
+    assert answer["count"] > 40
+    assert all(focused and outlined for focused, outlined in answer["shown"])
+    assert set(answer["places"]) == {0}  # nothing is taken out of the order, nothing put before it
+    assert answer["heights"] == sorted(answer["heights"])
 
 
 LUMA = """
@@ -287,7 +565,7 @@ def test_without_script_the_tables_and_figures_are_there_and_nothing_dead(ask):
         answers: (page.querySelector("#answers details").open = true,
           [...page.querySelectorAll("#answers tbody tr a")].filter(seen).map((a) => a.getAttribute("href"))),
         figures: [...page.querySelectorAll("figure svg")].every(seen),
-        sheet: [...page.querySelectorAll(".view img")].map((i) => i.getBoundingClientRect())
+        sheet: [...page.querySelectorAll(".view img")].filter(seen).map((i) => i.getBoundingClientRect())
           .map((b) => b.width / b.height),
         dead: [...page.querySelectorAll("input, select, button, output, label, .cursor")].filter(seen).length,
         text: page.querySelector("h1").textContent,

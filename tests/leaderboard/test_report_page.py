@@ -106,7 +106,7 @@ def test_the_page_asks_the_network_for_nothing(whole):
         for name in ("src", "href", "srcset"):
             assert attrs.get(name, "data:").startswith(("data:", "#")), attrs
     links = {a["href"] for a in reader.of("a")}
-    assert {link for link in links if not link.startswith("#")} == {
+    assert {link for link in links if not link.startswith(("#", "https://doi.org/10."))} == {
         "records.jsonl",
         "leaderboard.json",
         "leaderboard.csv",
@@ -138,7 +138,7 @@ def test_who_does_not_see_the_page_is_told(whole):
             assert attrs["aria-label"]
         if tag in ("input", "select"):
             named = {label.get("for") for label in reader.of("label")}
-            assert "label" in around or attrs["id"] in named
+            assert "label" in around or attrs.get("aria-label") or attrs["id"] in named
         if tag == "th" and "group" not in attrs.get("class", ""):
             assert attrs["scope"] == "col"
     assert reader.headings[0] == 1
@@ -162,6 +162,43 @@ def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole
     assert "<code>bad</code>: truncated" in text
     assert "<code>sd+" in text.split('class="lead"')[1][:60]
     assert "Intervals are 95 % of a paired bootstrap over 3 scenes" in text
+
+
+def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(whole):
+    top = whole[2].split("<header>")[1].split("</header>")[0]
+    order = ["What is judged.", "What is right.", 'class="lead"', '<figure id="depth-of-focus">', "<nav"]
+    assert [top.index(text) for text in order] == sorted(top.index(text) for text in order)
+    assert top.count("<image ") == 5  # what the camera saw at five distances
+    assert (whole[0] / "figures/depth-of-focus.svg").is_file()
+
+
+def test_sweeps_come_before_the_tables_of_conditions(whole):
+    sections = re.findall(r'<section id="([\w-]+)"', whole[2])
+    assert sections == [
+        "leaderboard",
+        "compare",
+        *(f"scene-{number}" for number in (1, 2, 3)),
+        "conditions",
+        "measures",
+        "methods",
+        "columns",
+        "data",
+    ]
+
+
+def test_each_measure_and_search_has_formula_source_and_code(whole):
+    text = whole[2].split('<section id="methods"')[1].split("</section>")[0]
+    assert re.findall(r'class="plugin" id="([\w-]+)"><summary><code>(.*?)</code>', text) == [
+        ("measures-1", "sd"),
+        ("measures-2", "er_count"),
+        ("searches-1", "argmax"),
+        ("searches-2", "egs_code"),
+    ]
+    assert "variance over squared mean, V/ū²" in text
+    assert '<a href="https://doi.org/10.1109/CVPR52733.2024.02363">doi:10.1109/CVPR52733.2024.02363</a>.' in text
+    assert "class SpikeDispersion:" in text
+    codes = re.findall(r'class="code" id="code-\d+"><summary><code>(.*?)</code>', text)
+    assert codes.count("_counts.py") == 1  # though both measures use it
 
 
 def test_success_has_its_interval_drawn(whole):

@@ -60,6 +60,11 @@ def names(plugin_kind: str) -> list[str]:
     return sorted(_own(plugin_kind) | set(_offered(plugin_kind)))
 
 
+def is_own_plugin(plugin_kind: str, name: str) -> bool:
+    """Return whether saf_gen itself holds a plug-in of this name."""
+    return name in _own(plugin_kind)
+
+
 @cache
 def plugin_class(plugin_kind: str, name: str) -> type:
     """Return the dataclass behind a name.

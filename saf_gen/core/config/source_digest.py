@@ -20,20 +20,30 @@ def plugin_source_digests(classes: Iterable[type]) -> list[list[str]]:
     digests: dict[Path, list[str]] = {}
     without_file = []
     for cls in classes:
-        file = getattr(sys.modules.get(cls.__module__), "__file__", None)
-        if file is None:
-            without_file.append([cls.__module__, ""])
-            continue
-        path = Path(file).resolve()
-        package = cls.__module__ if path.stem == "__init__" else cls.__module__.rpartition(".")[0]
-        to_read = [path]
-        while to_read:
-            path = to_read.pop()
-            if path not in digests and path.is_file():
-                digest, helpers = _digest(path.read_bytes(), package)
-                digests[path] = [path.name, digest]
-                to_read += [path.with_name(f"{helper}.py") for helper in helpers]
+        found = _digest_files(cls)
+        digests |= {path: [path.name, digest] for path, digest in found.items()}
+        without_file += [] if found else [[cls.__module__, ""]]
     return sorted([*digests.values(), *without_file])
+
+
+def plugin_source_files(cls: type) -> list[Path]:
+    """Return the file of a class, and then the private modules beside it that this imports; [] where it has none."""
+    return list(_digest_files(cls))
+
+
+def _digest_files(cls: type) -> dict[Path, str]:
+    file = getattr(sys.modules.get(cls.__module__), "__file__", None)
+    if file is None:
+        return {}
+    to_read = [Path(file).resolve()]
+    package = cls.__module__ if to_read[0].stem == "__init__" else cls.__module__.rpartition(".")[0]
+    digests: dict[Path, str] = {}
+    while to_read:
+        path = to_read.pop()
+        if path not in digests and path.is_file():
+            digests[path], helpers = _digest(path.read_bytes(), package)
+            to_read += [path.with_name(f"{helper}.py") for helper in helpers]
+    return digests
 
 
 @lru_cache(maxsize=256)

@@ -13,6 +13,7 @@ from saf_gen.core.figure_style import (
     to_svg,
 )
 from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition
+from saf_gen.leaderboard.figures.depth_of_focus_figure import plot_depth_of_focus
 from saf_gen.leaderboard.figures.error_figure import plot_errors
 from saf_gen.leaderboard.figures.focus_curve_figure import (
     Cursor,
@@ -20,7 +21,7 @@ from saf_gen.leaderboard.figures.focus_curve_figure import (
     normalise_curve_of_figure,
     plot_focus_curves,
 )
-from saf_gen.leaderboard.figures.image_strip import ImageStrip, build_image_strip
+from saf_gen.leaderboard.figures.image_strip import ImageStrip, build_image_strip, build_spike_strip
 from saf_gen.leaderboard.figures.path_figures import plot_lens_paths, plot_search_steps
 
 __all__ = [
@@ -35,10 +36,12 @@ __all__ = [
     "add_paper_background",
     "assign_styles",
     "build_image_strip",
+    "build_spike_strip",
     "inline_svg",
     "locate_figure_cursor",
     "normalise_curve_of_figure",
     "plot_condition",
+    "plot_depth_of_focus",
     "plot_errors",
     "plot_focus_curves",
     "plot_lens_paths",

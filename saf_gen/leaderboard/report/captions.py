@@ -2,20 +2,26 @@
 
 _SWEEP = (
     "Grey: the light, as mean counts. Yellow: the depth of focus round the true focus. On top: the "
-    "answers of each search with each measure. Where there are pictures, each shows the counts of a "
-    "part of the sweep; the frame in it is where measures look."
+    "answers of each search with each measure. Pictures show a part of the sweep each: TFP counts its spikes, "
+    "TFI takes the time between two spikes in its middle, spikes is one readout of a piece of the sensor, magnified. "
+    "The frame is where measures look."
+)
+OPENING_CAPTION = (
+    "Below, the width of the target's blur over the distance of the lens from the true focus; inside the yellow band it"
+    " is at most a pixel. Above, a detail of the target as the camera saw it at the dots, and their distances in depths"
+    " of focus."
 )
 FIGURE_CAPTIONS = {
-    "errors": (
-        "Errors",
-        "Answer minus truth of each method, a mark per sequence. The yellow band is success within one depth of focus.",
-    ),
     "curves": (
         "Focus curves",
         "Every measure by its own minimum and maximum. A curve that follows the grey area follows the "
         f"light, not the focus. {_SWEEP}",
     ),
     "sweep": ("Sweeps", f"No method computed a whole curve of these, as the search argmax does. {_SWEEP}"),
+    "errors": (
+        "Errors",
+        "Answer minus truth of each method, a mark per sequence. The yellow band is success within one depth of focus.",
+    ),
     "steps": ("Steps of the searches", "The position that a search examined, step by step, against the true focus."),
     "lens": (
         "Path of the lens",

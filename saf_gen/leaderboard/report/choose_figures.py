@@ -19,6 +19,7 @@ from saf_gen.leaderboard.figures import (
     assign_styles,
     locate_figure_cursor,
     plot_condition,
+    plot_depth_of_focus,
     plot_errors,
     plot_focus_curves,
     plot_lens_paths,
@@ -34,6 +35,9 @@ MAX_SEARCHES = 4
 """Most searches with figures against a condition."""
 
 
+OPENING = "depth-of-focus"
+
+
 @dataclass(frozen=True)
 class ReportFigure:
     """A figure of the page."""
@@ -43,7 +47,7 @@ class ReportFigure:
     scene: str
     """The scene, with its split, that the figure belongs to; '' for all scenes."""
     kind: str
-    """A key of captions.FIGURE_CAPTIONS."""
+    """A key of captions.FIGURE_CAPTIONS, or OPENING for the figure at the top of the page."""
     label: str
     """What the figure shows, for readers who do not see it."""
     svg: str
@@ -53,13 +57,14 @@ class ReportFigure:
 
 
 def plot_report_figures(evaluation: Evaluation, rows: Sequence[LeaderboardRow]) -> list[ReportFigure]:
-    """Return all figures, those against conditions first, then those of each scene, kind by kind."""
+    """Return all figures: the depth of focus, those against conditions, then those of each scene, kind by kind."""
     order = {row.method: number for number, row in enumerate(rows)}
     records = sorted(evaluation.records, key=lambda r: order.get(r.method, len(order)))
     paths = sorted(evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
     styles = assign_styles([split_method_label(row.method)[0] for row in rows])
     return _make_names_unique(
         [
+            *_plot_opening(evaluation),
             *_plot_conditions(records, styles),
             *_plot_errors_by_scene(records),
             *_plot_sweeps(evaluation.sweeps, records, styles=styles),
@@ -79,6 +84,15 @@ def _make_names_unique(figures: Sequence[ReportFigure]) -> list[ReportFigure]:
         names.add(name)
         renamed.append(replace(figure, name=name))
     return renamed
+
+
+def _plot_opening(evaluation: Evaluation) -> list[ReportFigure]:
+    """Return the figure of the depth of focus, unless nothing is judged by it."""
+    if all(record.error_dof is None for record in evaluation.records):
+        return []
+    figure = plot_depth_of_focus(evaluation.sweeps)
+    label = "The width of the blur over the distance from the true focus, with what the camera saw at some distances"
+    return [ReportFigure(OPENING, "", OPENING, label, to_svg(figure, name=OPENING))]
 
 
 def _plot_conditions(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> list[ReportFigure]:

@@ -79,6 +79,7 @@ def write_report(
         sweeps=evaluation.sweeps,
         failures=evaluation.failures,
         report_figures=report_figures,
+        plugins=evaluation.plugins,
     )
     write_text_atomically(out / PAGE, text)
     return [out / PAGE, *([out / FIGURES] if report_figures else [])]

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -9,9 +10,10 @@ from importlib.resources import files
 from itertools import groupby
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from saf_gen import __version__
+from saf_gen.benchmark.plugin_description import PluginDescription
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SequenceFailure, SweepSummary
 from saf_gen.leaderboard import (
@@ -25,13 +27,13 @@ from saf_gen.leaderboard import (
 from saf_gen.leaderboard.columns import format_percent
 from saf_gen.leaderboard.figures import inline_svg
 from saf_gen.leaderboard.report import page_tables
-from saf_gen.leaderboard.report.captions import FIGURE_CAPTIONS, GRAIN_CAPTION, MEASURES_CAPTION
-from saf_gen.leaderboard.report.choose_figures import ReportFigure
+from saf_gen.leaderboard.report.captions import FIGURE_CAPTIONS, GRAIN_CAPTION, MEASURES_CAPTION, OPENING_CAPTION
+from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
 from saf_gen.leaderboard.report.page_tables import PageTable
 from saf_gen.leaderboard.report.selections import list_page_selections
 from saf_gen.leaderboard.table_formats import count_noun
 
-SCRIPTS = ("tables.js", "board.js", "viewer.js")
+SCRIPTS = ("tables.js", "board.js", "compare.js", "viewer.js")
 MAX_ANSWERS = 100
 """Most rows in the table of single answers, with and without the script."""
 
@@ -65,11 +67,13 @@ def build_page(
     sweeps: Sequence[SweepSummary] = (),
     failures: Sequence[SequenceFailure] = (),
     report_figures: Sequence[ReportFigure] = (),
+    plugins: Sequence[PluginDescription] = (),
 ) -> str:
     """Return the page as HTML, readable without its script.
 
     ``rows`` is the leaderboard of ``records``, best first; ``title`` is the heading, such as the name of the dataset.
     The table of measures summarises the focus curves of ``sweeps``; ``failures`` are sequences that could not be read.
+    ``plugins`` are the measures and searches that the page describes.
     """
     script = "\n".join(map(_read_asset, SCRIPTS))
     selections = list_page_selections(records)
@@ -89,6 +93,9 @@ def build_page(
             script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
             style=Markup(_read_asset("page.css")),
             summary=_summarise(rows, records),
+            judged=_say_what_is_judged(records),
+            opening=next((figure for figure in report_figures if figure.kind == OPENING), None),
+            opening_caption=OPENING_CAPTION,
             leaders=[row for row in rows if row.rank == 1],
             failures=failures,
             sections=_list_sections(
@@ -98,6 +105,8 @@ def build_page(
             board=page_tables.tabulate_leaderboard(ranked) if rows else None,
             notes=" ".join(compose_leaderboard_notes(rows, records)),
             answers=page_tables.tabulate_answers(answers[:MAX_ANSWERS]),
+            plugins=_group_plugins(plugins),
+            code=_list_code(plugins),
             columns=shown,
             data_digests=page_tables.tabulate_names_for_page(sequences, name="sequence", value="content_sha256"),
             method_digests=page_tables.tabulate_names_for_page(
@@ -132,6 +141,8 @@ def _templates() -> Environment:
     templates.filters["base64"] = lambda data: base64.b64encode(data).decode()
     templates.filters["css_percent"] = lambda fraction: f"{100 * fraction:.4g}%"
     templates.filters["inline_svg"] = lambda svg, label: Markup(inline_svg(svg, label=label))
+    templates.filters["fold_rules"] = _format_fold_rules
+    templates.filters["link_sources"] = _link_sources
     templates.filters["percent"] = format_percent
     templates.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
     return templates
@@ -153,6 +164,49 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
     )
 
 
+def _say_what_is_judged(records: Sequence[Record]) -> str:
+    """Return in a sentence what the methods see, what they may do and what they are to tell."""
+    if {record.track for record in records} == {"closed_loop"}:
+        return (
+            "Each method commands the lens of a running spike camera, sees nothing but its spikes, and brings the lens"
+            " to where the target is sharp. Judged is where the lens stands in the end."
+        )
+    return (
+        "While its lens sweeps through the focus, a spike camera records the light. Each method, a focus measure with a"
+        " search for its peak, says from the spikes alone where the lens stood when the target was sharp."
+        " Judged is how far that is from the true focus, which is known from the optics."
+    )
+
+
+def _group_plugins(plugins: Sequence[PluginDescription]) -> list[tuple[str, list[PluginDescription]]]:
+    headings = {"measures": "Focus measures", "searches": "Searches"}
+    return [(headings[kind], list(group)) for kind, group in groupby(plugins, key=lambda plugin: plugin.plugin_kind)]
+
+
+def _list_code(plugins: Sequence[PluginDescription]) -> dict[tuple[str, str], str]:
+    """Return an id of the page for the name and text of each file, those of the measures first."""
+    files = dict.fromkeys(file for plugin in plugins for file in plugin.code)
+    return {file: f"code-{number}" for number, file in enumerate(files, start=1)}
+
+
+def _format_fold_rules(table: PageTable) -> Markup:
+    """Return the style rules that hide the columns of a table, while it is folded, for which there is no room."""
+    rules = []
+    for room, where in (("none", "all"), ("wide", "screen and (max-width: 40rem)")):
+        numbers = [number for number, column in enumerate(table.columns, start=1) if column.room == room]
+        cells = ", ".join(f"#{table.id}.folded tr:not(.groups) > :nth-child({number})" for number in numbers)
+        rules += [f"@media {where} {{ {cells} {{ display: none; }} }}"] if numbers else []
+    return Markup("\n".join(rules))
+
+
+def _link_sources(text: str) -> Markup:
+    """Return the text with a link for each DOI."""
+    linked = re.sub(
+        r"\bdoi:(10\.\S+?)(?=[.,;)]*(?:\s|$))", r'<a href="https://doi.org/\1">doi:\1</a>', str(escape(text))
+    )
+    return Markup(linked)
+
+
 def _list_sections(
     axes: Sequence[AxisTable],
     *,
@@ -160,21 +214,22 @@ def _list_sections(
     records: Sequence[Record],
     report_figures: Sequence[ReportFigure],
 ) -> list[PageSection]:
-    """Return the sections that have something to show: conditions, measures, grain, then a section per scene."""
+    """Return the sections that have something to show: a section per scene, conditions, measures, grain."""
     by_scene: dict[str, list[ReportFigure]] = {"": []}
     for figure in report_figures:
         by_scene.setdefault(figure.scene, []).append(figure)
     conditions = _group_figures(by_scene.pop(""))
     tables = [(table.axis, page_tables.tabulate_axis(table)) for table in axes if len(table.bins) > 1]
-    sections = []
+    sections = [
+        PageSection(f"scene-{number}", scene, _group_figures(figures))
+        for number, (scene, figures) in enumerate(by_scene.items(), start=1)
+    ]
     if tables or conditions:
         sections.append(PageSection("conditions", "By condition", conditions, tables))
     if measures := page_tables.tabulate_measures(sweeps):
         sections.append(PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION))
     if grain := page_tables.tabulate_scene_grain(records):
         sections.append(PageSection("grain", "Grain of the pictures", table=grain, caption=GRAIN_CAPTION))
-    for number, (scene, figures) in enumerate(by_scene.items(), start=1):
-        sections.append(PageSection(f"scene-{number}", scene, _group_figures(figures)))
     return sections
 
 

@@ -8,21 +8,27 @@ from math import inf
 from saf_gen.benchmark.records import RECORDS_FILE, Record
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.leaderboard import AxisTable, Column, LeaderboardRow, assess_curves, list_shown_columns, summarise_measures
+from saf_gen.leaderboard.columns import ESSENTIAL, USUAL
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 from saf_gen.leaderboard.grain_tables import tabulate_grain
 from saf_gen.leaderboard.table_formats import count_noun, format_bin
+
+MAX_LIGHT_CHARACTERS = 60
+"""Longest names of light schedules, together, whose columns are shown at first; the tables by condition have all."""
 
 
 @dataclass(frozen=True)
 class PageColumn:
     """A column heading: its text, the tooltip, and a CSS class for the cells below it.
 
-    The classes ``name``, ``note`` and ``text`` mark columns that sort as text; any other sorts as numbers.
+    The classes ``name``, ``note`` and ``text`` mark columns that sort as text; any other sorts as numbers. ``room``
+    says where the column is shown before all columns are asked for: ``any`` screen, a ``wide`` one, or ``none``.
     """
 
     header: str
     title: str = ""
     kind: str = ""
+    room: str = "any"
 
 
 @dataclass(frozen=True)
@@ -64,9 +70,10 @@ def tabulate_leaderboard(ranked: Sequence[Sequence[LeaderboardRow]]) -> PageTabl
     """
     shown = list_shown_columns(ranked[0])
     kinds = {"method": "name", "success_1dof": "main"}
+    rooms = _find_room(shown)
     return PageTable(
         "Leaderboard",
-        [PageColumn(c.header, c.meaning, kinds.get(c.key, "")) for c in shown],
+        [PageColumn(c.header, c.meaning, kinds.get(c.key, ""), rooms[c.key]) for c in shown],
         [[_leaderboard_row(row, shown) for row in rows] for rows in ranked],
         groups=[(group, len(list(columns))) for group, columns in groupby(shown, key=lambda c: c.group)],
         id="board",
@@ -203,6 +210,16 @@ def tabulate_answers(answers: Sequence[Sequence[str]]) -> PageTable:
         PageRow([PageCell(text, link=link) for text, link in zip(answer, links, strict=True)]) for answer in answers
     ]
     return PageTable("Single answers", columns, [rows])
+
+
+def _find_room(columns: Sequence[Column]) -> dict[str, str]:
+    """Return where each column is shown at first: lights only as far as their names fit beside the others."""
+    characters = sum(len(column.header) + 3 for column in columns if column.light)
+    rooms = {}
+    for column in columns:
+        is_main = column.detail <= USUAL and not (column.light and characters > MAX_LIGHT_CHARACTERS)
+        rooms[column.key] = "any" if column.detail == ESSENTIAL else "wide" if is_main else "none"
+    return rooms
 
 
 def _leaderboard_row(row: LeaderboardRow, shown: Sequence[Column]) -> PageRow:

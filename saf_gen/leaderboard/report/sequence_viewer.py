@@ -8,10 +8,10 @@ import numpy as np
 from saf_gen.benchmark.judgement import truth_depth_of_focus
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
-from saf_gen.leaderboard.figures import Cursor, ImageStrip, build_image_strip
+from saf_gen.leaderboard.figures import Cursor, ImageStrip, build_image_strip, build_spike_strip
 
-MAX_STRIP_BYTES = 220_000
-"""Largest image strip of a viewer: with twelve of them the page stays below 6 MB."""
+MAX_TFP_BYTES, MAX_TFI_BYTES = 100_000, 80_000
+"""Largest image strips of a viewer; spikes, 1 bit a pixel, take about 55,000 bytes. Twelve viewers are then 4 MB."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,8 @@ class SequenceViewer:
     """The pictures of a sweep, with the position of each on the curves and a description."""
 
     sequence: str
-    strip: ImageStrip
+    strips: tuple[tuple[str, str, ImageStrip], ...]
+    """Name, meaning and pictures of each way in which spikes are looked at, the same moments in all."""
     cursor: Cursor
     descriptions: tuple[str, ...]
     start: int
@@ -37,7 +38,11 @@ def build_viewer(sweep: SweepSummary, cursor: Cursor) -> SequenceViewer | None:
     known = np.isfinite(offsets).any()
     return SequenceViewer(
         sweep.sequence,
-        build_image_strip(pictures, max_bytes=MAX_STRIP_BYTES),
+        (
+            ("TFP", "spikes counted", build_image_strip(pictures.images, max_bytes=MAX_TFP_BYTES)),
+            ("TFI", "time between two spikes", build_image_strip(pictures.textures, max_bytes=MAX_TFI_BYTES)),
+            ("spikes", "one readout, magnified", build_spike_strip(pictures.spikes)),
+        ),
         cursor,
         tuple(_describe(sweep, float(f), offset=o) for f, o in zip(pictures.frames, offsets, strict=True)),
         int(np.nanargmin(np.abs(offsets))) if known else len(offsets) // 2,

@@ -1,9 +1,17 @@
 "use strict";
 // Every table sorts by any of its columns: text columns by text, others by the number that a cell begins with.
-// Cells without a number come last; equal cells keep their order.
+// Cells without a number come last; equal cells keep their order. What a table shows can be had as CSV.
 
 const DASH = "–";
 const columnHeads = (table) => [...table.tHead.rows[table.tHead.rows.length - 1].cells];
+const writtenOrder = new WeakMap(); // of rows, for tables that are no longer to be sorted
+
+function unsortTable(table) {
+  for (const body of table.tBodies) {
+    body.append(...[...body.rows].sort((a, b) => (writtenOrder.get(a) ?? 0) - (writtenOrder.get(b) ?? 0)));
+  }
+  columnHeads(table).forEach((head) => head.removeAttribute("aria-sort"));
+}
 
 function sortTable(table, column, descending) {
   const isText = columnHeads(table)[column].classList.contains("left");
@@ -27,7 +35,43 @@ function sortTable(table, column, descending) {
   });
 }
 
-document.querySelectorAll("table.sortable").forEach((table) => {
+// The headings with those of their groups, so that each is there once.
+function columnNames(table) {
+  const groups = [...(table.tHead.rows.length > 1 ? table.tHead.rows[0].cells : [])]
+    .flatMap((cell) => Array(Number(cell.dataset.span)).fill(cell.textContent));
+  return columnHeads(table).map((head, at) => [groups[at], head.textContent.trim()].filter(Boolean).join(": "));
+}
+
+// The columns and rows that are shown, as RFC 4180 has them. A text that a spreadsheet would run gets an apostrophe.
+function tableToCsv(table) {
+  const heads = columnHeads(table);
+  const shown = heads.map((head, column) => column).filter((column) => getComputedStyle(heads[column]).display !== "none");
+  const lines = [...table.tBodies].filter((body) => !body.hidden).flatMap((body) => [...body.rows])
+    .filter((row) => !row.hidden).map((row) => [...row.cells].map((cell) => cell.textContent.trim()));
+  const quote = (text) => {
+    const safe = /^[=+@\t]|^-(?![\d.])/.test(text) ? `'${text}` : text;
+    return /[",\r\n]/.test(safe) ? `"${safe.replaceAll('"', '""')}"` : safe;
+  };
+  return [columnNames(table), ...lines].map((cells) => `${shown.map((column) => quote(cells[column])).join(",")}\r\n`).join("");
+}
+
+function offerCsv(box) {
+  const table = box.querySelector("table");
+  const button = document.createElement("button");
+  [button.type, button.className, button.textContent] = ["button", "csv", "CSV"];
+  button.setAttribute("aria-label", `CSV of the table: ${table.caption.textContent}`);
+  button.addEventListener("click", () => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([tableToCsv(table)], { type: "text/csv" }));
+    link.download = `${table.caption.textContent.replace(/[^\w.-]+/g, "_")}.csv`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  });
+  box.after(button);
+}
+
+function makeSortable(table) {
+  for (const body of table.tBodies) [...body.rows].forEach((row, at) => writtenOrder.set(row, at));
   columnHeads(table).forEach((head, column) => {
     const button = document.createElement("button");
     button.type = "button";
@@ -39,6 +83,10 @@ document.querySelectorAll("table.sortable").forEach((table) => {
       const hasBars = table.tBodies[0].querySelector(`td:nth-child(${column + 1})[style]`) !== null;
       const order = head.getAttribute("aria-sort");
       sortTable(table, column, order === null ? hasBars : order === "ascending");
+      table.dispatchEvent(new Event("sorted", { bubbles: true }));
     });
   });
-});
+}
+
+document.querySelectorAll("table.sortable").forEach(makeSortable);
+document.querySelectorAll(".wide").forEach(offerCsv);

@@ -1,37 +1,55 @@
-// The sequence viewer: a slider, or a pointer on the curves, chooses the picture of the sweep.
+// The sequence viewer: a slider, a pointer on the curves or the play button chooses the picture of the sweep.
+
+const PICTURE_MS = 125;
 
 document.querySelectorAll(".viewer").forEach((viewer) => {
   const { across, words, x } = JSON.parse(viewer.dataset.viewer);
   const view = viewer.querySelector(".view");
-  const picture = view.querySelector("img");
-  const slider = viewer.querySelector("input");
+  const pictures = [...view.querySelectorAll("img")];
+  const [play, slider, kind] = ["button", "input", "select"].map((name) => viewer.querySelector(name));
   const description = viewer.querySelector("output");
+  const box = view.querySelector(".box");
   const plot = viewer.parentElement.querySelector(".plot");
   const cursor = plot.querySelector(".cursor");
+  let timer = null;
 
   const show = () => {
     const at = Number(slider.value);
     const [column, row] = [at % across, Math.floor(at / across)];
-    picture.style.transform = `translate(${-100 * column / across}%, ${-100 * row / Math.ceil(x.length / across)}%)`;
+    for (const picture of pictures) {
+      picture.hidden = !picture.classList.contains(kind.value);
+      picture.style.transform = `translate(${-100 * column / across}%, ${-100 * row / Math.ceil(x.length / across)}%)`;
+    }
+    box.hidden = kind.value === "spikes"; // they are of a smaller part than the box
     cursor.style.left = `${100 * x[at]}%`;
     description.value = words[at];
     slider.setAttribute("aria-valuetext", words[at]);
   };
+  const setPlaying = (playing) => {
+    clearInterval(timer);
+    timer = playing ? setInterval(() => {
+      slider.value = String((Number(slider.value) + 1) % x.length);
+      show();
+    }, PICTURE_MS) : null;
+    play.setAttribute("aria-pressed", String(playing));
+    play.textContent = playing ? "❚❚" : "▶";
+    description.setAttribute("aria-live", playing ? "off" : "polite");
+  };
   const follow = (event) => {
-    if (event.pointerType !== "mouse" && event.buttons === 0) return;
-    const box = plot.getBoundingClientRect();
-    const pointer = (event.clientX - box.left) / box.width;
+    if (timer !== null || (event.pointerType !== "mouse" && event.buttons === 0)) return;
+    const frame = plot.getBoundingClientRect();
+    const pointer = (event.clientX - frame.left) / frame.width;
     const distances = x.map((position) => Math.abs(position - pointer));
     slider.value = String(distances.indexOf(Math.min(...distances)));
     show();
   };
 
   viewer.classList.add("live");
-  for (const control of [view.querySelector(".box"), viewer.querySelector("label"), slider, description, cursor]) {
-    control.hidden = false;
-  }
-  slider.addEventListener("input", show);
+  for (const control of [viewer.querySelector(".controls"), description, cursor]) control.hidden = false;
+  play.addEventListener("click", () => setPlaying(timer === null));
+  slider.addEventListener("input", () => { setPlaying(false); show(); });
+  kind.addEventListener("input", show);
   plot.addEventListener("pointermove", follow);
-  plot.addEventListener("pointerdown", follow);
+  plot.addEventListener("pointerdown", (event) => { setPlaying(false); follow(event); });
   show();
 });

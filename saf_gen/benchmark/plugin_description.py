@@ -1,0 +1,185 @@
+"""What a focus measure or a search states about itself, and the code that computes it.
+
+Nothing is loaded here: plug-ins come as objects that somebody has named. Of recorded methods only those that saf_gen
+itself holds are built, because a record must not decide whose code is run.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import MISSING, dataclass, fields
+from inspect import cleandoc
+from typing import Any
+
+from saf_gen.benchmark.method_spec import Method, parse_method, split_method_options, split_method_region
+from saf_gen.benchmark.records import Record
+from saf_gen.core.config.registry import build_plugin, is_own_plugin, plugin_class
+from saf_gen.core.config.source_digest import plugin_source_files
+from saf_gen.errors import BadInput
+from saf_gen.measures import BrightnessNormalised, IntervalTexture
+from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
+
+UNKNOWN = "-"
+MAX_CODE_CHARACTERS = 30_000
+"""Most that is shown of one file; the rest is left out, and said so."""
+
+
+@dataclass(frozen=True)
+class PluginDescription:
+    """A measure or a search, with its options, as people read it."""
+
+    name: str
+    """As a method spells it, with its form and options."""
+    plugin_kind: str
+    """``measures`` or ``searches``."""
+    facts: tuple[tuple[str, str], ...]
+    """Key and text of everything that it states: what it does, its options, range, degree, cost and source."""
+    code: tuple[tuple[str, str], ...]
+    """Name and text of its file, and then of the private files beside it that this imports, as far as they are read."""
+
+
+def describe_plugin(name: str, plugin_kind: str, *, plug_in: Any) -> PluginDescription:
+    """Return everything that a plug-in states about itself; ``name`` is its name as the user wrote it."""
+    layers = [plug_in]
+    while isinstance(layers[-1], BrightnessNormalised | IntervalTexture):
+        layers.append(layers[-1].measure)
+    facts = _state_facts(split_method_options(name)[0], plugin_kind, layers=layers)
+    return PluginDescription(name, plugin_kind, tuple(facts), _read_code(type(layers[-1])))
+
+
+def describe_methods(methods: Iterable[Method]) -> tuple[PluginDescription, ...]:
+    """Return the measures of these methods, and then the searches, each with its options once."""
+    found: dict[tuple[str, str], PluginDescription] = {}
+    for method in methods:
+        halves = split_method_region(method.name)[0].split("+")
+        for half, kind, plug_in in zip(halves, ("measures", "searches"), (method.measure, method.search), strict=True):
+            if (kind, half) not in found:
+                found[kind, half] = describe_plugin(half, kind, plug_in=plug_in)
+    return tuple(sorted(found.values(), key=lambda d: d.plugin_kind))
+
+
+def describe_recorded_methods(records: Iterable[Record]) -> tuple[PluginDescription, ...]:
+    """Return the plug-ins of recorded methods that saf_gen holds with the very code that made the records."""
+    recorded = {record.method: record.code for record in records}
+    methods = []
+    for name, code in recorded.items():
+        halves = [split_method_options(half)[0] for half in split_method_region(name)[0].split("+")]
+        if len(halves) != 2 or not all(map(is_own_plugin, ("measures", "searches"), halves)):
+            continue
+        try:
+            method = parse_method(name)
+        except BadInput:  # of another version, which had other options
+            continue
+        if method.code == code:
+            methods.append(method)
+    return describe_methods(methods)
+
+
+def build_or_class(plugin_kind: str, name: str) -> Any:
+    """Return the plug-in ``name`` built without options, or its class where it needs some.
+
+    Raises BadInput where it cannot be loaded.
+    """
+    try:
+        return build_plugin(plugin_kind, name)
+    except BadInput:
+        return plugin_class(plugin_kind, name)
+
+
+def format_plugin_attribute(plug_in: Any, key: str) -> str:
+    """Return what a plug-in, or its class, states as attribute ``key``; '-' if it states nothing."""
+    try:
+        value = getattr(plug_in, key, None)
+    except Exception as error:  # noqa: BLE001  (a property of anybody's plug-in may raise anything)
+        return f"? {type(error).__name__}: {error}"
+    if isinstance(plug_in, type) and isinstance(value, property):
+        return "depends on options"
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    return UNKNOWN if value is None else str(value)
+
+
+def first_paragraph(plug_in: Any) -> str:
+    """Return the first paragraph of a plug-in's docstring on one line."""
+    return " ".join((plug_in.__doc__ or "").split("\n\n")[0].split())
+
+
+def search_kind(plug_in: Any) -> str:
+    """Return whether a search commands the lens or estimates, and whether it is causal."""
+    if commands(plug_in):
+        return "commands"
+    return f"estimates{', causal' if getattr(plug_in, 'causal', None) is True else ''}"
+
+
+def measure_suffixes(measure: Any) -> Iterator[str]:
+    """Yield the suffixes of the forms that a measure has: ``_n``, ``_tfi`` and ``_n_tfi``."""
+    whole = not (wants_halves(measure) or wants_intervals(measure))
+    grows = isinstance(degree := getattr(measure, "degree", 0), int) and degree > 0
+    if grows:
+        yield "_n"
+    if whole:
+        yield "_tfi"
+    if grows and whole:
+        yield "_n_tfi"
+
+
+def _state_facts(name: str, plugin_kind: str, *, layers: Sequence[Any]) -> Iterator[tuple[str, str]]:
+    """Yield key and text of what a plug-in states; ``layers`` are its forms, from the outermost inwards."""
+    plug_in, inner = layers[0], layers[-1]
+    yield "kind", "focus measure" if plugin_kind == "measures" else f"search, {search_kind(plug_in)}"
+    yield "what", "\n\n".join(_prose(type(layer)) for layer in reversed(layers))
+    yield "options", "\n".join(_options(inner)) or "none"
+    if plugin_kind == "measures":
+        yield "input", _input(plug_in)
+        yield "range", format_plugin_attribute(plug_in, "score_range")
+        yield "degree", format_plugin_attribute(plug_in, "degree")
+        cost = format_plugin_attribute(plug_in, "cost")
+        yield ("cost", cost if cost == UNKNOWN else f"{cost} operations per pixel (additions, multiplications, roots)")
+        if len(layers) == 1:
+            yield "forms", ", ".join(f"{name}{form}" for form in measure_suffixes(plug_in)) or "none"
+    elif wants_measures(plug_in):
+        yield "also scores", ", ".join(wants_measures(plug_in))
+    stated = format_plugin_attribute(plug_in, "source")
+    yield "source", cite_source(plug_in) or UNKNOWN if stated == UNKNOWN else stated
+    if ":" not in name:  # otherwise the name contains it
+        yield "class", f"{type(inner).__module__}:{type(inner).__qualname__}"
+
+
+def _prose(cls: type) -> str:
+    """Return a docstring up to its first section, with each paragraph that is not indented on one line."""
+    text = re.split(r"\n\n\w+\n-+\n", cleandoc(cls.__doc__ or UNKNOWN))[0]
+    return "\n\n".join(p if p.startswith(" ") else " ".join(p.split()) for p in text.split("\n\n"))
+
+
+def _options(plug_in: Any) -> Iterator[str]:
+    for field in fields(plug_in):
+        if not field.init:
+            continue
+        value = getattr(plug_in, field.name)
+        plain = field.default if field.default_factory is MISSING else field.default_factory()
+        default = "" if value == plain else f" (default: {'none' if plain is MISSING else _format_option(plain)})"
+        yield f"{field.name.rstrip('_')}={_format_option(value)}{default}"
+
+
+def _format_option(value: object) -> str:
+    """Return a value as the name of a method spells it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _input(measure: Any) -> str:
+    """Return what a measure is given."""
+    if wants_halves(measure):
+        return "spike counts of the two halves of a window"
+    return "the interval texture of a window" if wants_intervals(measure) else "spike counts of a window"
+
+
+def _read_code(cls: type) -> tuple[tuple[str, str], ...]:
+    """Return name and text of each of plugin_source_files that can be read, up to MAX_CODE_CHARACTERS."""
+    found = []
+    for path in plugin_source_files(cls):
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            continue
+        rest = len(text) - MAX_CODE_CHARACTERS
+        found.append((path.name, f"{text[:MAX_CODE_CHARACTERS]}\n# {rest} more characters" if rest > 0 else text))
+    return tuple(found)

@@ -1,0 +1,91 @@
+"""What a page tells of measures and searches: of those that ran, and of recorded ones whose code is the same."""
+
+from dataclasses import replace
+
+import pytest
+from handmade_records import record
+
+from saf_gen.benchmark.method_spec import parse_method
+from saf_gen.benchmark.plugin_description import (
+    MAX_CODE_CHARACTERS,
+    describe_methods,
+    describe_plugin,
+    describe_recorded_methods,
+)
+
+MEASURE = '''
+from dataclasses import dataclass
+from pathlib import Path
+
+Path({mark!r}).write_text("ran")
+
+@dataclass(frozen=True)
+class Sum:
+    """Σc."""
+    degree = 1
+    source = "nobody, doi:10.1000/182"
+
+    def __call__(self, counts):
+        return float(counts.sum())
+'''
+
+
+@pytest.fixture
+def own_file(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(MEASURE.format(mark=str(tmp_path / "mark")))
+    return path
+
+
+def test_a_method_is_described_by_what_it_states_and_by_the_files_that_it_is_made_of():
+    measure, search = describe_methods([parse_method("sd_code_tfi+egs_code:threshold=50@frame")])
+    assert (measure.plugin_kind, measure.name) == ("measures", "sd_code_tfi")
+    facts = dict(measure.facts)
+    assert "Σ(c − ū)²/ū²" in facts["what"]
+    assert "texture from intervals" in facts["what"]
+    assert "doi:10.1109/CVPR52733.2024.02363" in facts["source"]
+    assert [name for name, _ in measure.code] == ["sd_code.py", "_moments.py", "_counts.py"]
+    assert "class SpikeDispersionCode" in measure.code[0][1]
+    assert (search.plugin_kind, search.name) == ("searches", "egs_code:threshold=50")
+    assert "threshold=50 (default:" in dict(search.facts)["options"]
+
+
+def test_of_methods_that_share_a_half_it_is_described_once():
+    described = describe_methods(map(parse_method, ("sd+argmax", "sd+egs_code", "cen+argmax", "sd+argmax:window=50")))
+    assert [d.name for d in described] == ["sd", "cen", "argmax", "egs_code", "argmax:window=50"]
+
+
+def test_a_measure_of_ones_own_is_described_with_its_file(own_file):
+    measure, _ = describe_methods([parse_method(f"{own_file}:Sum+argmax")])
+    assert measure.name == f"{own_file}:Sum"
+    assert [name for name, _ in measure.code] == ["mine.py"]
+    assert dict(measure.facts)["source"] == "nobody, doi:10.1000/182"
+
+
+def test_recorded_methods_are_described_only_where_their_code_is_the_same():
+    known, other = parse_method("sd+argmax"), parse_method("cen+argmax")
+    records = [
+        replace(record("sd+argmax", "a", 0.0), code=known.code),
+        replace(record("cen+argmax", "a", 0.0), code=other.code[::-1]),
+        record("my_net", "a", 0.0),
+        record("sd+no_such_search", "a", 0.0),
+        record("sd+argmax:no_such_option=1", "a", 0.0),
+    ]
+    assert [d.name for d in describe_recorded_methods(records)] == ["sd", "argmax"]
+
+
+def test_records_run_no_code_that_they_name(own_file):
+    records = [
+        record(name, "a", 0.0) for name in ("mine.py:Sum+argmax", "sd+mine.py:Sum", "@mine.py", "mine:Sum+argmax")
+    ]
+    assert describe_recorded_methods(records) == ()
+    assert not (own_file / "mark").exists()
+
+
+def test_of_a_long_file_the_beginning_is_shown(own_file):
+    with own_file.open("a") as file:
+        file.write("# " + "x" * MAX_CODE_CHARACTERS)
+    method = parse_method(f"{own_file}:Sum+argmax")
+    ((_, text),) = describe_plugin(f"{own_file}:Sum", "measures", plug_in=method.measure).code
+    assert len(text) < MAX_CODE_CHARACTERS + 50
+    assert text.endswith("more characters")
