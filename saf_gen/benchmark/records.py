@@ -51,35 +51,64 @@ class Record:
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     method: str
+    """The method as ``MEASURE+SEARCH``, with options that differ from the defaults."""
     sequence: str
+    """The sequence's name in its dataset, or that of the stream's file."""
     split: str | None
+    """The split that it belongs to."""
     scene: str
+    """The scene that it shows."""
     light: str | None
+    """The light schedule."""
     status: Literal["answered", "abstained", "failed"]
+    """``answered``, ``abstained`` or ``failed``."""
     position: Position | None
+    """Where the lens stood at the answer; in the closed loop where it was at the end."""
     frame: Number | None
+    """The frame of the answer, from 0, perhaps fractional; in the closed loop when the method was done, of an
+    abstention too."""
     truth: Position | None
+    """Best focus at the answer, as a position; without an answer that of the first crossing."""
     truth_frame: Position | None
+    """The frame at which the lens crosses the truth nearest to the answer; without an answer the first crossing."""
     error: Position | None
+    """Answer minus truth, in travels."""
     error_frames: Position | None
+    """The same in frames."""
     error_dof: Position | None
+    """The same in depths of focus."""
     blur_px: Distance | None
+    """Blur of the target at the answer, pixels; under a microscope in the width that it resolves."""
     success_half_dof: Flag | None
+    """Whether the answer lies within half a depth of focus, or an abstention was right by that limit."""
     success_1dof: Flag | None
+    """The same for one depth of focus: this ranks."""
     success_2dof: Flag | None
+    """The same for two depths of focus."""
     trace: tuple[TraceValue, ...]
+    """Steps of the search in its own convention; ``egs_code`` and ``sgfs_code`` give frames counted from 1."""
     frames: Annotated[Count, Field(ge=1)]
+    """Frames recorded; in the closed loop the budget."""
     frames_seen: Count
+    """Frames up to the last one that the method looked at."""
     lens_travel: Travel | None
+    """Distance that the lens moved while it was seen and then to the answer, in travels."""
     windows: Count
+    """Windows that the search scored."""
     seconds: Duration
+    """Seconds that search and measure computed; counting, reading and encoding spikes are not in it."""
     note: str
+    """What the search wants a reader to know, or why the method failed."""
     region: str
+    """Where the method looked: ``target`` or ``frame``."""
     data: str
     """content_sha256 of the stream; for a closed loop with time slices of its own, a digest of both."""
     code: str
-    """See Method.code."""
+    """Digest of the method's options and code: the files of measure and search and the private modules
+    (``_name.py``) of the same folder that these import; comments, docstrings, formatting and location do not
+    count."""
     track: Literal["recorded", "closed_loop"] = "recorded"
+    """``recorded`` or ``closed_loop``."""
     terms: str = ""
     """The protocol of the closed loop: what moves the lens, the budget, the sweep."""
     variant: Count | None = None
@@ -98,7 +127,7 @@ class Record:
     mean_rate: Travel | None = None
     """Counts per pixel and readout, where the evaluation looks, over the frames that a method may see."""
     light_ratio: Annotated[Number, Field(ge=1, le=MAX_SECONDS_OR_TRAVELS)] | None = None
-    """See judgement.light_ratio."""
+    """Brightest over darkest gain; with several lights the largest, 1000 for a light that goes out."""
     time_to_focus_s: Duration | None = None
     """Recorded track: time until the method saw its last frame. Closed loop: time until the lens arrived for good."""
     reversals: Count | None = None
@@ -106,15 +135,18 @@ class Record:
     parameters: str = ""
     """Measure and search with every option, defaults included."""
     tuning: str = ""
-    """12 digits of the tuned file that named the method."""
+    """12 digits of the digest of the file of tuned constants that named the method."""
     machine: str = ""
-    """cores.describe_machine(): ``seconds`` of two machines do not compare."""
+    """Processor, cores and versions, on which ``seconds`` depend."""
     rig: str = ""
-    """versions.evaluator_version() of the track."""
+    """Version of the evaluator: how spikes are counted, captured and judged."""
     grain_rms: Travel | None = None
     """Noise that the renderer left in the recorded pictures, rms over the mean in the target's box, at best focus."""
     grain_of_curve: Travel | None = None
-    """The largest energy of that noise along the recording, over the range of the measure's focus curve."""
+    """The largest energy of that noise along the recording over the range of the measure's focus curve: of the
+    noise-free sharpness for ``sd`` and its kin, of their own energy for ``brenner``, ``tenengrad``,
+    ``squared_gradient``, ``energy_of_laplacian`` and ``variance_of_laplacian``; None for other measures, and for
+    methods that look at the frame."""
 
 
 def record_to_json(record: Record) -> dict[str, Any]:

@@ -7,8 +7,8 @@ readout and independent of how S grows. So the second difference at a lag of k s
     2·k·s² + Var(e₂ₖ − 2eₖ + e₀) = 2·k·s² + 1/2 − 4·O(k) + O(2k)
 
 where O(k) is twice the covariance of two phases k spikes apart, the oscillation of the exact law of intervals at the
-mean k·m and the variance k·s² (docs/explanation/physics.md). It knows neither the mean interval nor a steady drift of
-the light. At long lags the noise outgrows the phases, and O is nothing.
+mean k·m and the variance k·s² (docs/explanation/spike-camera.md). It knows neither the mean interval nor a steady drift
+of the light. At long lags the noise outgrows the phases, and O is nothing.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 The response is a smooth surface (Legendre polynomials of columns and rows, and the product of both tilts), a first
 column and a first row that differ, white noise of columns, rows and pixels, and a part that goes with dark charge, as
-the calibration map of a real chip shows them: docs/explanation/physics.md.
+the calibration map of a real chip shows them: docs/explanation/spike-camera.md.
 """
 
 from dataclasses import dataclass

@@ -14,8 +14,8 @@ class SpikeDispersionDebiased:
 
     Counts are those of the first half of the frames and of the rest, (2, row, col). Noise that the halves do not
     share drops out of a covariance. What they share is the charge left over at the end of the first, which adds −1/12
-    (the average of the exact law, docs/explanation/physics.md) where fractions of a count are spread evenly over the
-    pixels, as they are where the counts of a half span one count or more. Over a narrower span it adds 0 to −1/4,
+    (the average of the exact law, docs/explanation/spike-camera.md) where fractions of a count are spread evenly over
+    the pixels, as they are where the counts of a half span one count or more. Over a narrower span it adds 0 to −1/4,
     which 1/12 does not balance: the error may exceed that of ``sd``, and an even field may score below 0. Odd and
     even frames cannot replace the halves: they divide one train of spikes, and their covariance lies far lower. The
     score is 0.0 where a half holds no spike.

@@ -16,8 +16,8 @@ A moving scene is rendered at many moments. Shading that stays where it is from 
 MOMENTS of them, a quarter as many each; what has changed since is found by the latest alone, where it shows above
 the noise.
 
-The result has a bias where shading changes within a cell, which falls as samples grow; docs/explanation/physics.md
-has its size.
+The result has a bias where shading changes within a cell, which falls as samples grow: see
+docs/explanation/shared-shading.md.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

@@ -173,7 +173,7 @@ CHECKS = (
         "At the samples of our recipes grain lies below the noise of the sensor; a dataset with far too few is "
         "warned of.",
         "grain rms ≤ √(fixed pattern² + (1/6 + F·m)/m²), m = rate × 100 frames",
-        "Grain: docs/explanation/physics.md, *Grain*; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
+        "Grain: docs/explanation/grain.md; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
         "Scenes at rest with 64 samples as stored beside each recording, and again with one; evaluate's warning.",
         "The sensor's own noise in a block of 100 frames at a rate of 0.2.",
         check_samples,

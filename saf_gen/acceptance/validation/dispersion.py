@@ -197,7 +197,7 @@ CHECKS = (
         "dispersion_dark_offset",
         "Dark charge adds its own spread to SD, which falls with the square of the light.",
         "E[SD] = (Var over pixels of n·d + V)/m², m = n·(q + d)/θ",
-        "The variance of a sum (docs/explanation/physics.md, *The spike camera*)",
+        "The variance of a sum (docs/explanation/spike-camera.md)",
         "Even light at five levels over dark charge, windows of 1,000 frames, and a dark recording of the same device.",
         f"{_SCATTER}, each pixel against itself in the dark; and rounding of the dark recording to whole spikes.",
         check_dark_offset,

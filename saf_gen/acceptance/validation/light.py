@@ -165,7 +165,7 @@ CHECKS = (
         "light_ramp",
         "Under an even ramp spikes follow the light evenly: no staircase of whole intervals.",
         "E[count] = Σ q(t)/(θ + ℓ·q(t))",
-        "The law of rates (docs/explanation/physics.md, *The spike camera*); a hard reset would give 1/⌈θ/q⌉",
+        "The law of rates (docs/explanation/spike-camera.md); a hard reset would give 1/⌈θ/q⌉",
         "Even light that rises from a rate of 0.05 to 0.8; 39 windows.",
         "The scatter of pixels (once in 10,000 runs by chance), and the change of light within an interval times "
         "the loss at a spike.",

@@ -21,7 +21,7 @@ F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)
 SETTLED = 100
 """Frames that are left out at the beginning."""
 UNEVEN = 1e-5
-"""How even the waves' bends leave even light, of its radiance: docs/explanation/physics.md, *Waves*."""
+"""How even the waves' bends leave even light, of its radiance: docs/explanation/waves.md."""
 
 
 def rounding_error(rate: float) -> float:
@@ -269,7 +269,7 @@ CHECKS = (
         "radiometry_decades",
         "Rate follows light over five decades, and bends into saturation by the law that the sensor has.",
         "subtract: min(1, q/(θ + ℓ·q)); dead_readout: 1/(1 + θ/q)",
-        "Acnext/SCSim; BIT-Vision/RSIR and SpikeNeRF calibrations (docs/explanation/physics.md, *Saturation*)",
+        "Acnext/SCSim; BIT-Vision/RSIR and SpikeNeRF calibrations (docs/explanation/spike-camera.md, *Saturation*)",
         "Even light from 10⁻⁵ to 3.16 thresholds per readout, both laws, 20,000 frames of 16,000 pixels.",
         f"{_TOLERANCE}, which is 0.3 % at 10⁻⁵. For dead_readout the ends of the window, because it does not begin "
         "with an even phase. For subtract near saturation 3·10⁻⁵, half the variance of a threshold: it keeps at "

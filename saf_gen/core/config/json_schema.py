@@ -74,14 +74,14 @@ def define_component(schema: Schema, plugin_kind: str, *, common: Mapping[str, S
     """
     kinds = []
     for name in registry.names(plugin_kind):
-        schema["$defs"][f"{plugin_kind}.{name}"] = _kind_schema(plugin_kind, name, dict(common or {}))
+        schema["$defs"][f"{plugin_kind}.{name}"] = _kind_schema(plugin_kind, name, common=dict(common or {}))
         kinds.append({"$ref": f"#/$defs/{plugin_kind}.{name}"})
     choice = {**CHOICE, "properties": {"choice": {"type": "array", "minItems": 1, "items": {"anyOf": kinds}}}}
     schema["$defs"][plugin_kind] = {"anyOf": [*kinds, choice]}
     return {"$ref": f"#/$defs/{plugin_kind}"}
 
 
-def _kind_schema(plugin_kind: str, name: str, common: dict[str, Schema]) -> Schema:
+def _kind_schema(plugin_kind: str, name: str, *, common: dict[str, Schema]) -> Schema:
     cls = registry.plugin_class(plugin_kind, name)
     hints, said = typing.get_type_hints(cls), field_docs(cls)
     keys: dict[str, Schema] = {"kind": {"const": name}}

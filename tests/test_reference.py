@@ -1,0 +1,60 @@
+"""What docs/ takes from the code is what the code says."""
+
+import sys
+
+import pytest
+from small_dataset import HERE
+
+from saf_gen.core.config import registry
+from saf_gen.core.config.field_docs import field_docs
+
+ROOT = HERE.parent
+MAX_WORDS_OF_HOW_TO = 800
+
+
+@pytest.fixture(scope="module")
+def reference():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "tools"))
+        import write_reference
+
+        yield write_reference
+        del sys.modules["write_reference"]
+
+
+def test_the_reference_is_what_the_code_says(reference):
+    stale = [
+        path.relative_to(ROOT).as_posix()
+        for path, text in reference.expected_files().items()
+        if not path.exists() or path.read_text(encoding="utf-8") != text
+    ]
+    assert stale == [], "run: python tools/write_reference.py"
+
+
+def test_every_part_that_the_code_tells_is_on_a_page(reference):
+    pages = "".join(page.read_text(encoding="utf-8") for page in reference.DOCS.rglob("*.md"))
+    assert sorted(set(reference.PARTS)) == sorted(found[1] for found in reference.PART.findall(pages))
+
+
+def test_a_page_that_fell_behind_is_noticed(reference, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("By hand.\n\n<!-- from the code: light_common_keys -->\nold\n<!-- end -->\n\nBy hand.\n")
+    text = reference.rewritten(page)
+    assert "old" not in text
+    assert "`lux_at_gain_1`" in text
+    assert text.startswith("By hand.\n\n<!--")
+    assert text.endswith("<!-- end -->\n\nBy hand.\n")
+
+
+@pytest.mark.parametrize("plugin_kind", ["lights", "motions"])
+def test_every_key_of_a_light_or_motion_says_its_values_and_its_meaning(plugin_kind):
+    for name in registry.names(plugin_kind):
+        keys = registry.plugin_option_fields(plugin_kind, name)
+        said = field_docs(registry.plugin_class(plugin_kind, name))
+        assert set(keys.values()) == set(said)
+        assert all(": " in text for text in said.values()), name
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs/how-to").glob("*.md")), ids=lambda p: p.name)
+def test_a_how_to_page_is_short(page):
+    assert len(page.read_text(encoding="utf-8").split()) <= MAX_WORDS_OF_HOW_TO

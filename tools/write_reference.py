@@ -1,0 +1,424 @@
+"""Writes the parts of docs/ that the code tells: commands, keys, options, records, the Python interface, JSON Schemas.
+
+    python tools/write_reference.py
+
+A part of a page stands between ``<!-- from the code: NAME -->`` and ``<!-- end -->``; NAME is a key of ``PARTS``. All
+else on a page is written by hand. ``tests/test_reference.py`` compares the pages with the code.
+"""
+
+import inspect
+import json
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import MISSING, fields
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import typer
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+import saf_gen.benchmark.evaluate
+import saf_gen.benchmark.records
+import saf_gen.camera
+import saf_gen.generate.resolve
+import saf_gen.generate.run
+import saf_gen.optics.actuators
+import saf_gen.parts
+import saf_gen.stream.metadata
+import saf_gen.stream.stream_file
+from saf_gen.benchmark.plugin_description import (
+    build_or_class,
+    first_paragraph,
+    format_plugin_attribute,
+    measure_suffixes,
+    search_kind,
+)
+from saf_gen.benchmark.records import Record
+from saf_gen.camera import get_sensor, sensor_names
+from saf_gen.cli import app
+from saf_gen.core.config import registry
+from saf_gen.core.config.field_docs import field_docs
+from saf_gen.errors import BadInput
+from saf_gen.generate.recipe import Recipe
+from saf_gen.generate.recipe_schema import make_recipe_schema
+from saf_gen.lights import COMMON_KEYS
+from saf_gen.optics.actuators import actuator_names, get_actuator
+from saf_gen.scene.card_schema import make_card_schema
+from saf_gen.scene.scene_folder import SceneCard
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+PART = re.compile(r"(<!-- from the code: ([a-z_]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+REQUIRED = "must be given"
+
+
+def table(*header: str, rows: Iterable[Iterable[str]]) -> str:
+    """A Markdown table; a | in a cell is escaped."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def tick(text: str) -> str:
+    """Docstrings mark code as reStructuredText does; pages as Markdown."""
+    text = re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", text)
+    return text.replace("``", "`")
+
+
+# --- commands ------------------------------------------------------------------------------------------
+
+
+def commands() -> str:
+    """Every command with its arguments and options."""
+    return "\n".join(_command(name, command) for name, command in _walk(typer.main.get_command(app), "saf-gen"))
+
+
+def _walk(command: Any, name: str) -> Iterator[tuple[str, Any]]:
+    if not hasattr(command, "commands"):
+        yield name, command
+        return
+    if command.invoke_without_command and name != "saf-gen":
+        yield name, command
+    for key, inner in command.commands.items():
+        yield from _walk(inner, f"{name} {key}")
+
+
+def _command(name: str, command: Any) -> str:
+    shown = [p for p in command.params if not p.hidden and "--help" not in p.opts]
+    arguments = [p for p in shown if p.param_type_name == "argument"]
+    words = [_option(p) if p.required else f"[{_option(p)}]" for p in arguments]
+    words += [f"{p.opts[0]} {_value(p)}".strip() for p in shown if p not in arguments and p.required]
+    usage = " ".join([name, *words, *(["[OPTIONS]"] if len(shown) > len(words) else [])])
+    text = f"## {name}\n\n```\n{usage}\n```\n\n{_help(command.help)}\n"
+    rows = [[f"`{_option(p)}`", tick(p.help or ""), _default(p)] for p in shown]
+    return text + ("\n" + table("argument, option", "what it is", "default", rows=rows) if rows else "")
+
+
+def _help(text: str | None) -> str:
+    """The help of a command; lines that are indented are shown as they stand."""
+    blocks = tick(inspect.cleandoc((text or "").replace("\b", ""))).split("\n\n")
+    return "\n\n".join(f"```\n{b}\n```" if b.startswith("saf-gen ") else " ".join(b.split()) for b in blocks)
+
+
+def _option(parameter: Any) -> str:
+    if parameter.param_type_name == "argument":
+        return parameter.name.upper() + ("..." if parameter.nargs == -1 else "")
+    return f"{', '.join([*parameter.opts, *parameter.secondary_opts])} {_value(parameter)}".strip()
+
+
+def _value(parameter: Any) -> str:
+    if parameter.is_flag:
+        return ""
+    return " ".join([parameter.name.upper().strip("_")] * max(parameter.nargs, 1))
+
+
+def _default(parameter: Any) -> str:
+    if parameter.required:
+        return REQUIRED
+    if parameter.default in (None, False, (), []) or parameter.is_flag:
+        return ""
+    return f"`{parameter.default}`"
+
+
+# --- keys of recipes and cards -------------------------------------------------------------------------
+
+
+def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[list[str]]:
+    """A row for each key that holds a value; a key of a model within the model is written with dots."""
+    for name, field in model.model_fields.items():
+        at, inner = f"{prefix}{name}", field.annotation
+        if get_origin(inner) is dict and get_args(inner)[1] is not Any:
+            at, inner = f"{at}.NAME", get_args(inner)[1]
+        if kinds := kinds_of(inner):  # the keys that all of them have; the others have a table of their own
+            common = set.intersection(*(set(kind.model_fields) for kind in kinds))
+            yield from (row for row in keys_of(kinds[0], f"{at}.") if row[0].strip("`").split(".")[-1] in common)
+            continue
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            yield from keys_of(inner, f"{at}.")
+        else:
+            yield [f"`{at}`", _allowed(inner, field), _default_of(field), tick(field_docs(model).get(name, ""))]
+
+
+def kinds_of(hint: Any) -> list[type[BaseModel]]:
+    """The models of a union of kinds, such as the drives of a lens; none for anything else."""
+    return [get_args(kind)[0] for kind in get_args(hint) if get_origin(kind) is Annotated]
+
+
+def _default_of(field: FieldInfo) -> str:
+    if field.is_required():
+        return REQUIRED
+    value = field.default if field.default is not PydanticUndefined else field.default_factory()  # type: ignore[misc]
+    return "" if value is None or value == {} else _written(value)
+
+
+def _written(value: Any) -> str:
+    """A value as YAML writes it."""
+    if isinstance(value, tuple):
+        return f"`[{', '.join(f'{v:g}' if isinstance(v, float) else str(v) for v in value)}]`"
+    if isinstance(value, float):
+        return f"{value:g}"
+    plain = json.dumps(value).replace('"', "")
+    return plain if isinstance(value, int) and not isinstance(value, bool) else f"`{plain}`"
+
+
+def _allowed(hint: Any, field: FieldInfo) -> str:
+    """The values of a type in words, with the bounds of a field."""
+    inner = [one for one in get_args(hint) if one is not NoneType]
+    if get_origin(hint) is Annotated:
+        return _allowed(inner[0], FieldInfo.from_annotation(hint))
+    if get_origin(hint) in (Union, UnionType):
+        words = ["range" if get_origin(one) is dict else _allowed(one, field) for one in inner]
+        return " or ".join(words)
+    if get_origin(hint) is Literal:
+        return ", ".join(f"`{one}`" for one in inner)
+    if get_origin(hint) is tuple:
+        if Ellipsis in inner:
+            least = f", at least {bound}" if (bound := _bound(field, "min_length")) else ""
+            return f"list of {_allowed(inner[0], FieldInfo())}{least}"
+        return f"{len(inner)} numbers"
+    if get_origin(hint) is dict:
+        return "keys and values"
+    low, high = _low(field), _high(field)
+    names = {bool: "`true`, `false`", int: "whole number", float: "number", str: "text"}
+    word = names.get(hint, "keyframes")
+    return ", ".join(filter(None, (word, low, high)))
+
+
+def _bound(field: FieldInfo, *names: str) -> Any:
+    return next((v for m in field.metadata for n in names if (v := getattr(m, n, None)) is not None), None)
+
+
+def _low(field: FieldInfo) -> str:
+    if (bound := _bound(field, "ge")) is not None:
+        return f"from {bound:,}"
+    return "" if (bound := _bound(field, "gt")) is None else f"above {bound:,}"
+
+
+def _high(field: FieldInfo) -> str:
+    if (bound := _bound(field, "le")) is not None:
+        return f"to {bound:,}" if bound < 2**53 else "to 2⁶³ − 1"
+    return "" if (bound := _bound(field, "lt")) is None else f"below {bound:,}"
+
+
+def recipe_keys() -> str:
+    """The keys of a recipe."""
+    return table("key", "value", "default", "meaning", rows=keys_of(Recipe))
+
+
+def card_keys() -> str:
+    """The keys of a scene card, but for those of the lens."""
+    return table("key", "value", "default", "meaning", rows=keys_of(SceneCard))
+
+
+def drive_keys() -> str:
+    """The keys that each kind of lens has of its own."""
+    rows = []
+    kinds = kinds_of(SceneCard.model_fields["lens"].annotation)
+    common = set.intersection(*(set(kind.model_fields) for kind in kinds))
+    for kind in kinds:
+        said = field_docs(kind)
+        rows.append([f"`{kind.drive_class.kind}`", "", "", said["drive"]])
+        own = [(name, field) for name, field in kind.model_fields.items() if name not in common]
+        rows += [["", f"`lens.{name}`", _allowed(field.annotation, field), said[name]] for name, field in own]
+    return table("drive", "key, must be given", "value", "meaning", rows=rows)
+
+
+# --- plug-ins, sensors, actuators ----------------------------------------------------------------------
+
+
+def _options(plugin_kind: str) -> str:
+    rows = []
+    for name in registry.names(plugin_kind):
+        cls = registry.plugin_class(plugin_kind, name)
+        rows.append([f"`{name}`", "", "", "", tick(first_paragraph(cls))])
+        said = field_docs(cls)
+        for field in fields(cls):
+            allowed, _, meaning = tick(said[field.name]).partition(": ")
+            default = REQUIRED if field.default is MISSING else "" if field.default is None else _written(field.default)
+            rows.append(["", f"`{field.name.rstrip('_')}`", allowed, default, meaning])
+    return table("kind", "key", "value", "default", "meaning", rows=rows)
+
+
+def light_keys() -> str:
+    """The kinds of light schedules with their keys."""
+    return _options("lights")
+
+
+def light_common_keys() -> str:
+    """The keys that every light schedule takes."""
+    rows = [[f"`{key}`", *tick(said).split(": ", 1)] for key, said in COMMON_KEYS.items()]
+    return table("key of every kind", "value", "meaning", rows=rows)
+
+
+def motion_keys() -> str:
+    """The kinds of lens motions with their keys."""
+    return _options("motions")
+
+
+def measure_table() -> str:
+    """The focus measures."""
+    rows = []
+    for name in registry.names("measures"):
+        measure = build_or_class("measures", name)
+        options = ", ".join(f"`{key}`" for key in registry.plugin_option_fields("measures", name))
+        cost, degree = (format_plugin_attribute(measure, key) for key in ("cost", "degree"))
+        forms = ", ".join(f"`{suffix}`" for suffix in measure_suffixes(measure) if suffix != "_n_tfi")
+        rows.append([f"`{name}`", tick(first_paragraph(measure)), cost, degree, options, forms])
+    return table("measure", "what it is", "cost", "degree", "options", "forms", rows=rows)
+
+
+def search_table() -> str:
+    """The searches."""
+    rows = []
+    for name in registry.names("searches"):
+        search = build_or_class("searches", name)
+        options = ", ".join(f"`{key}`" for key in registry.plugin_option_fields("searches", name))
+        rows.append([f"`{name}`", tick(first_paragraph(search)), search_kind(search), options])
+    return table("search", "what it is", "kind", "options", rows=rows)
+
+
+def sensor_table() -> str:
+    """The sensors that come along."""
+    rows = []
+    for name in sensor_names():
+        sensor = get_sensor(name)
+        noise = "none" if not sensor.noise.threshold_noise else f"{sensor.threshold_noise_rms:.2%}".replace("%", " %")
+        rows.append([f"`{name}`", f"{sensor.columns} × {sensor.rows}", f"{sensor.readout_hz:,}", noise])
+    return table("sensor", "pixels", "readouts per second", "threshold noise", rows=rows)
+
+
+def actuator_table() -> str:
+    """The actuators that come along."""
+    rows = []
+    for name in actuator_names():
+        one = get_actuator(name)
+        numbers = (one.latency_s * 1000, one.resonance_hz, one.damping, one.backlash * 100)
+        rows.append([f"`{name}`", *(f"{number:g}" for number in numbers), one.reads])
+    return table("actuator", "latency, ms", "resonance, Hz", "damping", "backlash, %", "sensor reads", rows=rows)
+
+
+# --- records, Python -----------------------------------------------------------------------------------
+
+
+def record_keys() -> str:
+    """The keys of a line of records.jsonl."""
+    said = field_docs(Record)
+    return table("key", "meaning", rows=([f"`{field.name}`", tick(said[field.name])] for field in fields(Record)))
+
+
+PUBLIC: dict[str, list[Any]] = {
+    "saf_gen": [getattr(saf_gen, name) for name in saf_gen.__all__ if not name.startswith("__")],
+    "saf_gen.stream": [
+        saf_gen.stream.stream_file.SpikeStream,
+        saf_gen.stream.metadata.Metadata,
+        saf_gen.stream.metadata.Truth,
+    ],
+    "saf_gen.parts": [getattr(saf_gen.parts, n) for n in ("Light", "Motion", "Measure", "Search", "View", "Answer")],
+    "saf_gen.generate": [saf_gen.generate.resolve.resolve_recipe, saf_gen.generate.run.generate],
+    "saf_gen.benchmark": [saf_gen.benchmark.evaluate.evaluate, saf_gen.benchmark.records.read_records],
+    "saf_gen.camera": [saf_gen.camera.Encoder],
+    "saf_gen.optics.actuators": [get_actuator, saf_gen.optics.actuators.ActuatedLens],
+    "saf_gen.errors": [BadInput],
+}
+"""What scripts and plug-ins of others may rely on, by the module to import it from."""
+
+
+def python_interface() -> str:
+    """The public functions and classes, from their docstrings."""
+    parts = []
+    for module, members in PUBLIC.items():
+        parts.append(f"## {module}\n")
+        parts += [_member(one, f"{one.__module__}.{one.__name__}" if module != "saf_gen" else "") for one in members]
+    return "\n".join(parts)
+
+
+def _member(one: Any, home: str) -> str:
+    text = f"### {one.__name__}\n\n```\n{one.__name__}{_signature(one)}\n```\n\n"
+    text += f"`from {home.rpartition('.')[0]} import {one.__name__}`\n\n" if home else ""
+    text += _docstring(one)
+    if isinstance(one, type):
+        rows = [[f"`{name}{_signature(inner)}`", _summary(inner)] for name, inner in _members_of(one)]
+        text += "\n" + table("member", "what it is", rows=rows) if rows else ""
+    return text
+
+
+def _members_of(cls: type) -> Iterator[tuple[str, Any]]:
+    for name, inner in vars(cls).items():
+        special = name.startswith("_") and name != "__call__"
+        if not special and (callable(inner) or isinstance(inner, property)) and inner.__doc__:
+            yield name, inner
+
+
+def _signature(one: Any) -> str:
+    if isinstance(one, property):
+        return ""
+    given = inspect.signature(one).parameters.values()
+    if [p.name for p in given] == ["args", "kwargs"]:
+        return ""  # a protocol, which nobody calls
+    shown = [p.replace(annotation=inspect.Parameter.empty) for p in given if p.name != "self"]
+    return re.sub(r"<factory>|<.*? at 0x\w+>", "...", str(inspect.Signature(shown)))
+
+
+def _summary(one: Any) -> str:
+    return tick(" ".join(inspect.getdoc(one).split("\n\n")[0].split()))  # type: ignore[union-attr]
+
+
+def _docstring(one: Any) -> str:
+    """A docstring of numpydoc as Markdown: sections in bold, their entries as a list."""
+    lines: list[str] = []
+    inside = False  # an entry, whose text may go on over indented lines
+    text = re.sub(r"\n([A-Z]\w+)\n-{3,}\n", r"\n**\1**\n\n", tick(inspect.getdoc(one) or ""))
+    for line in text.split("\n"):
+        entry = re.match(r"([*\w][\w*, ]*) : (.*)", line)
+        if entry:
+            lines.append(f"- `{entry[1]}`: {entry[2]}")
+        elif line.startswith("    ") and inside:
+            lines.append(f"  {line.strip()}")
+        else:
+            lines.append(line)
+        inside = bool(entry) or (inside and line.startswith("    "))
+    return "\n".join(lines) + "\n"
+
+
+PARTS: dict[str, Callable[[], str]] = {
+    part.__name__: part
+    for part in (
+        commands,
+        recipe_keys,
+        card_keys,
+        drive_keys,
+        light_keys,
+        light_common_keys,
+        motion_keys,
+        measure_table,
+        search_table,
+        sensor_table,
+        actuator_table,
+        record_keys,
+        python_interface,
+    )
+}
+"""What a page may take from the code."""
+SCHEMAS = {"recipe.schema.json": make_recipe_schema, "scene.schema.json": make_card_schema}
+
+
+def rewritten(page: Path) -> str:
+    """The text of a page with its parts as the code tells them now."""
+    text = page.read_text(encoding="utf-8")
+    return PART.sub(lambda found: f"{found[1]}\n{PARTS[found[2]]()}\n{found[3]}", text)
+
+
+def expected_files() -> dict[Path, str]:
+    """Every file of docs/ that the code tells, in whole or in part, with its text."""
+    pages = {page: rewritten(page) for page in sorted(DOCS.rglob("*.md")) if PART.search(page.read_text("utf-8"))}
+    written = {name: json.dumps(make(), indent=1, ensure_ascii=False) + "\n" for name, make in SCHEMAS.items()}
+    return pages | {DOCS / "reference" / name: text for name, text in written.items()}
+
+
+if __name__ == "__main__":
+    for path, text in expected_files().items():
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+            sys.stdout.write(f"{path.relative_to(DOCS.parent)}\n")
