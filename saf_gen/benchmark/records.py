@@ -21,6 +21,8 @@ from saf_gen.core.config.json_document import parse_json
 from saf_gen.errors import BadInput
 
 RECORDS_FILE = "records.jsonl"
+READY = ".evaluation.ready"
+"""The folder, inside that of an evaluation, in which a new one lies whole until its files have been moved."""
 RECORD_FORMAT, EARLIER_FORMAT = "saf-gen record 5", "saf-gen record 4"
 KEYS_SINCE_EARLIER = ("grain_rms", "grain_of_curve")
 """Keys that a record of the earlier format does not have: they are then unknown."""
@@ -173,7 +175,8 @@ def read_records(source: str | Path) -> list[Record]:
     """
     path = Path(source)
     if path.is_dir():
-        path /= RECORDS_FILE
+        moving = path / READY / RECORDS_FILE
+        path = moving if moving.is_file() else path / RECORDS_FILE
     if not path.is_file():
         raise BadInput(
             f"there is no {RECORDS_FILE} at {str(source)!r}",

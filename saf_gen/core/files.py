@@ -23,7 +23,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     final = Path(path)
     # Containers on one volume may have the same process numbers, and shards may render the same stack.
-    part = final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_host()}.{os.getpid()}.part")
+    part = final.with_name(f".{final.name}.{secrets.token_hex(4)}{mark_of_process()}.part")
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         yield part
@@ -72,9 +72,19 @@ def remove_stale_temporaries(folder: Path) -> None:
     Those of other machines stay, since their processes are unknown here.
     """
     for part in folder.rglob(f".*.{_host()}.*.part"):
-        pid = part.name.split(".")[-2]
-        if pid.isdecimal() and not _is_running(int(pid)):
+        if is_left_behind(part.name.removesuffix(".part")):
             part.unlink(missing_ok=True)
+
+
+def mark_of_process() -> str:
+    """Return the end of a temporary file's name, which says what writes it: ``.HOST.PID``."""
+    return f".{_host()}.{os.getpid()}"
+
+
+def is_left_behind(name: str) -> bool:
+    """Return whether a name ends with :func:`mark_of_process` of a process of this machine that has ended."""
+    _, host, pid = ("", "", *name.split("."))[-3:]
+    return host == _host() and pid.isdecimal() and not _is_running(int(pid))
 
 
 def _host() -> str:

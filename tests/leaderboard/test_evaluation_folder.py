@@ -1,7 +1,9 @@
 """The folder of an evaluation: a later one replaces it as a whole, and what is not ours stays."""
 
 import os
+import shutil
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from refusals import refusal
 
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
+from saf_gen.core.files import mark_of_process
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import evaluation_folder, write_evaluation_report
 
@@ -96,25 +99,62 @@ def test_curves_and_figures_that_somebody_else_made_stay(tmp_path):
     assert held(tmp_path) == TABLES | {ERRORS, OPENING, "curves.csv", "figures/mine.svg"}
 
 
-@pytest.mark.parametrize("moved", [0, 1, 2, len(TABLES)])  # of these and a figure
-def test_a_folder_half_replaced_is_no_evaluation_and_the_next_one_clears_it(tmp_path, monkeypatch, moved):
-    write(tmp_path, with_curves())
-    replace, left = Path.replace, [moved]
+class Killed(BaseException):
+    """Ends a run as SIGKILL does: nothing catches it."""
 
-    def until_killed(self, target):
-        if evaluation_folder.STAGING in str(self) and evaluation_folder.STAGING not in str(target):
+
+def killed_at(step, monkeypatch, action):
+    """Run an action that is killed just before its step-th change of the disk; gives whether it was."""
+    left = [step]
+
+    def dying(change):
+        def run(*given, **how):
             if not left[0]:
-                raise KeyboardInterrupt
+                raise Killed
             left[0] -= 1
-        return replace(self, target)
+            return change(*given, **how)
+
+        return run
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", until_killed)
-        with pytest.raises(KeyboardInterrupt):
-            write(tmp_path, of_one_method("fan"))
-    assert "records.jsonl" in refusal(read_records, tmp_path).problem
-    write(tmp_path, of_one_method("usaf"))
-    assert held(tmp_path) == TABLES | {"figures/errors-usaf_test.svg", OPENING}
+        for name in ("mkdir", "rename", "replace", "unlink", "rmdir"):
+            patch.setattr(Path, name, dying(getattr(Path, name)))
+        for name in ("unlink", "rmdir", "fsync"):  # what removing a folder and writing a file do
+            patch.setattr(os, name, dying(getattr(os, name)))
+        try:
+            action()
+        except Killed:
+            return True
+    return False
+
+
+def test_a_killed_run_leaves_the_earlier_evaluation_or_the_new_one_whole(tmp_path, monkeypatch):
+    """Killed at each change of the disk; then once more while the next run finishes what was left."""
+    write(tmp_path / "old", with_curves())
+    (tmp_path / "old/notes.txt").write_text("not ours")
+    write(tmp_path / "new", of_one_method("fan"))
+    methods = {"old": {"sd+argmax", "er_count+argmax"}, "new": {"sd+egs_code"}}
+    whole = {name: held(tmp_path / name) | {"notes.txt"} for name in methods}
+    seen, step, going_on = set(), 0, True
+    while going_on:
+        for again in (0, 2, 5):
+            final = tmp_path / f"{step}-{again}"
+            shutil.copytree(tmp_path / "old", final)
+            part = shutil.copytree(tmp_path / "new", final / f"{evaluation_folder.STAGING}x.host.1")
+            going_on = killed_at(
+                step, monkeypatch, lambda part=part, final=final: evaluation_folder._publish(part, final)
+            )
+            which = {frozenset(r.method for r in read_records(final))}
+            assert which <= set(map(frozenset, methods.values()))
+            killed_at(again, monkeypatch, partial(evaluation_folder._finish_publishing, final))
+            evaluation_folder._finish_publishing(final)
+            (found,) = (name for name in methods if {frozenset(methods[name])} == which)
+            assert {r.method for r in read_records(final)} == methods[found]
+            assert {name for name in held(final) if evaluation_folder.STAGING not in name} == whole[found]
+            seen.add(found)
+        step += 1
+    assert seen == {"old", "new"}
+    assert step > len(TABLES)
 
 
 def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tmp_path, monkeypatch):
@@ -144,12 +184,20 @@ def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluatio
     )
 
 
-def test_what_a_killed_run_wrote_aside_goes_after_a_day_and_a_neighbour_s_stays(tmp_path):
-    old, new = tmp_path / f"{evaluation_folder.STAGING}old", tmp_path / f"{evaluation_folder.STAGING}new"
-    for left in (old, new):
+def test_what_a_killed_run_wrote_aside_goes_and_what_is_being_written_stays(tmp_path):
+    """On another machine the age decides, here the process."""
+    mark = mark_of_process()
+    host = mark.split(".")[1]
+    old, new, dead, mine = (
+        tmp_path / f"{evaluation_folder.STAGING}{name}"
+        for name in ("a.far.1", "b.far.1", f"c.{host}.999999999", f"d{mark}")
+    )
+    for left in (old, new, dead, mine):
         left.mkdir()
         (left / "index.html").write_text("half")
     os.utime(old, (time.time() - 2 * evaluation_folder.ABANDONED_S,) * 2)
     write(tmp_path, of_one_method())
     assert not old.exists()
+    assert not dead.exists()
     assert (new / "index.html").is_file()
+    assert (mine / "index.html").is_file()

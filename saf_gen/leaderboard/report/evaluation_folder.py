@@ -1,7 +1,9 @@
 """Writes the folder of an evaluation: an earlier evaluation in it is replaced as a whole, other files stay.
 
-A folder with a ``records.jsonl`` is an evaluation. That file is removed first and written last, so that a folder whose
-writer was killed in between is not taken for one. The figures of an evaluation are those of its page.
+All files of a new evaluation are written to a staging folder. Renaming that to ``.evaluation.ready`` is the moment at
+which the new evaluation takes the place of the earlier one: whoever is killed before leaves the earlier one whole, and
+from then on records are read from there, until all files have been moved, by the next run if this one is killed.
+The figures of an evaluation are those of its page.
 """
 
 import json
@@ -14,16 +16,18 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from saf_gen.benchmark.records import RECORDS_FILE
+from saf_gen.benchmark.records import READY, RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.core.files import unwritable_error, write_text_atomically
+from saf_gen.core.cores import defer_interrupts
+from saf_gen.core.files import is_left_behind, mark_of_process, unwritable_error, write_text_atomically
 from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
 from saf_gen.leaderboard.figures import add_paper_background
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
 from saf_gen.leaderboard.report.page import build_page
 
 STAGING = ".evaluation."
-ABANDONED_S = 86_400.0  # the writer may be on another machine, so the age of its folder decides
+ABANDONED_S = 86_400.0  # of a writer on another machine the age of its folder decides
+STALE = "stale.json"
 PAGE, FIGURES = "index.html", "figures"
 CURVES = ("curves.csv", "measures.csv")
 CURVES_START = "measure,"
@@ -88,7 +92,8 @@ def write_report(
 def _describe_earlier(folder: Path) -> str:
     """Return a phrase about the evaluation in the folder; '' where there is none."""
     try:
-        lines = (folder / RECORDS_FILE).read_bytes().split(b"\n")
+        moving = folder / READY / RECORDS_FILE
+        lines = (moving if moving.is_file() else folder / RECORDS_FILE).read_bytes().split(b"\n")
         methods = {json.loads(line)["method"] for line in lines if line}
     except (FileNotFoundError, NotADirectoryError):
         return ""
@@ -99,13 +104,13 @@ def _describe_earlier(folder: Path) -> str:
 
 @contextmanager
 def _staging_folder(folder: Path) -> Iterator[Path]:
-    """Create a folder inside ``folder`` that is removed at the end, as are those abandoned a day ago."""
+    """Create a folder inside ``folder`` that is removed at the end, as are those whose writer has ended."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for left in folder.glob(f"{STAGING}*"):
-            if time.time() - left.stat().st_mtime > ABANDONED_S:
+        for left in folder.glob(f"{STAGING}*.*.*"):
+            if is_left_behind(left.name) or time.time() - left.stat().st_mtime > ABANDONED_S:
                 shutil.rmtree(left, ignore_errors=True)
-        part = Path(tempfile.mkdtemp(prefix=STAGING, dir=folder))
+        part = Path(tempfile.mkdtemp(prefix=STAGING, suffix=mark_of_process(), dir=folder))
     except OSError as error:
         raise unwritable_error(folder, error) from error
     try:
@@ -115,22 +120,42 @@ def _staging_folder(folder: Path) -> Iterator[Path]:
 
 
 def _publish(part: Path, final: Path) -> None:
-    """Move files from ``part`` to ``final``: first the page, which lists the figures; last the records."""
-    names = [path.relative_to(part) for path in part.rglob("*") if path.is_file()]
-    names.sort(key=lambda name: (name.name == RECORDS_FILE, name.name != PAGE, name))
-    try:
-        for folder in {name.parent for name in names}:
-            (final / folder).mkdir(parents=True, exist_ok=True)
-        stale = [path for path in _list_own_files(final) if path.relative_to(final) not in names]
-        (final / RECORDS_FILE).unlink(missing_ok=True)
-        for path in stale:
-            path.unlink(missing_ok=True)
-        for name in names:
-            (part / name).replace(final / name)
-    except OSError as error:
-        raise unwritable_error(Path(error.filename2 or error.filename or final), error) from error
+    """Put the files in ``part`` in the place of the evaluation in ``final``; interrupts wait until it is done."""
+    with defer_interrupts():
+        try:
+            _finish_publishing(final)  # of a run that was killed
+            names = _list_staged(part)
+            for folder in {name.parent for name in names}:
+                (final / folder).mkdir(parents=True, exist_ok=True)
+            own = [path.relative_to(final) for path in _list_own_files(final)]
+            stale = [str(name) for name in own if name not in names]
+            write_text_atomically(part / STALE, json.dumps(stale))
+            part.rename(final / READY)
+            _finish_publishing(final)
+        except OSError as error:
+            raise unwritable_error(Path(error.filename2 or error.filename or final), error) from error
+
+
+def _finish_publishing(final: Path) -> None:
+    """Move what is ready to its place: first the page, which lists the figures; last the records."""
+    ready = final / READY
+    if not ready.is_dir():
+        return
+    if (ready / STALE).is_file():  # it goes last: without it all is done but for an empty folder
+        for name in json.loads((ready / STALE).read_text(encoding="utf-8")):
+            (final / name).unlink(missing_ok=True)
+        for staged in _list_staged(ready):
+            (ready / staged).replace(final / staged)
+        (ready / STALE).unlink()
+    shutil.rmtree(ready)
     with suppress(OSError):  # foreign figures are in it, or there is none
         (final / FIGURES).rmdir()
+
+
+def _list_staged(part: Path) -> list[Path]:
+    """Return the names of the files of an evaluation in the order in which they are moved."""
+    names = [path.relative_to(part) for path in part.rglob("*") if path.is_file() and path.name != STALE]
+    return sorted(names, key=lambda name: (name.name == RECORDS_FILE, name.name != PAGE, name))
 
 
 def _list_own_files(folder: Path) -> list[Path]:
