@@ -7,13 +7,15 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 BROWSER := $(VENV)/.browser
 KERNELS := $(VENV)/.kernels
+DOCS := $(VENV)/.docs
 
-.PHONY: help install demo test test-fast test-long lint checked clean
+.PHONY: help install demo test test-fast test-long lint checked docs clean
 help:
 	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (half a minute, after a minute of set-up)"
 	@echo "make test       linters, types and every test (about seven minutes on two cores)"
 	@echo "make test-fast  linters, types and the short tests (under two minutes)"
 	@echo "make test-long  a tenth of the paper's grid at full size, planted faults, checks (half an hour more)"
+	@echo "make docs       the documentation as a site with search: build/site/index.html (half a minute)"
 	@echo "make install    only set up .venv"
 	@echo "make clean      remove what demo and test made"
 
@@ -57,5 +59,13 @@ test-fast: checked
 test-long: install
 	$(BIN)/pytest -m long
 
+$(DOCS): $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@touch $@
+
+docs: $(DOCS)
+	$(BIN)/python tools/write_reference.py
+	$(BIN)/python tools/build_site.py --out build/site
+
 clean:
-	rm -rf datasets/quickstart $(BROWSER) $(KERNELS) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf build/site datasets/quickstart $(BROWSER) $(KERNELS) .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,128 @@
+"""Builds the documentation's site: ``python tools/build_site.py --out build/site``, or ``make docs``.
+
+The pages of the repository are copied into a folder that is laid out like it, so that their links hold, and Sphinx
+makes a site of them with a search that needs no server. Then every link, anchor and resource in the finished pages is
+checked: none may lead nowhere, and none may load anything from another host. A warning is an error.
+"""
+
+import argparse
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = ("*.md", "docs/**/*.md", "benchmarks/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
+LINK = re.compile(r"\]\(([^)\s#]+)")
+LOADING = {"img": "src", "script": "src", "iframe": "src", "source": "src", "video": "src"}
+"""The attribute with which an element loads something."""
+
+
+def stage(target: Path) -> None:
+    """Copy every page, and every file that a page links, to the same place under ``target``."""
+    pages = [path for pattern in PAGES for path in sorted(ROOT.glob(pattern))]
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        text = "".join(line for line in text.splitlines(keepends=True) if "](../../actions/" not in line)  # badges
+        if page == ROOT / "README.md":
+            text += toctrees(pages)
+        copy = target / page.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_text(text, encoding="utf-8")
+        for link in LINK.findall(text):
+            linked = (page.parent / link).resolve()
+            if "://" not in link and linked.is_file() and linked.suffix != ".md" and linked.is_relative_to(ROOT):
+                beside = target / linked.relative_to(ROOT)
+                beside.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(linked, beside)
+    shutil.copytree(ROOT / "tools/site", target, dirs_exist_ok=True)
+
+
+def toctrees(pages: list[Path]) -> str:
+    """The menu: the sections of docs/README.md with the pages that they link, in that order, then all others."""
+    index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
+    menu: dict[str, list[str]] = {}
+    for section in index.split("\n## ")[1:]:
+        links = [(ROOT / "docs" / link).resolve() for link in LINK.findall(section)]
+        title = section.split("\n")[0].split(":")[0]
+        menu[title] = [one.relative_to(ROOT).as_posix() for one in links if one.suffix == ".md"]
+    listed = {one for group in menu.values() for one in group} | {"README.md", "docs/README.md", "docs/faq.md"}
+    others = [page.relative_to(ROOT).as_posix() for page in pages]
+    menu = {"Start": ["docs/README.md", "docs/faq.md"], **menu, "More": [one for one in others if one not in listed]}
+    trees = [
+        f"\n```{{toctree}}\n:hidden:\n:maxdepth: 1\n:titlesonly:\n:caption: {title}\n\n" + "\n".join(group) + "\n```\n"
+        for title, group in menu.items()
+    ]
+    return "".join(trees)
+
+
+class Page(HTMLParser):
+    """What a finished page loads, where it leads, and what a link may name in it."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.links: list[str] = []
+        self.names: set[str] = set()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Take note of one element."""
+        given = {key: value or "" for key, value in attrs}
+        self.names.update(given[key] for key in ("id", "name") if key in given)
+        if tag in LOADING and LOADING[tag] in given:
+            self.loads.append(given[LOADING[tag]])
+        elif tag == "link" and given.get("rel", "") in ("stylesheet", "preload", "icon", "shortcut icon"):
+            self.loads.append(given["href"])
+        elif tag == "a" and "href" in given:
+            self.links.append(given["href"])
+
+
+def find_faults(site: Path) -> Iterator[str]:
+    """Yield a line for each link or resource of the site that leads nowhere, or to another host where it may not."""
+    pages = {path: Page(path) for path in sorted(site.rglob("*.html"))}
+    for path, page in pages.items():
+        for kind, urls in (("loads", page.loads), ("links", page.links)):
+            for url in urls:
+                parts = urlparse(url)
+                if parts.scheme == "data" or (kind == "links" and parts.scheme):
+                    continue
+                target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+                if parts.scheme or parts.netloc or not target.exists():
+                    yield f"{path.relative_to(site)} {kind} {url}"
+                elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].names:
+                    yield f"{path.relative_to(site)} {kind} {url}: no such heading"
+    for path in sorted([*site.rglob("*.css"), *site.rglob("*.js")]):
+        if found := re.search(r"(@import|url\()\s*['\"]?https?://[^)'\"\s]+", path.read_text(encoding="utf-8")):
+            yield f"{path.relative_to(site)} loads {found[0]}"
+
+
+def build(target: Path) -> int:
+    """Build the site into a folder, and return how many faults it has."""
+    from sphinx.cmd.build import build_main
+
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "pages"
+        stage(source)
+        made = Path(folder) / "site"
+        code = build_main(["-q", "-W", "--keep-going", "-j", "auto", "-b", "html", str(source), str(made)])
+        if code:
+            return code
+        shutil.copyfile(made / "README.html", made / "index.html")
+        faults = list(find_faults(made))
+        sys.stdout.writelines(f"{fault}\n" for fault in faults)
+        if not faults:
+            shutil.rmtree(target, ignore_errors=True)
+            shutil.copytree(made, target, ignore=shutil.ignore_patterns(".doctrees", ".buildinfo"))
+            sys.stdout.write(f"{len(list(target.rglob('*.html')))} pages: {target / 'index.html'}\n")
+    return len(faults)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--out", type=Path, default=ROOT / "build/site")
+    sys.exit(min(build(parser.parse_args().out), 1))
