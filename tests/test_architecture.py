@@ -19,7 +19,7 @@ DOORS = {
     "mitsuba": ["render"],
     "drjit": ["render"],
     "OpenEXR": ["stack.exr"],
-    "h5py": ["stream.checked_file", "stream.stream_file", "stream.stream_writer"],
+    "h5py": ["stream.checked_file", "stream.stream_file", "stream.stream_writer", "stream.interop.array_files"],
     "typer": ["cli"],
     "rich": ["cli"],
     "matplotlib": [
@@ -30,7 +30,7 @@ DOORS = {
         "leaderboard.figures",
         "acceptance.validation.plots",
     ],
-    "PIL": ["stream.pictures", "leaderboard.figures", "acceptance.validation.plots"],
+    "PIL": ["stream.pictures", "stream.interop.picture_frames", "leaderboard.figures", "acceptance.validation.plots"],
     "jinja2": ["leaderboard.report"],
     "distributed": ["generate.executor"],
     "multiprocessing": ["generate.executor"],

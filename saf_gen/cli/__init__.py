@@ -43,6 +43,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "tune": tune_commands.tune,
     "score": evaluate_commands.score,
     "import": stream_commands.import_,
+    "encode": stream_commands.encode,
     "export": stream_commands.export,
     "inspect": stream_commands.inspect,
     "view": view_command.view,
@@ -89,7 +90,7 @@ NOTHING_WRITTEN = "nothing was written: the same command starts from the beginni
 STOP_MESSAGES = {
     **dict.fromkeys(("generate", "validate"), "what was done is kept: run the same command again to go on"),
     **dict.fromkeys(
-        ("evaluate", "leaderboard", "tune", "score", "import", "export", "view", "sensors"), NOTHING_WRITTEN
+        ("evaluate", "leaderboard", "tune", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN
     ),
 }
 """What a stopped command leaves behind, for the commands that write files."""

@@ -19,9 +19,18 @@ EXAMPLES = {
     "import": (
         "import camera.dat --out recording.h5",
         "import camera.dat --out recording.h5 --focus lens.csv --truth 0.42",
+        "import spikes.mat --out recording.h5 --key spk --rate 40000",
+    ),
+    "encode": (
+        "encode frames --out recording.h5 --rate 1000",
+        "encode frames.npy --out recording.h5 --rate 640 --linear --truth 0.42",
     ),
     "export": ("export recording.h5 --out frames.dat --for spikecv",),
     "inspect": ("inspect recording.h5", "inspect recording.h5 --json"),
+    "view": (
+        "view recording.h5 --out sweep.png --measure sd",
+        "view recording.h5 --out sweep.html --as tfi --window 200",
+    ),
     "verify": ("verify datasets/quickstart",),
     "validate": ("validate --quick --only noise", "validate --out docs"),
     "bench": ("bench stream", "bench grain --scene fan --out grain"),

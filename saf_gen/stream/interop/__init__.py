@@ -1,5 +1,6 @@
 """Import and export of file layouts of other software."""
 
+from saf_gen.stream.interop.array_files import ENDINGS as ARRAY_ENDINGS
 from saf_gen.stream.interop.lens_log import read_lens_log, truth_from_text
 from saf_gen.stream.interop.raw_frames import (
     RAW_LAYOUTS,
@@ -9,10 +10,13 @@ from saf_gen.stream.interop.raw_frames import (
     import_raw_frames,
     sniff_raw_layout,
 )
+from saf_gen.stream.interop.spike_arrays import SpikeArray
 
 __all__ = [
+    "ARRAY_ENDINGS",
     "RAW_LAYOUTS",
     "READERS",
+    "SpikeArray",
     "count_raw_frames",
     "export_raw_frames",
     "import_raw_frames",

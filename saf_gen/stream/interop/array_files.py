@@ -1,0 +1,164 @@
+"""Arrays in files of strangers: NumPy's .npy and .npz, and MATLAB's .mat, read a few slices at a time.
+
+Nothing in such a file is run: pickled objects are refused. What a header says is held against the size of the file
+before memory is taken.
+"""
+
+import os
+import zipfile
+from collections.abc import Mapping
+from math import prod
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from saf_gen.errors import BadInput, unknown
+
+ENDINGS = (".npy", ".npz", ".mat")
+MAX_MAT_BYTES = 2 << 30
+"""Largest array of an old MATLAB file, which can only be read as a whole."""
+HDF5_START = b"\x89HDF\r\n\x1a\n"
+
+
+class SlicedArray(Protocol):
+    """An array that gives slices along its first axis; reading it from the front to the end is cheapest."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    @property
+    def dtype(self) -> np.dtype: ...
+
+    def __getitem__(self, span: slice) -> np.ndarray: ...
+
+
+def open_array_file(path: str | os.PathLike[str], *, key: str | None = None) -> SlicedArray:
+    """Return an array of a .npy, .npz or .mat file; of a .mat its last axis comes first, as MATLAB keeps frames last.
+
+    ``key`` names it where the file has several with three axes or more.
+
+    Raises BadInput for another ending, a file that is missing, damaged or holds objects, and a key that is missing or
+    not known.
+    """
+    where = Path(path)
+    ending = where.suffix.lower()
+    if ending not in ENDINGS:
+        raise unknown("kind of file", where.suffix, allowed=ENDINGS, where=str(path))
+    if not where.is_file():
+        raise BadInput("there is no such file", where=str(path))
+    if key is not None and ending == ".npy":
+        raise BadInput(f"--key {key} of a file with one array", where=str(path), hint="leave it out")
+    try:
+        if ending == ".npy":
+            loaded: np.ndarray = np.load(where, mmap_mode="r", allow_pickle=False)
+            return loaded
+        if ending == ".npz":
+            return _ArchivedArray(where, key=key)
+        with where.open("rb") as file:
+            is_hdf5 = _starts_hdf5(file.read(1024))
+        return _HdfArray(where, key=key) if is_hdf5 else _load_old_matlab(where, key=key)
+    except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile, NotImplementedError) as error:
+        raise BadInput(f"cannot be read: {error}", where=str(path), allowed="whole arrays of numbers") from error
+
+
+def _starts_hdf5(head: bytes) -> bool:
+    return head.startswith(HDF5_START) or head[512:520] == HDF5_START  # MATLAB writes 512 bytes before it
+
+
+def choose_array(found: Mapping[str, tuple[int, ...]], key: str | None, *, where: str) -> str:
+    """Return the name of the array that is meant among those found, by name and shape."""
+    if key is not None:
+        if key not in found:
+            raise unknown("array", key, allowed=found, where=where)
+        return key
+    videos = [name for name, shape in found.items() if len(shape) >= 3]
+    if len(videos) != 1:
+        listed = ", ".join(f"{name} {shape}" for name, shape in found.items()) or "none"
+        raise BadInput(
+            f"has {len(videos) or 'no'} arrays of three axes", where=where, allowed=f"one of: {listed}",
+            hint="say which with --key" if videos else "frames have rows and columns",
+        )  # fmt: skip
+    return videos[0]
+
+
+class _ArchivedArray:
+    """An array in a .npz, which is a zip of .npy files; it is inflated from the front to the end."""
+
+    def __init__(self, path: Path, *, key: str | None) -> None:
+        self._archive = zipfile.ZipFile(path)
+        headers = {}
+        for info in self._archive.infolist():
+            if info.filename.endswith(".npy"):
+                with self._archive.open(info) as file:
+                    headers[info.filename.removesuffix(".npy")] = (*_read_header(file), info)
+        name = choose_array({n: h[0] for n, h in headers.items()}, key, where=str(path))
+        self.shape, in_columns, self.dtype, self._begin, self._info = headers[name]
+        if self.dtype.hasobject or in_columns:
+            problem = "objects" if self.dtype.hasobject else "an array in Fortran order"
+            raise BadInput(f"{name} holds {problem}", where=str(path), allowed="numbers, in C order")
+        self._slice_bytes = prod(self.shape[1:]) * self.dtype.itemsize
+        if self._begin + self.shape[0] * self._slice_bytes != self._info.file_size:
+            raise BadInput(f"{name} has {self._info.file_size} bytes", where=str(path), allowed="as its header says")
+        self._file, self._at = self._archive.open(self._info), -1
+
+    def __getitem__(self, span: slice) -> np.ndarray:
+        first, stop, _ = span.indices(self.shape[0])
+        if self._at != first:
+            self._file.close()
+            self._file = self._archive.open(self._info)
+            self._file.seek(self._begin + first * self._slice_bytes)
+        raw = self._file.read((stop - first) * self._slice_bytes)
+        self._at = stop
+        return np.frombuffer(raw, self.dtype).reshape(stop - first, *self.shape[1:])
+
+
+def _read_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    version = np.lib.format.read_magic(file)
+    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in read:
+        raise ValueError(f"version {version} of the .npy format")
+    return *read[version](file), file.tell()
+
+
+class _HdfArray:
+    """An array of a MATLAB file of version 7.3, which is HDF5; the axes lie there in reversed order."""
+
+    def __init__(self, path: Path, *, key: str | None) -> None:
+        import h5py
+
+        self._file = h5py.File(path, "r")
+        found: dict[str, Any] = {}
+        for name in self._file:
+            link = self._file.get(name, getlink=True)
+            item: Any = self._file[name] if isinstance(link, h5py.HardLink) else None  # others lead to other files
+            plain = isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external
+            if plain and item.dtype.kind in "buif":
+                found[name] = item
+        name = choose_array({n: d.shape for n, d in found.items()}, key, where=str(path))
+        self._data = found[name]
+        self.shape = (self._data.shape[0], *self._data.shape[:0:-1])
+        self.dtype = self._data.dtype
+
+    def __getitem__(self, span: slice) -> np.ndarray:
+        block = self._data[span]
+        return np.asarray(block.transpose(0, *range(block.ndim - 1, 0, -1)))
+
+
+def _load_old_matlab(path: Path, *, key: str | None) -> np.ndarray:
+    from scipy import io
+    from scipy.io.matlab import MatReadError
+
+    numeric = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+    try:
+        listed = {name: shape for name, shape, kind in io.whosmat(str(path), appendmat=False) if kind in numeric}
+        name = choose_array(listed, key, where=str(path))
+        if 8 * prod(listed[name]) > MAX_MAT_BYTES * 8:
+            raise BadInput(
+                f"{name} has {prod(listed[name])} values", where=str(path), allowed=f"at most {MAX_MAT_BYTES}",
+                hint="save it with -v7.3, which is read in parts",
+            )  # fmt: skip
+        array = np.asarray(io.loadmat(str(path), variable_names=[name], appendmat=False)[name])
+    except (MatReadError, IndexError) as error:
+        raise BadInput(f"cannot be read: {error}", where=str(path), allowed="a MATLAB file") from error
+    return np.moveaxis(array, -1, 0)

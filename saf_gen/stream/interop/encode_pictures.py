@@ -1,0 +1,143 @@
+"""Pictures of other cameras become spikes: the light between two of them is a cross-fade of both."""
+
+import os
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from json import dumps
+from math import floor
+from typing import Any
+
+import numpy as np
+
+from saf_gen.camera import Encoder, Sensor, camera_exposure_scale
+from saf_gen.errors import BadInput
+from saf_gen.stream.interop.picture_frames import PictureFrames
+from saf_gen.stream.metadata import stream_metadata_from_options
+from saf_gen.stream.stream_writer import StreamWriter
+
+BLOCK_FRAMES, BLOCK_KNOTS = 2_000, 64
+"""Readouts, and pictures, in memory at a time."""
+SLOW = 10
+"""So many readouts to a picture are a slow camera: what moves is faded, not moved."""
+
+
+@dataclass(frozen=True)
+class PictureEncoding:
+    """How pictures become spikes; the pictures are read once to make this and once more to write.
+
+    count : pictures.
+    rate_hz : pictures per second.
+    frames : readouts, from the first picture to the last; of a single picture as many as were asked for.
+    scale : electrons per readout for linear light 1.
+    """
+
+    pictures: PictureFrames
+    sensor: Sensor
+    count: int
+    rate_hz: float
+    frames: int
+    scale: float
+    mean_rate: float
+
+    @property
+    def readouts_per_picture(self) -> float:
+        """Readouts between two pictures."""
+        return self.sensor.readout_hz / self.rate_hz
+
+
+def plan_encoding(
+    pictures: PictureFrames,
+    sensor: Sensor,
+    *,
+    rate_hz: float | None = None,
+    mean_rate: float = 0.2,
+    frames: int | None = None,
+) -> PictureEncoding:
+    """Return how pictures become spikes.
+
+    Parameters
+    ----------
+    pictures : linear light; the array of the sensor has their size.
+    sensor : its numbers, not its size.
+    rate_hz : pictures per second; by default as the source says.
+    mean_rate : spikes per pixel and readout of the mean picture. Light has no unit in pictures, so one factor for all
+        of them is chosen by it.
+    frames : readouts, at most up to the last picture; must be given for a single picture.
+
+    Raises
+    ------
+    BadInput : no rate where none is in the source, too many frames, and a mean rate out of reach.
+    """
+    rate = pictures.rate_hz if rate_hz is None else rate_hz
+    total, count = np.zeros(pictures.shape, np.float64), 0
+    for light in pictures:
+        total += light
+        count += 1
+    where = str(pictures.path)
+    if count == 1:
+        if frames is None:
+            raise BadInput("is a single picture", where=where, hint="say for how many readouts: --frames 4000")
+        rate = rate or sensor.readout_hz
+    elif rate is None:
+        raise BadInput("does not say how many pictures it has per second", where=where, hint="--rate HZ")
+    elif not 0 < rate < np.inf:
+        raise BadInput(f"{rate:g} pictures per second", where=where, allowed="above 0")
+    assert_rate: float = rate
+    most = floor((count - 1) / assert_rate * sensor.readout_hz) if count > 1 else None
+    if most is not None and (most < 1 or (frames is not None and frames > most)):
+        raise BadInput(
+            f"{frames or 1} readouts of {count} pictures at {assert_rate:g} Hz", where=where,
+            allowed=f"1 to {most}" if most else f"pictures that last a readout, 1/{sensor.readout_hz:g} s",
+        )  # fmt: skip
+    length = frames if frames is not None else most
+    mean = total / count
+    if not mean.max() > 0:
+        raise BadInput("all pictures are black", where=where, allowed="pictures with light")
+    everywhere = np.ones(pictures.shape, bool)
+    scale = camera_exposure_scale(mean, everywhere, sensor=sensor, mean_rate=mean_rate)
+    return PictureEncoding(pictures, sensor, count, assert_rate, int(length or 1), scale, mean_rate)
+
+
+def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed: int = 0, **optional: Any) -> str:
+    """Write the spikes of pictures as the stream file ``out`` and return its content_sha256.
+
+    Picture k is the light at the time k/rate_hz; between two pictures light changes linearly, and a readout collects
+    that of its middle. Memory does not grow with the number of pictures. ``optional`` are fields of
+    :class:`Metadata` beside the provenance. Raises BadInput where a picture does not fit.
+    """
+    settings = {
+        "pictures": plan.pictures.path.name, "count": plan.count, "rate_hz": plan.rate_hz,
+        "values": "linear" if plan.pictures.linear else "sRGB, decoded", "between": "linear cross-fade",
+        "sensor": plan.sensor.name, "mean_rate": plan.mean_rate, "scale": plan.scale, "seed": seed,
+    }  # fmt: skip
+    metadata = stream_metadata_from_options({**optional, "provenance": {"encode": dumps(settings, ensure_ascii=False)}})
+    encoder = Encoder(plan.sensor, plan.pictures.shape, seed=seed)
+    shape, readout_hz = (plan.frames, *plan.pictures.shape), plan.sensor.readout_hz
+    with StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer:
+        for knots, index, fraction in _blocks(plan):
+            stack = (np.stack(knots)[None] * np.float32(plan.scale)).astype(np.float32, copy=False)
+            gain = np.ones((len(index), 1), np.float32)
+            writer.write(encoder.encode(stack, index=index, fraction=fraction, gain=gain))
+    return writer.content_sha256
+
+
+def _blocks(plan: PictureEncoding) -> Iterator[tuple[list[np.ndarray], np.ndarray, np.ndarray]]:
+    """Yield the pictures of each block of readouts, and of each readout the one before and how far it is past."""
+    step = int(min(BLOCK_FRAMES, max(BLOCK_KNOTS * plan.readouts_per_picture, 8))) // 8 * 8
+    held: deque[tuple[int, np.ndarray]] = deque()
+    source = enumerate(plan.pictures)
+    for begin in range(0, plan.frames, step):
+        at = (np.arange(begin, min(begin + step, plan.frames)) + 0.5) / plan.readouts_per_picture
+        at = np.clip(at, 0, plan.count - 1)
+        first = np.minimum(at.astype(np.int64), max(plan.count - 2, 0))
+        last = min(int(first[-1]) + 1, plan.count - 1)
+        while held and held[0][0] < first[0]:
+            held.popleft()
+        while not held or held[-1][0] < last:
+            number, light = next(source, (plan.count, None))
+            if light is None:
+                raise BadInput("has fewer pictures than before", where=str(plan.pictures.path), hint="encode it again")
+            if number >= first[0]:
+                held.append((number, light))
+        yield [light for _, light in held], first - held[0][0], at - first

@@ -1,0 +1,60 @@
+"""The first sheet of an .xlsx file as text: a zip of XML, of which a small table needs four kinds of element.
+
+Lines of our own rather than a library: the table is a few rows, and the file a stranger's. Sizes are bounded, and a
+document type, with which XML can grow without bound, is refused.
+"""
+
+import re
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+from saf_gen.errors import BadInput
+
+MAX_BYTES = 8 << 20
+"""Largest part of the file, inflated."""
+SHEET, TEXTS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
+_NAME = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+
+
+def read_first_sheet(path: str | Path) -> list[list[str]]:
+    """Return the rows of the first sheet, from its first column; an empty cell is "".
+
+    Raises BadInput for a file that is missing, too large, or no spreadsheet.
+    """
+    where = str(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            sheet = _read_part(archive, SHEET, where=where)
+            texts = _read_part(archive, TEXTS, where=where) if TEXTS in archive.namelist() else None
+            shared = [] if texts is None else ["".join(t.itertext()) for t in texts.iter(f"{_NAME}si")]
+            return [_read_row(row, shared) for row in sheet.iter(f"{_NAME}row")]
+    except (OSError, zipfile.BadZipFile, KeyError, IndexError, ValueError, ElementTree.ParseError) as error:
+        raise BadInput(f"cannot be read: {error}", where=where, allowed="a spreadsheet (.xlsx)") from error
+
+
+def _read_part(archive: zipfile.ZipFile, name: str, *, where: str) -> ElementTree.Element:
+    with archive.open(name) as file:
+        text = file.read(MAX_BYTES + 1)
+    if len(text) > MAX_BYTES:
+        raise BadInput(f"{name} is larger than {MAX_BYTES >> 20} MiB", where=where, allowed="a table of recordings")
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise BadInput(f"{name} declares a document type", where=where, allowed="plain XML")
+    return ElementTree.fromstring(text)
+
+
+def _read_row(row: ElementTree.Element, shared: list[str]) -> list[str]:
+    cells: list[str] = []
+    for cell in row.iter(f"{_NAME}c"):
+        letters = re.match(r"[A-Z]{1,3}", cell.get("r", ""))
+        column = len(cells)
+        if letters:
+            column = 0
+            for letter in letters[0]:
+                column = 26 * column + ord(letter) - ord("A") + 1
+            column -= 1
+        cells += [""] * (column - len(cells))
+        value = cell.find(f"{_NAME}v")
+        text = "".join(cell.itertext()) if value is None else value.text or ""
+        cells.append(shared[int(text)] if cell.get("t") == "s" else text)
+    return cells

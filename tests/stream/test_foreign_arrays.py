@@ -1,0 +1,253 @@
+"""Spikes in .npy, .npz and .mat files, and SAF's folders: read as they are meant, in parts; nothing of it is run."""
+
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+from refusals import assert_says, refusal
+from scipy import io
+
+from saf_gen.stream.interop import SpikeArray, export_raw_frames
+from saf_gen.stream.interop.array_files import open_array_file
+from saf_gen.stream.interop.saf_folder import import_saf_folder, read_saf_config
+from saf_gen.stream.interop.spreadsheet import read_first_sheet
+from saf_gen.stream.stream_file import open_stream
+from saf_gen.stream.stream_writer import write_stream
+
+SPIKES = np.random.default_rng(7).integers(0, 2, (41, 5, 6), np.uint8)
+PACKED = np.packbits(SPIKES, axis=0, bitorder="little")
+
+
+def write_hdf5_matlab(path, **arrays):
+    """A MATLAB file of version 7.3: HDF5 after 512 bytes, axes reversed."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array.transpose())
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(512))
+
+
+WRITERS = {
+    "a.npy": lambda path: np.save(path, SPIKES),
+    "bool.npy": lambda path: np.save(path, SPIKES.astype(bool)),
+    "packed.npy": lambda path: np.save(path, PACKED),
+    "columns.npy": lambda path: np.save(path, np.asfortranarray(SPIKES)),
+    "a.npz": lambda path: np.savez(path, note=np.arange(3), seq=SPIKES),
+    "packed.npz": lambda path: np.savez_compressed(path, seq=PACKED),
+    "old.mat": lambda path: io.savemat(path, {"spk": SPIKES.transpose(1, 2, 0), "rate": 20_000.0}),
+    "logical.mat": lambda path: io.savemat(path, {"spk": SPIKES.transpose(1, 2, 0) > 0}, do_compression=True),
+    "new.mat": lambda path: write_hdf5_matlab(path, spk=SPIKES.transpose(1, 2, 0), rate=np.ones((1, 1))),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_an_array_of_each_kind_is_read_bit_for_bit(tmp_path, call, name):
+    WRITERS[name](tmp_path / name)
+    code, said, err = call("import", tmp_path / name, "--out", tmp_path / "a.h5", "--frames", 41, "--rate", 40_000)
+    assert (code, err) == (0, "")
+    assert f"layout {'packed' if 'packed' in name else 'frames'}" in said
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.readout_hz == 40_000
+        assert np.array_equal(stream.frames(0, 41), SPIKES)
+
+
+def test_packed_frames_without_a_number_are_whole_bytes(tmp_path):
+    np.save(tmp_path / "a.npy", PACKED)
+    assert SpikeArray(tmp_path / "a.npy").shape == (48, 5, 6)
+    assert SpikeArray(tmp_path / "a.npy", layout="packed", frames=3).shape == (3, 5, 6)
+
+
+def test_rows_are_turned_over_and_a_lens_is_read(tmp_path, call):
+    np.save(tmp_path / "a.npy", SPIKES)
+    (tmp_path / "lens.csv").write_text("frame,position\n0,0\n40,1\n")
+    given = ("--flip", "--focus", tmp_path / "lens.csv", "--truth", "frame:10")
+    assert call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", *given)[0] == 0
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert np.array_equal(stream.frames(0, 41), SPIKES[:, ::-1])
+        assert stream.truth.position == pytest.approx(0.25)
+
+
+def test_a_long_array_in_an_archive_is_inflated_once(tmp_path, monkeypatch):
+    """Blocks of 2,000 frames are read one after the other; the file is opened for its header and for its content."""
+    long = np.random.default_rng(3).integers(0, 2, (5_000, 3, 4), np.uint8)
+    np.savez_compressed(tmp_path / "a.npz", seq=long)
+    opened = []
+    real = zipfile.ZipFile.open
+    monkeypatch.setattr(zipfile.ZipFile, "open", lambda *given, **options: opened.append(1) or real(*given, **options))
+    SpikeArray(tmp_path / "a.npz").write(tmp_path / "a.h5", readout_hz=20_000)
+    assert len(opened) <= 5  # header, looking for the layout, from the front again
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert np.array_equal(stream.frames(0, 5_000), long)
+
+
+def write_bad_header(path):
+    with zipfile.ZipFile(path, "w") as archive:
+        header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little")
+        text = "{'descr': '|u1', 'fortran_order': False, 'shape': (9000000, 250, 400), }"
+        archive.writestr("seq.npy", header + text.ljust(117).encode() + b"\n" + b"\0" * 100)
+
+
+def write_links(path):
+    with h5py.File(path, "w") as file:
+        file["spk"] = h5py.ExternalLink("/etc/other.h5", "/spikes")
+        file["text"] = "words"
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "says"),
+    [
+        ("a.npy", lambda p: np.save(p, np.array([{"a": 1}]), allow_pickle=True), "cannot be read | Python objects"),
+        ("a.npz", lambda p: np.savez(p, a=np.array([[["x"]]], object)), "a holds objects"),
+        ("a.npz", lambda p: np.savez(p, a=SPIKES, b=SPIKES), "has 2 arrays of three axes | a (41, 5, 6) | --key"),
+        ("a.npz", lambda p: np.savez(p, a=SPIKES[0]), "has no arrays of three axes"),
+        ("a.npz", write_bad_header, "seq has 228 bytes | allowed: as its header says"),
+        ("a.npz", lambda p: p.write_bytes(b"PK no zip"), "cannot be read"),
+        ("a.npy", lambda p: p.write_bytes(b""), "cannot be read"),
+        ("a.mat", lambda p: p.write_bytes(b"no MATLAB" * 40), "cannot be read"),
+        ("a.mat", write_links, "has no arrays of three axes"),
+        ("a.npy", lambda p: np.save(p, SPIKES[0]), "the array is uint8 (5, 6)"),
+        ("a.npy", lambda p: np.save(p, np.ones((4, 5, 6), complex)), "complex128"),
+        ("a.npy", lambda p: np.save(p, SPIKES * 0.5), "hold the value 0.5"),
+    ],
+)  # fmt: skip
+def test_a_file_that_does_not_fit_is_one_line_and_nothing_is_written(tmp_path, name, write, says):
+    write(tmp_path / name)
+    error = refusal(lambda: SpikeArray(tmp_path / name).write(tmp_path / "a.h5", readout_hz=20_000))
+    assert_says(error, says)
+    assert not (tmp_path / "a.h5").exists()
+
+
+def test_an_option_that_does_not_fit_is_one_line(tmp_path, call):
+    np.savez(tmp_path / "a.npz", seq=SPIKES)
+    (tmp_path / "raw.dat").write_bytes(b"\0" * 13_000)
+    for options, says in (
+        ((tmp_path / "a.npz", "--key", "sek"), "did you mean 'seq'?"),
+        ((tmp_path / "a.npz", "--layout", "416"), "unknown layout of an array '416'"),
+        ((tmp_path / "a.npz", "--frames", 42), "allowed: 1 to 41"),
+        ((tmp_path / "raw.dat", "--key", "seq"), "--key seq of a raw file"),
+        ((tmp_path / "none.npz",), "there is no such file"),
+        ((tmp_path, "--truth", 0.5), "--truth is given with a folder"),
+    ):
+        code, _, err = call("import", *options, "--out", tmp_path / "a.h5")
+        assert (code, says in err) == (2, True), err
+    # A byte above 1 after the slices that were looked at: frames, which hold something else.
+    late = np.zeros((300, 2, 2), np.uint8)
+    late[299] = 9
+    np.save(tmp_path / "late.npy", late)
+    assert_says(
+        refusal(SpikeArray(tmp_path / "late.npy").frames.__getitem__, slice(0, 300)), "holds 9 | --layout packed"
+    )
+
+
+def test_a_matlab_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
+    io.savemat(tmp_path / "a.mat", {"spk": SPIKES})
+    monkeypatch.setattr("saf_gen.stream.interop.array_files.MAX_MAT_BYTES", 100)
+    monkeypatch.setattr(io, "loadmat", None)
+    assert_says(refusal(open_array_file, tmp_path / "a.mat"), "spk has 1230 values | -v7.3")
+
+
+# --- SAF's folders ------------------------------------------------------------------------------------
+
+SHEET = (
+    '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>'
+)
+HEADING = ("id", "scene name", "frames", "focal frame", "dt", "path")
+
+
+def write_xlsx(path, rows, *, shared=True, prolog=""):
+    """A spreadsheet as Excel writes it, its texts shared, or as other programs do, its texts in the cells."""
+    texts: list[str] = []
+
+    def cell(text, name):
+        if isinstance(text, int | float):
+            return f'<c r="{name}"><v>{text}</v></c>'
+        if not shared:
+            return f'<c r="{name}" t="inlineStr"><is><t>{text}</t></is></c>'
+        texts.append(text)
+        return f'<c r="{name}" t="s"><v>{len(texts) - 1}</v></c>'
+
+    lines = [
+        f'<row r="{y}">{"".join(cell(t, "ABCDEF"[x] + str(y)) for x, t in enumerate(row) if t != "")}</row>'
+        for y, row in enumerate(rows, start=1)
+    ]
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("xl/worksheets/sheet1.xml", prolog + SHEET.format("".join(lines)))
+        if shared:
+            items = "".join(f"<si><t>{text}</t></si>" for text in texts)
+            space = SHEET.split('"')[1]
+            archive.writestr("xl/sharedStrings.xml", f'<sst xmlns="{space}">{items}</sst>')
+
+
+@pytest.fixture(scope="module")
+def raw(tmp_path_factory):
+    """Twenty raw frames in layout 416."""
+    folder = tmp_path_factory.mktemp("raw")
+    write_stream(folder / "a.h5", np.random.default_rng(1).integers(0, 2, (20, 250, 400), np.uint8))
+    export_raw_frames(folder / "a.h5", folder / "a.dat", layout="416")
+    return (folder / "a.dat").read_bytes()
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw, shared):
+    folder = tmp_path / "datasets"
+    (folder / "desk").mkdir(parents=True)
+    (folder / "desk" / "a.dat").write_bytes(raw)
+    rows = [HEADING, (1, "desk lamp", 20, 11, 4, "datasets\\desk\\a.dat"), (2, "desk", 16, 1, 4, "desk/a.dat")]
+    write_xlsx(folder / "config.xlsx", rows, shared=shared)
+    code, said, err = call("import", folder, "--out", tmp_path / "mine")
+    assert code == 0
+    assert "2 recordings: saf-gen dataset index" in said
+    assert "taken to move evenly" in err
+    with open_stream(tmp_path / "mine" / "desk_lamp-recorded-01.h5") as stream:
+        assert stream.shape == (20, 250, 400)
+        assert (stream.truth.frame, stream.truth.position) == (10, pytest.approx(10.5 / 20))
+        assert "evenly" in stream.metadata.provenance["assumed"]
+    with open_stream(tmp_path / "mine" / "desk-recorded-02.h5") as stream:
+        assert stream.shape[0] == 16
+    if not shared:
+        return
+    assert call("dataset", "index", tmp_path / "mine")[0] == 0
+    assert call("evaluate", tmp_path / "mine", "--method", "sd+argmax")[0] == 0
+
+
+def test_a_sheet_with_gaps_keeps_its_columns(tmp_path):
+    write_xlsx(tmp_path / "a.xlsx", [("a", "", "c"), (1, "", 2.5)])
+    assert read_first_sheet(tmp_path / "a.xlsx") == [["a", "", "c"], ["1", "", "2.5"]]
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ((1, "desk", "many", 1, 4, "a.dat"), "config.xlsx:2 | frames is 'many'"),
+        ((1, "desk", 20, 21, 4, "a.dat"), "focal frame is 21 | 1 to 20"),
+        ((1, "desk", 20, 0, 4, "a.dat"), "focal frame is '0'"),
+        ((1, "desk", 21, 1, 4, "a.dat"), "21 frames were requested | 1 to 20"),
+        ((1, "desk", 20, 1, 4, "b.dat"), "path is 'b.dat'"),
+        ((1, "desk", 20, 1, 4, "../../secret.dat"), "path is '../../secret.dat'"),
+        ((1, "desk"), "frames is ''"),
+    ],
+)
+def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, says):
+    folder = tmp_path / "up" / "datasets"
+    folder.mkdir(parents=True)
+    for place in (folder / "a.dat", tmp_path / "secret.dat"):
+        place.write_bytes(raw)
+    write_xlsx(folder / "config.xlsx", [HEADING, row])
+    assert_says(refusal(read_saf_config, folder), says)
+    assert_says(refusal(lambda: list(import_saf_folder(folder, tmp_path / "out"))), says)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_sheet_that_is_none_or_too_much_is_refused(tmp_path, monkeypatch):
+    bomb = '<!DOCTYPE a [<!ENTITY a "aaaa">]>'
+    write_xlsx(tmp_path / "config.xlsx", [HEADING], prolog=bomb)
+    assert_says(refusal(read_saf_config, tmp_path), "declares a document type")
+    write_xlsx(tmp_path / "config.xlsx", [HEADING])
+    assert_says(refusal(read_saf_config, tmp_path), "lists no recording")
+    monkeypatch.setattr("saf_gen.stream.interop.spreadsheet.MAX_BYTES", 100)
+    assert_says(refusal(read_saf_config, tmp_path), "is larger than")
+    (tmp_path / "config.xlsx").write_text("no zip")
+    assert_says(refusal(read_saf_config, tmp_path), "a spreadsheet (.xlsx)")
+    (tmp_path / "config.xlsx").unlink()
+    assert_says(refusal(read_saf_config, tmp_path), "this is a folder without config.xlsx")
