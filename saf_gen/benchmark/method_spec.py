@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.benchmark.tuned_method import read_tuned_method
+from saf_gen.core.config.document import read_text
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.config.source_digest import plugin_source_digests
 from saf_gen.core.region import REGIONS
@@ -54,6 +55,8 @@ DEFAULT_CLOSED_LOOP_METHODS = (
     ),
 )
 """What `saf-gen evaluate --track closed_loop` runs when no method is named."""
+
+MAX_LIST_BYTES = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -202,11 +205,10 @@ def read_method_list(path: Path) -> list[str]:
     name that cannot be parsed, and for a list that cannot be read or is empty.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(
-            f"{path} is not a list of methods: {error}", allowed="a text file, one method per line"
-        ) from error
+        text = read_text(path, most=MAX_LIST_BYTES, encoding="utf-8-sig")
+    except BadInput as error:
+        problem = f"this is not a list of methods: {error.problem}"
+        raise BadInput(problem, allowed="a text file, one method per line", nearest=error.nearest) from error
     names = []
     for number, line in enumerate(text.splitlines(), 1):
         if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():

@@ -50,8 +50,9 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
     """
     where = Path(path)
     if not where.is_file():
-        if where.is_dir():
-            raise BadInput("this is a folder", where=str(path), allowed="a stream file (.h5)")
+        if where.exists():
+            what = "a folder" if where.is_dir() else "not a file on a disk"
+            raise BadInput(f"this is {what}", where=str(path), allowed="a stream file (.h5)")
         others = [p.name for p in where.parent.iterdir()] if where.parent.is_dir() else []
         missing = "there is no such file" if where.parent.is_dir() else f"there is no folder {str(where.parent)!r}"
         raise BadInput(missing, where=str(path), nearest=closest(where.name, others))

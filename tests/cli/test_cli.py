@@ -216,8 +216,8 @@ def test_methods_are_named_in_a_file_too(call, dataset, tmp_path):
     [
         (b"sd+argmax\n\nsd+argmx\n", "methods.txt:3: method 'sd+argmx': unknown search 'argmx'"),
         (b"# none\n\n", "methods.txt names no method; allowed: one method per line, such as sd+argmax"),
-        (b"\xff\xfe", "methods.txt is not a list of methods: 'utf-8' codec"),
-        (None, "methods.txt is not a list of methods: [Errno 2]"),
+        (b"\xff\xfe", "methods.txt cannot be read: 'utf-8' codec"),
+        (None, "methods.txt does not exist; allowed: a text file, one method per line"),
     ],
 )
 def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp_path, text, told):
@@ -480,7 +480,7 @@ WRONG = {
     "no workers": (("generate", "RECIPE", "--workers", "0"), ["--workers", "1"]),
     "variant": (("generate", "RECIPE", "--variant", "lvm", *OUT), ["'lvm'", "auto, cuda", "'llvm'"]),
     "recipe that is nowhere": (("generate", "NEAR"), ["smal.yaml does not exist", "small.yaml"]),
-    "recipe that is a folder": (("generate", "FOLDER"), ["irectory"]),
+    "recipe that is a folder": (("generate", "FOLDER"), ["is a folder"]),
     "stream that is nowhere": (("inspect", "FOLDER/a.h5"), ["a.h5", "no such file"]),
     "stream in no folder": (("inspect", "FOLDER/b/a.h5"), ["no folder"]),
     "stream that is a folder": (("inspect", "FOLDER"), ["is a folder", "stream file"]),

@@ -1,10 +1,14 @@
 """YAML and JSON are read strictly, and an error names the line of what does not fit."""
 
+import itertools
+import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
 from pydantic import Discriminator, Field, Tag
+from refusals import assert_says, refusal
 
 from saf_gen.core.config.document import STRICT, FrozenModel, validate_document
 from saf_gen.core.config.json_document import parse_json, read_json
@@ -220,3 +224,29 @@ def test_a_json_file_that_cannot_be_read_is_told(tmp_path):
         read_json(tmp_path / "tuned.json", hint="make it again")
     with pytest.raises(BadInput, match=r"tune.json does not exist; did you mean '.*tuned.json'\?"):
         read_json(tmp_path / "tune.json")
+
+
+def test_a_few_lines_that_hold_millions_of_values_are_refused(tmp_path):
+    """Ten times ten times ten names of one list: 250 bytes that would fill the memory."""
+    names = "abcdefghi"
+    lines = ["a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]" for a, b in itertools.pairwise(names)]
+    (tmp_path / "a.yaml").write_text("\n".join(lines))
+    error = refusal(read_yaml, tmp_path / "a.yaml")
+    assert_says(error, "too many values | at most 100,000")
+    assert error.where.startswith(str(tmp_path / "a.yaml:"))
+
+
+@pytest.mark.parametrize("read", [read_yaml, read_json])
+def test_what_is_no_file_on_a_disk_is_refused_before_it_is_read(tmp_path, read):
+    """A pipe without a writer would be waited for, and a device without an end read for ever."""
+    os.mkfifo(tmp_path / "pipe.yaml")
+    for path in (tmp_path / "pipe.yaml", Path("/dev/zero")):
+        assert_says(refusal(read, path), f"{path} is not a file on a disk")
+    assert_says(refusal(read, tmp_path), f"{tmp_path} is a folder")
+
+
+def test_a_document_that_nobody_wrote_is_refused_by_its_size(tmp_path):
+    with (tmp_path / "a.yaml").open("wb") as file:
+        file.truncate(1 << 23)
+    assert_says(refusal(read_yaml, tmp_path / "a.yaml"), "8,388,608 bytes | at most 4,194,304")

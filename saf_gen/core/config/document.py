@@ -4,6 +4,7 @@
 :class:`Document`; :func:`validate` turns it into a value of a frozen pydantic model.
 """
 
+import stat
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache, cached_property
@@ -54,10 +55,23 @@ class Document:
         return str(self.path)
 
 
-def read_text(path: Path, *, hint: str = "") -> str:
-    """Return the text of a UTF-8 file; raises BadInput, with the nearest name, where it cannot be read."""
+MAX_BYTES = 1 << 30
+"""Of a file that programs write, such as the records of an evaluation."""
+
+
+def read_text(path: Path, *, most: int = MAX_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
+    """Return the text of a file; ends of lines become a newline.
+
+    Raises BadInput, with the nearest name, where it cannot be read, is no file on a disk, or has over ``most`` bytes.
+    """
     try:
-        return path.read_text(encoding="utf-8")
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
+            what = "a folder" if stat.S_ISDIR(found.st_mode) else "not a file on a disk"
+            raise BadInput(f"{path} is {what}", hint=hint)
+        if found.st_size > most:
+            raise BadInput(f"{path} has {found.st_size:,} bytes", allowed=f"at most {most:,}", hint=hint)
+        return path.read_text(encoding=encoding)
     except FileNotFoundError:
         near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")])
         nearest = str(path.with_name(near)) if near else ""

@@ -9,6 +9,8 @@ from saf_gen.core.config.document import Document, Key, read_text
 from saf_gen.errors import BadInput
 
 TOO_DEEP = "this is nested too deep, or in a circle"
+MAX_BYTES, MAX_VALUES = 1 << 22, 100_000
+"""Of what people write. A value that is named and repeated counts each time: a few lines can hold millions."""
 _YAML_SLIPS = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError)
 """What Python raises through PyYAML for values and escapes of the right form that have no meaning."""
 
@@ -19,7 +21,7 @@ def read_yaml(path: str | Path) -> Document:
     Raises BadInput for a missing or unreadable file, broken YAML, a value that is not what it looks like (the
     13th month), or a key given twice.
     """
-    return parse_yaml(read_text(Path(path)), path)
+    return parse_yaml(read_text(Path(path), most=MAX_BYTES), path)
 
 
 def parse_yaml(text: str, path: str | Path) -> Document:
@@ -56,6 +58,8 @@ def _compose(text: str, path: Path) -> yaml.Node | None:
 def _to_plain(node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ...], int], path: Path) -> Any:
     """Return the plain data of a node and add its lines; YAML itself would let a second key silently win."""
     lines[at] = node.start_mark.line + 1
+    if len(lines) > MAX_VALUES:
+        raise BadInput("this holds too many values", where=f"{path}:{lines[at]}", allowed=f"at most {MAX_VALUES:,}")
     if isinstance(node, yaml.MappingNode):
         out: dict[str, Any] = {}
         for key_node, value_node in node.value:

@@ -27,11 +27,12 @@ from saf_gen.leaderboard.report.page import build_page
 
 STAGING = ".evaluation."
 ABANDONED_S = 86_400.0  # of a writer on another machine the age of its folder decides
-STALE = "stale.json"
+STALE = "stale.txt"
 PAGE, FIGURES = "index.html", "figures"
 CURVES = ("curves.csv", "measures.csv")
 CURVES_START = "measure,"
 PAGE_MARK = "data-of-records"
+_OWN_FIGURE = re.compile(rf"{FIGURES}/[\w.-]+\.svg")
 _FIGURE = re.compile(r'<figure id="([\w.-]+)">')
 
 
@@ -129,7 +130,7 @@ def _publish(part: Path, final: Path) -> None:
                 (final / folder).mkdir(parents=True, exist_ok=True)
             own = [path.relative_to(final) for path in _list_own_files(final)]
             stale = [str(name) for name in own if name not in names]
-            write_text_atomically(part / STALE, json.dumps(stale))
+            write_text_atomically(part / STALE, "\n".join(stale))
             part.rename(final / READY)
             _finish_publishing(final)
         except OSError as error:
@@ -142,8 +143,9 @@ def _finish_publishing(final: Path) -> None:
     if not ready.is_dir():
         return
     if (ready / STALE).is_file():  # it goes last: without it all is done but for an empty folder
-        for name in json.loads((ready / STALE).read_text(encoding="utf-8")):
-            (final / name).unlink(missing_ok=True)
+        for name in _read_text(ready / STALE).splitlines():
+            if name in CURVES or _OWN_FIGURE.fullmatch(name):  # the folder may be a stranger's
+                (final / name).unlink(missing_ok=True)
         for staged in _list_staged(ready):
             (ready / staged).replace(final / staged)
         (ready / STALE).unlink()
