@@ -12,6 +12,8 @@ get_sensor, encode
     A spike camera by name, and its spikes from collected charge.
 get_light, get_motion, get_measure, get_search
     A light schedule, lens motion, focus measure or search by name; :mod:`saf_gen.parts` tells what each is.
+measure
+    Make a function a focus measure.
 """
 
 from importlib import import_module
@@ -24,6 +26,7 @@ _HOMES = {
     "write_stream": "stream.stream_writer",
     "SpikeWindows": "stream.spike_windows",
     "get_measure": "measures",
+    "measure": "measures",
     "get_search": "searches",
     "get_light": "lights",
     "get_motion": "motions",

@@ -21,6 +21,11 @@ TEMPLATE_KINDS = ("script", "xml")
 _TEMPLATES = Path(__file__).parent / "templates"
 NAME = re.compile(r"[a-z0-9][a-z0-9_]*")
 OWN_FILES = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")
+EXPORTED_SOURCE = """# NAME
+
+Copied from an exported scene by `saf-gen scenes new --from`.
+State here for each mesh and texture who made it, where it is from, its licence, and what was changed.
+"""
 NOT_TEXT = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML reads these otherwise
 
 
@@ -59,7 +64,7 @@ def import_exported_scene(exported: Path, name: str, *, root: Path) -> list[Path
 
         texts = {
             "scene.yaml": _format_card(name, mitsuba_camera_of_export(read, exported)),
-            "SOURCE.md": (_TEMPLATES / "xml" / "SOURCE.md").read_text(encoding="utf-8"),
+            "SOURCE.md": EXPORTED_SOURCE,
         }
         sources = _copied_files(read, exported)
         for file, source in sources.items():
@@ -141,7 +146,7 @@ def _format_card(name: str, camera: "ExportedCamera") -> str:
     return f"""\
 id: {name}
 title: {name.replace("_", " ").capitalize()}, exported
-licence: CC-BY-4.0                           # an SPDX name: may others use it?
+licence: ""                                  # yours to say: an SPDX name, such as CC-BY-4.0; may others use it?
 source: SOURCE.md                            # where everything came from
 
 camera:                                      # the file's own {camera.name}

@@ -51,7 +51,8 @@ def evaluate(
     Parameters
     ----------
     source : a dataset folder or a stream file.
-    methods : names of methods; None means DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a protocol.
+    methods : names of methods; None means DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a protocol, or
+        no method where there are predictions.
     split, scene_motion : leave out the other sequences; scene_motion is ``static`` or ``dynamic``.
     region : where measures look. ``target`` is the box round the target where a stream has one, else the
         frame; ``frame`` is the frame; ``both`` runs every method at the target and once more, as
@@ -59,7 +60,7 @@ def evaluate(
     protocol : None evaluates the recordings as they are. With a protocol each method moves the lens of a
         running camera, in the closed loop; that needs the focal stacks beside the streams, but no renderer.
     predictions : a file of answers made elsewhere (:mod:`saf_gen.benchmark.tracks.predictions`), judged
-        beside the methods; recorded track only.
+        beside the methods that are named; recorded track only.
     progress : called with (steps done, steps in all, what was done).
 
     Returns
@@ -73,7 +74,9 @@ def evaluate(
         before anything runs; for a single stream that cannot be read; and where no sequence can keep the protocol.
     """
     path = Path(source)
-    if methods is None:
+    if methods is None and predictions is not None:
+        methods = ()
+    elif methods is None:
         methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
     chosen: dict[str, Method] = {}
     for method in map(parse_method, methods):

@@ -32,7 +32,8 @@ def evaluate(
         Path | None, typer.Option(help="File with one method per line, in addition to --method.")
     ] = None,
     predictions: Annotated[
-        Path | None, typer.Option(help="File of answers computed elsewhere, one line of JSON each.")
+        Path | None,
+        typer.Option(help="File of answers computed elsewhere, one line of JSON each; judged alone without --method."),
     ] = None,
     folder: OutFolder = None,
     track: Track = "recorded",

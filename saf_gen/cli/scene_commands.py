@@ -58,7 +58,7 @@ def new(
         written = create_scene(name, root, kind="xml" if xml else "script")
     for path in written:
         out.print(str(path), soft_wrap=True)
-    out.print(f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}")
+    out.print(f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}; and its licence in scene.yaml")
 
 
 def check(

@@ -76,7 +76,7 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
         motion=_describe_motion(recipe.focus.motion),
         lights=", ".join(recipe.lights),
         fingerprint=manifest.recipe_fingerprint,
-        scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence}." for card in scenes),
+        scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence or 'not stated'}." for card in scenes),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
     write_text_atomically(folder / "README.md", text)

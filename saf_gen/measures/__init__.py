@@ -8,20 +8,24 @@ of degree d > 0 therefore has a brightness-normalised form, ``NAME_n``, divided 
 whole windows, normalised or not, can also score the texture from intervals instead of counts, ``NAME_tfi``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from saf_gen.core.config.registry import PLUGIN_KINDS, build_plugin, names, plugin_class
+from saf_gen.core.config.plain_plugins import declare_measure
+from saf_gen.core.config.registry import PLUGIN_KINDS, add_plugin, build_plugin, names, plugin_class
 from saf_gen.errors import BadInput, unknown
 from saf_gen.measures._counts import counts_as_integers
 from saf_gen.parts import Measure, cite_source, wants_halves, wants_intervals
 
-__all__ = ["BrightnessNormalised", "IntervalTexture", "get_measure", "measure_names"]
+__all__ = ["BrightnessNormalised", "IntervalTexture", "get_measure", "measure", "measure_names"]
 
 KIND = "measures"
 NORMALISED_SUFFIX, INTERVAL_SUFFIX = "_n", "_tfi"
+STATEMENTS = ("degree", "cost", "source", "score_range", "halves", "intervals", "timed")
+Function = TypeVar("Function", bound=Callable[..., float])
 
 
 @dataclass(frozen=True)
@@ -104,6 +108,44 @@ class IntervalTexture:
     def __call__(self, counts: np.ndarray) -> float:
         """Return the score of a texture (row, col), in counts. Raise BadInput as the measure does."""
         return self.measure(counts)
+
+
+def measure(function: Function | None = None, /, **stated: Any) -> Any:
+    """Make a function a focus measure, under its own name in this process.
+
+    ::
+
+        @saf_gen.measure
+        def mean_step(counts, apart=1):
+            return abs(np.diff(counts.astype(float), n=apart)).mean()
+
+    It is then ``mean_step+argmax`` in names of methods, and ``my_file.py:mean_step+argmax`` on the command line, which
+    needs no decorator. Parameters after the first are options.
+
+    Parameters
+    ----------
+    function : called with counts, uint32 (row, col), read-only; returns a number, larger where it is sharper.
+    **stated : ``degree``, ``cost``, ``source``, ``score_range``, ``halves``, ``intervals``, ``timed``, as
+        :class:`saf_gen.parts.Measure` explains them. A degree that is not stated is found by trying.
+
+    Returns
+    -------
+    The function, as it was; without a function, a decorator.
+
+    Raises
+    ------
+    BadInput : for an unknown statement, and for the name of another measure.
+    """
+    for key in stated:
+        if key not in STATEMENTS:
+            raise unknown("statement of a measure:", key, allowed=STATEMENTS)
+
+    def declare(function: Function) -> Function:
+        declare_measure(function, **stated)
+        add_plugin(KIND, function, name=function.__name__)
+        return function
+
+    return declare if function is None else declare(function)
 
 
 def measure_names() -> list[str]:

@@ -31,7 +31,7 @@ def skeleton(tmp_path, monkeypatch):
     create_scene("mine", tmp_path / "scenes")
     folder = tmp_path / "scenes/mine"
     card = folder / "scene.yaml"
-    text = re.sub(r"tilt_deg: .*", "tilt_deg: 0", card.read_text())
+    text = re.sub(r"tilt_deg: .*", "tilt_deg: 0", card.read_text().replace('licence: ""', "licence: CC-BY-4.0"))
     card.write_text(re.sub(r"square_mm: .*", "square_mm: 2", text))
 
     def edit(*pairs):
@@ -90,7 +90,7 @@ def only(scene, sensor, check):
         ("CC-BY-NC-4.0", "warning", "forbids some uses or changes"),
         ("CC BY 4.0", "warning", "CC is not the SPDX name of a known open licence"),
         ("Apache2", "warning", "did you mean Apache-2.0?"),
-        ("''", "error", "licence is empty: name one that lets others use the scene"),
+        ("''", "error", "nobody has set it: write one in scene.yaml that lets others use the scene"),
     ],
 )
 def test_the_licence_is_one_that_lets_others_use_the_scene(skeleton, licence, level, told):

@@ -165,7 +165,7 @@ def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
         "scenes/mine/scene.py",
         "scenes/mine/scene.yaml",
     ]
-    assert "next: saf-gen scenes check mine; saf-gen scenes preview mine" in out
+    assert "next: saf-gen scenes check mine; saf-gen scenes preview mine; and its licence in scene.yaml" in out
     before = find_scene("mine").digest
     code, out, err = call_scenes("preview", "mine")
     assert (code, err) == (0, "")

@@ -86,7 +86,7 @@ class Plain:
 
 BROKEN_MEASURES = [
     ("described", "its dataclass is not frozen", measure_of(frozen=False)),
-    ("described", "its class has no docstring", measure_of(__doc__=None)),
+    ("described", "it has no docstring", measure_of(__doc__=None)),
     ("described", "it cites no source", measure_of(source=" ")),
     ("described", "is no dataclass", Plain()),
     ("stated", "its degree is 0.5", measure_of(degree=0.5)),

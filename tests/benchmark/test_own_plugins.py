@@ -43,8 +43,9 @@ def test_a_change_in_the_file_changes_the_code_of_the_method(own, tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("{own}:Rnge", "cannot be loaded: AttributeError.*'Rnge'.*allowed: package.module:Class"),
-        ("{own}:NoPart", "is not a plug-in; allowed: a frozen dataclass"),
+        ("{own}:Rnge", "cannot be loaded: AttributeError.*'Rnge'.*allowed: package.module:NAME"),
+        ("{own}:NoPart", "is not a plug-in; allowed: a function or a class"),
+        ("{own}:power", "is not a plug-in; allowed: a function or a class"),
         ("nowhere.py:Range", "cannot be loaded: FileNotFoundError"),
         ("no_such.package:Range", "cannot be loaded: ModuleNotFoundError"),
         ("{own}:Range:powr=2", "unknown key.*'powr'.*did you mean 'power'"),

@@ -211,3 +211,8 @@ def test_predictions_are_judged_where_the_evaluation_looks(dataset, tmp_path):
         assert len(found.records) == 2 * (1 + len(methods))
         assert [sweep.sequence for sweep in found.sweeps] == ["one", "two"]
         assert len({(r.sequence, r.mean_rate) for r in found.records}) == 2
+
+
+def test_predictions_without_a_named_method_are_judged_alone(dataset, tmp_path):
+    path = written(tmp_path / "p.jsonl", line("one", 300), line("two", 500))
+    assert [r.method for r in evaluate(dataset, predictions=path).records] == ["my_net"] * 2

@@ -34,4 +34,7 @@ class Middle:
 
 class NoPart:
     pass
+
+
+power = 3
 '''

@@ -32,7 +32,7 @@ def check_scene_licence(scene: Scene) -> Iterator[SceneFinding]:
     unknown_names = [name for name in names if name not in OPEN]
     if not names:
         yield report_scene_error(
-            "licence", "licence is empty: name one that lets others use the scene, such as CC-BY-4.0"
+            "licence", "nobody has set it: write one in scene.yaml that lets others use the scene, such as CC-BY-4.0"
         )
     elif any("-NC" in name or "-ND" in name for name in unknown_names):
         yield report_scene_warning(

@@ -1,5 +1,6 @@
 """What a name of `saf-gen methods check` means: a whole method, a measure or a search."""
 
+from inspect import signature
 from typing import Any
 
 from saf_gen.benchmark.method_spec import Method, parse_method, parse_method_options
@@ -35,6 +36,9 @@ def _find_kind(name: str) -> str:
     if ":" not in name:
         raise unknown("measure or search", name, allowed=[*measure_names(), *search_names()])
     cls = _load_class(name, bare)
+    plain = getattr(cls, "plain", None)
+    if plain is not None and not any(hasattr(plain, member) for member in ("degree", "score_range", "halves")):
+        return "searches" if _takes_a_view(plain) else "measures"
     if bare != name or any(hasattr(cls, member) for member in ("degree", "score_range", "halves")):
         return "measures"
     if any(hasattr(cls, member) for member in ("causal", "commands")):
@@ -44,6 +48,12 @@ def _find_kind(name: str) -> str:
         allowed="a class that states degree (a measure) or causal (a search)",
         hint=f"state it, or check a whole method: {name}+argmax",
     )
+
+
+def _takes_a_view(plain: Any) -> bool:
+    """Return whether a plain function, or what a plain class is called with, names what it is given ``view``."""
+    called = plain.__call__ if isinstance(plain, type) else plain
+    return "view" in list(signature(called).parameters)[:2]
 
 
 def _load_class(name: str, bare: str) -> type:

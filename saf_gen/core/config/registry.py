@@ -1,8 +1,9 @@
 """Finds plug-ins by name: light schedules, lens motions, focus measures, searches.
 
 A plug-in is a frozen dataclass: one in a file of its own, ``saf_gen/<plug-in kind>/<name>.py``, one that a package
-offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:Class`` or ``file.py:Class``.
-Its fields are the keys that a recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
+offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:NAME`` or ``file.py:NAME``. A
+plain function or a plain class becomes one (:mod:`saf_gen.core.config.plain_plugins`). Its fields are the keys that a
+recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
 Listing names imports nothing, so a plug-in that cannot be imported does not break the others. Names that come out of
 files are resolved by :func:`refuse_code`: only what is registered, or named on the command line too, is run.
 """
@@ -24,10 +25,12 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.core.config.plain_plugins import plugin_of_plain_code
 from saf_gen.errors import BadInput, SafGenError, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
 
+_added: dict[str, dict[str, type]] = {plugin_kind: {} for plugin_kind in PLUGIN_KINDS}  # by this process
 _CODE_REFUSED_IN: ContextVar[str] = ContextVar("code refused in", default="")
 
 
@@ -57,7 +60,7 @@ def _offered(plugin_kind: str) -> dict[str, EntryPoint]:
 
 def names(plugin_kind: str) -> list[str]:
     """Return every registered name of a kind, sorted; nothing is imported."""
-    return sorted(_own(plugin_kind) | set(_offered(plugin_kind)))
+    return sorted({*_own(plugin_kind), *_offered(plugin_kind), *_added[plugin_kind]})
 
 
 def is_own_plugin(plugin_kind: str, name: str) -> bool:
@@ -65,12 +68,32 @@ def is_own_plugin(plugin_kind: str, name: str) -> bool:
     return name in _own(plugin_kind)
 
 
-@cache
+def add_plugin(plugin_kind: str, plain: object, *, name: str) -> None:
+    """Register a function or class of this process under a name, in place of an earlier one that was added so.
+
+    Raises BadInput for a name that cannot be part of a method's, for one of saf_gen or of a package, and for what is no
+    plug-in.
+    """
+    if not name.isidentifier():
+        raise BadInput(f"a {PLUGIN_KINDS[plugin_kind]} cannot be called {name!r}", allowed="a name of Python")
+    if name in _own(plugin_kind) or name in _offered(plugin_kind):
+        raise BadInput(f"there is a {PLUGIN_KINDS[plugin_kind]} {name!r} already", hint="choose another name")
+    plugin = plugin_of_plain_code(plain, plugin_kind)
+    if plugin is None:
+        raise _no_plugin_error(f"{PLUGIN_KINDS[plugin_kind]} {name!r}")
+    _added[plugin_kind][name] = plugin
+
+
 def plugin_class(plugin_kind: str, name: str) -> type:
     """Return the dataclass behind a name.
 
-    Raises BadInput for an unknown name, and for a file or entry point that does not hold one dataclass.
+    Raises BadInput for an unknown name, and for a file or entry point that does not hold a plug-in.
     """
+    return _added[plugin_kind].get(name) or _find_plugin_class(plugin_kind, name)
+
+
+@cache
+def _find_plugin_class(plugin_kind: str, name: str) -> type:
     if name in _own(plugin_kind):
         module = import_module(f"saf_gen.{plugin_kind}.{name}")
         classes = [v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__]
@@ -84,7 +107,9 @@ def plugin_class(plugin_kind: str, name: str) -> type:
     if name in _offered(plugin_kind):
         source = _offered(plugin_kind)[name]
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r} of the entry point {source.value!r}"
-        return _load_dataclass(source.load, what, hint="repair or remove the package that offers it")
+        return _load_plugin(
+            source.load, what, plugin_kind=plugin_kind, hint="repair or remove the package that offers it"
+        )
     if ":" in name:
         if where := _CODE_REFUSED_IN.get():
             raise BadInput(
@@ -92,24 +117,30 @@ def plugin_class(plugin_kind: str, name: str) -> type:
                 allowed="registered names in files; code is run only where the command line names it",
                 hint="read it, and if you trust it name it first, by --method of its own",
             )
-        path, _, cls = name.rpartition(":")
+        path, _, member = name.rpartition(":")
 
         def load() -> Any:
-            return getattr(_import_file(Path(path)) if path.endswith(".py") else import_module(path), cls)
+            return getattr(_import_file(Path(path)) if path.endswith(".py") else import_module(path), member)
 
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r}"
-        return _load_dataclass(load, what, allowed="package.module:Class that Python finds, or file.py:Class")
+        allowed = "package.module:NAME that Python finds, or file.py:NAME, of a class or function"
+        return _load_plugin(load, what, plugin_kind=plugin_kind, allowed=allowed)
     raise unknown(PLUGIN_KINDS[plugin_kind], name, allowed=names(plugin_kind))
 
 
-def _load_dataclass(load: Callable[[], Any], what: str, **advice: str) -> type:
+def _load_plugin(load: Callable[[], Any], what: str, *, plugin_kind: str, **advice: str) -> type:
     try:
-        plugin = load()
+        found = load()
     except Exception as error:  # the module is anybody's code, and may raise anything
         raise BadInput(f"{what} cannot be loaded: {type(error).__name__}: {error}", **advice) from error
-    if not (isinstance(plugin, type) and is_dataclass(plugin)):
-        raise BadInput(f"{what} is not a plug-in", allowed="a frozen dataclass; see docs/how-to/add-a-method.md")
+    plugin = plugin_of_plain_code(found, plugin_kind)
+    if plugin is None:
+        raise _no_plugin_error(what)
     return plugin
+
+
+def _no_plugin_error(what: str) -> BadInput:
+    return BadInput(f"{what} is not a plug-in", allowed="a function or a class; see docs/how-to/add-a-method.md")
 
 
 def _import_file(path: Path) -> ModuleType:
