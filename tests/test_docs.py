@@ -212,6 +212,34 @@ def test_every_page_is_in_the_index():
     assert [page for page in pages if f"({page})" not in index] == ["README.md"]
 
 
+QUESTIONS = {
+    "disk and time": "how-to/disk-and-time.md",
+    "`1=`": "explanation/truth-and-ranking.md",
+    "`sd_code`": "reference/methods.md",
+    "new light": "how-to/add-a-light.md",
+    "GPU": "how-to/gpu-and-cluster.md",
+    "SpikeCV": "how-to/import.md",
+    "PyTorch": "how-to/train-a-policy.md",
+    "video": "how-to/encode.md",
+    "log of the lens": "tutorials/your-camera.md",
+    "cite": "../CITATION.cff",
+}
+"""What newcomers ask, and the page that the answer leads to."""
+
+
+def test_ten_questions_of_newcomers_are_answered_one_click_from_the_front_page():
+    front, index = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/README.md"))
+    assert "](docs/faq.md)" in front
+    assert "](faq.md)" in index.split("## ")[0]
+    text = (ROOT / "docs/faq.md").read_text(encoding="utf-8")
+    answers = dict(re.findall(r"^\*\*(.+?)\*\*(.+?)(?=\n\n|\Z)", text, re.DOTALL | re.MULTILINE))
+    assert len(answers) == len(QUESTIONS)
+    for words, page in QUESTIONS.items():
+        (answer,) = (answer for question, answer in answers.items() if words in question)
+        assert f"]({page}" in answer, words
+        assert len(answer.split()) < 100, "an answer is read in half a minute"
+
+
 # --- tables ------------------------------------------------------------------------------------------
 
 

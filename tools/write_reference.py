@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
-from types import NoneType, UnionType
+from types import NoneType, SimpleNamespace, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import typer
@@ -45,6 +45,9 @@ from saf_gen.core.config.field_docs import field_docs
 from saf_gen.errors import BadInput
 from saf_gen.generate.recipe import Recipe
 from saf_gen.generate.recipe_schema import make_recipe_schema
+from saf_gen.leaderboard.axes import AXES
+from saf_gen.leaderboard.columns import list_leaderboard_columns
+from saf_gen.leaderboard.curve_quality import CurveQuality
 from saf_gen.lights import COMMON_KEYS
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.scene.card_schema import make_card_schema
@@ -299,7 +302,29 @@ def actuator_table() -> str:
     return table("actuator", "latency, ms", "resonance, Hz", "damping", "backlash, %", "sensor reads", rows=rows)
 
 
-# --- records, Python -----------------------------------------------------------------------------------
+# --- leaderboard, records, Python ----------------------------------------------------------------------
+
+
+def leaderboard_columns() -> str:
+    """The columns of the leaderboard; those of one meaning, such as the ends of an interval, in one row."""
+    rows: list[list[str]] = []
+    for column in list_leaderboard_columns([SimpleNamespace(success_by_light=[("LIGHT", None)])]):  # type: ignore[list-item]
+        if rows and rows[-1][2] == column.meaning:
+            rows[-1][1] += f", `{column.key}`"
+        else:
+            rows.append(["each light" if column.light else column.header, f"`{column.key}`", column.meaning])
+    return table("column", "name in the files", "meaning", rows=rows)
+
+
+def leaderboard_conditions() -> str:
+    """The conditions by which sequences are sorted."""
+    rows = ([axis.title, f"`{axis.name}`", axis.meaning, "; ".join(axis.order)] for axis in AXES)
+    return table("condition", "axis", "meaning", "bins", rows=rows)
+
+
+def curve_criteria() -> str:
+    """The criteria of a focus curve."""
+    return table("number", "meaning", rows=([f"`{key}`", tick(said)] for key, said in field_docs(CurveQuality).items()))
 
 
 def record_keys() -> str:
@@ -396,6 +421,9 @@ PARTS: dict[str, Callable[[], str]] = {
         search_table,
         sensor_table,
         actuator_table,
+        leaderboard_columns,
+        leaderboard_conditions,
+        curve_criteria,
         record_keys,
         python_interface,
     )
