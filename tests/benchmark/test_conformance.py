@@ -28,7 +28,7 @@ from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.parts import commands, wants_halves
 from saf_gen.searches import search_names
 
-PAGE = Path(__file__).parents[2] / "docs" / "add-a-method.md"
+PAGES = [Path(__file__).parents[2] / "docs/how-to" / name for name in ("add-a-method.md", "add-a-search.md")]
 WARNINGS = {"sgfs_printed": ["finds a bell"]}  # the paper's algorithm to the letter stops at once
 """Registered searches that a check warns of, and that are kept as they are."""
 
@@ -115,16 +115,17 @@ def test_the_paper_s_measures_and_searches_are_registered():
     assert {name for name in registry._own("searches") if commands(get_search(name))} == commanding
 
 
-# docs/how-to/add-a-method.md: its code is run as it stands.
+# docs/how-to/add-a-method.md and add-a-search.md: their code is run as it stands.
 
 
 def shown(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture
 def package_of_the_page(tmp_path, monkeypatch):
-    """The package that the page describes, as pip would install it; forgotten afterwards."""
+    """The package that the pages describe, as pip would install it; forgotten afterwards."""
     modules = []
     for text in shown("python"):
         name = re.match(r"# (\w+)\.py\n", text)[1]
@@ -142,10 +143,10 @@ def package_of_the_page(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     importlib.invalidate_caches()
     registry._offered.cache_clear()
-    registry.plugin_class.cache_clear()
+    registry._find_plugin_class.cache_clear()
     yield
     registry._offered.cache_clear()
-    registry.plugin_class.cache_clear()
+    registry._find_plugin_class.cache_clear()
     for name in modules:
         sys.modules.pop(name, None)
 
