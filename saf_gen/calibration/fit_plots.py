@@ -19,13 +19,10 @@ from saf_gen.calibration.fit_sensor import SensorFit
 from saf_gen.calibration.interval_noise import second_difference_variance
 from saf_gen.calibration.spike_kernel import LAGS
 from saf_gen.calibration.spike_statistics import SERIES_FRAMES
+from saf_gen.core.figure_style import COLOURS, STYLE
 
-SEEN, LAW, INK, SOFT = "#0072b2", "#d55e00", "#1f2328", "#6b7280"
-_STYLE: dict[Any, Any] = {
-    "font.size": 8.5, "axes.edgecolor": SOFT, "axes.labelcolor": INK, "text.color": INK, "xtick.color": SOFT,
-    "ytick.color": SOFT, "legend.frameon": False, "svg.fonttype": "none", "svg.hashsalt": "fit", "text.parse_math":
-    False,
-}  # fmt: skip
+SEEN, LAW = COLOURS[:2]
+_STYLE: dict[Any, Any] = {**STYLE, "figure.facecolor": "white", "svg.hashsalt": "fit"}
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def preview(
     name: Annotated[str, typer.Argument(help="Name of a scene, or its folder.")],
     *,
     target: Annotated[
-        Path | None, typer.Option("--out", help="PNG to write (default: preview.png in the scene's folder).")
+        Path | None, typer.Option("--out", help="PNG, PDF or SVG (default: preview.png in the scene's folder).")
     ] = None,
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",

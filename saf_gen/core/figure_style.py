@@ -68,6 +68,15 @@ STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "text.parse_math": False,  # a name may hold a dollar sign
 }
+COLUMN_STYLE: dict[Any, Any] = {
+    **STYLE,
+    "font.size": 7, "axes.labelsize": 7, "axes.titlesize": 6.5, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5,
+    "lines.linewidth": 1.0, "lines.markersize": 3,
+    "legend.fontsize": 6.5, "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
+    "figure.facecolor": "white", "pdf.fonttype": 42,  # a font that can be embedded and edited
+    "svg.hashsalt": "figure",
+}  # fmt: skip
+"""For files that go into a paper, a column (3.5 inches) or two (7.16) wide."""
 _DIGITS = re.compile(r"(?<![\w#.])-?\d+\.\d{3,}(?![\w.])")
 
 

@@ -9,6 +9,7 @@ from refusals import refusal
 from written_scenes import VARIANT
 
 from saf_gen.authoring.preview import ContactSheet, draw_contact_sheet, save_preview_image_grid, write_preview
+from saf_gen.authoring.preview.contact_sheet import choose_columns
 from saf_gen.authoring.preview.scene_sheet import make_contact_sheet, preview_scene
 from saf_gen.authoring.template import create_scene
 from saf_gen.camera import get_sensor
@@ -45,7 +46,7 @@ def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
     """With each drive: the same words fit."""
     write_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
     picture, size = grey(tmp_path / "preview" / "plane.png")
-    assert size == (1600, 720)
+    assert size[0] == 1600
     assert picture.std() > 20
     assert [p.name for p in (tmp_path / "preview").iterdir()] == ["plane.png"]
 
@@ -55,21 +56,39 @@ def test_a_target_that_is_nowhere_or_everywhere_is_drawn_all_the_same(tmp_path, 
     stack = stack_of(*DRIVES["image_distance"], target=np.full((20, 32), everywhere))
     assert np.isnan(ContactSheet("it", stack, SENSOR).true_focus) != everywhere
     write_preview(stack, SENSOR, path=tmp_path / "it.png")
-    assert grey(tmp_path / "it.png")[1] == (1600, 720)
+    assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
 def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
     stack = stack_of(*DRIVES["image_distance"])
     stack.radiance[:] = 0
     write_preview(stack, SENSOR, path=tmp_path / "it.png")
-    assert grey(tmp_path / "it.png")[1] == (1600, 720)
+    assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
-def test_small_images_get_a_row_of_their_own(tmp_path):
+@pytest.mark.parametrize("small", range(7))
+def test_images_leave_no_gap_in_their_grid(tmp_path, small):
+    """Every cell of the grid holds an image: white, where there is none, is nowhere in its middle."""
     stack = stack_of(*DRIVES["image_distance"])
-    pictures = [(f"member {n}", stack.radiance[0, 0]) for n in range(6)]
+    pictures = [(f"member {n}", stack.radiance[0, 0]) for n in range(small)]
     draw_contact_sheet(ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures), tmp_path / "it.png")
-    assert grey(tmp_path / "it.png")[1] == (1600, 960)
+    picture, _ = grey(tmp_path / "it.png")
+    images = 5 + len(stack.spec.groups) + small
+    count = next(n for n in (images, images + 1) if n % choose_columns(n) == 0)
+    across = choose_columns(count)
+    cell = (7.16 - 0.06 * (across + 1)) / across
+    for n in range(count):
+        x = 0.06 + n % across * (cell + 0.06) + cell / 2
+        y = 0.22 + n // across * (0.26 + cell * 20 / 32 + 0.06) + 0.26 + cell * 20 / 64
+        here = picture[int(y * 1600 / 7.16) - 4 :, int(x * 1600 / 7.16) - 4 :][:8, :8]
+        assert here.min() < 250, n
+
+
+def test_a_sheet_is_a_figure_of_the_kind_that_its_name_says(tmp_path):
+    sheet = ContactSheet("it", stack_of(*DRIVES["image_distance"]), SENSOR)
+    draw_contact_sheet(sheet, tmp_path / "it.pdf")
+    assert (tmp_path / "it.pdf").read_bytes().startswith(b"%PDF")
+    assert refusal(draw_contact_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
 
 
 def test_white_and_grey_are_for_the_eye():

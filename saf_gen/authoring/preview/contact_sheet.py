@@ -1,4 +1,7 @@
-"""The contact sheet: images along the lens's travel, depth, light groups, brightness, blur and sharpness."""
+"""The contact sheet: images along the lens's travel, depth, light groups, brightness, blur and sharpness.
+
+Images fill a grid without gaps; below them stand two plots, each half the sheet wide. One font, the width of a page.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,11 +17,22 @@ from matplotlib.figure import Figure
 from saf_gen.authoring.preview.sheet_plots import draw_preview_curves, draw_preview_histogram
 from saf_gen.camera import Sensor
 from saf_gen.core.display_tone import encode_gamma, find_white_level
+from saf_gen.core.figure_style import COLUMN_STYLE
 from saf_gen.core.files import write_atomically
+from saf_gen.errors import unknown
 from saf_gen.stack.focal_stack import FocalStack
 
-STYLE: Any = {"font.size": 9, "axes.titlesize": 9}
-SHEET_WIDTH, ROW_HEIGHT, SMALL_ROW_HEIGHT = 16.0, 3.4, 2.4  # inches
+WIDTH, PIXELS = 7.16, 1600  # inches: two columns of a paper; pixels of a PNG
+TITLE, CAPTION, GAP, PLOT, AXIS, LEFT, RIGHT = (
+    0.22,
+    0.26,
+    0.06,
+    1.5,
+    0.36,
+    0.45,
+    0.6,
+)  # inches; a caption has two lines, a plot a margin on either side
+FORMS = ("png", "pdf", "svg")
 
 
 @dataclass(frozen=True)
@@ -44,34 +58,59 @@ class ContactSheet:
         return self.stack.spec.drive.true_focus(depths) if depths.size else float("nan")
 
 
+@dataclass(frozen=True)
+class _Cell:
+    """An image of the grid, grey values 0...1 or depths, and its caption."""
+
+    caption: str
+    image: np.ndarray
+    colours: str = "gray"
+    outline: np.ndarray | None = None
+
+
 def write_preview(stack: FocalStack, sensor: Sensor, *, path: Path) -> None:
-    """Write the contact sheet of a dataset's focal stack as PNG, 1600 × 720 pixels."""
+    """Write the contact sheet of a dataset's focal stack as PNG, 1600 pixels wide."""
     spec = stack.spec
     title = f"{spec.scene}: {spec.positions} positions, {spec.samples} samples per pixel"
     draw_contact_sheet(ContactSheet(title, stack, sensor), path)
 
 
 def draw_contact_sheet(sheet: ContactSheet, path: Path) -> None:
-    """Write a contact sheet as PNG, 1600 pixels wide."""
-    images = ["first", "best", "last"] if sheet.sharp is None else ["sharp", "first", "best", "last"]
-    rows = [(images, ROW_HEIGHT), (["depth", "groups", "histogram", "curves"], ROW_HEIGHT)]
-    if sheet.small_images:
-        rows.append((["small"], SMALL_ROW_HEIGHT))
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(SHEET_WIDTH, 0.4 + sum(height for _, height in rows)), dpi=100, layout="constrained")
+    """Write a contact sheet as PNG (1600 pixels wide), PDF or SVG, by the ending of the file; BadInput for another."""
+    form = path.suffix.removeprefix(".").lower()
+    if form not in FORMS:
+        raise unknown("kind of file", path.suffix or path.name, allowed=[f".{f}" for f in FORMS], where=str(path))
+    cells = _list_cells(sheet)
+    across = choose_columns(len(cells))
+    width = (WIDTH - GAP * (across + 1)) / across
+    rows, columns = sheet.stack.depth.shape
+    height = CAPTION + width * rows / columns
+    below = CAPTION + PLOT + AXIS
+    tall = TITLE + -(-len(cells) // across) * (height + GAP) + below
+    with matplotlib.rc_context(COLUMN_STYLE):
+        figure = Figure(figsize=(WIDTH, tall), dpi=PIXELS / WIDTH)
         FigureCanvasAgg(figure)
-        figure.suptitle(sheet.title)
-        # Each row is a figure of its own, so that labels of plots do not push images together.
-        subfigures: Any = figure.subfigures(len(rows), 1, height_ratios=[height for _, height in rows])
-        axes: dict[str, Axes] = {}
-        for subfigure, (names, _) in zip(subfigures, rows, strict=True):
-            axes |= dict(zip(names, subfigure.subplots(1, len(names), squeeze=False)[0], strict=True))
-        _draw_images(axes, sheet)
-        _draw_depth(axes["depth"], sheet.stack)
-        draw_preview_histogram(axes["histogram"], sheet.stack, sensor=sheet.sensor, best=_best_index(sheet))
-        draw_preview_curves(axes["curves"], sheet.stack, sensor=sheet.sensor, truth=sheet.true_focus)
+
+        def place(left: float, top: float, size: tuple[float, float]) -> Axes:
+            return figure.add_axes((left / WIDTH, 1 - (top + size[1]) / tall, size[0] / WIDTH, size[1] / tall))
+
+        figure.text(GAP / WIDTH, 1 - 0.05 / tall, sheet.title, va="top", fontweight="bold")
+        for number, cell in enumerate(cells):
+            left = GAP + number % across * (width + GAP)
+            top = TITLE + number // across * (height + GAP) + CAPTION
+            _draw_cell(place(left, top, (width, height - CAPTION)), cell)
+        half, top = WIDTH / 2, tall - below + CAPTION
+        plots = [place(left, top, (half - LEFT - RIGHT, PLOT)) for left in (LEFT, half + LEFT)]
+        draw_preview_histogram(plots[0], sheet.stack, sensor=sheet.sensor, best=_best_index(sheet))
+        draw_preview_curves(plots[1], sheet.stack, sensor=sheet.sensor, truth=sheet.true_focus)
         with write_atomically(path) as written:
-            figure.savefig(written, format="png")
+            nothing: Any = dict.fromkeys({"pdf": ("CreationDate",), "svg": ("Date",)}.get(form, ()))
+            figure.savefig(written, format=form, metadata=nothing)
+
+
+def choose_columns(count: int) -> int:
+    """Return how many images stand side by side so that ``count`` of them fill all rows: 3 to 7, four if possible."""
+    return next((across for across in (4, 5, 3, 6, 7) if count % across == 0), 4)
 
 
 def _best_index(sheet: ContactSheet) -> int:
@@ -79,65 +118,38 @@ def _best_index(sheet: ContactSheet) -> int:
     return int(np.abs(sheet.stack.spec.focus - np.nan_to_num(sheet.true_focus, nan=0.5)).argmin())
 
 
-def _draw_images(axes: dict[str, Axes], sheet: ContactSheet) -> None:
+def _list_cells(sheet: ContactSheet) -> list[_Cell]:
+    """Return the images; where they would not fill their rows, the target is shown once more by itself."""
     stack, best = sheet.stack, _best_index(sheet)
-    spec = stack.spec
-    image = stack.radiance.sum(axis=0)
+    spec, image = stack.spec, stack.radiance.sum(axis=0)
     white = find_white_level(image[best])
-    truth = "the target is not in the image" if np.isnan(sheet.true_focus) else "nearest to the true focus"
-    for name, k, caption in (
-        ("first", 0, "one end of the travel"),
-        ("best", best, truth),
-        ("last", spec.rendered_count - 1, "the other end"),
-    ):
-        position = float(spec.focus[k])
-        _show(axes[name], image[k], white=white)
-        axes[name].set_title(
-            f"{position:.3f} of the travel, in focus {float(spec.drive.focus_depth(position)):.5g} m:\n{caption}"
-        )
+    cells = []
     if sheet.sharp is not None:
-        _show(axes["sharp"], sheet.sharp, white=white)
-        axes["sharp"].set_title("everything sharp,\nthrough a pinhole")
-    groups = stack.radiance[:, best]
-    _show_row(axes["groups"], list(groups), captions=spec.groups, white=white, size=(SHEET_WIDTH / 4, ROW_HEIGHT))
-    axes["groups"].set_title("light groups alone, at gain 1")
-    if sheet.small_images:
-        captions, small = zip(*sheet.small_images, strict=True)
-        white, size = find_white_level(*small), (SHEET_WIDTH, SMALL_ROW_HEIGHT)
-        _show_row(axes["small"], list(small), captions=captions, white=white, size=size)
-        axes["small"].set_title("members of the family, and moments")
-
-
-def _show(axes: Axes, image: np.ndarray, *, white: float) -> None:
-    axes.imshow(encode_gamma(image, white), cmap="gray", vmin=0, vmax=1)
-    axes.set_axis_off()
-
-
-def _show_row(
-    axes: Axes, images: list[np.ndarray], *, captions: Sequence[str], white: float, size: tuple[float, float]
-) -> None:
-    """Show images with captions in their corners, arranged to fill an area of this width and height."""
-    rows, columns = images[0].shape
-
-    def scale(across: int) -> float:
-        return min(size[0] / (across * columns), size[1] / (-(-len(images) // across) * rows))
-
-    across = max(range(1, len(images) + 1), key=scale)
-    sheet = np.full((-(-len(images) // across) * rows, across * columns), white)
-    for n, image in enumerate(images):
-        y, x = n // across * rows, n % across * columns
-        sheet[y : y + rows, x : x + columns] = image
-        box = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}
-        axes.text(x + 0.02 * columns, y + 0.03 * rows, captions[n], va="top", fontsize=8, bbox=box)
-    _show(axes, sheet, white=white)
-
-
-def _draw_depth(axes: Axes, stack: FocalStack) -> None:
+        cells.append(_Cell("everything sharp,\nthrough a pinhole", encode_gamma(sheet.sharp, white)))
+    truth = "the target is not in the image" if np.isnan(sheet.true_focus) else "nearest to the true focus"
+    for k, words in ((0, "one end of the travel"), (best, truth), (spec.rendered_count - 1, "the other end")):
+        position = float(spec.focus[k])
+        depth = float(spec.drive.focus_depth(position))
+        cells.append(_Cell(f"{words}:\n{position:.3f}, in focus {depth:.5g} m", encode_gamma(image[k], white)))
     finite = stack.depth[np.isfinite(stack.depth)]
     low, high = np.quantile(finite, [0.01, 0.99]) if finite.size else (0.0, 1.0)
-    shown = axes.imshow(stack.depth, cmap="viridis", vmin=low, vmax=high + 1e-9)
-    if 0 < stack.target.mean() < 1:
-        axes.contour(stack.target, levels=[0.5], colors="white", linewidths=1)
+    shown = np.clip((stack.depth - low) / (high - low + 1e-9), 0, 1)
+    outline = stack.target if 0 < stack.target.mean() < 1 else None
+    cells.append(_Cell(f"depth {low:.4g} (dark) to {high:.4g} m,\nthe target outlined", shown, "viridis", outline))
+    for name, group in zip(spec.groups, stack.radiance[:, best], strict=True):
+        cells.append(_Cell(f"light of {name} alone,\nat gain 1", encode_gamma(group, white)))
+    if sheet.small_images:
+        white_of_small = find_white_level(*(small for _, small in sheet.small_images))
+        cells += [_Cell(words, encode_gamma(small, white_of_small)) for words, small in sheet.small_images]
+    if len(cells) % choose_columns(len(cells)):
+        alone = encode_gamma(image[best] * stack.target, white)
+        cells.append(_Cell("the target alone,\nnearest to the true focus", alone))
+    return cells
+
+
+def _draw_cell(axes: Axes, cell: _Cell) -> None:
+    axes.imshow(cell.image, cmap=cell.colours, vmin=0, vmax=1, interpolation="nearest", aspect="auto")
+    if cell.outline is not None:
+        axes.contour(cell.outline, levels=[0.5], colors="white", linewidths=0.6)
     axes.set_axis_off()
-    axes.set_title("depth (m), the target outlined")
-    axes.figure.colorbar(shown, ax=axes, shrink=0.8, orientation="horizontal", pad=0.02)
+    axes.set_title(cell.caption, pad=2, linespacing=1.1)

@@ -2,14 +2,16 @@
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
 
 from saf_gen.camera import Sensor, camera_exposure_scale, sensor_charge_of_stack
 from saf_gen.camera.exposure import sensor_firing_rate
+from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_spines
 from saf_gen.core.region import target_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import FocalStack
 
-BLUE, ORANGE, YELLOW = "#0072B2", "#D55E00", "#f0d060"
+BLUE, ORANGE = COLOURS[:2]
 USUAL_RATE = 0.2  # spikes per readout, the mean_rate of the recipes
 
 
@@ -24,6 +26,7 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
     drive, depths = stack.spec.drive, stack.depth[stack.target]
     axes.set(xlabel="focus position, fraction of travel", xlim=(0, 1))
     axes.set_title("blur (rms) and sharpness of the target,\ntrue focus and depth of focus")
+    hide_spines(axes, "top", "right")
     if not depths.size:
         return
     focus = np.linspace(0, 1, 129)
@@ -32,8 +35,8 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
     axes.set_ylabel("blur, pixels", color=BLUE)
     axes.set_ylim(bottom=0)
     ends = drive.depth_of_focus(depths, stack.spec.pitch_m, wavelength_m=stack.spec.wavelength_m)
-    axes.axvspan(*ends, color=YELLOW, alpha=0.5, linewidth=0)
-    axes.axvline(truth, color="black", linewidth=1)
+    axes.axvspan(*ends, color=BAND, alpha=0.6, linewidth=0)
+    axes.axvline(truth, color=INK, linewidth=1)
     axes.set_xlim(0, 1)
     rows, columns = target_bounding_box(stack.target)
     seen = _charge(stack, sensor)[:, rows, columns].astype(np.float64)
@@ -44,6 +47,7 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
     right.plot(stack.spec.focus, seen.var(axis=(1, 2)) / mean**2, ".-", color=ORANGE)
     right.set_ylabel("sharpness, variance over mean²", color=ORANGE)
     right.set_ylim(bottom=0)
+    hide_spines(right, "top", "left")
 
 
 def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) -> None:
@@ -56,7 +60,7 @@ def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, bes
         scale, title = 1.0, "brightness of the pixels, absolute exposure"
     dark = sensor.mean_dark_e
     bins = np.geomspace(1e-3, 1, 61)
-    for pixels, color, label in ((charge, "grey", "frame"), (charge[stack.target], BLUE, "target")):
+    for pixels, color, label in ((charge, SOFT, "frame"), (charge[stack.target], BLUE, "target")):
         if pixels.size:
             rate = np.clip(sensor_firing_rate(pixels * scale + dark, sensor), bins[0], bins[-1])
             counts, _ = np.histogram(rate, bins=bins)
@@ -65,5 +69,7 @@ def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, bes
     if absolute.size:
         title += f"\n(target with absolute exposure: {absolute.mean():.2g})"
     axes.set(xscale="log", xlim=(bins[0], bins[-1]), xlabel="spikes per readout", ylabel="pixels, %")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{rate:g}"))
     axes.set_title(title)
+    hide_spines(axes, "top", "right")
     axes.legend(loc="upper left", frameon=False)

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from saf_gen.core.figure_style import SOFT, STYLE
+from saf_gen.core.figure_style import COLUMN_STYLE, SOFT
 from saf_gen.core.region import Region
 from saf_gen.stream.pictures.panels import draw_panels, list_panels
 from saf_gen.stream.pictures.timeline import Timeline
@@ -17,13 +17,6 @@ from saf_gen.stream.pictures.windows import WindowPictures
 WIDTH, PANEL, AXIS, CAPTION = 3.5, 0.72, 0.3, 0.15  # inches: a column, a plot, its axis, a line above a picture
 DOTS_PER_INCH = 300
 BOX = "#ffd84a"
-COLUMN_STYLE: dict[Any, Any] = {
-    **STYLE,
-    "font.size": 7, "axes.labelsize": 7, "axes.titlesize": 6.5, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5,
-    "legend.fontsize": 6.5, "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
-    "figure.facecolor": "white", "pdf.fonttype": 42,  # a font that can be embedded and edited
-    "svg.hashsalt": "view",
-}  # fmt: skip
 
 
 def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, form: str) -> None:
