@@ -46,11 +46,13 @@ def toctrees(pages: list[Path]) -> str:
     """The menu: the sections of docs/README.md with the pages that they link, in that order, then all others."""
     index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
     menu: dict[str, list[str]] = {}
+    listed = {"README.md", "docs/README.md", "docs/faq.md"}
     for section in index.split("\n## ")[1:]:
         links = [(ROOT / "docs" / link).resolve() for link in LINK.findall(section)]
         title = section.split("\n")[0].split(":")[0]
-        menu[title] = [one.relative_to(ROOT).as_posix() for one in links if one.suffix == ".md"]
-    listed = {one for group in menu.values() for one in group} | {"README.md", "docs/README.md", "docs/faq.md"}
+        named = dict.fromkeys(one.relative_to(ROOT).as_posix() for one in links if one.suffix == ".md")
+        menu[title] = [one for one in named if one not in listed]
+        listed.update(named)
     others = [page.relative_to(ROOT).as_posix() for page in pages]
     menu = {"Start": ["docs/README.md", "docs/faq.md"], **menu, "More": [one for one in others if one not in listed]}
     trees = [
