@@ -96,7 +96,10 @@ def test_the_constraints_give_every_dependency_a_version_that_it_may_have(python
     held = {c.name: c for c in constraints() if c.marker is None or c.marker.evaluate({"python_version": python})}
     assert all(c.url is None and re.fullmatch(r"==[^*,]+", str(c.specifier)) for c in held.values())
     extras = PROJECT["optional-dependencies"]
-    wanted = [*PROJECT["dependencies"], *(line for name in ("render", "validation", "test") for line in extras[name])]
+    wanted = [
+        *PROJECT["dependencies"],
+        *(line for name in ("render", "validation", "docs", "test") for line in extras[name]),
+    ]
     inner = re.findall(r"\[(.+)\]", " ".join(extras["all"]))[0].split(",")
     wanted += [line for name in inner for line in extras[name]]
     for requirement in map(Requirement, wanted):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 HEAD = """\
 # Versions that the tests ran with, under Python {pythons}: pip install --constraint constraints.txt ...
-# Made by tools/merge_constraints.py from environments with the extras all, validation and test.
+# Made by tools/merge_constraints.py from environments with the extras all, validation, docs and test.
 """
 
 

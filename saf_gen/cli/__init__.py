@@ -23,6 +23,7 @@ from saf_gen.cli import (
     recipe_commands,
     scene_commands,
     sensor_commands,
+    sharing_commands,
     stream_commands,
     tune_commands,
     validate_commands,
@@ -48,6 +49,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "inspect": stream_commands.inspect,
     "view": view_command.view,
     "verify": dataset_commands.verify,
+    "pack": sharing_commands.pack,
+    "fetch": sharing_commands.fetch,
     "validate": validate_commands.validate,
     "bench": machine_commands.bench,
     "doctor": machine_commands.doctor,
@@ -88,7 +91,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 """The function of a group that is named without a command; other groups show their help."""
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
-    **dict.fromkeys(("generate", "validate"), "what was done is kept: run the same command again to go on"),
+    **dict.fromkeys(("generate", "validate", "fetch"), "what was done is kept: run the same command again to go on"),
     **dict.fromkeys(
         ("evaluate", "leaderboard", "tune", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN
     ),

@@ -32,6 +32,11 @@ EXAMPLES = {
         "view recording.h5 --out sweep.html --as tfi --window 200",
     ),
     "verify": ("verify datasets/quickstart",),
+    "pack": (
+        "pack datasets/quickstart --out packed",
+        "pack datasets/quickstart --out packed --stacks --creator 'Your group'",
+    ),
+    "fetch": ("fetch https://example.org/quickstart", "fetch packed --out datasets/again"),
     "validate": ("validate --quick --only noise", "validate --out docs"),
     "bench": ("bench stream", "bench grain --scene fan --out grain"),
     "doctor": ("doctor", "doctor --json"),

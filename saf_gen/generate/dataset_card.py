@@ -1,4 +1,4 @@
-"""The dataset card: the README.md that tells what is in a dataset folder."""
+"""The dataset card: README.md, which begins as the Hugging Face Hub reads it, and croissant.json for programs."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -11,6 +11,7 @@ from saf_gen.core.files import write_text_atomically
 from saf_gen.generate.recipe import Recipe
 from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stream.manifest import Manifest
+from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, front_matter, read_licences, write_croissant
 
 PAGE = Template("""# $name: spike-camera autofocus data
 
@@ -32,6 +33,7 @@ $scenes
 
 ## Files
 
+- `croissant.json`: this card for programs ([Croissant](https://mlcommons.org/croissant)).
 - `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`.
 - `<split>/<id>.h5`: a spike stream with its truth; `/provenance/recipe` in it makes it again.
 - `stacks/`: the focal stacks (OpenEXR), shared by the sequences; only needed to record more.
@@ -43,7 +45,7 @@ with saf_gen.open_stream("$example") as stream:   # from this folder
     image = stream.counts(0, 200)
 ```
 
-To evaluate focus methods on it, from this folder: `saf-gen evaluate .`
+To evaluate focus methods on it, from this folder: `saf-gen evaluate .`; to publish it: `saf-gen pack . --out FOLDER`.
 """)
 
 
@@ -63,7 +65,9 @@ def _describe_value(value: Any) -> str:
 
 
 def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
-    """Write README.md into a dataset folder, whole or not at all."""
+    """Write README.md and croissant.json into a dataset folder that has its manifest, each whole or not at all."""
+    cards = list(scenes)
+    licences = read_licences(card.licence for card in cards)
     splits = Counter(entry.split for entry in manifest.sequences)
     text = PAGE.substitute(
         name=recipe.name,
@@ -76,7 +80,15 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
         motion=_describe_motion(recipe.focus.motion),
         lights=", ".join(recipe.lights),
         fingerprint=manifest.recipe_fingerprint,
-        scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence or 'not stated'}." for card in scenes),
+        scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence or 'not stated'}." for card in cards),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
-    write_text_atomically(folder / "README.md", text)
+    matter = front_matter(manifest, licences, pattern="{split}/*.h5")
+    write_text_atomically(folder / "README.md", matter + text)
+    described = (
+        f"Spike-camera autofocus data, rendered and simulated: {len(manifest.sequences)} sequences of "
+        f"{recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
+        f"{'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each holds its true focus and the lens position "
+        "at every frame."
+    )
+    write_croissant(folder, manifest, facts=DatasetFacts(described, licences, responsible=SYNTHETIC))

@@ -1,0 +1,67 @@
+"""The commands ``pack`` and ``fetch``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from saf_gen.cli._terminal import OutFolder, err, out, progress_bars
+
+
+def pack(
+    dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
+    folder: Annotated[Path, typer.Option("--out", help="Folder for shards, index and cards; empty or new.")],
+    *,
+    shard_mb: Annotated[int, typer.Option(min=1, help="Size of a shard, in MB.")] = 1000,
+    stacks: Annotated[
+        bool, typer.Option("--stacks", help="Pack focal stacks too: the closed loop needs them.")
+    ] = False,
+    licence: Annotated[
+        list[str] | None, typer.Option(help="SPDX name, such as CC-BY-4.0; repeatable (default: the scenes').")
+    ] = None,
+    url: Annotated[str, typer.Option(help="Where it will be published, for its card.")] = "",
+    creator: Annotated[str, typer.Option(help="Who publishes it, for its card.")] = "",
+) -> None:
+    """Pack a dataset into tar shards with an index of digests, to be published."""
+    from saf_gen.stream.sharing import pack_dataset
+
+    with progress_bars() as bars:
+        task = bars.add_task("pack", total=1.0)
+        packed = pack_dataset(
+            dataset,
+            folder,
+            shard_bytes=shard_mb * 1_000_000,
+            stacks=stacks,
+            licences=licence or (),
+            url=url,
+            creator=creator,
+            report=lambda done, total: bars.update(task, completed=done, total=total),
+        )
+    index = packed.index
+    out.print(f"{len(index.shards)} shards, {index.total_bytes / 1e6:,.1f} MB in {folder}", soft_wrap=True)
+    out.print(f"sha256 of its index: {packed.index_sha256}", soft_wrap=True)
+    out.print(f"next: saf-gen fetch {folder} --sha256 {packed.index_sha256}", soft_wrap=True)
+    if packed.missing:
+        err.print(f"its card has no {' and no '.join(packed.missing)}: --{', --'.join(packed.missing)}")
+
+
+def fetch(
+    source: Annotated[str, typer.Argument(help="Address (http or https) or folder of a packed dataset.")],
+    *,
+    folder: OutFolder = None,
+    sha256: Annotated[str, typer.Option(help="SHA-256 that the index must have, as its publisher states it.")] = "",
+) -> None:
+    """Fetch a packed dataset, check every file, and unpack it; the same command goes on after a stop."""
+    from saf_gen.stream.sharing import fetch_dataset
+
+    with progress_bars() as bars:
+        task = bars.add_task("fetch", total=1.0)
+        target, index = fetch_dataset(
+            source,
+            folder,
+            index_sha256=sha256,
+            report=lambda done, total: bars.update(task, completed=done, total=total),
+        )
+    count = sum(len(shard.members) for shard in index.shards)
+    out.print(f"{count} files, {index.total_bytes / 1e6:,.1f} MB, every digest right")
+    out.print(f"dataset: {target}   (next: saf-gen evaluate {target})", soft_wrap=True)

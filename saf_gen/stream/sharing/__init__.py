@@ -1,0 +1,6 @@
+"""Datasets that are given to others: described by Croissant, packed into shards with digests, and fetched."""
+
+from saf_gen.stream.sharing.fetching import fetch_dataset
+from saf_gen.stream.sharing.packing import pack_dataset
+
+__all__ = ["fetch_dataset", "pack_dataset"]

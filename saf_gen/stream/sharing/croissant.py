@@ -1,0 +1,256 @@
+"""The card of a dataset for programs: ``croissant.json``, and the front matter that Hugging Face reads in README.md.
+
+Croissant 1.0 with the responsible-AI vocabulary 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-spec.html;
+Akhtar et al., NeurIPS 2024, doi:10.48550/arXiv.2403.19546). The streams are files of HDF5; the records are the
+sequences of ``manifest.json``.
+"""
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from datetime import UTC, datetime
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any
+
+from saf_gen.core.files import write_text_atomically
+from saf_gen.errors import BadInput
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry
+
+CARD_NAME = "croissant.json"
+SPECIFICATIONS = ("http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0")
+KEYWORDS = ("spike camera", "autofocus", "neuromorphic", "focus measure")
+LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")
+CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "cr": "http://mlcommons.org/croissant/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileObject": "cr:fileObject",
+    "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
+SYNTHETIC = {
+    "rai:dataCollection": "Rendered and simulated from the recipe that each stream holds; nothing was photographed.",
+    "rai:dataCollectionType": "Software Collection",
+    "rai:dataCollectionRawData": "Focal stacks in OpenEXR, in the folder stacks of the dataset where they are kept.",
+    "rai:dataPreprocessingProtocol": "None: streams hold every readout of the modelled sensor.",
+    "rai:dataAnnotationProtocol": "The true focus is computed from the lens and the target's depth, not chosen by eye.",
+    "rai:machineAnnotationTools": "saf_gen",
+    "rai:dataUseCases": "Developing, training and comparing autofocus methods for spike cameras.",
+    "rai:dataLimitations": "Light, lens and sensor are models. Scenes are few, and their members drawn from families.",
+    "rai:dataBiases": "Subjects are what the authors of the scenes chose; see the list of scenes in the description.",
+    "rai:personalSensitiveInformation": "None: no person was recorded.",
+    "rai:dataSocialImpact": "None is known beyond that of cameras that focus better.",
+    "rai:dataReleaseMaintenancePlan": "The recipe makes the dataset again; another dataset has another fingerprint.",
+}
+"""What is true of all that is generated, in the words of the responsible-AI vocabulary."""
+
+
+@dataclass(frozen=True)
+class DatasetFacts:
+    """What a card says beside the manifest.
+
+    description : what the dataset is, in sentences.
+    licences : SPDX names; none where nobody has stated them.
+    url, creator : where it is published, and who made it; '' where that is not known yet.
+    published : date, YYYY-MM-DD; '' is today.
+    responsible : statements in the responsible-AI vocabulary, by key such as "rai:dataBiases".
+    """
+
+    description: str
+    licences: Sequence[str]
+    url: str = ""
+    creator: str = ""
+    published: str = ""
+    responsible: Mapping[str, str] = field(default_factory=dict)
+
+
+def describe_dataset(manifest: Manifest, facts: DatasetFacts, *, digest: str) -> dict[str, Any]:
+    """Return the Croissant description of a dataset folder, as JSON-LD; ``digest`` is the SHA-256 of its manifest file.
+
+    Raises BadInput for a licence that is no SPDX name.
+    """
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", manifest.name).strip("-") or "dataset"
+    splits = manifest.splits
+    made = f"Recipe {manifest.recipe_fingerprint}" if manifest.recipe_fingerprint else "Recorded"
+    title = f"title = {{{name}: spike-camera autofocus data}}"
+    return {
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": list(SPECIFICATIONS),
+        "name": name,
+        "description": facts.description,
+        **({"license": licence_urls(facts.licences)} if facts.licences else {}),
+        **({"url": facts.url} if facts.url else {}),
+        **({"creator": {"@type": "sc:Organization", "name": facts.creator}} if facts.creator else {}),
+        "datePublished": facts.published or datetime.now(UTC).date().isoformat(),
+        "version": "1.0.0",
+        "isLiveDataset": False,
+        "keywords": list(KEYWORDS),
+        "citeAs": f"@misc{{{name}, {title}, note = {{{made}; made with saf\\_gen}}}}",
+        **facts.responsible,
+        "distribution": [
+            _file(MANIFEST_NAME, "application/json", digest=digest),
+            _file_set("streams", "application/x-hdf5", includes=[f"{folder}/*.h5" for folder in _folders(manifest)]),
+        ],
+        "recordSet": [_split_records(splits), _sequence_records()],
+    }
+
+
+def point_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str, Any]:
+    """Return a description whose files lie in tar shards, given by name with their SHA-256."""
+    files = [one for one in card["distribution"] if one["@type"] == "cr:FileObject" and one["@id"] == MANIFEST_NAME]
+    files += [_file(name, "application/x-tar", digest=digest) for name, digest in shards.items()]
+    for one in card["distribution"]:
+        if one["@type"] == "cr:FileSet":
+            files.append({**one, "containedIn": [{"@id": name} for name in shards]})
+    return {**card, "distribution": files}
+
+
+def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) -> None:
+    """Write ``croissant.json`` into a dataset folder beside its manifest; the date of an earlier one is kept."""
+    path = folder / CARD_NAME
+    digest = sha256_of(folder / MANIFEST_NAME)
+    card = describe_dataset(manifest, facts, digest=digest)
+    if path.is_file():
+        found = re.search(r'"datePublished": "(\d{4}-\d\d-\d\d)"', path.read_text(encoding="utf-8", errors="replace"))
+        card["datePublished"] = found[1] if found else card["datePublished"]
+    write_text_atomically(path, json.dumps(card, indent=1, ensure_ascii=False) + "\n")
+
+
+def front_matter(manifest: Manifest, licences: Sequence[str], *, pattern: str) -> str:
+    """Return the lines that begin README.md as the Hugging Face Hub reads them, with a configuration of all splits.
+
+    ``pattern`` is the path of a split's files, with {split} in it.
+    """
+    count = len(manifest.sequences)
+    sizes = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"))
+    matter: dict[str, Any] = {
+        "license": [name.lower() for name in licences] or "unknown",
+        "pretty_name": manifest.name,
+        "tags": [word.replace(" ", "-") for word in KEYWORDS],
+        "task_categories": ["other"],
+        "annotations_creators": ["machine-generated"],
+        "size_categories": [next((name for limit, name in sizes if count < limit), "100K<n<1M")],
+    }
+    if manifest.splits:
+        files = [{"split": split, "path": pattern.format(split=split)} for split in manifest.splits]
+        matter["configs"] = [{"config_name": "default", "data_files": files}]
+    lines = [f"{key}: {json.dumps(value, ensure_ascii=False)}\n" for key, value in matter.items()]  # JSON is YAML
+    return f"---\n{''.join(lines)}---\n"
+
+
+def read_licences(expressions: Iterable[str]) -> list[str]:
+    """Return the names in SPDX expressions such as "MIT AND CC-BY-4.0"; none where one is empty or prose."""
+    found: set[str] = set()
+    for expression in expressions:
+        words = [word.strip("()") for word in expression.split()]
+        if not words or not all(LICENCE.fullmatch(word) for word in words):
+            return []
+        names, joints = words[::2], words[1::2]
+        if not set(joints) <= {"AND", "OR", "WITH"}:
+            return []
+        found |= set(names)
+    return sorted(found)
+
+
+def licence_urls(licences: Iterable[str]) -> list[str]:
+    """Return the addresses of SPDX licences; raises BadInput for what cannot be such a name."""
+    for name in licences:
+        if not LICENCE.fullmatch(name):
+            raise BadInput(f"licence {name!r} is no SPDX name", allowed="a name such as CC-BY-4.0 or Apache-2.0")
+    return [f"https://spdx.org/licenses/{name}" for name in licences]
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file; raises BadInput where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise BadInput(f"cannot be read: {error.strerror}", where=str(path)) from error
+
+
+def _folders(manifest: Manifest) -> list[str]:
+    return list(dict.fromkeys(entry.file.rpartition("/")[0] or "." for entry in manifest.sequences)) or ["*"]
+
+
+def _file(name: str, kind: str, *, digest: str) -> dict[str, Any]:
+    return {
+        "@type": "cr:FileObject",
+        "@id": name,
+        "name": name,
+        "contentUrl": name,
+        "encodingFormat": kind,
+        "sha256": digest,
+    }
+
+
+def _file_set(name: str, kind: str, *, includes: list[str]) -> dict[str, Any]:
+    return {"@type": "cr:FileSet", "@id": name, "name": name, "encodingFormat": kind, "includes": includes}
+
+
+def _split_records(splits: Sequence[str]) -> dict[str, Any]:
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "splits",
+        "name": "splits",
+        "dataType": "cr:Split",
+        "key": {"@id": "splits/name"},
+        "field": [{"@type": "cr:Field", "@id": "splits/name", "name": "name", "dataType": "sc:Text"}],
+        "data": [{"splits/name": split} for split in splits],
+    }
+
+
+def _sequence_records() -> dict[str, Any]:
+    found = []
+    for one in fields(SequenceEntry):
+        entry: dict[str, Any] = {
+            "@type": "cr:Field",
+            "@id": f"sequences/{one.name}",
+            "name": one.name,
+            "dataType": "sc:Text" if one.type is str else "sc:Integer",
+            "source": {"fileObject": {"@id": MANIFEST_NAME}, "extract": {"jsonPath": f"$.sequences[*].{one.name}"}},
+        }
+        if one.name == "split":
+            entry["references"] = {"field": {"@id": "splits/name"}}
+        found.append(entry)
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "sequences",
+        "name": "sequences",
+        "description": "A row for each recording, as manifest.json lists it.",
+        "key": {"@id": "sequences/id"},
+        "field": found,
+    }

@@ -1,0 +1,161 @@
+"""Fetches a packed dataset from a server or a folder: only what has the size and SHA-256 of the index is taken."""
+
+import shutil
+import tarfile
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import IO
+
+from saf_gen.core.files import check_writable, unwritable_error
+from saf_gen.errors import BadInput
+from saf_gen.stream.manifest import MANIFEST_NAME
+from saf_gen.stream.sharing.croissant import sha256_of
+from saf_gen.stream.sharing.origin import BLOCK, Origin, Report, find_origin
+from saf_gen.stream.sharing.shard_index import INDEX_NAME, MAX_INDEX_BYTES, PackedFile, Shard, ShardIndex, parse_index
+
+PARTS = ".fetch"
+"""The folder, in the dataset's, of what is not whole yet; it is removed at the end."""
+
+
+def fetch_dataset(
+    source: str,
+    out: str | Path | None = None,
+    *,
+    index_sha256: str = "",
+    report: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[Path, ShardIndex]:
+    """Fetch a packed dataset, check it and unpack it; what is there already is kept, and a broken download goes on.
+
+    Each shard is fetched whole and checked before it is opened. Of what lies in it only the files that the index names
+    are written, each after its own check. The manifest comes last: a folder without one is no dataset.
+
+    Parameters
+    ----------
+    source : address (http or https) or path of a folder with an index, or of the index itself.
+    out : the dataset's folder; by default ``datasets/`` and the dataset's name.
+    index_sha256 : what the SHA-256 of the index must be, as its publisher states it.
+    report : called with bytes that are there and bytes in all.
+
+    Returns
+    -------
+    The dataset's folder, and the index.
+
+    Raises
+    ------
+    BadInput : no index there, another digest than stated or indexed, too little disk, a folder that holds another
+        dataset, or a server that does not answer.
+    """
+    origin = find_origin(source)
+    text = origin.read(INDEX_NAME, limit=MAX_INDEX_BYTES)
+    digest, where = sha256(text).hexdigest(), origin.name(INDEX_NAME)
+    if index_sha256 and digest != index_sha256.strip().lower():
+        raise BadInput(f"has the SHA-256 {digest}", where=where, allowed=index_sha256, hint="ask its publisher")
+    index = parse_index(text.decode("utf-8", errors="replace"), where)
+    folder = Path(out) if out is not None else Path("datasets") / index.name
+    _check_folder(folder, index)
+    try:
+        _fetch_into(folder, index, origin=origin, report=report)
+    except OSError as error:
+        raise unwritable_error(folder, error) from error
+    return folder, index
+
+
+def _check_folder(folder: Path, index: ShardIndex) -> None:
+    check_writable(folder)
+    manifest = next(one for one in index.files if one.file == MANIFEST_NAME)
+    if (folder / MANIFEST_NAME).exists() and not _is_there(folder, manifest):
+        raise BadInput(f"{folder} holds another dataset", hint="give another folder with --out")
+    missing = [one for shard in index.shards for one in shard.members if not (folder / one.file).exists()]
+    needed = sum(one.bytes for one in missing) + max((one.bytes for one in index.shards), default=0) * bool(missing)
+    free = shutil.disk_usage(next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())).free
+    if needed > free:
+        raise BadInput(
+            f"the dataset needs {needed / 1e6:,.0f} MB in {folder}, {free / 1e6:,.0f} MB are free",
+            hint="free some, or give another folder with --out",
+        )
+
+
+def _fetch_into(folder: Path, index: ShardIndex, *, origin: Origin, report: Callable[[int, int], None]) -> None:
+    parts, total, done = folder / PARTS, index.total_bytes, 0
+    parts.mkdir(parents=True, exist_ok=True)
+    for shard in index.shards:
+        wanted = {one.file: one for one in shard.members if not _is_there(folder, one)}
+
+        def tell(there: int, before: int = done) -> None:
+            report(before + there, total)
+
+        if wanted:
+            path = _fetch_checked(shard, origin, parts=parts, report=tell)
+            _unpack(path, shard, folder=folder, wanted=wanted)
+            if path.parent == parts:
+                path.unlink()
+        done += shard.bytes
+        report(done, total)
+    for one in sorted(index.files, key=lambda one: one.file == MANIFEST_NAME):
+        if not _is_there(folder, one):
+            with _fetch_checked(one, origin, parts=parts, report=lambda n: None).open("rb") as file:
+                _write_checked(file, one, folder=folder, where=origin.name(one.file))
+        done += one.bytes
+        report(done, total)
+    shutil.rmtree(parts, ignore_errors=True)
+
+
+def _fetch_checked(one: PackedFile | Shard, origin: Origin, *, parts: Path, report: Report) -> Path:
+    """Return the path of a file with the digest of the index; a downloaded one that has another is deleted."""
+    path = origin.fetch(one, parts=parts, report=report)
+    if (found := sha256_of(path)) != one.sha256:
+        if path.parent == parts:
+            path.unlink()
+        raise BadInput(
+            f"has the SHA-256 {found:.16}…",
+            where=origin.name(one.file),
+            allowed=f"{one.sha256:.16}…, as the index says",
+            hint="fetch again; if it stays so, tell its publisher",
+        )
+    return path
+
+
+def _unpack(path: Path, shard: Shard, *, folder: Path, wanted: dict[str, PackedFile]) -> None:
+    """Write the wanted files of a shard; raises BadInput for anything in it that the index does not name."""
+    known = {one.file: one for one in shard.members}
+    left = set(wanted)
+    try:
+        with tarfile.open(path, "r:") as tar:  # never compressed: a small file cannot become a large one
+            for info in tar:
+                if not info.isreg() or info.name not in known or info.size != known[info.name].bytes:
+                    raise BadInput(f"holds {info.name!r}, which the index does not name so", where=shard.file)
+                if info.name in left:
+                    content = tar.extractfile(info)
+                    if content is None:
+                        raise BadInput(f"{info.name!r} has no content", where=shard.file)
+                    _write_checked(content, wanted[info.name], folder=folder, where=f"{shard.file}: {info.name}")
+                    left.discard(info.name)
+    except tarfile.TarError as error:
+        raise BadInput(f"is no tar: {error}", where=shard.file, hint="pack the dataset again") from error
+    if left:
+        raise BadInput(f"lacks {sorted(left)[0]!r}, which the index names", where=shard.file)
+
+
+def _write_checked(content: IO[bytes], one: PackedFile, *, folder: Path, where: str) -> None:
+    """Write a file under its name once it has the size and digest of the index."""
+    part = folder / PARTS / f"{one.sha256}.part"
+    digest, size = sha256(), 0
+    with part.open("wb") as file:
+        while block := content.read(BLOCK):
+            digest.update(block)
+            size += len(block)
+            file.write(block)
+    if (size, digest.hexdigest()) != (one.bytes, one.sha256):
+        part.unlink()
+        raise BadInput("is not what the index says", where=where, allowed=f"{one.bytes:,} bytes, {one.sha256:.16}…")
+    target = folder / one.file
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if not target.parent.resolve().is_relative_to(folder.resolve()):
+        raise BadInput(f"{target.parent} leads out of {folder}", hint="give another folder with --out")
+    part.replace(target)
+
+
+def _is_there(folder: Path, one: PackedFile) -> bool:
+    path = folder / one.file
+    return path.is_file() and path.stat().st_size == one.bytes and sha256_of(path) == one.sha256

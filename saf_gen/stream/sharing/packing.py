@@ -1,0 +1,172 @@
+"""Packs a dataset into tar shards with an index of digests, as one puts it on a server or the Hugging Face Hub."""
+
+import json
+import re
+import tarfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any
+
+from saf_gen.core.config.json_document import read_json
+from saf_gen.core.files import check_writable, write_atomically, write_text_atomically
+from saf_gen.errors import BadInput
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, verify_manifest_entry
+from saf_gen.stream.sharing.croissant import (
+    CARD_NAME,
+    DatasetFacts,
+    describe_dataset,
+    front_matter,
+    licence_urls,
+    point_to_shards,
+    sha256_of,
+)
+from saf_gen.stream.sharing.shard_index import INDEX_NAME, PackedFile, Shard, ShardIndex, is_plain_path, write_index
+
+README = "README.md"
+STACKS = "stacks"
+
+
+@dataclass(frozen=True)
+class Packed:
+    """What was packed: the index, the SHA-256 of its file, and what its card does not say yet."""
+
+    index: ShardIndex
+    index_sha256: str
+    missing: tuple[str, ...]
+
+
+def pack_dataset(
+    dataset: str | Path,
+    out: str | Path,
+    *,
+    shard_bytes: int = 1_000_000_000,
+    stacks: bool = False,
+    licences: Sequence[str] = (),
+    url: str = "",
+    creator: str = "",
+    report: Callable[[int, int], None] = lambda done, total: None,
+) -> Packed:
+    """Write the shards of a dataset, its cards and its index into a folder.
+
+    A shard is a tar of whole streams of one split, which WebDataset reads too; the same dataset gives the same bytes.
+    Each stream is read and held against the manifest before it is packed. The index is written last: where it is
+    missing, packing was stopped, and the same command begins anew.
+
+    Parameters
+    ----------
+    dataset, out : the dataset's folder, and a folder that is empty or to be made.
+    shard_bytes : streams are added to a shard while it stays below this size.
+    stacks : pack the focal stacks too, which the closed loop needs.
+    licences : SPDX names; needed where the dataset has no ``croissant.json`` that tells them.
+    url, creator : where it will be published, and who publishes it, for its card.
+    report : called with bytes packed and bytes in all.
+
+    Raises
+    ------
+    BadInput : a dataset that is no dataset or is damaged, no licence, or a folder that is not empty.
+    """
+    source, target = Path(dataset), Path(out)
+    manifest = read_manifest(source)
+    if not manifest.sequences:
+        raise BadInput("has no sequence", where=str(source), hint="saf-gen generate")
+    if target.exists() and (target / INDEX_NAME).exists():
+        raise BadInput(f"{target} holds a packed dataset", hint="give another folder with --out, or remove it")
+    card = _read_card(source, manifest, licences=licences, url=url, creator=creator)
+    check_writable(target)
+    groups = {split: [e.file for e in manifest.sequences if e.split == split] for split in manifest.splits}
+    if stacks:
+        found = (p.relative_to(source).as_posix() for p in sorted((source / STACKS).rglob("*")) if p.is_file())
+        groups[STACKS] = [name for name in found if is_plain_path(name)]
+        if not groups[STACKS]:
+            raise BadInput(f"{source / STACKS} holds no focal stack", hint="leave --stacks out")
+    for entry in manifest.sequences:
+        verify_manifest_entry(source, entry)
+    total = sum((source / name).stat().st_size for names in groups.values() for name in names)
+    shards: list[Shard] = []
+    done = 0
+    for group, names in groups.items():
+        for number, batch in enumerate(_batches(source, names, shard_bytes=shard_bytes)):
+            shards.append(_write_shard(target / f"{group}-{number:05d}.tar", source, names=batch))
+            done += sum(member.bytes for member in shards[-1].members)
+            report(done, total)
+    texts = {
+        MANIFEST_NAME: (source / MANIFEST_NAME).read_text(encoding="utf-8"),
+        CARD_NAME: json.dumps(point_to_shards(card, {s.file: s.sha256 for s in shards}), indent=1, ensure_ascii=False)
+        + "\n",
+        README: _readme(source, manifest, licences=_licence_names(card)),
+    }
+    for name, text in texts.items():
+        write_text_atomically(target / name, text)
+    files = tuple(PackedFile(name, (target / name).stat().st_size, sha256_of(target / name)) for name in texts)
+    index = ShardIndex(manifest.name, tuple(shards), files)
+    write_index(target, index)
+    missing = tuple(key for key in ("url", "creator") if key not in card)
+    return Packed(index, sha256_of(target / INDEX_NAME), missing)
+
+
+def _read_card(source: Path, manifest: Manifest, *, licences: Sequence[str], url: str, creator: str) -> dict[str, Any]:
+    """Return the dataset's description, made of the manifest where it has none."""
+    path = source / CARD_NAME
+    digest = sha256_of(source / MANIFEST_NAME)
+    if path.is_file():
+        card = read_json(path, hint="saf-gen generate writes it again").data
+        if not isinstance(card, dict) or "distribution" not in card:
+            raise BadInput("is no description of a dataset", where=str(path), hint="saf-gen generate writes it again")
+        card["distribution"] = describe_dataset(manifest, DatasetFacts("", ()), digest=digest)["distribution"]
+    else:
+        described = f"Spike-camera recordings with lens positions: {len(manifest.sequences)} sequences."
+        card = describe_dataset(manifest, DatasetFacts(described, licences), digest=digest)
+    if not licences and not card.get("license"):
+        raise BadInput(
+            f"nobody has said under which licence {source} may be used", hint="--licence NAME, such as CC-BY-4.0"
+        )
+    if licences:
+        card["license"] = licence_urls(licences)
+    if url:
+        card["url"] = url
+    if creator:
+        card["creator"] = {"@type": "sc:Organization", "name": creator}
+    return card
+
+
+def _licence_names(card: dict[str, Any]) -> list[str]:
+    given = card["license"] if isinstance(card["license"], list) else [card["license"]]
+    return [str(one).rpartition("/")[2] for one in given]
+
+
+def _readme(source: Path, manifest: Manifest, *, licences: Sequence[str]) -> str:
+    """Return the dataset's page with front matter that leads to the shards."""
+    path = source / README
+    text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else f"# {manifest.name}\n"
+    body = re.sub(r"\A---\n.*?^---\n", "", text, flags=re.DOTALL | re.MULTILINE)
+    return front_matter(manifest, licences, pattern="{split}-*.tar") + body
+
+
+def _batches(source: Path, names: Sequence[str], *, shard_bytes: int) -> Iterator[list[str]]:
+    batch: list[str] = []
+    size = 0
+    for name in names:
+        bytes_of_file = (source / name).stat().st_size
+        if batch and size + bytes_of_file > shard_bytes:
+            yield batch
+            batch, size = [], 0
+        batch.append(name)
+        size += bytes_of_file
+    yield batch
+
+
+def _write_shard(path: Path, source: Path, *, names: Sequence[str]) -> Shard:
+    """Write one tar, without times, owners or rights of this machine."""
+    members = []
+    with write_atomically(path) as part, tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
+        for name in names:
+            with (source / name).open("rb") as file:
+                digest = file_digest(file, "sha256").hexdigest()
+                info = tarfile.TarInfo(name)
+                info.size = file.tell()
+                file.seek(0)
+                tar.addfile(info, file)
+            members.append(PackedFile(name, info.size, digest))
+    return Shard(path.name, path.stat().st_size, sha256_of(path), tuple(members))

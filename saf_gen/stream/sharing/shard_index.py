@@ -1,0 +1,114 @@
+"""``index.json`` of a packed dataset: its shards, what lies in them, and the SHA-256 of everything."""
+
+import json
+import re
+from collections import Counter
+from dataclasses import asdict, dataclass
+from pathlib import Path, PurePosixPath
+from typing import Annotated, ClassVar
+
+from pydantic import ConfigDict, Field
+
+from saf_gen.core.config.document import STRICT, Document, validate_document
+from saf_gen.core.config.json_document import parse_json
+from saf_gen.core.files import write_text_atomically
+from saf_gen.errors import BadInput
+from saf_gen.stream.manifest import MANIFEST_NAME
+
+INDEX_NAME = "index.json"
+FORMAT = "saf-gen shards"
+LAYOUT = 1
+MAX_INDEX_BYTES = 1 << 28
+
+Bytes = Annotated[int, Field(strict=True, ge=0)]
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+@dataclass(frozen=True)
+class PackedFile:
+    """A file: its path in the dataset folder, with '/', its size and its SHA-256."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    file: str
+    bytes: Bytes
+    sha256: Digest
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A tar of files; ``file`` lies beside the index."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    file: str
+    bytes: Bytes
+    sha256: Digest
+    members: tuple[PackedFile, ...]
+
+
+@dataclass(frozen=True)
+class ShardIndex:
+    """A packed dataset: its name, its shards, and the files that lie beside the index as they are."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    name: str
+    shards: tuple[Shard, ...]
+    files: tuple[PackedFile, ...]
+
+    @property
+    def total_bytes(self) -> int:
+        """Bytes of all shards and files."""
+        return sum(one.bytes for one in self.shards) + sum(one.bytes for one in self.files)
+
+
+def write_index(folder: Path, index: ShardIndex) -> None:
+    """Write the index of a packed dataset into its folder."""
+    document = {"format": FORMAT, "layout": LAYOUT, **asdict(index)}
+    write_text_atomically(folder / INDEX_NAME, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+
+
+def parse_index(text: str, where: str) -> ShardIndex:
+    """Return the index that a text holds; ``where`` names it in errors.
+
+    Raises BadInput for what is no index, has a newer layout, names a file twice or one outside the folder, or has no
+    manifest.
+    """
+    document = parse_json(text, where)
+    if not isinstance(document.data, dict) or document.data.pop("format", None) != FORMAT:
+        raise BadInput("is not the index of a packed dataset", where=where, allowed=f'"format": "{FORMAT}"')
+    if (layout := document.data.pop("layout", None)) != LAYOUT:
+        raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
+    index = validate_document(ShardIndex, document)
+    _check_names(index, document)
+    return index
+
+
+def _check_names(index: ShardIndex, document: Document) -> None:
+    where = document.locate()
+    if not re.fullmatch(r"\w[\w. -]{0,99}", index.name):
+        raise BadInput(
+            f"the dataset's name is {index.name!r}", where=where, allowed="letters, digits, _, -, . and blanks"
+        )
+    beside = [*(one.file for one in index.shards), *(one.file for one in index.files)]
+    inside = [member.file for shard in index.shards for member in shard.members]
+    for name in beside:
+        if not is_plain_path(name) or "/" in name or name == INDEX_NAME:
+            raise BadInput(f"has the file {name!r}", where=where, allowed="the name of a file beside the index")
+    for name in inside:
+        if not is_plain_path(name):
+            raise BadInput(f"has the member {name!r}", where=where, allowed="a relative path with '/', without ..")
+    unpacked = Counter(name.casefold() for name in (*inside, *(one.file for one in index.files)))
+    for name, count in (unpacked + Counter(one.file.casefold() for one in index.shards)).items():
+        if count > 1:
+            raise BadInput(f"names {name!r} {count} times", where=where, allowed="each file once")
+    if MANIFEST_NAME not in [one.file for one in index.files]:
+        raise BadInput(f"has no {MANIFEST_NAME}", where=where, hint="pack the dataset again")
+
+
+def is_plain_path(name: str) -> bool:
+    """Return whether a name is a relative path of visible files that means the same on every system."""
+    parts = PurePosixPath(name).parts
+    plain = all(re.fullmatch(r"[^\x00-\x1f\\:*?\"<>|/]{1,255}", part) and not part.startswith(".") for part in parts)
+    return bool(parts) and plain and "/".join(parts) == name

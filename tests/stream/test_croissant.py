@@ -1,0 +1,125 @@
+"""The card of a dataset for programs, and the front matter of its page."""
+
+import json
+from dataclasses import fields, replace
+from hashlib import sha256
+
+import pytest
+import yaml
+
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.sharing.croissant import (
+    SYNTHETIC,
+    DatasetFacts,
+    describe_dataset,
+    front_matter,
+    point_to_shards,
+    read_licences,
+    write_croissant,
+)
+
+ENTRY = SequenceEntry(
+    id="a-constant-00",
+    split="train",
+    scene="a",
+    variant=0,
+    scene_motion="static",
+    lens_motion="sweep",
+    light="constant",
+    repeat=0,
+    seed=2**63,
+    file="train/a-constant-00.h5",
+    frames=100,
+    fingerprint="f",
+    content_sha256="c",
+)
+MANIFEST = Manifest("my data", "0123", "llvm", (ENTRY, replace(ENTRY, id="b", split="test", file="test/b.h5")))
+FACTS = DatasetFacts("Recordings.", ["Apache-2.0", "CC-BY-4.0"], responsible=SYNTHETIC)
+
+
+@pytest.fixture
+def card(tmp_path):
+    write_manifest(tmp_path, MANIFEST)
+    write_croissant(tmp_path, MANIFEST, facts=FACTS)
+    return json.loads((tmp_path / "croissant.json").read_text())
+
+
+def test_the_card_has_the_fields_of_croissant_and_of_its_responsible_part(card):
+    assert card["@type"] == "sc:Dataset"
+    assert card["conformsTo"] == ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"]
+    assert card["name"] == "my-data"
+    assert card["license"] == ["https://spdx.org/licenses/Apache-2.0", "https://spdx.org/licenses/CC-BY-4.0"]
+    assert {"description", "datePublished", "version", "citeAs", "distribution", "recordSet"} <= set(card)
+    for part in ("Collection", "Limitations", "Biases", "UseCases", "AnnotationProtocol", "SocialImpact"):
+        assert card[f"rai:data{part}"]
+    assert card["rai:personalSensitiveInformation"].startswith("None")
+
+
+def test_files_are_the_manifest_with_its_digest_and_the_streams_of_every_split(card, tmp_path):
+    manifest, streams = card["distribution"]
+    assert manifest["sha256"] == sha256((tmp_path / "manifest.json").read_bytes()).hexdigest()
+    assert streams["includes"] == ["train/*.h5", "test/*.h5"]
+    assert all(any((tmp_path / entry.file).match(one) for one in streams["includes"]) for entry in MANIFEST.sequences)
+
+
+def test_records_are_the_sequences_of_the_manifest_key_by_key(card, tmp_path):
+    splits, sequences = card["recordSet"]
+    assert [row["splits/name"] for row in splits["data"]] == ["train", "test"]
+    assert [field["name"] for field in sequences["field"]] == [one.name for one in fields(SequenceEntry)]
+    (row, _) = json.loads((tmp_path / "manifest.json").read_text())["sequences"]
+    for field in sequences["field"]:
+        assert field["source"]["extract"]["jsonPath"] == f"$.sequences[*].{field['name']}"
+        assert isinstance(row[field["name"]], {"sc:Text": str, "sc:Integer": int}[field["dataType"]])
+
+
+def test_a_card_that_is_written_again_keeps_its_date(card, tmp_path):
+    path = tmp_path / "croissant.json"
+    path.write_text(path.read_text().replace(card["datePublished"], "2001-02-03"))
+    write_croissant(tmp_path, MANIFEST, facts=FACTS)
+    assert json.loads(path.read_text()) == card | {"datePublished": "2001-02-03"}
+
+
+def test_the_front_matter_leads_to_the_files_of_each_split():
+    _, matter, rest = front_matter(MANIFEST, ["CC-BY-4.0"], pattern="{split}/*.h5").split("---\n")
+    found = yaml.safe_load(matter)
+    assert found["license"] == ["cc-by-4.0"]
+    (config,) = found["configs"]
+    assert config["data_files"] == [{"split": "train", "path": "train/*.h5"}, {"split": "test", "path": "test/*.h5"}]
+    assert rest == ""
+
+
+@pytest.mark.parametrize(
+    ("expressions", "names"),
+    [
+        (["MIT", "CC-BY-4.0"], ["CC-BY-4.0", "MIT"]),
+        (["(MIT OR Apache-2.0) AND CC0-1.0", "MIT"], ["Apache-2.0", "CC0-1.0", "MIT"]),
+        (["MIT", ""], []),
+        (["MIT", "see SOURCE.md"], []),
+        (["free for all"], []),
+        ([], []),
+    ],
+)
+def test_the_licence_is_that_of_every_scene_or_unknown(expressions, names):
+    assert read_licences(expressions) == names
+
+
+def test_a_card_without_a_licence_says_that_it_is_unknown():
+    assert "license" not in describe_dataset(MANIFEST, replace(FACTS, licences=[]), digest="0")
+    assert 'license: "unknown"\n' in front_matter(MANIFEST, [], pattern="{split}/*.h5")
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own dependencies
+@pytest.mark.parametrize("shards", [{}, {"train-00000.tar": "0" * 64, "test-00000.tar": "1" * 64}])
+def test_mlcroissant_accepts_the_card_without_a_word(card, tmp_path, caplog, shards):
+    mlcroissant = pytest.importorskip("mlcroissant", reason="pip install mlcroissant (90 MB)")
+    facts = replace(FACTS, url="https://example.org", creator="Somebody", published="2026-01-01")
+    whole = describe_dataset(MANIFEST, facts, digest=card["distribution"][0]["sha256"])
+    path = tmp_path / "croissant.json"
+    path.write_text(json.dumps(point_to_shards(whole, shards) if shards else whole))
+    dataset = mlcroissant.Dataset(jsonld=path)
+    issues = dataset.metadata.ctx.issues
+    assert (issues.errors, issues.warnings) == (set(), set())
+    assert not [record for record in caplog.records if record.levelname == "WARNING"]
+    rows = list(dataset.records("sequences"))
+    assert [row["sequences/id"] for row in rows] == [b"a-constant-00", b"b"]
+    assert rows[0]["sequences/seed"] == 2**63
