@@ -88,6 +88,13 @@ def write_bad_header(path):
         archive.writestr("seq.npy", header + text.ljust(117).encode() + b"\n" + b"\0" * 100)
 
 
+def write_unlikely_storage(path):
+    """A filter that other code would undo, and a chunk of 128 MB."""
+    with h5py.File(path, "w") as file:
+        file.create_dataset("lzf", data=SPIKES, compression="lzf")
+        file.create_dataset("huge", (8, 4_096, 4_096), "uint8", chunks=(8, 4_096, 4_096))
+
+
 def write_links(path):
     with h5py.File(path, "w") as file:
         file["spk"] = h5py.ExternalLink("/etc/other.h5", "/spikes")
@@ -106,9 +113,11 @@ def write_links(path):
         ("a.npy", lambda p: p.write_bytes(b""), "cannot be read"),
         ("a.mat", lambda p: p.write_bytes(b"no MATLAB" * 40), "cannot be read"),
         ("a.mat", write_links, "has no arrays of three axes"),
+        ("a.mat", write_unlikely_storage, "has no arrays of three axes"),
+        ("a.npy", lambda p: np.save(p, np.zeros((1, 4_097, 4_096), np.uint8)), "frames of (4097, 4096) pixels"),
         ("a.npy", lambda p: np.save(p, SPIKES[0]), "the array is uint8 (5, 6)"),
         ("a.npy", lambda p: np.save(p, np.ones((4, 5, 6), complex)), "complex128"),
-        ("a.npy", lambda p: np.save(p, SPIKES * 0.5), "hold the value 0.5"),
+        ("a.npy", lambda p: np.save(p, SPIKES * 0.5), "holds 0.5 from frame 0 on"),
     ],
 )  # fmt: skip
 def test_a_file_that_does_not_fit_is_one_line_and_nothing_is_written(tmp_path, name, write, says):
@@ -135,9 +144,7 @@ def test_an_option_that_does_not_fit_is_one_line(tmp_path, call):
     late = np.zeros((300, 2, 2), np.uint8)
     late[299] = 9
     np.save(tmp_path / "late.npy", late)
-    assert_says(
-        refusal(SpikeArray(tmp_path / "late.npy").frames.__getitem__, slice(0, 300)), "holds 9 | --layout packed"
-    )
+    assert_says(refusal(SpikeArray(tmp_path / "late.npy").frames, 0, 300), "holds 9 | --layout packed")
 
 
 def test_a_matlab_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):

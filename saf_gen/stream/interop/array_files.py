@@ -18,6 +18,8 @@ from saf_gen.errors import BadInput, unknown
 ENDINGS = (".npy", ".npz", ".mat")
 MAX_MAT_BYTES = 2 << 30
 """Largest array of an old MATLAB file, which can only be read as a whole."""
+MAX_CHUNK_BYTES = 64 << 20
+"""Largest chunk of a new one, which HDF5 inflates as a whole."""
 HDF5_START = b"\x89HDF\r\n\x1a\n"
 
 
@@ -133,7 +135,7 @@ class _HdfArray:
             link = self._file.get(name, getlink=True)
             item: Any = self._file[name] if isinstance(link, h5py.HardLink) else None  # others lead to other files
             plain = isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external
-            if plain and item.dtype.kind in "buif":
+            if plain and item.dtype.kind in "buif" and _is_stored_plainly(item):
                 found[name] = item
         name = choose_array({n: d.shape for n, d in found.items()}, key, where=str(path))
         self._data = found[name]
@@ -143,6 +145,16 @@ class _HdfArray:
     def __getitem__(self, span: slice) -> np.ndarray:
         block = self._data[span]
         return np.asarray(block.transpose(0, *range(block.ndim - 1, 0, -1)))
+
+
+def _is_stored_plainly(item: Any) -> bool:
+    """Return whether an array is stored as MATLAB does: other filters run other code, huge chunks fill the memory."""
+    from h5py import h5z
+
+    plist = item.id.get_create_plist()
+    filters = {plist.get_filter(n)[0] for n in range(plist.get_nfilters())}
+    allowed = {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}
+    return filters <= allowed and prod(item.chunks or (1,)) * item.dtype.itemsize <= MAX_CHUNK_BYTES
 
 
 def _load_old_matlab(path: Path, *, key: str | None) -> np.ndarray:

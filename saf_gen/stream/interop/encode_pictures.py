@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from json import dumps
-from math import floor
+from math import floor, prod
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from saf_gen.stream.interop.picture_frames import PictureFrames
 from saf_gen.stream.metadata import stream_metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
-BLOCK_FRAMES, BLOCK_KNOTS = 2_000, 64
-"""Readouts, and pictures, in memory at a time."""
+BLOCK_FRAMES, BLOCK_KNOTS, BLOCK_BYTES = 2_000, 64, 256 << 20
+"""Readouts, pictures, and bytes of pictures, in memory at a time."""
 SLOW = 10
 """So many readouts to a picture are a slow camera: what moves is faded, not moved."""
 
@@ -124,7 +124,8 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
 
 def _blocks(plan: PictureEncoding) -> Iterator[tuple[list[np.ndarray], np.ndarray, np.ndarray]]:
     """Yield the pictures of each block of readouts, and of each readout the one before and how far it is past."""
-    step = int(min(BLOCK_FRAMES, max(BLOCK_KNOTS * plan.readouts_per_picture, 8))) // 8 * 8
+    knots = max(min(BLOCK_KNOTS, BLOCK_BYTES // (4 * prod(plan.pictures.shape))), 2)
+    step = int(min(BLOCK_FRAMES, max(knots * plan.readouts_per_picture, 8))) // 8 * 8
     held: deque[tuple[int, np.ndarray]] = deque()
     source = enumerate(plan.pictures)
     for begin in range(0, plan.frames, step):

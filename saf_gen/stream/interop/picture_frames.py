@@ -17,7 +17,7 @@ from saf_gen.stream.interop.array_files import ENDINGS, SlicedArray, open_array_
 IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm"})
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Of linear red, green and blue, as ITU-R BT.709 weighs them: a spike camera sees no colour."""
-MAX_PIXELS = 1 << 24
+MAX_PIXELS = 1 << 22
 
 
 def decode_srgb(values: np.ndarray) -> np.ndarray:

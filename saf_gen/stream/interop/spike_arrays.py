@@ -3,6 +3,7 @@
 import os
 from dataclasses import dataclass
 from json import dumps
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,14 @@ import numpy as np
 from saf_gen.core import bits
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop.array_files import SlicedArray, open_array_file
-from saf_gen.stream.stream_writer import write_stream
+from saf_gen.stream.metadata import stream_metadata_from_options
+from saf_gen.stream.stream_writer import StreamWriter
 
 ARRAY_LAYOUTS = ("frames", "packed")
 LOOKED_AT = 250
 """Slices that tell the layout: a byte of packed frames is soon above 1."""
+MAX_PIXELS, BLOCK_BYTES = 1 << 22, 64 << 20
+"""Largest frame, and what is read at a time."""
 
 
 @dataclass(frozen=True)
@@ -41,24 +45,13 @@ class _WholeFrames:
 
     def __getitem__(self, span: slice) -> np.ndarray:
         frames = self.array[slice(*span.indices(self.shape[0])[:2])]
-        if frames.dtype == np.uint8 and frames.max() > 1:
+        wrong = frames[(frames != 0) & (frames != 1)]
+        if wrong.size:
             raise BadInput(
-                f"holds {frames.max()} from frame {span.start} on", where=self.where, allowed="0 and 1",
+                f"holds {wrong[0]} from frame {span.start} on", where=self.where, allowed="0 and 1, or bool",
                 hint="--layout packed if a byte holds eight frames",
             )  # fmt: skip
-        return np.asarray(frames)
-
-
-@dataclass(frozen=True)
-class _TurnedOver:
-    frames: _PackedFrames | _WholeFrames
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        return self.frames.shape
-
-    def __getitem__(self, span: slice) -> np.ndarray:
-        return self.frames[span][:, ::-1]
+        return frames.astype(np.uint8)
 
 
 class SpikeArray:
@@ -86,7 +79,12 @@ class SpikeArray:
                 f"the array is {array.dtype} {array.shape}", where=str(path), allowed="numbers (frames, rows, columns)",
                 hint="pictures become spikes with saf-gen encode",
             )  # fmt: skip
-        seems = "packed" if array.dtype == np.uint8 and array[slice(0, LOOKED_AT)].max() > 1 else "frames"
+        if prod(array.shape[1:]) > MAX_PIXELS:
+            raise BadInput(
+                f"frames of {array.shape[1:]} pixels", where=str(path), allowed=f"at most {MAX_PIXELS} pixels"
+            )
+        looked_at = slice(0, max(min(LOOKED_AT, BLOCK_BYTES // prod(array.shape[1:])), 1))
+        seems = "packed" if array.dtype == np.uint8 and array[looked_at].max() > 1 else "frames"
         self.path, self.layout, self.flip = Path(path), layout or seems, flip
         if self.layout == "packed" and array.dtype != np.uint8:
             raise BadInput(f"the array is {array.dtype}", where=str(path), allowed="uint8 for layout packed")
@@ -99,10 +97,20 @@ class SpikeArray:
             if self.layout == "packed"
             else _WholeFrames(array, self.shape, where=str(path))
         )
-        self.frames = _TurnedOver(spikes) if flip else spikes
+        self._spikes, self._frame_bytes = spikes, prod(self.shape[1:]) * max(array.dtype.itemsize, 1)
+
+    def frames(self, first: int, stop: int) -> np.ndarray:
+        """Return frames ``first <= t < stop``, uint8 (frames, H, W); BadInput where they hold other than 0 and 1."""
+        frames = self._spikes[slice(first, stop)]
+        return frames[:, ::-1] if self.flip else frames
 
     def write(self, out: str | os.PathLike[str], *, readout_hz: float, **optional: Any) -> str:
         """Write the spikes as the stream file ``out`` and return its content_sha256; a part is in memory at a time."""
         settings = {"file": self.path.name, "layout": self.layout, "flip": self.flip, "frames": self.shape[0]}
         provenance = {"import": dumps(settings, ensure_ascii=False)}
-        return write_stream(out, self.frames, readout_hz=readout_hz, provenance=provenance, **optional)
+        metadata = stream_metadata_from_options({**optional, "provenance": provenance})
+        step = max(min(BLOCK_BYTES // self._frame_bytes, 2_000) // 8 * 8, 8)
+        with StreamWriter(out, shape=self.shape, readout_hz=readout_hz, metadata=metadata) as writer:
+            for first in range(0, self.shape[0], step):
+                writer.write(bits.pack_bits(self.frames(first, min(first + step, self.shape[0]))))
+        return writer.content_sha256

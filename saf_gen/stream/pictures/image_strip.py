@@ -9,14 +9,14 @@ import numpy as np
 from PIL import Image
 
 ACROSS = 8
-QUALITIES = (85, 75, 60, 50, 40, 30, 22, 15, 10)
+JPEG_QUALITIES = (85, 75, 60, 50, 40, 30, 22, 15, 10)
 
 
 @dataclass(frozen=True)
 class ImageStrip:
     """An image file of ``rows`` rows of ``columns`` pictures, each ``size`` (width, height) in pixels."""
 
-    data: bytes
+    file: bytes
     media_type: str
     columns: int
     rows: int
@@ -24,35 +24,46 @@ class ImageStrip:
     count: int
 
 
-def build_image_strip(
-    pictures: Iterable[np.ndarray], *, count: int, max_bytes: int, best_quality: int = 60, two_tone: bool = False
-) -> ImageStrip:
-    """Return ``count`` pictures, grey values uint8 (h, w), side by side as JPEG.
+@dataclass(frozen=True)
+class PictureSheet:
+    """Pictures side by side, not yet a file."""
 
-    The best quality, at most ``best_quality``, is taken that makes it at most ``max_bytes``, or the lowest there is.
-    ``two_tone`` gives PNG with a bit per pixel instead, without loss.
-    """
-    across, sheet, size = min(ACROSS, count), Image.new("1" if two_tone else "L", (1, 1)), (1, 1)
+    image: Image.Image
+    size: tuple[int, int]
+    count: int
+
+    def encode(self, form: str, **options: object) -> ImageStrip:
+        """Return the pictures as a file of this format of Pillow, such as ``WEBP``."""
+        buffer, across = io.BytesIO(), min(ACROSS, self.count)
+        self.image.save(buffer, form, **options)
+        rows = math.ceil(self.count / across)
+        return ImageStrip(buffer.getvalue(), f"image/{form.lower()}", across, rows, self.size, self.count)
+
+
+def lay_out_pictures(pictures: Iterable[np.ndarray], *, count: int, two_tone: bool = False) -> PictureSheet:
+    """Return ``count`` pictures, grey values uint8 (h, w), side by side; ``two_tone`` keeps one bit of each pixel."""
+    across, mode = min(ACROSS, count), "1" if two_tone else "L"
+    sheet, size = Image.new(mode, (1, 1)), (1, 1)
     for number, picture in enumerate(pictures):
         if number == 0:
             size = picture.shape[1], picture.shape[0]
-            sheet = Image.new(sheet.mode, (across * size[0], math.ceil(count / across) * size[1]))
-        cell = Image.fromarray(picture).convert(sheet.mode, dither=Image.Dither.NONE)
+            sheet = Image.new(mode, (across * size[0], math.ceil(count / across) * size[1]))
+        cell = Image.fromarray(picture).convert(mode, dither=Image.Dither.NONE)
         sheet.paste(cell, (number % across * size[0], number // across * size[1]))
-    buffer = io.BytesIO()
-    if two_tone:
-        sheet.save(buffer, "PNG", optimize=True)
-    for quality in () if two_tone else [q for q in QUALITIES if q <= best_quality]:
-        buffer = io.BytesIO()
-        sheet.save(buffer, "JPEG", quality=quality, optimize=True)
-        if buffer.tell() <= max_bytes:
+    return PictureSheet(sheet, size, count)
+
+
+def encode_small_jpeg(sheet: PictureSheet, *, max_bytes: int) -> ImageStrip:
+    """Return pictures as JPEG of the best quality that makes it at most ``max_bytes``, or the lowest there is."""
+    for quality in JPEG_QUALITIES:
+        strip = sheet.encode("JPEG", quality=quality, optimize=True)
+        if len(strip.file) <= max_bytes:
             break
-    media_type = "image/png" if two_tone else "image/jpeg"
-    return ImageStrip(buffer.getvalue(), media_type, across, math.ceil(count / across), size, count)
+    return strip
 
 
 def shrink_picture(light: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return linear light (h, w) averaged over the pixels of a smaller picture of ``size`` (width, height), float32."""
+    """Return linear light (h, w) averaged to ``size`` (width, height), float32: what adds is light, not grey values."""
     if size == light.shape[::-1]:
         return light.astype(np.float32)
     return np.asarray(Image.fromarray(light.astype(np.float32)).resize(size, Image.Resampling.BOX))

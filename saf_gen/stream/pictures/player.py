@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from saf_gen.core.display_tone import encode_gamma
 from saf_gen.core.figure_style import STYLE, WIDTH, inline_svg, to_svg
 from saf_gen.core.region import Region
-from saf_gen.stream.pictures.image_strip import build_image_strip, shrink_picture
+from saf_gen.stream.pictures.image_strip import encode_small_jpeg, lay_out_pictures, shrink_picture
 from saf_gen.stream.pictures.panels import draw_panels, list_panels
 from saf_gen.stream.pictures.timeline import Timeline, describe_moment
 from saf_gen.stream.pictures.windows import KINDS, WindowPictures
@@ -30,14 +30,9 @@ def write_player(
     pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, title: str, fps: float
 ) -> None:
     """Write the page to ``path``; it needs no network, and all but the moving works without scripts."""
-    stream, strip_source = pictures.stream, _small_pictures(pictures)
-    strip = build_image_strip(
-        strip_source,
-        count=len(pictures.starts),
-        max_bytes=MAX_BYTES,
-        best_quality=85,
-        two_tone=pictures.kind == "spikes",
-    )
+    stream, two_tone = pictures.stream, pictures.kind == "spikes"
+    sheet = lay_out_pictures(_small_pictures(pictures), count=len(pictures.starts), two_tone=two_tone)
+    strip = sheet.encode("PNG", optimize=True) if two_tone else encode_small_jpeg(sheet, max_bytes=MAX_BYTES)
     with matplotlib.rc_context(STYLE):
         panels = len(list_panels(timeline))
         figure = Figure(figsize=(WIDTH, PANEL * panels + AXIS), dpi=72, layout="constrained")
@@ -56,7 +51,7 @@ def write_player(
         title=escape(title),
         facts=escape(f"{size}. {KINDS[pictures.kind]}{rest}"),
         play=escape(json.dumps({**play, "fps": fps}, ensure_ascii=False)),
-        source=f"data:{strip.media_type};base64,{b64encode(strip.data).decode()}",
+        source=f"data:{strip.media_type};base64,{b64encode(strip.file).decode()}",
         alt=escape(f"{strip.count} pictures of the recording, {words[0]} to {words[-1]}"),
         width=strip.size[0],
         height=strip.size[1],
