@@ -240,7 +240,7 @@ def _options(plugin_kind: str) -> str:
         for field in fields(cls):
             allowed, _, meaning = tick(said[field.name]).partition(": ")
             default = REQUIRED if field.default is MISSING else "" if field.default is None else _written(field.default)
-            rows.append(["", f"`{field.name.rstrip('_')}`", allowed, default, meaning])
+            rows.append(["", f"`{field.name.rstrip('_')}`", allowed, default, meaning[0].upper() + meaning[1:]])
     return table("kind", "key", "value", "default", "meaning", rows=rows)
 
 
