@@ -43,6 +43,7 @@ def evaluate(
     region: Annotated[
         str, typer.Option(help="Where methods look: target (its bounding box), frame, or both.")
     ] = "target",
+    pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too, a column of a paper wide.")] = False,
 ) -> None:
     """Run focus methods over recordings, rank them, and write tables, figures and a page."""
     from saf_gen.benchmark.evaluate import evaluate as run
@@ -77,7 +78,8 @@ def evaluate(
         records=result.records,
         title=f"{source}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
     )
-    print_written_paths(write_evaluation_report(target, rows=rows, evaluation=result, title=source.resolve().name))
+    title = source.resolve().name
+    print_written_paths(write_evaluation_report(target, rows=rows, evaluation=result, title=title, pdf=pdf))
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     if result.failures:

@@ -14,10 +14,13 @@ from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import Op, PdfFile, RendererPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+COLUMN = 3.5  # inches: of a paper with two columns
+PDF_CREATOR = "saf-gen"
 WIDTH = 4.4  # inches: a figure is readable on a phone, and two or three stand side by side on a desk
 MAX_MEASURES = 8
 """Most measures in one figure; more could not be distinguished."""
@@ -149,6 +152,26 @@ def to_svg(figure: Figure, *, name: str) -> str:
     with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return _DIGITS.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), buffer.getvalue())
+
+
+def to_pdf(figure: Figure) -> bytes:
+    """Return the figure as PDF, scaled as a whole to a column of a paper (3.5 inches), its fonts embedded."""
+    width, height = (72 * side for side in figure.get_size_inches())
+    scale, buffer = 72 * COLUMN / width, io.BytesIO()
+    with matplotlib.rc_context({**STYLE, "pdf.fonttype": 42}):
+        file = PdfFile(buffer, metadata={"CreationDate": None, "Creator": PDF_CREATOR})
+        try:
+            figure.set_dpi(72)
+            file.newPage(scale * width / 72, scale * height / 72)
+            file.width, file.height = width / 72, height / 72  # lines are cut off at the page as it was before scaling
+            file.output(scale, 0, 0, scale, 0, 0, Op.concat_matrix)  # matplotlib itself cannot scale text and lines
+            renderer = RendererPdf(file, 72, height / 72, width / 72)
+            figure.draw(renderer)
+            renderer.finalize()
+            file.finalize()
+        finally:
+            file.close()
+        return buffer.getvalue()
 
 
 def add_paper_background(svg: str) -> str:

@@ -1,8 +1,10 @@
 """The folder of an evaluation: a later one replaces it as a whole, and what is not ours stays."""
 
 import os
+import re
 import shutil
 import time
+import zlib
 from functools import partial
 from pathlib import Path
 
@@ -46,6 +48,11 @@ def write(folder, made):
     return write_evaluation_report(folder, evaluation=made, rows=rank_methods(made.records), title="small")
 
 
+def write_with_pdf(folder, made):
+    rows = rank_methods(made.records)
+    return write_evaluation_report(folder, evaluation=made, rows=rows, title="small", pdf=True)
+
+
 def held(folder):
     return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
 
@@ -60,6 +67,30 @@ def test_all_files_are_written_and_told(tmp_path):
         "figures",
     }
     assert written.replaced == ""
+
+
+def test_figures_for_a_paper_are_a_column_wide_and_go_with_their_evaluation(tmp_path):
+    """252 points are 3.5 inches. The line of the last curve ends as far to the right as in the SVG, scaled."""
+    write_with_pdf(tmp_path, with_curves())
+    figures = {name for name in held(tmp_path) if name.endswith(".svg")}
+    assert {name for name in held(tmp_path) if name.endswith(".pdf")} == {n.replace(".svg", ".pdf") for n in figures}
+    for name in figures:
+        pdf, svg = (tmp_path / name.replace(".svg", ".pdf")).read_bytes(), (tmp_path / name).read_text()
+        box = [float(x) for x in re.search(rb"/MediaBox \[ ([\d. ]+) \]", pdf)[1].split()]
+        _, _, width, height = map(float, re.search(r'viewBox="([^"]+)"', svg)[1].split())
+        assert box == pytest.approx([0, 0, 252, 252 * height / width], abs=0.1)
+        drawn = b"".join(zlib.decompress(data) for data in re.findall(rb"stream\n(x.*?)\nendstream", pdf, re.DOTALL))
+        ends = [float(x) for x in re.findall(rb"([\d.]+) [\d.]+ [ml]\n", drawn)]
+        assert b"0.7954545455 0 0 0.7954545455 0 0 cm" in drawn
+        assert max(ends) > 252
+    (tmp_path / "figures" / "mine.pdf").write_bytes(b"not ours")
+    own = tmp_path / ERRORS.replace(".svg", ".pdf")
+    own.write_bytes(b"%PDF of another program, of our figure")
+    write(tmp_path, with_curves())
+    assert {name for name in held(tmp_path) if name.endswith(".pdf")} == {
+        "figures/mine.pdf",
+        own.relative_to(tmp_path).as_posix(),
+    }
 
 
 def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_or_figure_of_it(tmp_path):

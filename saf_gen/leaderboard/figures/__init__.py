@@ -4,12 +4,14 @@ from matplotlib.figure import Figure
 
 from saf_gen.core.figure_style import (
     MAX_MEASURES,
+    PDF_CREATOR,
     PREDICTIONS_LABEL,
     PlotStyle,
     add_paper_background,
     assign_styles,
     inline_svg,
     split_method_label,
+    to_pdf,
     to_svg,
 )
 from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition
@@ -27,6 +29,7 @@ from saf_gen.leaderboard.figures.path_figures import plot_lens_paths, plot_searc
 __all__ = [
     "CONDITIONS",
     "MAX_MEASURES",
+    "PDF_CREATOR",
     "PREDICTIONS_LABEL",
     "Condition",
     "Cursor",
@@ -47,5 +50,6 @@ __all__ = [
     "plot_lens_paths",
     "plot_search_steps",
     "split_method_label",
+    "to_pdf",
     "to_svg",
 ]

@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any
 
@@ -51,6 +51,7 @@ class ReportFigure:
     label: str
     """What the figure shows, for readers who do not see it."""
     svg: str
+    figure: Figure = field(repr=False)
     viewer: SequenceViewer | None = None
     omission: str = ""
     """A sentence on the figures of this kind and scene that are left out, else ''."""
@@ -92,7 +93,7 @@ def _plot_opening(evaluation: Evaluation) -> list[ReportFigure]:
         return []
     figure = plot_depth_of_focus(evaluation.sweeps)
     label = "The width of the blur over the distance from the true focus, with what the camera saw at some distances"
-    return [ReportFigure(OPENING, "", OPENING, label, to_svg(figure, name=OPENING))]
+    return [ReportFigure(OPENING, "", OPENING, label, to_svg(figure, name=OPENING), figure)]
 
 
 def _plot_conditions(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> list[ReportFigure]:
@@ -205,4 +206,4 @@ def _label_scene(split: str | None, scene: str) -> str:
 def _finish(figure: Figure, *, kind: str, scene: str, subject: str, label: str, omission: str = "") -> ReportFigure:
     """Return the figure as SVG, under a name that is made from its kind and subject."""
     name = re.sub(r"[^\w.-]+", "_", f"{kind}-{subject}").strip("._")
-    return ReportFigure(name, scene, kind, label, to_svg(figure, name=name), omission=omission)
+    return ReportFigure(name, scene, kind, label, to_svg(figure, name=name), figure, omission=omission)

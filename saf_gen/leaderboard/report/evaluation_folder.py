@@ -19,9 +19,15 @@ from pathlib import Path
 from saf_gen.benchmark.records import READY, RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.cores import defer_interrupts
-from saf_gen.core.files import is_left_behind, mark_of_process, unwritable_error, write_text_atomically
+from saf_gen.core.files import (
+    is_left_behind,
+    mark_of_process,
+    unwritable_error,
+    write_atomically,
+    write_text_atomically,
+)
 from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
-from saf_gen.leaderboard.figures import add_paper_background
+from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_background, to_pdf
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
 from saf_gen.leaderboard.report.page import build_page
 
@@ -32,7 +38,7 @@ PAGE, FIGURES = "index.html", "figures"
 CURVES = ("curves.csv", "measures.csv")
 CURVES_START = "measure,"
 PAGE_MARK = "data-of-records"
-_OWN_FIGURE = re.compile(rf"{FIGURES}/[\w.-]+\.svg")
+_OWN_FIGURE = re.compile(rf"{FIGURES}/[\w.-]+\.(svg|pdf)")
 _FIGURE = re.compile(r'<figure id="([\w.-]+)">')
 
 
@@ -45,7 +51,7 @@ class WrittenEvaluation:
 
 
 def write_evaluation_report(
-    folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str
+    folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str, pdf: bool = False
 ) -> WrittenEvaluation:
     """Write tables, curves, page and figures into ``folder``, in place of an earlier evaluation in it.
 
@@ -59,24 +65,28 @@ def write_evaluation_report(
     with _staging_folder(final) as part:
         staged = write_leaderboard(part, rows=rows, records=evaluation.records, failures=evaluation.failures)
         staged += write_leaderboard_curves(part, evaluation.sweeps)
-        staged += write_report(part, rows=rows, evaluation=evaluation, title=title)
+        staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf)
         paths = tuple(final / path.relative_to(part) for path in staged)
         _publish(part, final)
     return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
 
 
 def write_report(
-    folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str
+    folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str, pdf: bool = False
 ) -> list[Path]:
     """Draw the figures, and write index.html and each figure as figures/NAME.svg into ``folder``.
 
-    Returns the path of the page, and of the folder of figures if there is one. Each file is replaced at once.
+    ``pdf`` writes each as figures/NAME.pdf too, a column of a paper wide. Each file is replaced at once. Returns the
+    path of the page, and of the folder of figures if there is one.
     Raises BadInput where a file cannot be written.
     """
     out = Path(folder)
     report_figures = plot_report_figures(evaluation, rows)
     for figure in report_figures:
         write_text_atomically(out / FIGURES / f"{figure.name}.svg", add_paper_background(figure.svg))
+        if pdf:
+            with write_atomically(out / FIGURES / f"{figure.name}.pdf") as file:
+                file.write_bytes(to_pdf(figure.figure))
     text = build_page(
         rows,
         title=title,
@@ -165,7 +175,19 @@ def _list_own_files(folder: Path) -> list[Path]:
     curves = [folder / name for name in CURVES if _read_text(folder / name).startswith(CURVES_START)]
     text = _read_text(folder / PAGE)
     figures = _FIGURE.findall(text) if PAGE_MARK in text else []
-    return [*curves, *(folder / FIGURES / f"{name}.svg" for name in figures)]
+    return [
+        *curves,
+        *(folder / FIGURES / f"{name}.svg" for name in figures),
+        *(path for name in figures if _is_own_pdf(path := folder / FIGURES / f"{name}.pdf")),
+    ]
+
+
+def _is_own_pdf(path: Path) -> bool:
+    """Return whether a PDF is one of ours: people may have made their own of our figures, under the same names."""
+    try:
+        return f"/Creator ({PDF_CREATOR})".encode() in path.read_bytes()
+    except OSError:
+        return False
 
 
 def _read_text(path: Path) -> str:
