@@ -6,6 +6,7 @@ import shutil
 import tarfile
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from hashlib import sha256
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -18,6 +19,7 @@ import saf_gen
 from saf_gen.errors import BadInput
 from saf_gen.stream.dataset_index import index_folder
 from saf_gen.stream.inspection import verify_dataset
+from saf_gen.stream.manifest import read_manifest, write_manifest
 from saf_gen.stream.sharing import fetch_dataset, origin, pack_dataset
 
 LICENCE = ("CC-BY-4.0",)
@@ -272,7 +274,7 @@ def test_content_that_is_not_the_indexed_one_is_refused_though_its_shard_is_righ
 
 
 def test_a_folder_inside_that_leads_elsewhere_is_not_written_through(packed, tmp_path):
-    (tmp_path / "again").mkdir()
+    (tmp_path / "again/.fetch").mkdir(parents=True)
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "again/test").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(BadInput, match="leads out of"):
@@ -293,6 +295,13 @@ def test_another_dataset_is_not_overwritten(packed, tmp_path):
     (tmp_path / "again/manifest.json").write_text("{}")
     with pytest.raises(BadInput, match="holds another dataset"):
         fetch_dataset(str(packed), tmp_path / "again")
+
+
+def test_a_folder_with_files_of_yours_is_not_fetched_into(packed, tmp_path):
+    (tmp_path / "README.md").write_text("mine")
+    with pytest.raises(BadInput, match="holds other files; give a folder that is empty or new"):
+        fetch_dataset(str(packed), tmp_path)
+    assert files_of(tmp_path) == {"README.md": b"mine"}
 
 
 def test_a_dataset_is_not_fetched_to_a_disk_that_is_too_small(packed, tmp_path, monkeypatch):
@@ -316,8 +325,33 @@ def test_a_dataset_that_is_damaged_or_has_no_licence_is_not_packed(dataset, tmp_
 
 
 def test_a_packed_dataset_is_not_packed_over(packed, dataset):
-    with pytest.raises(BadInput, match="holds a packed dataset"):
+    with pytest.raises(BadInput, match="is not empty"):
         pack_dataset(dataset, packed, licences=LICENCE)
+
+
+def test_packing_that_was_stopped_leaves_no_folder_and_begins_anew(dataset, packed, tmp_path, monkeypatch):
+    def stop(*step):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pack_dataset(dataset, tmp_path / "out", shard_bytes=1, licences=LICENCE, report=stop)
+    assert not (tmp_path / "out").exists()
+    (tmp_path / ".out.part").mkdir()  # as a process leaves it that was killed
+    (tmp_path / ".out.part/old-00000.tar").write_text("")
+    pack_dataset(dataset, tmp_path / "out", shard_bytes=1, licences=LICENCE)
+    assert files_of(tmp_path / "out") == files_of(packed)
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_names_that_nobody_could_fetch_are_not_packed(dataset, tmp_path):
+    for split in ("a/b", ".hidden"):
+        copy = tmp_path / f"copy{len(split)}"
+        shutil.copytree(dataset, copy)
+        manifest = read_manifest(copy)
+        write_manifest(copy, replace(manifest, sequences=(replace(manifest.sequences[0], split=split),)))
+        with pytest.raises(BadInput, match=rf"split '{split}' cannot begin the name of a file"):
+            pack_dataset(copy, tmp_path / "out", licences=LICENCE)
+        assert not (tmp_path / "out").exists()
 
 
 def test_the_commands_tell_the_digest_and_what_is_next(call, dataset, tmp_path, monkeypatch):

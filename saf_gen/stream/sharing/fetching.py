@@ -66,6 +66,12 @@ def _check_folder(folder: Path, index: ShardIndex) -> None:
     manifest = next(one for one in index.files if one.file == MANIFEST_NAME)
     if (folder / MANIFEST_NAME).exists() and not _is_there(folder, manifest):
         raise BadInput(f"{folder} holds another dataset", hint="give another folder with --out")
+    if (
+        folder.is_dir()
+        and any(folder.iterdir())
+        and not any((folder / name).exists() for name in (MANIFEST_NAME, PARTS))
+    ):
+        raise BadInput(f"{folder} holds other files", hint="give a folder that is empty or new with --out")
     missing = [one for shard in index.shards for one in shard.members if not (folder / one.file).exists()]
     needed = sum(one.bytes for one in missing) + max((one.bytes for one in index.shards), default=0) * bool(missing)
     free = shutil.disk_usage(next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())).free

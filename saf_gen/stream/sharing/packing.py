@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import tarfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core.config.json_document import read_json
-from saf_gen.core.files import check_writable, write_atomically, write_text_atomically
+from saf_gen.core.files import check_writable, unwritable_error, write_atomically, write_text_atomically
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, verify_manifest_entry
 from saf_gen.stream.sharing.croissant import (
@@ -22,7 +23,15 @@ from saf_gen.stream.sharing.croissant import (
     point_to_shards,
     sha256_of,
 )
-from saf_gen.stream.sharing.shard_index import INDEX_NAME, PackedFile, Shard, ShardIndex, is_plain_path, write_index
+from saf_gen.stream.sharing.shard_index import (
+    INDEX_NAME,
+    PackedFile,
+    Shard,
+    ShardIndex,
+    is_plain_path,
+    parse_index,
+    write_index,
+)
 
 README = "README.md"
 STACKS = "stacks"
@@ -51,8 +60,8 @@ def pack_dataset(
     """Write the shards of a dataset, its cards and its index into a folder.
 
     A shard is a tar of whole streams of one split, which WebDataset reads too; the same dataset gives the same bytes.
-    Each stream is read and held against the manifest before it is packed. The index is written last: where it is
-    missing, packing was stopped, and the same command begins anew.
+    Each stream is read and held against the manifest before it is packed. All is written into a hidden folder beside
+    ``out`` and gets its name in the end; after a stop the same command begins anew.
 
     Parameters
     ----------
@@ -71,18 +80,54 @@ def pack_dataset(
     manifest = read_manifest(source)
     if not manifest.sequences:
         raise BadInput("has no sequence", where=str(source), hint="saf-gen generate")
-    if target.exists() and (target / INDEX_NAME).exists():
-        raise BadInput(f"{target} holds a packed dataset", hint="give another folder with --out, or remove it")
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise BadInput(f"{target} is not empty", hint="give another folder with --out, or remove it")
     card = _read_card(source, manifest, licences=licences, url=url, creator=creator)
     check_writable(target)
-    groups = {split: [e.file for e in manifest.sequences if e.split == split] for split in manifest.splits}
-    if stacks:
-        found = (p.relative_to(source).as_posix() for p in sorted((source / STACKS).rglob("*")) if p.is_file())
-        groups[STACKS] = [name for name in found if is_plain_path(name)]
-        if not groups[STACKS]:
-            raise BadInput(f"{source / STACKS} holds no focal stack", hint="leave --stacks out")
+    groups = _group_files(source, manifest, stacks=stacks)
     for entry in manifest.sequences:
         verify_manifest_entry(source, entry)
+    part = target.with_name(f".{target.resolve().name}.part")
+    try:
+        shutil.rmtree(part, ignore_errors=True)  # of packing that was stopped
+        index = _write_all(
+            source, part, groups=groups, manifest=manifest, card=card, report=report, shard_bytes=shard_bytes
+        )
+        part.rename(target)
+    except OSError as error:
+        raise unwritable_error(target, error) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    missing = tuple(key for key in ("url", "creator") if key not in card)
+    return Packed(index, sha256_of(target / INDEX_NAME), missing)
+
+
+def _group_files(source: Path, manifest: Manifest, *, stacks: bool) -> dict[str, list[str]]:
+    """Return the files to pack by what their shards are called: the splits, and the focal stacks."""
+    groups = {split: [e.file for e in manifest.sequences if e.split == split] for split in manifest.splits}
+    for split in groups:
+        if "/" in split or not is_plain_path(split):
+            raise BadInput(f"split {split!r} cannot begin the name of a file", where=str(source / MANIFEST_NAME))
+    if stacks:
+        found = (p.relative_to(source).as_posix() for p in sorted((source / STACKS).rglob("*")) if p.is_file())
+        kept = [name for name in found if is_plain_path(name)]  # no temporary files
+        if not kept:
+            raise BadInput(f"{source / STACKS} holds no focal stack", hint="leave --stacks out")
+        groups[STACKS] = groups.get(STACKS, []) + kept
+    return groups
+
+
+def _write_all(
+    source: Path,
+    target: Path,
+    *,
+    groups: dict[str, list[str]],
+    manifest: Manifest,
+    card: dict[str, Any],
+    report: Callable[[int, int], None],
+    shard_bytes: int,
+) -> ShardIndex:
+    """Write shards, cards and index into a folder; raises BadInput for names that nobody could fetch."""
     total = sum((source / name).stat().st_size for names in groups.values() for name in names)
     shards: list[Shard] = []
     done = 0
@@ -91,19 +136,17 @@ def pack_dataset(
             shards.append(_write_shard(target / f"{group}-{number:05d}.tar", source, names=batch))
             done += sum(member.bytes for member in shards[-1].members)
             report(done, total)
+    described = point_to_shards(card, {shard.file: shard.sha256 for shard in shards})
     texts = {
         MANIFEST_NAME: (source / MANIFEST_NAME).read_text(encoding="utf-8"),
-        CARD_NAME: json.dumps(point_to_shards(card, {s.file: s.sha256 for s in shards}), indent=1, ensure_ascii=False)
-        + "\n",
+        CARD_NAME: json.dumps(described, indent=1, ensure_ascii=False) + "\n",
         README: _readme(source, manifest, licences=_licence_names(card)),
     }
     for name, text in texts.items():
         write_text_atomically(target / name, text)
     files = tuple(PackedFile(name, (target / name).stat().st_size, sha256_of(target / name)) for name in texts)
-    index = ShardIndex(manifest.name, tuple(shards), files)
-    write_index(target, index)
-    missing = tuple(key for key in ("url", "creator") if key not in card)
-    return Packed(index, sha256_of(target / INDEX_NAME), missing)
+    write_index(target, ShardIndex(manifest.name, tuple(shards), files))
+    return parse_index((target / INDEX_NAME).read_text(encoding="utf-8"), INDEX_NAME)
 
 
 def _read_card(source: Path, manifest: Manifest, *, licences: Sequence[str], url: str, creator: str) -> dict[str, Any]:
