@@ -224,7 +224,7 @@ def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hide
         code, out, _ = call("methods")
     finally:
         registry._offered.cache_clear()
-        registry.plugin_class.cache_clear()
+        registry._find_plugin_class.cache_clear()
         sys.modules.pop("somebody", None)
     assert code == 0
     assert row(out, "marked")[1:4] == ["1", "-", "_n _tfi"]

@@ -222,12 +222,12 @@ class Power:
 def test_a_measure_whose_degree_is_an_option_is_listed_by_its_default(monkeypatch):
     theirs = {"power": SimpleNamespace(value="theirs:Power", load=lambda: Power)}
     monkeypatch.setattr(registry, "_offered", lambda room: theirs if room == "measures" else {})
-    registry.plugin_class.cache_clear()
+    registry._find_plugin_class.cache_clear()
     try:
         assert {"power", "power_n"} <= set(measure_names())
         assert get_measure("power_n", power=3)(counts_of((20, 30))) == pytest.approx(1.0, rel=1e-12)
     finally:
-        registry.plugin_class.cache_clear()
+        registry._find_plugin_class.cache_clear()
 
 
 @pytest.mark.parametrize("name", [n for n in measure_names() if n.endswith("_n")])
