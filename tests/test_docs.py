@@ -353,7 +353,9 @@ def desk(tmp_path_factory):
     for beside in (folder, folder / "recipes"):  # a recipe looks for its sensor in its own folder
         (beside / "quarter.yaml").write_text(yaml.safe_dump(sensor))
     recipe = folder / "quickstart.yaml"
-    recipe.write_text(shrunk((ROOT / "recipes/quickstart.yaml").read_text()))
+    whole = (ROOT / "recipes/quickstart.yaml").read_text()
+    assert ", low_texture, camel" in whole  # one scene is enough for what pages show
+    recipe.write_text(shrunk(whole.replace(", low_texture, camel", "")))
     shutil.copytree(SCENES / "workbench", folder / "exported", ignore=shutil.ignore_patterns("*.yaml", "*.md"))
     run(folder, ["saf-gen", "generate", recipe.name, "--out", "datasets/quickstart"])
     shutil.copy(folder / "datasets/quickstart/test/usaf_target-sudden-00.h5", folder / "sequence.h5")
