@@ -6,6 +6,7 @@ A part of a page stands between ``<!-- from the code: NAME -->`` and ``<!-- end 
 else on a page is written by hand. ``tests/test_reference.py`` compares the pages with the code.
 """
 
+import ast
 import inspect
 import json
 import re
@@ -407,6 +408,32 @@ def _docstring(one: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
+NAMES = """
+PlannedSequence ResolvedRecipe SceneFamily SceneCard RenderSetup SensorGrid FocalStack StackSpec
+StackStore TimeResolvedStack Grain StackGrain RecordedGrain PlaneSource ChargeSource Sensor Encoder
+FixedPattern Recording StreamRecording EncodedRecording SpikeStatistics PatternStatistics
+DarkStatistics SensorFit Estimate ResponseFit PatternFit DarkFit LightVariation Recorder SpikeStream
+StreamWriter Truth Manifest SequenceEntry Capture Actuator ActuatedLens Light Motion Measure Search
+View Answer BrightnessNormalised IntervalTexture ReadableStream WindowPictures Timeline WindowCounts
+RecordingView SweepView RunningCamera CapturedFrames ClosedLoopProtocol ClosedLoopRun SequenceTask
+Judgement Record AutofocusEnv LeaderboardRow AxisTable Check Comparison Verdict Workload
+DatasetMaker BadInput
+"""
+"""The classes that the glossary names, from the top of the chain to its end."""
+
+
+def names_in_the_code() -> str:
+    """What the classes of the package are, by the first sentence of their docstrings; nothing is imported."""
+    said = {}
+    for path in sorted((DOCS.parent / "saf_gen").rglob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and (text := ast.get_docstring(node)):
+                module = path.relative_to(DOCS.parent).with_suffix("").as_posix()
+                said[node.name] = f"`{module}.py`", re.split(r"(?<=[.;])\s", " ".join(text.split()))[0].rstrip(";.")
+    rows = ([f"**{name}**", tick(said[name][1]), said[name][0]] for name in NAMES.split())
+    return table("name", "stands for", "in", rows=rows)
+
+
 PARTS: dict[str, Callable[[], str]] = {
     part.__name__: part
     for part in (
@@ -426,6 +453,7 @@ PARTS: dict[str, Callable[[], str]] = {
         curve_criteria,
         record_keys,
         python_interface,
+        names_in_the_code,
     )
 }
 """What a page may take from the code."""
