@@ -18,7 +18,7 @@ def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: 
 
     shown = list_shown_columns(rows)
     print_table(
-        [TableColumn(column.header, detail=column.detail, justify=column.justify) for column in shown],
+        [TableColumn(c.header, detail=c.detail, justify=c.justify, together=c.group if c.light else "") for c in shown],
         [[column.format_value(row) for column in shown] for row in rows],
         title=title,
         elsewhere="leaderboard.md and the page have them, and so has a pipe",

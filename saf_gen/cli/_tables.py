@@ -1,7 +1,7 @@
 """Tables that fit the terminal: prose is folded, then columns are left out, and no name and no figure is ever cut."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -22,12 +22,14 @@ PROSE_WIDTH = 22
 class TableColumn:
     """One column: its heading, whether its texts may be folded, and how soon it is left out where there is no room.
 
-    ``detail`` 0 is never left out; of the others the highest goes first, from the right.
+    ``detail`` 0 is never left out; of the others the highest goes first, and what is level with one that has no room
+    stays where there is room. Columns with the same ``together`` are shown or left out together.
     """
 
     header: str
     folds: bool = False
     detail: int = 0
+    together: str = ""
     justify: Literal["left", "right"] = "left"
 
 
@@ -46,23 +48,39 @@ def print_table(
     if as_json:
         print_json(list_objects(columns, rows))
         return
-    cells, shown = [list(row) for row in rows], list(columns)
-    while True:
+    cells = [list(row) for row in rows]
+
+    def measure(shown: Sequence[TableColumn]) -> Measurement:
         table = _build(columns, shown, cells=cells, title=title)
-        needed = Measurement.get(out, out.options.update(max_width=100_000), table)
-        if not out.is_terminal or needed.minimum <= out.width:
-            break
-        finest = max(column.detail for column in shown)
-        if finest == 0:
-            table = _build(columns, shown, cells=cells, title=title, fold_all=True)
-            break
-        shown.remove(next(column for column in reversed(shown) if column.detail == finest))
+        return Measurement.get(out, out.options.update(max_width=100_000), table)
+
+    shown = list(columns)
     if not out.is_terminal:
-        out.width = max(out.width, needed.maximum)
-    out.print(table)
+        out.width = max(out.width, measure(shown).maximum)
+    elif measure(shown).minimum > out.width:
+        shown = _choose_columns(columns, fits=lambda some: measure(some).minimum <= out.width)
+    fold_all = out.is_terminal and measure(shown).minimum > out.width
+    out.print(_build(columns, shown, cells=cells, title=title, fold_all=fold_all))
     left_out = [column.header for column in columns if column not in shown]
     if left_out:
         out.print(f"No room here for: {', '.join(left_out)}{f' ({elsewhere})' if elsewhere else ''}")
+
+
+def _choose_columns(
+    columns: Sequence[TableColumn], *, fits: Callable[[Sequence[TableColumn]], bool]
+) -> list[TableColumn]:
+    """Return the columns that there is room for, detail by detail, up to the first one that does not fit whole."""
+    shown = [column for column in columns if column.detail == 0]
+    for detail in sorted({column.detail for column in columns} - {0}):
+        level = [column for column in columns if column.detail == detail]
+        groups = dict.fromkeys(column.together or column.header for column in level)
+        for group in groups:
+            wider = [c for c in columns if c in shown or (c in level and (c.together or c.header) == group)]
+            if fits(wider):
+                shown = wider
+        if not all(column in shown for column in level):
+            break
+    return shown
 
 
 def list_objects(columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]]) -> list[dict[str, str]] | dict:

@@ -138,3 +138,15 @@ def test_the_leaderboard_keeps_rank_method_success_and_error(terminal, capsys, w
     for word in ("#", "method", "≤1 DoF", "err DoF", "modified_laplacian_n+sgfs_code", "sd_code+argmax"):
         assert word in shown
     assert ("No room here for:" in shown) == (width < 240)
+    table = shown.partition("No room here for:")[0]
+    assert ("constant" in table) == ("continuously_varying" in table) == (width == 240), "all lights, or none"
+
+
+def test_columns_are_left_out_together_and_what_is_level_with_them_fills_the_room(terminal, capsys):
+    terminal(40)
+    pair = [TableColumn(f"light_{i}_of_two", detail=1, together="lights") for i in range(2)]
+    columns = [TableColumn("name"), *pair, TableColumn("errors", detail=1), TableColumn("x", detail=2)]
+    print_table(columns, [["a_name_that_is_long", "1", "2", "0.5", "9"]])
+    shown = capsys.readouterr().out
+    assert "errors" in shown.splitlines()[1]
+    assert "No room here for: light_0_of_two, light_1_of_two, x" in cells_of(shown)
