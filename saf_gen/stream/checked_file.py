@@ -44,7 +44,7 @@ def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
 
 def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     """Return ``/spikes``; raises BadInput for a link, storage outside the file, other filters, and too large pixels."""
-    spikes = _open_dataset(file, "spikes", where)
+    spikes = _open_dataset(file, "spikes", where=where)
     if spikes.dtype != np.uint8 or spikes.ndim != 3 or 0 in spikes.shape:
         raise BadInput(f"/spikes is {spikes.dtype} {spikes.shape}", where=where, allowed="uint8 (H, W, ceil(T/8))")
     rows, columns, _ = spikes.shape
@@ -64,27 +64,27 @@ def read_small_datasets(file: h5py.File, where: str) -> Iterator[tuple[str, Any]
 
     Raises BadInput for whatever a stream does not hold, before it is read.
     """
-    _check_names(file, "", where, known=[*GROUPS, "spikes"])
+    _check_names(file, "", where=where, known=[*GROUPS, "spikes"])
     for group in GROUPS:
         if group not in file:
             continue
-        _check_link(file, group, where)
+        _check_link(file, group, where=where)
         held = file[group]
         if not isinstance(held, h5py.Group):
             raise BadInput(f"/{group} is not a group", where=where, allowed="a saf-gen stream")
         known = [name.split("/")[2] for name in NAMES if name.startswith(f"/{group}/")]
-        _check_names(held, group, where, known=known if group != "provenance" else None)
+        _check_names(held, group, where=where, known=known if group != "provenance" else None)
         for name in held:
-            item = _open_dataset(file, f"{group}/{name}", where)
+            item = _open_dataset(file, f"{group}/{name}", where=where)
             is_text = h5py.check_string_dtype(item.dtype) is not None
             if is_text != (group == "provenance" or name == "names"):
                 raise BadInput(f"/{group}/{name} holds {item.dtype}", where=where, allowed="numbers; text in names")
             if is_text:
-                _check_text_length(file, item, where)
+                _check_text_length(file, item, where=where)
             yield f"/{group}/{name}", (item.asstr() if is_text else item)[()]
 
 
-def _check_names(group: h5py.Group, path: str, where: str, *, known: list[str] | None) -> None:
+def _check_names(group: h5py.Group, path: str, *, where: str, known: list[str] | None) -> None:
     """Refuse a group that holds what a stream does not; ``known`` is None for names of any kind."""
     if len(group) > MAX_NAMES:
         raise BadInput(f"/{path} holds {len(group):,} names", where=where, allowed=f"at most {MAX_NAMES:,}")
@@ -98,14 +98,14 @@ def _check_names(group: h5py.Group, path: str, where: str, *, known: list[str] |
             )
 
 
-def _check_link(file: h5py.File, name: str, where: str) -> None:
+def _check_link(file: h5py.File, name: str, *, where: str) -> None:
     if file.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
         raise BadInput(f"/{name} is a link to elsewhere", where=where, allowed="data inside the file")
 
 
-def _open_dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
+def _open_dataset(file: h5py.File, name: str, *, where: str) -> h5py.Dataset:
     """Return a dataset whose values lie inside the file, are of a plain type and not too many."""
-    _check_link(file, name, where)
+    _check_link(file, name, where=where)
     item = file[name]
     if not isinstance(item, h5py.Dataset):
         raise BadInput(f"/{name} is not a dataset", where=where, allowed="a saf-gen stream")
@@ -128,7 +128,7 @@ def _open_dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
     return item
 
 
-def _check_text_length(file: h5py.File, item: h5py.Dataset, where: str) -> None:
+def _check_text_length(file: h5py.File, item: h5py.Dataset, *, where: str) -> None:
     """Refuse text that is too long; how long it is stands beside the reference to it."""
     if item.ndim > 1 or item.size > MAX_NAMES:
         raise BadInput(f"{item.name} holds text of the shape {item.shape}", where=where, allowed="one text, or a list")
