@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
 from rich.text import Text
 
 # Names are printed verbatim: brackets in a path are not markup.
@@ -33,10 +34,10 @@ def print_error(line: str, code: int) -> int:
 def progress_bars() -> Iterator[Progress]:
     """Yield progress bars with the time left, on stderr so that stdout stays clean for pipes."""
     columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(elapsed_when_finished=True),
+        TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
+        BarColumn(bar_width=16, table_column=Column(min_width=4)),
+        TextColumn("{task.percentage:>3.0f} %", table_column=Column(min_width=5)),
+        TimeRemainingColumn(elapsed_when_finished=True, table_column=Column(min_width=7)),
     )
     with Progress(*columns, console=err, disable=not err.is_terminal) as progress:
         yield progress

@@ -14,7 +14,7 @@ from saf_gen.acceptance.speed import BenchFigure, BenchResults
 from saf_gen.acceptance.validation.check import Verdict
 from saf_gen.cli import _tables
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import out
+from saf_gen.cli._terminal import err, out, progress_bars
 
 COLUMNS = [
     TableColumn("name"),
@@ -150,3 +150,15 @@ def test_columns_are_left_out_together_and_what_is_level_with_them_fills_the_roo
     shown = capsys.readouterr().out
     assert "errors" in shown.splitlines()[1]
     assert "No room here for: light_0_of_two, light_1_of_two, x" in cells_of(shown)
+
+
+def test_a_bar_names_what_is_at_work_in_full(monkeypatch, capsys):
+    monkeypatch.setattr(err, "_force_terminal", True)
+    monkeypatch.setattr(err, "_width", 80)
+    name = "evaluate a_scene-continuously_varying-00 structure_calibrated+photon_aware:window=100"
+    with progress_bars() as bars:
+        bars.update(bars.add_task(name, total=1.0), completed=0.5)
+    shown = capsys.readouterr().err
+    assert "…" not in shown
+    assert " 50 %" in shown
+    assert all(word in shown for word in name.split())
