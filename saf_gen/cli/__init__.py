@@ -5,7 +5,9 @@ Only this folder imports typer, and only this folder prints.
 """
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from io import TextIOWrapper
 from typing import Annotated, Any, NoReturn
@@ -164,8 +166,16 @@ def main(argv: list[str] | None = None) -> NoReturn:
     """Run one command and exit; an error that a user can mend is one line on stderr and exit code 2.
 
     The command is that of this process by default. Exit codes: 0 success, 1 some sequences failed, 2 wrong input, 130
-    stopped by Ctrl-C.
+    stopped by Ctrl-C, 143 by SIGTERM, as batch systems and containers do before they kill.
     """
+    stopped: list[int] = []
+
+    def stop(number: int, frame: object) -> NoReturn:
+        stopped.append(128 + number)
+        raise KeyboardInterrupt
+
+    in_main_thread = threading.current_thread() is threading.main_thread()  # elsewhere no signal can be handled
+    before = signal.signal(signal.SIGTERM, stop) if in_main_thread else None
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without θ or ┃ shows a question mark
@@ -173,7 +183,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
         code = app(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
             command = next(iter(sys.argv[1:] if argv is None else argv), "")
-            print_error("; ".join(filter(None, ("stopped", STOP_MESSAGES.get(command)))), STOPPED_EXIT_CODE)
+            code = stopped[0] if stopped else STOPPED_EXIT_CODE
+            print_error("; ".join(filter(None, ("stopped", STOP_MESSAGES.get(command)))), code)
     except SafGenError as error:
         code = print_error(str(error), error.exit_code)
     except typer.TyperException as error:
@@ -185,4 +196,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
         code = 0
     except OSError as error:  # a full disk, or a terminal that was closed
         code = print_error(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
+    finally:
+        if in_main_thread:
+            signal.signal(signal.SIGTERM, before)
     sys.exit(code or 0)

@@ -59,7 +59,14 @@ def generate(
                 err.print(f"done: {name}")
 
         result = make(
-            work, target, workers=workers, variant=variant, cluster=cluster, keep_slices=keep_slices, report=report
+            work,
+            target,
+            workers=workers,
+            variant=variant,
+            cluster=cluster,
+            keep_slices=keep_slices,
+            report=report,
+            tell_retry=lambda name: err.print(f"again: {name} (its process died: killed, or out of memory?)"),
         )
     out.print(
         f"{len(result.recorded)} sequences recorded, {len(result.kept)} kept from before, "

@@ -5,35 +5,15 @@ runs twice, or a worker that dies, does no harm. What it returns is small.
 """
 
 import multiprocessing
-import multiprocessing.connection
-import os
-import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
-from typing import Any, Protocol
+from typing import Any
 
-from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput, SafGenError
+from saf_gen.generate.worker_pool import Job, ReportProgress, WorkerPool
 
-ReportProgress = Callable[[str, float], None]
-"""Called with the name of a piece of work and the fraction of it that is done, 0...1."""
-
-
-class Job(Protocol):
-    """Work that can be sent to another process."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def takes_all_cores(self) -> bool:
-        """Whether the job uses every core, so that two of them on one machine only slow each other down."""
-        ...
-
-    def run(self, report: ReportProgress) -> Any: ...
-
+__all__ = ["Job", "JobResult", "ReportProgress", "run_generation_jobs"]
 
 JobResult = tuple[Any, Any, SafGenError | None]
 """(job, result, error): the error is None where the job succeeded, the result is None where it failed."""
@@ -49,40 +29,20 @@ def run_generation_jobs(
     report: ReportProgress,
     follow_up: FollowUp = lambda job, result: (),
     address: str | None = None,
+    tell_retry: Callable[[Job], None] = lambda job: None,
 ) -> Iterator[JobResult]:
     """Run jobs and those that follow from them, and yield each as it ends.
 
     On this machine ``workers`` jobs run at a time, and beside them one of those that take all cores, so that
     cores that are idle (a file is being written, a scene loaded) are used. Where a job fails, its error is
-    yielded, nothing follows from it, and the others go on. With ``address`` a Dask cluster runs the jobs.
+    yielded, nothing follows from it, and the others go on. A job whose process dies is run once more, alone, and
+    ``tell_retry`` is called with it; one that dies twice is set aside. With ``address`` a Dask cluster runs the jobs.
     """
     if not jobs:
         return iter(())
     if address:
         return _run_on_dask(jobs, address, report=report, follow_up=follow_up)
-    return _run_on_cores(jobs, workers, report=report, follow_up=follow_up)
-
-
-_queue: Any = None
-
-
-def _start_worker(queue: Any) -> None:
-    """Set up a worker: it reports to the queue, and ends when its parent ends."""
-    global _queue
-    _queue = queue
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
-
-
-def _exit_after(sentinel: int) -> None:
-    # Without this a killed run leaves workers behind, which wait for ever and keep their memory.
-    multiprocessing.connection.wait([sentinel])
-    os._exit(1)
-
-
-def _run(job: Job) -> Any:
-    return job.run(lambda name, done: _queue.put((name, done)))
+    return _run_on_cores(jobs, workers, report=report, follow_up=follow_up, tell_retry=tell_retry)
 
 
 def _run_silent(job: Job) -> Any:
@@ -90,54 +50,35 @@ def _run_silent(job: Job) -> Any:
 
 
 def _run_on_cores(
-    jobs: Sequence[Job], workers: int, *, report: ReportProgress, follow_up: FollowUp
+    jobs: Sequence[Job], workers: int, *, report: ReportProgress, follow_up: FollowUp, tell_retry: Callable[[Job], None]
 ) -> Iterator[JobResult]:
-    # Spawned, never forked: Mitsuba's and numba's threads do not survive a fork.
-    context = multiprocessing.get_context("spawn")
-    queue = context.SimpleQueue()
     others = set(multiprocessing.active_children())  # these belong to the program that calls this function
-    with ExitStack() as stack:
-        alone, side_by_side = (
-            stack.enter_context(
-                ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(queue,))
-            )
-            for count in (1, workers)
-        )
-        waiting: dict[Future[Any], Job] = {}
+    pools = alone, side_by_side = tuple(WorkerPool(count, tell_retry=tell_retry) for count in (1, workers))
 
-        def submit(jobs: Iterable[Job]) -> None:
-            with defer_interrupts():  # a worker that is interrupted while it starts prints a traceback
-                for job in jobs:
-                    waiting[_submit(alone if job.takes_all_cores else side_by_side, job)] = job
+    def add(jobs: Iterable[Job]) -> None:
+        for job in jobs:
+            (alone if job.takes_all_cores else side_by_side).add([job])
 
-        submit(jobs)
-        try:
-            while waiting:
-                done, _ = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
-                while not queue.empty():
-                    report(*queue.get())
-                for future in done:
-                    job = waiting.pop(future)
+    try:
+        add(jobs)
+        while running := [future for pool in pools for future in pool.running]:
+            wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+            for pool in pools:
+                pool.pass_reports(report)
+                for job, future in pool.collect():
                     result, error = _outcome(future)
                     if error is None:
-                        submit(follow_up(job, result))
+                        add(follow_up(job, result))
                     yield job, result, error
-        except (KeyboardInterrupt, GeneratorExit):
-            # A job may be ended in the middle, and waiting for a render to finish could take minutes.
-            for process in set(multiprocessing.active_children()) - others:
-                process.terminate()
-            for pool in (alone, side_by_side):
-                pool.shutdown(wait=True, cancel_futures=True)
-            raise
-
-
-def _submit(pool: ProcessPoolExecutor, job: Job) -> Future[Any]:
-    try:
-        return pool.submit(_run, job)
-    except BrokenProcessPool as error:  # a worker has died: the jobs after it fail with that cause
-        broken: Future[Any] = Future()
-        broken.set_exception(error)
-        return broken
+    except (KeyboardInterrupt, GeneratorExit):
+        # A job may be ended in the middle, and waiting for a render to finish could take minutes.
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        for pool in pools:
+            pool.close(cancel=True)
+        raise
+    for pool in pools:
+        pool.close()
 
 
 def _outcome(future: Any) -> tuple[Any, SafGenError | None]:
@@ -148,7 +89,7 @@ def _outcome(future: Any) -> tuple[Any, SafGenError | None]:
     if isinstance(error, SafGenError):
         return None, error
     if isinstance(error, BrokenProcessPool):
-        message = "its process died (killed, or out of memory?); run the same command again to go on"
+        message = "its process died twice (killed, or out of memory?); run the same command again to go on"
     elif isinstance(error, MemoryError):
         message = "out of memory; run with fewer --workers"
     else:

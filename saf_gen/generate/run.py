@@ -3,6 +3,7 @@
 import json
 import platform
 import shutil
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -65,6 +66,7 @@ def generate(
     cluster: str | None = None,
     keep_slices: str = "all",
     report: ReportProgress = lambda name, done: None,
+    tell_retry: Callable[[str], None] = lambda name: None,
 ) -> GenerationResult:
     """Make a dataset, or what is missing of it.
 
@@ -81,6 +83,7 @@ def generate(
     keep_slices : the time slices of moving scenes that stay when all that is recorded from them is made and whole:
         "all"; "closed-loop", those that a closed-loop run needs; or "none", and none are rendered for the closed loop.
     report : is called with the name of a job and the fraction of it that is done, 0...1.
+    tell_retry : is called with the name of a job that is run again, since the process died that had it.
 
     Raises
     ------
@@ -122,7 +125,12 @@ def generate(
     failed: dict[str, SafGenError] = {}
     freed = 0
     for job, result, error in run_generation_jobs(
-        order.first_jobs(), workers=workers, report=report, follow_up=order.jobs_after, address=cluster
+        order.first_jobs(),
+        workers=workers,
+        report=report,
+        follow_up=order.jobs_after,
+        address=cluster,
+        tell_retry=lambda job: tell_retry(job.name),
     ):
         if error is not None:
             failed[job.name] = error

@@ -755,12 +755,19 @@ def test_a_terminal_without_unicode_gets_the_table_all_the_same():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wanted", ["stacks/*/geometry.exr", "test/*.h5"])
-@pytest.mark.parametrize("whole_group", [True, False], ids=["terminal", "parent alone"])
-def test_ctrl_c_is_one_line_and_the_same_command_completes(
-    call, dataset, small_recipe, test_scenes, tmp_path, wanted, whole_group
+@pytest.mark.parametrize(
+    ("wanted", "blow", "whole_group"),
+    [
+        ("stacks/*/geometry.exr", signal.SIGINT, True),
+        ("stacks/*/geometry.exr", signal.SIGTERM, False),
+        ("test/*.h5", signal.SIGINT, False),
+        ("test/*.h5", signal.SIGTERM, True),
+    ],
+)
+def test_a_stopped_run_is_one_line_and_the_same_command_completes(
+    call, dataset, small_recipe, test_scenes, tmp_path, wanted, blow, whole_group
 ):
-    """A terminal sends Ctrl-C to parent and workers alike, a process manager to the parent alone."""
+    """A terminal sends Ctrl-C to parent and workers alike, a batch system SIGTERM to all or to the parent alone."""
     folder = tmp_path / "ds"
     arguments = ["generate", str(small_recipe), "--out", str(folder), "--variant", VARIANT]
     run = subprocess.Popen(
@@ -773,9 +780,10 @@ def test_ctrl_c_is_one_line_and_the_same_command_completes(
     deadline = time.monotonic() + 60
     while not list(folder.glob(wanted)) and run.poll() is None and time.monotonic() < deadline:
         time.sleep(0.002)
-    (os.killpg if whole_group else os.kill)(run.pid, signal.SIGINT)
+    (os.killpg if whole_group else os.kill)(run.pid, blow)
     _, err = run.communicate(timeout=60)
-    assert "run the same command again" in one_line(run.returncode, err, expected=130)
+    assert "run the same command again" in one_line(run.returncode, err, expected=128 + blow)
+    assert "leaked" not in err
     assert call(*arguments)[0] == 0
     assert list(folder.rglob(".*")) == []
     assert [s.content_sha256 for s in read_manifest(folder).sequences] == [

@@ -17,6 +17,7 @@ def run_jobs_inline(
     report: ReportProgress,
     follow_up: Callable[[Any, Any], Iterable[Job]],
     address: str | None,
+    tell_retry: Callable[[Job], None] = lambda job: None,
 ) -> Iterator[JobResult]:
     """Run jobs and those that follow from them one after the other, as run_generation_jobs does on many processes."""
     if address is not None:
