@@ -15,7 +15,7 @@ def view(
     kind: Annotated[
         str, typer.Option("--as", help="tfp (counts of a window), tfi (from intervals), or spikes (one readout).")
     ] = "tfp",
-    window: Annotated[int | None, typer.Option(min=1, help="Frames in a window (default: 100).")] = None,
+    window: Annotated[int | None, typer.Option(min=1, help="Frames in a window (default: 100, or a tenth).")] = None,
     first: Annotated[int, typer.Option("--from", min=0, help="First frame of the view.")] = 0,
     stop: Annotated[int | None, typer.Option("--to", min=1, help="Frame after the last (default: all).")] = None,
     every: Annotated[

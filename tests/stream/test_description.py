@@ -106,7 +106,7 @@ def test_a_notebook_shows_pictures_and_facts_and_says_when_the_stream_is_closed(
         shown = stream._repr_html_()
         assert repr(stream) == "<SpikeStream <b>.h5: 300 frames of 9×6 at 20000 Hz, true focus 0.250>"
     assert "data:image/jpeg;base64," in shown
-    assert "5 pictures: 100 frames each" in shown
+    assert "5 pictures: 30 frames each" in shown
     assert "&lt;b&gt;.h5" in shown
     assert "light &lt;lamp&gt;" in shown
     assert "<lamp>" not in shown

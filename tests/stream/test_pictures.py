@@ -71,6 +71,22 @@ def test_pictures_are_counts_textures_or_one_readout_of_evenly_spaced_windows(st
     assert np.array_equal(list(spikes), 255 * stream.frames(25, 26))
 
 
+def test_a_short_view_has_windows_of_a_tenth(stream):
+    assert choose_windows(stream, stop=395).window == 40
+    assert choose_windows(stream, stop=3).window == 1
+    assert choose_windows(stream, stop=1_000).window == choose_windows(stream).window == 100
+
+
+@pytest.mark.parametrize("size", [(60, 1), (300, 20), (4, 900), (1, 1)])
+def test_a_screen_holds_a_picture_of_any_shape(tmp_path, size):
+    write_stream(tmp_path / "odd.h5", np.random.default_rng(1).integers(0, 2, (30, *size), np.uint8))
+    with open_stream(tmp_path / "odd.h5") as odd:
+        timeline = read_timeline(odd, first=0, stop=30, window=3)
+        width, height = Screen(choose_windows(odd), timeline, region=None).size
+    assert width <= 800 + 380
+    assert height <= 800 + 26
+
+
 def test_half_the_light_is_as_dark_in_every_picture(stream):
     """Counts of 20 and 40 in 100 frames: the ratio of grey values is that of light to the power of 1/2.2."""
     for picture in choose_windows(stream, count=3):

@@ -53,7 +53,7 @@ def write_view(
     stream : the open recording; a window is read at a time, so memory does not grow with its length.
     path : the file to write; its ending is a key of FORMS.
     kind : a key of KINDS.
-    window : frames in a window, which measures score too; 100 unless told.
+    window : frames in a window, which measures score too; 100 unless told, or a tenth of a short view.
     first, stop : the view, frames ``first <= t < stop``; the whole recording unless told.
     every : frames from one picture to the next; unless told, so many that there are ``FORMS[...].count`` pictures.
     measures : names of focus measures whose curves are drawn.

@@ -20,7 +20,7 @@ from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_momen
 from saf_gen.stream.pictures.windows import WindowPictures
 
 PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: width and height of plots, a line of text
-PICTURE, WIDEST = 400, 800  # pixels: a picture is at least and at most about so wide
+PICTURE, LARGEST = 400, 800  # pixels: a picture is about so wide at least, and at most so wide and high
 BOX, CURSOR, TEXT = (255, 216, 74), (0, 98, 163), (31, 35, 40)
 GREYS = 200  # of 256 colours of a GIF; the others are those of the plots
 
@@ -34,8 +34,9 @@ class Screen:
     def __init__(self, pictures: WindowPictures, timeline: Timeline, *, region: Region | None) -> None:
         self._pictures, self._region = pictures, region
         _, height, width = pictures.stream.shape
-        scale = -(-PICTURE // width) if width < PICTURE else min(1.0, WIDEST / width)
-        self._shown = round(width * scale), round(height * scale)
+        larger = min(-(-PICTURE // width), LARGEST // height)
+        scale = larger if larger >= 1 and width < PICTURE else min(1.0, LARGEST / width, LARGEST / height)
+        self._shown = max(round(width * scale), 1), max(round(height * scale), 1)
         tall = max(self._shown[1] + LINE, PANEL * len(list_panels(timeline)) + LINE)
         self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
         style: dict[Any, Any] = {**STYLE, "figure.facecolor": "white"}

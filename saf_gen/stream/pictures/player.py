@@ -56,6 +56,7 @@ def write_player(
         width=strip.size[0],
         height=strip.size[1],
         across=strip.columns,
+        rendering="pixelated" if strip.size[0] < 300 else "auto",
         last=strip.count - 1,
         start=int(np.abs(pictures.centres - stream.truth.frame).argmin()) if isfinite(stream.truth.frame) else 0,
         box=_box_style(region, (rows, columns)),

@@ -8,13 +8,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from saf_gen.core.figure_style import COLUMN_STYLE, SOFT
+from saf_gen.core.figure_style import COLUMN, COLUMN_STYLE, SOFT
 from saf_gen.core.region import Region
 from saf_gen.stream.pictures.panels import draw_panels, list_panels
 from saf_gen.stream.pictures.timeline import Timeline
 from saf_gen.stream.pictures.windows import WindowPictures
 
-WIDTH, PANEL, AXIS, CAPTION = 3.5, 0.72, 0.3, 0.15  # inches: a column, a plot, its axis, a line above a picture
+PANEL, AXIS, CAPTION, TALLEST = 0.72, 0.3, 0.15, 2.5  # inches: a plot, its axis, a line above a picture, a picture
 DOTS_PER_INCH = 300
 BOX = "#ffd84a"
 
@@ -25,10 +25,10 @@ def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region |
     across = min(count, 3 if count <= 9 else 4 if count <= 16 else 6)
     down = -(-count // across)
     _, height, width = pictures.stream.shape
-    each = WIDTH / across * height / width + CAPTION
+    each = min(COLUMN / across * height / width, TALLEST) + CAPTION
     above, below = down * each, PANEL * len(list_panels(timeline)) + AXIS
     with matplotlib.rc_context(COLUMN_STYLE):
-        figure = Figure(figsize=(WIDTH, above + below), dpi=DOTS_PER_INCH, layout="constrained")
+        figure = Figure(figsize=(COLUMN, above + below), dpi=DOTS_PER_INCH, layout="constrained")
         FigureCanvasAgg(figure)
         layout: Any = figure.get_layout_engine()
         layout.set(w_pad=0.02, h_pad=0.02, wspace=0.02, hspace=0.02)

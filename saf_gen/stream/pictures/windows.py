@@ -18,7 +18,7 @@ KINDS = {
     "spikes": "The readout in the middle of the window, a spike white",
 }
 WINDOW = 100
-"""Frames in a window, unless told: the block of the methods."""
+"""Frames in a window, unless told: the block of the methods, and at most a tenth of the view."""
 WHITE_QUANTILE, WHITE_WINDOWS = 0.998, 12
 """So many of the pixels are below white, in so many windows over the view; all pictures have the same white."""
 
@@ -73,7 +73,8 @@ def choose_windows(
     """Return pictures of windows within frames ``first <= t < stop``.
 
     Windows begin ``every`` so many frames; without it ``count`` of them are spread evenly over the view, or fewer where
-    they would begin in the same frames. ``window`` is 100 frames unless told, or the whole view if that is shorter.
+    they would begin in the same frames. ``window`` is 100 frames unless told, or a tenth
+    of a view that is shorter than ten of them.
 
     Raises BadInput for an unknown kind, frames outside the recording, a window longer than the view, and more than
     ``most`` pictures.
@@ -82,7 +83,7 @@ def choose_windows(
         raise unknown("kind of picture", kind, allowed=KINDS)
     total = stream.shape[0]
     span = validate_window(first, total if stop is None else stop, total=total, where=str(stream.path))
-    length = _at_least_one("window", min(WINDOW, len(span)) if window is None else window)
+    length = _at_least_one("window", min(WINDOW, -(-len(span) // 10)) if window is None else window)
     if length > len(span):
         raise BadInput(
             f"a window of {length} frames in a view of {len(span)}", allowed=f"1 to {len(span)}", hint="widen the view"
