@@ -413,7 +413,8 @@ PlannedSequence ResolvedRecipe SceneFamily SceneCard RenderSetup SensorGrid Foca
 StackStore TimeResolvedStack Grain StackGrain RecordedGrain PlaneSource ChargeSource Sensor Encoder
 FixedPattern Recording StreamRecording EncodedRecording SpikeStatistics PatternStatistics
 DarkStatistics SensorFit Estimate ResponseFit PatternFit DarkFit LightVariation Recorder SpikeStream
-StreamWriter Truth Manifest SequenceEntry Capture Actuator ActuatedLens Light Motion Measure Search
+StreamWriter Truth KeptCounts NetworkPolicy
+Manifest SequenceEntry Capture Actuator ActuatedLens Light Motion Measure Search
 View Answer BrightnessNormalised IntervalTexture ReadableStream WindowPictures Timeline WindowCounts
 RecordingView SweepView RunningCamera CapturedFrames ClosedLoopProtocol ClosedLoopRun SequenceTask
 Judgement Record AutofocusEnv LeaderboardRow AxisTable Check Comparison Verdict Workload

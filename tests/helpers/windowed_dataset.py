@@ -13,24 +13,26 @@ SHAPE, FRAMES, TRUTH = (6, 9), 1_000, 0.4
 ENTRY = SequenceEntry("", "train", "plane", 0, "static", "sweep", "constant", 0, 1, "", FRAMES, "f", "c")
 
 
-def make_spikes(seed: int) -> np.ndarray:
-    return (np.random.default_rng(seed).random((FRAMES, *SHAPE)) < 0.3).astype(np.uint8)
+def make_spikes(seed: int, shape: tuple[int, int] = SHAPE) -> np.ndarray:
+    return (np.random.default_rng(seed).random((FRAMES, *shape)) < 0.3).astype(np.uint8)
 
 
-def make_truth() -> Truth:
-    target = np.zeros(SHAPE, bool)
+def make_truth(shape: tuple[int, int] = SHAPE) -> Truth:
+    target = np.zeros(shape, bool)
     target[1:3, 6:8] = True
-    plane = np.zeros(SHAPE, np.float32)
+    plane = np.zeros(shape, np.float32)
     return Truth(TRUTH, (0.3, 0.5), 12.5, plane, target, plane, np.arange(5.0))
 
 
-def make_windowed_dataset(folder: Path) -> Path:
-    """Write s0 and s1 of the split train, and s2 of the split test, and return the folder."""
+def make_windowed_dataset(
+    folder: Path, shape: tuple[int, int] = SHAPE, *, splits: tuple[str, ...] = ("train", "train", "test")
+) -> Path:
+    """Write s0, s1, ... of these splits, sweeps from end to end, and return the folder."""
     entries = []
-    for n in range(3):
-        entry = replace(ENTRY, id=f"s{n}", split="test" if n == 2 else "train", file=f"s{n}.h5")
-        position = np.linspace(0, 1, FRAMES, dtype=np.float32)
-        digest = write_stream(folder / entry.file, make_spikes(n), focus_position=position, truth=make_truth())
+    for n, split in enumerate(splits):
+        entry = replace(ENTRY, id=f"s{n}", split=split, file=f"{split}/s{n}.h5")
+        position, truth = np.linspace(0, 1, FRAMES, dtype=np.float32), make_truth(shape)
+        digest = write_stream(folder / entry.file, make_spikes(n, shape), focus_position=position, truth=truth)
         entries.append(replace(entry, content_sha256=digest))
     write_manifest(folder, Manifest("made", "abc", "llvm", tuple(entries)))
     return folder

@@ -47,7 +47,9 @@ def test_strides_crops_and_targets_are_chosen(dataset):
 
 def test_where_the_scene_moves_the_truth_is_that_of_the_moment(dataset):
     track, position = np.linspace(0.2, 0.6, FRAMES, dtype=np.float32), np.linspace(1, 0, FRAMES, dtype=np.float32)
-    write_stream(dataset / "s0.h5", make_spikes(0), focus_position=position, truth=replace(make_truth(), track=track))
+    write_stream(
+        dataset / "train/s0.h5", make_spikes(0), focus_position=position, truth=replace(make_truth(), track=track)
+    )
     assert SpikeWindows(dataset, window=100, target="position")[4][1] == track[450]
     assert SpikeWindows(dataset, window=100)[4][1] == pytest.approx(track[450] - position[450])
 
@@ -74,7 +76,9 @@ def test_each_stream_is_inflated_once_whatever_the_order_and_however_often(datas
 
 def test_a_stream_that_was_made_anew_is_counted_anew(dataset):
     before, _ = SpikeWindows(dataset, window=100)[0]
-    write_stream(dataset / "s0.h5", make_spikes(9), focus_position=np.zeros(FRAMES, np.float32), truth=make_truth())
+    write_stream(
+        dataset / "train/s0.h5", make_spikes(9), focus_position=np.zeros(FRAMES, np.float32), truth=make_truth()
+    )
     after, _ = SpikeWindows(dataset, window=100)[0]
     assert np.array_equal(after[0], make_spikes(9)[:100].sum(axis=0))
     assert not np.array_equal(after, before)
@@ -170,7 +174,7 @@ def test_what_does_not_fit_is_refused(dataset, options, problem, allowed):
 
 def test_a_crop_and_a_truth_that_are_not_there_are_refused_when_they_are_read(dataset):
     assert refusal(lambda: SpikeWindows(dataset, crop=(7, 9))[0]).allowed == "(1, 1) to (6, 9)"
-    write_stream(dataset / "s0.h5", make_spikes(0))
+    write_stream(dataset / "train/s0.h5", make_spikes(0))
     assert refusal(lambda: SpikeWindows(dataset)[0]).problem == "does not state its true focus"
     assert SpikeWindows(dataset, target=lambda stream, first, stop: 1.0)[0][1] == 1.0
 

@@ -22,6 +22,7 @@ BENCHES = {
     "grain": "noise that the renderer leaves in each scene's pictures, at rest and moving; time of a slice",
     "encode": "charge to spikes: rate, growth with the length, comparison with public encoders",
     "stream": "the stream file: write, size, three read patterns, file to scores",
+    "windows": "random windows for training, read by two processes",
     "score": "ten methods on six sequences",
     "job": "the paper's synthetic set, recipe to leaderboard, and again under another light",
 }

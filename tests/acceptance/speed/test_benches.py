@@ -93,6 +93,11 @@ PROMISED = {
         "correlation of grain with the slice 8 on": None,
         "loaded, rendered at two positions and stored": None,
     },
+    "windows": {
+        "random windows of 100 frames, 64×40, 2 processes": 1_500.0,
+        "of the first pass": None,
+        "peak memory of a process that reads": 1.0,
+    },
     "score": {"10 methods, 2 sequences of 400 frames": 30.0, "cost of a method over its measure's": None},
     "job": {
         "recipe to leaderboard": 120.0,
@@ -122,7 +127,7 @@ def promises_kept(name, figures):
         assert [f.target for f in figures if words in f.what][:1] == [target], words
 
 
-@pytest.mark.parametrize("name", ["encode", "stream", "score", pytest.param("stack", marks=needs_llvm)])
+@pytest.mark.parametrize("name", ["encode", "stream", "windows", "score", pytest.param("stack", marks=needs_llvm)])
 @pytest.mark.slow
 def test_a_bench_gives_every_figure_promised(name):
     found, stages = measured(name)

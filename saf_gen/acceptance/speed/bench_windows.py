@@ -1,0 +1,93 @@
+"""Random windows for training: how many a second two processes read, the first time and ever after.
+
+The processes begin together. Files are in the page cache, so that the work of reading is measured and not the disk.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
+from time import perf_counter, sleep
+
+import numpy as np
+
+from saf_gen.acceptance.speed import synthetic_recording
+from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
+from saf_gen.acceptance.speed.fresh_process import peak_memory_gib
+from saf_gen.camera import get_sensor
+from saf_gen.core.seeds import make_generator
+from saf_gen.generate.executor import ReportProgress, run_generation_jobs
+from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
+from saf_gen.stream.spike_windows import SpikeWindows
+
+WINDOW, PROCESSES, READS = 100, 2, 20_000
+MIN_PER_SECOND, MAX_GIB = 1_500.0, 1.0
+
+
+def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
+    """Yield windows a second of two processes that read all windows in random order, and the memory of each."""
+    sensor = get_sensor(size.sensor)
+    with TemporaryDirectory() as folder:
+        report("recordings to read", 0.0)
+        _make_dataset(Path(folder), size)
+        report("recordings to read", 1.0)
+        jobs = [_Reader(folder, number) for number in range(PROCESSES)]
+        found = []
+        for _, result, error in run_generation_jobs(jobs, workers=PROCESSES, report=lambda stage, done: None):
+            if error is not None:
+                raise error
+            found.append(result)
+    first, later = (sum(rates) for rates in zip(*((a, b) for a, b, _ in found), strict=True))
+    windows = f"windows of {WINDOW} frames, {format_bench_shape((sensor.rows, sensor.columns))}, {PROCESSES} processes"
+    yield BenchFigure("windows", f"random {windows}", later, "/s", MIN_PER_SECOND)
+    yield BenchFigure("windows", "of the first pass, which counts and keeps them", first, "/s")
+    memory = max(gib for *_, gib in found)
+    yield BenchFigure("windows", "peak memory of a process that reads", memory, "GiB", MAX_GIB, at_most=True)
+
+
+def _make_dataset(folder: Path, size: BenchSize) -> None:
+    """Write one recording under as many names as there are sequences: what it holds does not matter here."""
+    sensor = get_sensor(size.sensor)
+    charge = synthetic_recording.make_bench_charge(sensor, size.positions[0])
+    paths = [folder / f"{number}.h5" for number in range(size.sequences)]
+    synthetic_recording.record_bench_sweep(paths[0], sensor, charge=charge, frames=size.frames)
+    for path in paths[1:]:
+        copyfile(paths[0], path)
+    what = "train", "bench", 0, "static", "sweep", "constant", 0, 0
+    entries = [SequenceEntry(path.stem, *what, path.name, size.frames, "", "") for path in paths]
+    write_manifest(folder, Manifest("bench", "", "none", tuple(entries)))
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Reads windows beside others, after all of them are there; gives rates of both passes and its memory in GiB."""
+
+    folder: str
+    number: int
+    takes_all_cores: bool = False
+
+    @property
+    def name(self) -> str:
+        return f"reader {self.number}"
+
+    def run(self, report: ReportProgress) -> tuple[float, float, float]:
+        windows = SpikeWindows(self.folder, window=WINDOW, target=lambda *_: 0.0)
+        random = make_generator("bench", "windows", self.number)
+        SpikeWindows(self.folder, window=WINDOW, stride=10_000, crop=(1, 1), target=lambda *_: 0.0)[0]  # compiles
+        mine = [n for n, window in enumerate(windows.windows) if int(window.sequence.id) % PROCESSES == self.number]
+        return (
+            self._read(windows, random.permutation(mine), stage="first"),
+            self._read(windows, random.integers(len(windows), size=READS), stage="later"),
+            peak_memory_gib(),
+        )
+
+    def _read(self, windows: SpikeWindows, numbers: np.ndarray, *, stage: str) -> float:
+        Path(self.folder, f"{stage}-{self.number}").touch()
+        patience = perf_counter() + 60  # the other may have failed
+        while len(list(Path(self.folder).glob(f"{stage}-*"))) < PROCESSES and perf_counter() < patience:
+            sleep(0.01)
+        begin = perf_counter()
+        for number in numbers:
+            windows[number]
+        return len(numbers) / (perf_counter() - begin)
