@@ -34,6 +34,7 @@ DOORS = {
     "jinja2": ["leaderboard.report"],
     "distributed": ["generate.executor"],
     "multiprocessing": ["generate.executor"],
+    "trimesh": ["authoring.mesh_files"],
     "emva1288": ["acceptance.validation.emva_referee"],
     "gymnasium": ["benchmark.gym"],
     "torch": ["torch"],

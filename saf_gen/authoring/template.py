@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from saf_gen.authoring.mesh_scene import compose_mesh_scene, is_mesh_file
 from saf_gen.core.files import unwritable_error
 from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import load_scene_folder, scene_names
@@ -50,7 +51,7 @@ def create_scene(name: str, root: Path, *, kind: str = "script") -> list[Path]:
 
 
 def import_exported_scene(exported: Path, name: str, *, root: Path) -> list[Path]:
-    """Copy an exported scene and the files it names to ``root/name``, and write its card.
+    """Copy an exported scene and the files it names to ``root/name``, and write its card; place a mesh before the lens.
 
     Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
     file's first camera, the shape in the middle of the image as its target, and a light group per lamp.
@@ -58,6 +59,13 @@ def import_exported_scene(exported: Path, name: str, *, root: Path) -> list[Path
     Returns the files. Raises BadInput as reading the scene does, for a scene without a camera, a lamp or a
     shape in the middle, and for a camera that no card can have. Nothing is left behind then.
     """
+    if is_mesh_file(exported):
+        files = compose_mesh_scene(exported, name)
+        with _new_folder(name, root) as folder:
+            for file, data in files.items():
+                (folder / file).parent.mkdir(parents=True, exist_ok=True)
+                (folder / file).write_bytes(data)
+        return [root / name / file for file in files]
     read = read_scene_xml(exported, {})
     with _new_folder(name, root) as folder:
         from saf_gen.render.exported_camera import mitsuba_camera_of_export  # loads Mitsuba

@@ -43,7 +43,11 @@ def new(
     *,
     xml: Annotated[bool, typer.Option("--xml", help="Write the geometry as XML instead of a Python script.")] = False,
     exported: Annotated[
-        Path | None, typer.Option("--from", help="Exported scene.xml to copy; its scene card is written.")
+        Path | None,
+        typer.Option(
+            "--from",
+            help="Exported scene.xml to copy, or a mesh (.obj, .ply, .glb, .gltf, .stl) to place; the card is written.",
+        ),
     ] = None,
 ) -> None:
     """Create a scene in ./scenes from a commented template that renders as it is."""

@@ -1,0 +1,137 @@
+"""A scene round a mesh: the mesh before the lens, a lamp, a wall, and a card."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.authoring.mesh_files import CONVERTED_MESHES, MeshPart, convert_mesh_file
+from saf_gen.errors import BadInput
+
+MITSUBA_READS = (".obj", ".ply")
+FOREIGN = {
+    ".blend": "a file of Blender",
+    ".fbx": "a file of FBX",
+    ".dae": "a file of Collada",
+    ".usd": "a file of USD",
+    ".usdz": "a file of USD",
+    ".3ds": "a file of 3ds Max",
+    ".max": "a file of 3ds Max",
+}
+SIZE_M = 0.1
+"""Largest side of the mesh in the scene, in metres: half a metre away it fills most of the frame."""
+CARD = """\
+id: NAME
+title: TITLE
+licence: ""                                  # yours to say: an SPDX name, such as CC-BY-4.0; may others use it?
+source: SOURCE.md                            # where everything came from
+
+camera:
+  origin_m: [0, 0, 0.5]                      # y is up, and the mesh is round the origin
+  look_at_m: [0, 0, 0]
+  up: [0, 1, 0]
+
+lens:
+  drive: image_distance
+  focal_length_mm: 25
+  f_number: 2.0
+  focus_range_m: [0.65, 0.40]                # in focus at position 0 and at 1
+
+lights:                                      # lamps that are switched together
+  lamp: [lamp]
+  room: [room]
+
+target: [TARGET]                             # what is to be in focus
+"""
+SOURCE = """\
+# NAME
+
+Made from FILE by `saf-gen scenes new --from`, scaled by SCALE, with lamp and wall of a template that is free to use.
+State here who made the mesh and its textures, where they are from, their licence, and what was changed.
+"""
+SURROUNDINGS = """\
+	<!-- The wall behind: wider than the field, for blur brings in what lies just outside -->
+	<shape type="rectangle" id="wall">
+		<transform name="to_world"><scale value="0.5"/><translate z="-0.2"/></transform>
+		<bsdf type="diffuse"><rgb name="reflectance" value="0.3 0.3 0.3"/></bsdf>
+	</shape>
+
+	<!-- A shape that shines, and light from everywhere -->
+	<shape type="rectangle" id="lamp">
+		<transform name="to_world">
+			<scale value="0.08"/>
+			<lookat origin="0.3, 0.3, 0.6" target="0, 0, 0" up="0, 1, 0"/>
+		</transform>
+		<emitter type="area"><rgb name="radiance" value="60 60 60"/></emitter>
+	</shape>
+	<emitter type="constant" id="room"><rgb name="radiance" value="0.5 0.5 0.5"/></emitter>
+</scene>
+"""
+
+
+def is_mesh_file(path: Path) -> bool:
+    """Return whether a scene can be made round this file.
+
+    Raises BadInput for a file of another program, which says how it becomes one that can be read.
+    """
+    suffix = path.suffix.lower()
+    if suffix in FOREIGN:
+        raise BadInput(
+            f"{path} is {FOREIGN[suffix]}, which nothing here reads",
+            allowed=f"a scene.xml, or a mesh: {', '.join((*MITSUBA_READS, *CONVERTED_MESHES))}",
+            hint="in Blender, File > Export > Mitsuba (.xml) by the add-on mitsuba-blender gives the scene with its"
+            " lamps, and glTF 2.0 (.glb) the mesh",
+        )
+    return suffix in (*MITSUBA_READS, *CONVERTED_MESHES)
+
+
+def compose_mesh_scene(path: Path, name: str) -> dict[str, bytes]:
+    """Return the files of a scene round a mesh file, by their names.
+
+    The mesh is scaled so that its largest side is SIZE_M, and its middle is the origin, 0.5 m before the lens. All its
+    shapes are the target. Raises BadInput for a file that is missing or cannot be read, and for a mesh without a size.
+    """
+    if not path.is_file():
+        raise BadInput(f"{path} cannot be read: there is no such file")
+    parts = _read_parts(path)
+    extent = np.array([np.min([p.extent[0] for p in parts], axis=0), np.max([p.extent[1] for p in parts], axis=0)])
+    side = float((extent[1] - extent[0]).max())
+    if not (np.isfinite(extent).all() and side > 0):
+        raise BadInput("the mesh has no size", where=str(path), allowed="finite coordinates that differ")
+    scale, middle = SIZE_M / side, extent.mean(axis=0)
+    shapes = "\n".join(_format_shape(part, scale=scale, middle=middle) for part in parts)
+    texts = {
+        "scene.xml": f'<scene version="3.0.0">\n{shapes}\n{SURROUNDINGS}',
+        "scene.yaml": CARD.replace("TARGET", ", ".join(part.name for part in parts))
+        .replace("TITLE", f"{name.replace('_', ' ').capitalize()}, before a wall")
+        .replace("NAME", name),
+        "SOURCE.md": SOURCE.replace("NAME", name).replace("FILE", path.name).replace("SCALE", f"{scale:.4g}"),
+    }
+    files = {file: data for part in parts for file, data in part.files.items()}
+    return files | {file: text.encode() for file, text in texts.items()}
+
+
+def _read_parts(path: Path) -> Sequence[MeshPart]:
+    if path.suffix.lower() in CONVERTED_MESHES:
+        return convert_mesh_file(path)
+    from saf_gen.render.mesh_extent import measure_mesh_extent  # loads Mitsuba
+
+    file = f"meshes/mesh{path.suffix.lower()}"
+    return [MeshPart("mesh", {file: path.read_bytes()}, file, "", (0.6, 0.6, 0.6), measure_mesh_extent(path))]
+
+
+def _format_shape(part: MeshPart, *, scale: float, middle: np.ndarray) -> str:
+    x, y, z = (f"{-value:.9g}" for value in middle)
+    colour = " ".join(f"{c:.4g}" for c in part.reflectance)
+    surface = (
+        f'<texture type="bitmap" name="reflectance"><string name="filename" value="{part.texture}"/></texture>'
+        if part.texture
+        else f'<rgb name="reflectance" value="{colour}"/>'
+    )
+    return f"""\
+	<shape type="{part.mesh.rpartition(".")[2]}" id="{part.name}">
+		<string name="filename" value="{part.mesh}"/>
+		<transform name="to_world"><translate x="{x}" y="{y}" z="{z}"/><scale value="{scale:.9g}"/></transform>
+		<bsdf type="twosided"><bsdf type="diffuse">{surface}</bsdf></bsdf>
+	</shape>
+"""

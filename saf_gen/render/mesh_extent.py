@@ -1,0 +1,30 @@
+"""The extent of a mesh that Mitsuba reads by itself."""
+
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from saf_gen.errors import BadInput
+from saf_gen.render import backend
+
+MITSUBA_MESHES = {".obj": "obj", ".ply": "ply"}
+"""Plug-in of Mitsuba by the ending of a file."""
+
+
+def measure_mesh_extent(path: Path) -> np.ndarray:
+    """Return the smallest and largest coordinates, float64 (2, 3), in units of the file.
+
+    Raises BadInput for a file that Mitsuba does not read, and for one without a face.
+    """
+    backend.activate_render_backend("scalar")
+    try:
+        mesh = mi.load_dict({"type": MITSUBA_MESHES[path.suffix.lower()], "filename": str(path)})
+        faces = mesh.face_count()
+        box = mesh.bbox()
+    except (RuntimeError, ValueError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise BadInput(f"Mitsuba cannot read the mesh: {reason}", where=str(path)) from error
+    if faces == 0:
+        raise BadInput("the mesh has no face", where=str(path))
+    return np.array([box.min, box.max], dtype=np.float64).reshape(2, 3)

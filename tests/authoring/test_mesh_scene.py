@@ -1,0 +1,151 @@
+"""A scene round a mesh file: placed before the lens at a stated size, or told how it becomes one that can be read."""
+
+import base64
+import importlib.util
+import json
+import struct
+
+import numpy as np
+import pytest
+from refusals import assert_says, refusal
+
+from saf_gen.authoring.template import import_exported_scene
+from saf_gen.render.mesh_extent import measure_mesh_extent
+from saf_gen.scene.scene_folder import find_scene
+from saf_gen.scene.xml import read_scene_xml
+
+needs_trimesh = pytest.mark.skipif(importlib.util.find_spec("trimesh") is None, reason="the extra mesh is missing")
+# A wedge 2 wide, 4 high and 1 deep, away from the origin.
+CORNERS = np.array([[1, 1, 1], [3, 1, 1], [1, 5, 1], [1, 1, 2]], dtype=np.float32)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.uint16)
+OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "".join("f {} {} {}\n".format(*(f + 1)) for f in FACES)
+
+
+def make_gltf(*, names=("lamp",), material=None):
+    """A glTF file of wedges, each moved by its node 10 to the right of the one before."""
+    data = CORNERS.tobytes() + FACES.tobytes()
+    views = [
+        {"buffer": 0, "byteOffset": 0, "byteLength": CORNERS.nbytes},
+        {"buffer": 0, "byteOffset": CORNERS.nbytes, "byteLength": FACES.nbytes},
+    ]
+    ends = {"min": CORNERS.min(axis=0).tolist(), "max": CORNERS.max(axis=0).tolist()}
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1} | ({} if material is None else {"material": 0})
+    return {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(names)))}],
+        "nodes": [{"mesh": 0, "name": name, "translation": [10 * k, 0, 0]} for k, name in enumerate(names)],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", **ends},
+            {"bufferView": 1, "componentType": 5123, "count": FACES.size, "type": "SCALAR"},
+        ],
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(data), "uri": "data:;base64," + base64.b64encode(data).decode()}],
+        **({} if material is None else {"materials": [material]}),
+    }
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def shapes_of(name):
+    """The extent of each target shape in the scene, float64 (2, 3), from its file and the numbers in scene.xml."""
+    folder = find_scene(name).folder
+    text = (folder / "scene.xml").read_text()
+    extents = {}
+    for target in find_scene(name).card.target:
+        shape = text.split(f'id="{target}">')[1].split("</shape>")[0]
+        numbers = [float(part.split('"')[0]) for part in shape.split("<transform")[1].split('="')[2:6]]
+        file = shape.split('value="')[1].split('"')[0]
+        extents[target] = (measure_mesh_extent(folder / file) + numbers[:3]) * numbers[3]
+    return extents
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".OBJ"])
+def test_a_mesh_stands_round_the_origin_with_a_largest_side_of_a_decimetre(here, suffix):
+    (here / f"wedge{suffix}").write_text(OBJ)
+    written = import_exported_scene(here / f"wedge{suffix}", "wedge", root=here / "scenes")
+    names = {path.relative_to(here / "scenes/wedge").as_posix() for path in written}
+    assert names == {"scene.xml", "scene.yaml", "SOURCE.md", "meshes/mesh.obj"}
+    ((target, extent),) = shapes_of("wedge").items()
+    assert target == "mesh"
+    assert extent == pytest.approx(np.array([[-0.025, -0.05, -0.0125], [0.025, 0.05, 0.0125]]), abs=1e-7)
+    card = find_scene("wedge").card
+    assert (card.licence, set(card.lights)) == ("", {"lamp", "room"})
+    read_scene_xml(here / "scenes/wedge/scene.xml", {})  # it passes what strangers' scenes must pass
+    assert "scaled by 0.025" in (here / "scenes/wedge/SOURCE.md").read_text()
+
+
+@needs_trimesh
+def test_the_meshes_of_a_gltf_file_stay_where_its_scene_places_them(here):
+    (here / "two.gltf").write_text(json.dumps(make_gltf(names=("lamp", "Cup 1"))))
+    import_exported_scene(here / "two.gltf", "two", root=here / "scenes")
+    extents = shapes_of("two")
+    assert set(extents) == {"mesh_lamp", "mesh_Cup_1"}  # no name meets that of the lamp
+    assert extents["mesh_Cup_1"][0, 0] - extents["mesh_lamp"][0, 0] == pytest.approx(10 * 0.1 / 12, abs=1e-7)
+    assert extents["mesh_lamp"][0, 0] == pytest.approx(-0.05, abs=1e-7)
+    assert extents["mesh_Cup_1"][1, 0] == pytest.approx(0.05, abs=1e-7)
+
+
+@needs_trimesh
+def test_a_base_colour_is_the_reflectance(here):
+    material = {"pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.4, 0.8, 1.0]}}
+    (here / "one.gltf").write_text(json.dumps(make_gltf(material=material)))
+    import_exported_scene(here / "one.gltf", "one", root=here / "scenes")
+    line = next(x for x in (here / "scenes/one/scene.xml").read_text().splitlines() if "twosided" in x)
+    colour = [float(x) for x in line.split('value="')[1].split('"')[0].split()]
+    assert colour == pytest.approx([0.2, 0.4, 0.8], abs=1 / 255)
+
+
+@needs_trimesh
+def test_a_base_texture_is_copied_with_its_coordinates(here):
+    import trimesh
+    from PIL import Image
+
+    picture = Image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=picture)
+    corners = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.25]])
+    mesh = trimesh.Trimesh(CORNERS, FACES, process=False, visual=trimesh.visual.TextureVisuals(corners, material))
+    trimesh.Scene({"printed": mesh}).export(here / "printed.glb")
+    import_exported_scene(here / "printed.glb", "printed", root=here / "scenes")
+    folder = here / "scenes/printed"
+    assert np.array_equal(np.asarray(Image.open(folder / "textures/mesh_printed.png")), np.asarray(picture))
+    lines = (folder / "meshes/mesh_printed.obj").read_text().splitlines()
+    shown = {tuple(map(float, line.split()[1:3])) for line in lines if line.startswith("vt ")}
+    assert shown == {(0, 0), (1, 0), (0, 1), (0.5, 0.25)}
+    assert not [line for line in lines if line.startswith(("mtllib", "usemtl"))]
+    assert "textures/mesh_printed.png" in (folder / "scene.xml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.blend", b"BLENDER", "is a file of Blender | mitsuba-blender | .glb"),
+        ("a.fbx", b"", "is a file of FBX | allowed: a scene.xml, or a mesh: .obj, .ply, .glb, .gltf, .stl"),
+        ("a.obj", None, "a.obj cannot be read: there is no such file"),
+        ("a.obj", b"v 0 0 0\n", "a.obj: "),
+        ("a.ply", b"ply\n", "a.ply: Mitsuba cannot read the mesh"),
+        ("a.obj", b"v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "the mesh has no size"),
+        ("a.obj", b"v 1 1 1\nv nan 1 1\nv 1 2 1\nf 1 2 3\n", "a.obj: "),
+        pytest.param(
+            "a.glb", struct.pack("<4sII", b"glTF", 7, 12), "trimesh cannot read the mesh", marks=needs_trimesh
+        ),
+        pytest.param("a.stl", b"solid\nendsolid\n", "a.stl: ", marks=needs_trimesh),
+    ],
+)
+def test_a_mesh_that_cannot_be_placed_is_told_and_leaves_nothing(here, name, content, told):
+    if content is not None:
+        (here / name).write_bytes(content)
+    assert_says(refusal(import_exported_scene, here / name, "mine", root=here / "scenes"), told)
+    assert not (here / "scenes").exists()
+
+
+def test_without_the_extra_it_is_told_what_to_install(here, monkeypatch):
+    (here / "a.glb").write_bytes(b"glTF")
+    monkeypatch.setattr("saf_gen.core.extras.find_spec", lambda _: None)
+    error = refusal(import_exported_scene, here / "a.glb", "mine", root=here / "scenes")
+    assert_says(error, "reading .glb files needs the package trimesh | pip install 'saf-gen[mesh]'")
