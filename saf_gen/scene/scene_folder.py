@@ -167,13 +167,13 @@ class Scene:
 def scene_roots() -> list[Path]:
     """Return the folders of scenes that the user trusts to run code; the first that has a name wins.
 
-    They are those of ``$SAF_GEN_SCENES`` (separated as in PATH), ``scenes/`` of the working directory, and
-    the scenes that come with saf_gen. The ``scenes/`` of a dataset is somebody else's data and never a root, even
-    where the dataset is the working directory.
+    They are those of ``$SAF_GEN_SCENES`` (separated as in PATH), the scenes that come with saf_gen, and ``scenes/`` of
+    the working directory, so that a name means the same in any folder. The ``scenes/`` of a dataset is somebody
+    else's data and never a root, even where the dataset is the working directory.
     """
     named = [Path(p) for p in os.environ.get("SAF_GEN_SCENES", "").split(os.pathsep) if p]
     here = [] if Path("manifest.json").exists() else [Path("scenes").resolve()]
-    return [*named, *here, shipped_folder("scenes")]
+    return [*named, shipped_folder("scenes"), *here]
 
 
 def scene_names() -> list[str]:
@@ -186,12 +186,28 @@ def find_scene(name: str) -> Scene:
 
     A name is not a path: a recipe of unknown origin cannot lead to code outside the trusted folders.
 
-    Raises BadInput for an unknown name, a card that does not fit, and a missing geometry.
+    Raises BadInput for an unknown name, a card that does not fit, a missing geometry, and a name that comes with
+    saf_gen where another scene lies under it in ``./scenes``.
     """
     for root in scene_roots():
         if Path(name).name == name and (root / name / CARD_FILE).is_file():
+            if root == shipped_folder("scenes"):
+                _check_for_twin(root / name)
             return _read(root / name)
     raise unknown("scene", name, allowed=scene_names(), hint="see: saf-gen scenes list")
+
+
+def _check_for_twin(folder: Path) -> None:
+    """Raise BadInput where ``./scenes`` has another scene of the name of one that comes with saf_gen."""
+    own = Path("scenes").resolve() / folder.name
+    if own == folder or not (own / CARD_FILE).is_file() or Path("manifest.json").exists():
+        return
+    mine, shipped = (folder_digest(one, contents={}, allow_outside_links=True) for one in (own, folder))
+    if mine != shipped:
+        raise BadInput(
+            f"the scene {folder.name!r} in ./scenes is not the one of that name that comes with saf_gen",
+            hint=f"give yours a name of its own, or name its folder with SAF_GEN_SCENES={own.parent}",
+        )
 
 
 def load_scene_folder(folder: Path) -> Scene:
