@@ -192,12 +192,12 @@ def find_scene(name: str) -> Scene:
     for root in scene_roots():
         if Path(name).name == name and (root / name / CARD_FILE).is_file():
             if root == shipped_folder("scenes"):
-                _check_for_twin(root / name)
+                _refuse_namesake(root / name)
             return _read(root / name)
     raise unknown("scene", name, allowed=scene_names(), hint="see: saf-gen scenes list")
 
 
-def _check_for_twin(folder: Path) -> None:
+def _refuse_namesake(folder: Path) -> None:
     """Raise BadInput where ``./scenes`` has another scene of the name of one that comes with saf_gen."""
     own = Path("scenes").resolve() / folder.name
     if own == folder or not (own / CARD_FILE).is_file() or Path("manifest.json").exists():
