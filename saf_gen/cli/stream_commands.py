@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from saf_gen.cli._tables import TableColumn, print_table
@@ -34,6 +35,9 @@ def import_(
     flip: Annotated[bool | None, typer.Option(help="Rows are stored bottom first (default: as in the layout).")] = None,
     key: Key = None,
     focus: FocusLog = None,
+    light: Annotated[
+        Path | None, typer.Option(help="Light log: CSV with frame,NAME or seconds,NAME, a column per light.")
+    ] = None,
     truth: TruthText = None,
     depth_of_focus: DepthOfFocus = None,
 ) -> None:
@@ -42,13 +46,14 @@ def import_(
 
     if file.is_dir():
         given = {"--layout": layout != "auto", "--frames": frames, "--flip": flip is not None, "--key": key,
-                 "--focus": focus, "--truth": truth, "--depth-of-focus": depth_of_focus}  # fmt: skip
+                 "--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus}  # fmt: skip
         _import_saf_folder(file, target, rate=rate, refused=[name for name, value in given.items() if value])
         return
     if file.suffix.lower() in interop.ARRAY_ENDINGS:
         named = None if layout == "auto" else layout
         array = interop.SpikeArray(file, key=key, layout=named, frames=frames, flip=bool(flip))
         known = _read_known(array.shape[0], rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
+        known |= _read_light(light, array.shape[0], rate=rate)
         digest, kind = array.write(target, readout_hz=rate, **known), array.layout
     else:
         if key is not None:
@@ -57,6 +62,7 @@ def import_(
         kind = (looks or interop.sniff_raw_layout(file)) if layout == "auto" else layout
         count = interop.count_raw_frames(file, kind, frames=frames)
         known = _read_known(count, rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
+        known |= _read_light(light, count, rate=rate)
         if looks not in (None, kind):
             err.print(f"{file} looks like layout {looks}, and is read as {kind}")
         digest = interop.import_raw_frames(
@@ -101,6 +107,15 @@ def _read_known(
     elif depth_of_focus is not None:
         raise BadInput("--depth-of-focus is given without --truth", hint="add the position of best focus")
     return known
+
+
+def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, Any]:
+    from saf_gen.stream.interop import read_light_log
+
+    if light is None:
+        return {}
+    gains = read_light_log(light, frames=frames, readout_hz=rate)
+    return {"gain": np.stack(list(gains.values()), axis=1), "light_names": tuple(gains)}
 
 
 def _looks_like(file: Path) -> str | None:

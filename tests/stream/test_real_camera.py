@@ -64,6 +64,25 @@ def test_what_was_imported_is_what_was_logged(recording, call, tmp_path):
         assert stream.truth.frame == pytest.approx(419.5, abs=1e-3)
 
 
+def test_a_log_of_lights_becomes_their_gains(recording, call, tmp_path):
+    (tmp_path / "light.csv").write_text("seconds,lamp,window\n0,1,0.5\n0.025,1,0.5\n0.05,3,0.5\n")
+    given = ("--light", tmp_path / "light.csv")
+    assert call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", *given)[0] == 0
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.light_names == ("lamp", "window")
+        # Readout 749 has its middle at 749.5/20,000 s, halfway from 0.025 to 0.05 s less half a thousandth.
+        assert stream.gain[[0, 499, 749]] == pytest.approx(np.array([[1, 0.5], [1, 0.5], [1.998, 0.5]]), abs=1e-3)
+    for text, says in (
+        ("seconds,lamp\n0,-1\n", "gain -1 of lamp"),
+        ("seconds\n0\n", "the columns are 'seconds'; allowed: frame,NAME,NAME… or seconds,NAME,NAME…"),
+        ("seconds,a,a\n0,1,1\n", "the columns are 'seconds,a,a'"),
+    ):
+        (tmp_path / "light.csv").write_text(text)
+        code, _, err = call("import", recording / "desk.dat", "--out", tmp_path / "b.h5", *given)
+        assert (code, says in err) == (2, True), err
+    assert not (tmp_path / "b.h5").exists()
+
+
 def test_an_evaluation_without_truth_answers(recording, call, tmp_path):
     call("import", recording / "desk.dat", "--out", tmp_path / "a.h5", "--focus", recording / "lens.csv")
     code, _, err = call("evaluate", tmp_path / "a.h5", "--method", "sd+argmax", "--out", tmp_path / "found")

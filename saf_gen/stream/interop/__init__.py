@@ -1,7 +1,7 @@
 """Import and export of file layouts of other software."""
 
 from saf_gen.stream.interop.array_files import ENDINGS as ARRAY_ENDINGS
-from saf_gen.stream.interop.lens_log import read_lens_log, truth_from_text
+from saf_gen.stream.interop.lens_log import read_lens_log, read_light_log, truth_from_text
 from saf_gen.stream.interop.raw_frames import (
     RAW_LAYOUTS,
     READERS,
@@ -21,6 +21,7 @@ __all__ = [
     "export_raw_frames",
     "import_raw_frames",
     "read_lens_log",
+    "read_light_log",
     "sniff_raw_layout",
     "truth_from_text",
 ]

@@ -1,4 +1,4 @@
-"""What is known beside the spikes of a real camera: where its lens was, and where it should have been."""
+"""What is known beside the spikes of a real camera: its light, where its lens was, and where it should have been."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.errors import BadInput
 from saf_gen.stream.metadata import Truth
 
-HEADINGS = ("frame", "position"), ("seconds", "position")
+TIMES = ("frame", "seconds")
 
 
 def read_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.ndarray:
@@ -23,27 +23,50 @@ def read_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.nda
     Raises BadInput for another heading, a row that does not fit, a position outside 0 to 1, and a table that has no row
     within the recording.
     """
-    text = read_text(Path(path))
-    lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
-    heading = tuple(cell.strip() for cell in next(lines, "").split(","))
-    if heading not in HEADINGS:
-        raise BadInput(
-            f"the columns are {','.join(heading)!r}",
-            where=str(path),
-            allowed=" or ".join(",".join(names) for names in HEADINGS),
-        )
-    when, position = parse_csv_columns(text, heading, name=str(path))
+    (position,) = _read_log(Path(path), "position", frames=frames, readout_hz=readout_hz).values()
     outside = position[(position < 0) | (position > 1)]
     if outside.size:
         raise BadInput(
             f"position {outside[0]:g}", where=str(path), allowed="fractions of the travel, 0 to 1", hint="scale the log"
         )
+    return position
+
+
+def read_light_log(path: str | Path, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
+    """Return the gain of each light at each readout, float32 (frames,), by its name; 1 is the light's usual strength.
+
+    The file is a CSV table as that of the lens, with a column for each light: ``seconds,lamp`` or
+    ``frame,lamp,window``. Raises BadInput as :func:`read_lens_log` does, for names that are empty or equal, and for a
+    gain below 0.
+    """
+    gains = _read_log(Path(path), None, frames=frames, readout_hz=readout_hz)
+    for name, gain in gains.items():
+        if gain.min() < 0:
+            raise BadInput(f"gain {gain.min():g} of {name}", where=str(path), allowed="0 and above")
+    return gains
+
+
+def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
+    """Return the columns of a log beside its times, at each readout; ``column`` is the only one that may be there."""
+    text = read_text(path)
+    lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
+    heading = tuple(cell.strip() for cell in next(lines, "").split(","))
+    kinds = heading[1:]
+    fits = kinds == (column,) if column else kinds and all(kinds) and len(set(kinds)) == len(kinds)
+    if heading[0] not in TIMES or not fits:
+        raise BadInput(
+            f"the columns are {','.join(heading)!r}",
+            where=str(path),
+            allowed=" or ".join(f"{time},{column or 'NAME,NAME…'}" for time in TIMES),
+        )
+    when, *values = parse_csv_columns(text, heading, name=str(path))
     at = when if heading[0] == "frame" else when * readout_hz - 0.5
-    if at[-1] < 0 or at[0] > frames - 1:
+    if at[-1] < -0.5 or at[0] > frames - 0.5:
         raise BadInput(
             f"the log covers frames {at[0]:.0f} to {at[-1]:.0f}", where=str(path), allowed=f"a row in 0 to {frames - 1}"
         )
-    return np.interp(np.arange(frames), at, position).astype(np.float32)
+    readouts = np.arange(frames)
+    return {name: np.interp(readouts, at, value).astype(np.float32) for name, value in zip(kinds, values, strict=True)}
 
 
 def truth_from_text(
