@@ -33,7 +33,7 @@ DOORS = {
     "PIL": ["stream.pictures", "stream.interop.picture_frames", "leaderboard.figures", "acceptance.validation.plots"],
     "jinja2": ["leaderboard.report"],
     "distributed": ["generate.executor"],
-    "multiprocessing": ["generate.executor"],
+    "multiprocessing": ["generate.executor", "generate.worker_pool"],
     "trimesh": ["authoring.mesh_files"],
     "emva1288": ["acceptance.validation.emva_referee"],
     "gymnasium": ["benchmark.gym"],
