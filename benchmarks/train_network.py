@@ -180,7 +180,7 @@ def draw(out: Path, rows: list[dict[str, float]], *, shown: tuple[str, np.ndarra
     left.legend(frameon=False)
     right.plot(positions, blurs, ".", color=BLUE, label="network")
     right.axvline(find_focus(positions, blurs), color=ORANGE, label="answer")
-    right.set(xlabel="position of the lens", ylabel="blur, pixels", title=name, ylim=(0, 1.4 * blurs.max()))
+    right.set(xlabel="position of the lens", ylabel="blur, pixels", title=name, ylim=(0, max(1, 1.4 * blurs.max())))
     right.legend(frameon=False, loc="upper center", ncols=2)
     save(figure, out / "curve.png")
 
