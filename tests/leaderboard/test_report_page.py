@@ -169,7 +169,16 @@ def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(whole):
     order = ["What is judged.", "What is right.", 'class="lead"', '<figure id="depth-of-focus">', "<nav"]
     assert [top.index(text) for text in order] == sorted(top.index(text) for text in order)
     assert top.count("<image ") == 5  # what the camera saw at five distances
+    assert "a detail of the target as the camera saw it" in top
     assert (whole[0] / "figures/depth-of-focus.svg").is_file()
+
+
+def test_without_pictures_the_opening_speaks_of_none(tmp_path):
+    made = replace(make_evaluation(), sweeps=())
+    write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
+    top = (tmp_path / "index.html").read_text(encoding="utf-8").split("</header>")[0]
+    assert '<figure id="depth-of-focus">' in top
+    assert "as the camera saw it" not in top
 
 
 def test_sweeps_come_before_the_tables_of_conditions(whole):

@@ -7,9 +7,11 @@ _SWEEP = (
     "The frame is where measures look."
 )
 OPENING_CAPTION = (
-    "Below, the width of the target's blur over the distance of the lens from the true focus; inside the yellow band it"
-    " is at most a pixel. Above, a detail of the target as the camera saw it at the dots, and their distances in depths"
-    " of focus."
+    "The width of the target's blur over the distance of the lens from the true focus: inside the yellow band it is at"
+    " most a pixel."
+)
+OPENING_PICTURES = (
+    "Above it, a detail of the target as the camera saw it at the dots, and their distances in depths of focus."
 )
 FIGURE_CAPTIONS = {
     "curves": (

@@ -27,7 +27,13 @@ from saf_gen.leaderboard import (
 from saf_gen.leaderboard.columns import format_percent
 from saf_gen.leaderboard.figures import inline_svg
 from saf_gen.leaderboard.report import page_tables
-from saf_gen.leaderboard.report.captions import FIGURE_CAPTIONS, GRAIN_CAPTION, MEASURES_CAPTION, OPENING_CAPTION
+from saf_gen.leaderboard.report.captions import (
+    FIGURE_CAPTIONS,
+    GRAIN_CAPTION,
+    MEASURES_CAPTION,
+    OPENING_CAPTION,
+    OPENING_PICTURES,
+)
 from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
 from saf_gen.leaderboard.report.page_tables import PageTable
 from saf_gen.leaderboard.report.selections import list_page_selections
@@ -84,6 +90,7 @@ def build_page(
     numbers = {name: number for number, name in enumerate(sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
     shown = list_shown_columns(rows)
+    opening = next((figure for figure in report_figures if figure.kind == OPENING), None)
     return (
         _templates()
         .get_template("page.html")
@@ -94,8 +101,8 @@ def build_page(
             style=Markup(_read_asset("page.css")),
             summary=_summarise(rows, records),
             judged=_say_what_is_judged(records),
-            opening=next((figure for figure in report_figures if figure.kind == OPENING), None),
-            opening_caption=OPENING_CAPTION,
+            opening=opening,
+            opening_caption=[OPENING_CAPTION, *([OPENING_PICTURES] if opening and "<image" in opening.svg else [])],
             leaders=[row for row in rows if row.rank == 1],
             failures=failures,
             sections=_list_sections(
