@@ -6,7 +6,7 @@ itself holds are built, because a record must not decide whose code is run.
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import cleandoc
 from typing import Any
 
@@ -52,8 +52,13 @@ def describe_methods(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     for method in methods:
         halves = split_method_region(method.name)[0].split("+")
         for half, kind, plug_in in zip(halves, ("measures", "searches"), (method.measure, method.search), strict=True):
-            if (kind, half) not in found:
+            if (kind, half) in found:
+                continue
+            try:
                 found[kind, half] = describe_plugin(half, kind, plug_in=plug_in)
+            except Exception as error:  # noqa: BLE001  (what anybody's plug-in states may raise anything)
+                problem = f"it cannot be described: {type(error).__name__}: {error}"
+                found[kind, half] = PluginDescription(half, kind, (("what", problem),), ())
     return tuple(sorted(found.values(), key=lambda d: d.plugin_kind))
 
 
@@ -151,7 +156,7 @@ def _prose(cls: type) -> str:
 
 
 def _options(plug_in: Any) -> Iterator[str]:
-    for field in fields(plug_in):
+    for field in fields(plug_in) if is_dataclass(plug_in) else ():
         if not field.init:
             continue
         value = getattr(plug_in, field.name)

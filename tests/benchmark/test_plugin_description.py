@@ -82,6 +82,22 @@ def test_records_run_no_code_that_they_name(own_file):
     assert not (own_file / "mark").exists()
 
 
+def test_what_cannot_describe_itself_stops_no_evaluation():
+    class Sulking:
+        """Σc."""
+
+        degree = 0
+
+        @property
+        def halves(self):
+            raise RuntimeError("no")
+
+    known = parse_method("sd+argmax")
+    measure, search = describe_methods([replace(known, measure=Sulking())])
+    assert measure.facts == (("what", "it cannot be described: RuntimeError: no"),)
+    assert search.name == "argmax"
+
+
 def test_of_a_long_file_the_beginning_is_shown(own_file):
     with own_file.open("a") as file:
         file.write("# " + "x" * MAX_CODE_CHARACTERS)
