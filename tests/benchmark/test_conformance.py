@@ -196,7 +196,7 @@ def motion_of(positions=Even.positions, *, frozen=True, **members):
 path = Even.positions
 BROKEN_MOTIONS = {
     "its dataclass is not frozen": motion_of(frozen=False),
-    "its class has no docstring": motion_of(__doc__=None),
+    "it has no docstring": motion_of(__doc__=None),
     "it does not give a position for each time": motion_of(lambda self, t, T: path(self, t, T)[:-1]),
     "its positions are no float64": motion_of(lambda self, t, T: path(self, t, T).astype(np.float32)),
     "its positions are not finite": motion_of(lambda self, t, T: path(self, t, T) * math.nan),
