@@ -24,7 +24,7 @@ def validate(
     ] = Path("datasets/validation"),
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Hold the product against theory, other code and itself (six minutes), and write a page of what came out."""
+    """Hold the product against theory, other code and itself (eleven minutes), and write a page of what came out."""
     from saf_gen.acceptance.validation import choose_checks
     from saf_gen.acceptance.validation.page import tolerance_used, write_page
     from saf_gen.acceptance.validation.runner import run_checks
