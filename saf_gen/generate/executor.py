@@ -61,16 +61,15 @@ def _run_on_cores(
 
     try:
         add(jobs)
-        while running := [future for pool in pools for future in pool.running]:
-            wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+        while futures := [future for pool in pools for future in pool.futures]:
+            wait(futures, timeout=0.2, return_when=FIRST_COMPLETED)
             for pool in pools:
-                pool.pass_reports(report)
-                for job, future in pool.collect():
+                for job, future in pool.collect(report):
                     result, error = _outcome(future)
                     if error is None:
                         add(follow_up(job, result))
                     yield job, result, error
-    except (KeyboardInterrupt, GeneratorExit):
+    except BaseException:
         # A job may be ended in the middle, and waiting for a render to finish could take minutes.
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()

@@ -90,8 +90,8 @@ class WorkerPool:
         )
 
     @property
-    def running(self) -> list[Future[Any]]:
-        """The futures of the jobs that run."""
+    def futures(self) -> list[Future[Any]]:
+        """One for each job that runs."""
         return list(self._running)
 
     def add(self, jobs: Iterable[Job]) -> None:
@@ -101,35 +101,34 @@ class WorkerPool:
 
     def _start(self) -> None:
         with defer_interrupts():  # a worker that is interrupted while it starts prints a traceback
-            while self._suspects or self._waiting:
-                if len(self._running) >= (1 if self._suspects else self._size):
+            while queue := self._suspects or self._waiting:
+                a_suspect_runs = any(attempt.deaths for attempt in self._running.values())
+                if a_suspect_runs or len(self._running) >= (1 if self._suspects else self._size):
                     return
-                if any(attempt.deaths for attempt in self._running.values()):
-                    return  # a suspect runs alone
-                attempt = (self._suspects or self._waiting).popleft()
-                self._running[self._submit(attempt.job)] = attempt
+                try:
+                    future = self._pool.submit(_run, queue[0].job)
+                except BrokenProcessPool:  # a process has died, and its jobs, if it had any, are still to be collected
+                    if self._running:
+                        return
+                    self._reopen()
+                else:
+                    self._running[future] = queue.popleft()
 
-    def _submit(self, job: Job) -> Future[Any]:
-        try:
-            return self._pool.submit(_run, job)
-        except BrokenProcessPool:  # a process died that had nothing to do
-            self._pool.shutdown(wait=False)
-            self._open()
-            return self._pool.submit(_run, job)
+    def _reopen(self) -> None:
+        self._pool.shutdown(wait=False)
+        self._open()
 
-    def pass_reports(self, report: ReportProgress) -> None:
-        """Pass on what jobs have told."""
-        while not self._queue.empty():
-            report(*self._queue.get())
-
-    def collect(self) -> Iterator[tuple[Job, Future[Any]]]:
-        """Yield jobs that have ended, whose processes are whole or died with them twice; start others."""
+    def collect(self, report: ReportProgress) -> Iterator[tuple[Job, Future[Any]]]:
+        """Pass on what jobs have told, yield those that have ended, well or with two processes, and start others."""
         ended = [future for future in self._running if future.done()]
-        if any(isinstance(future.exception(), BrokenProcessPool) for future in ended):
+        died = any(isinstance(future.exception(), BrokenProcessPool) for future in ended)
+        if died:
             wait(self._running)  # all of them have ended, well or with the pool
             ended = list(self._running)
-            self._pool.shutdown(wait=False)
-            self._open()
+        while not self._queue.empty():  # after the look at what has ended: all that it told is in the queue
+            report(*self._queue.get())
+        if died:
+            self._reopen()
         for future in ended:
             attempt = self._running.pop(future)
             if isinstance(future.exception(), BrokenProcessPool):

@@ -20,6 +20,7 @@ NAMES = frozenset(["/spikes", "/light/names", *(name for name, _, _ in ARRAY_DAT
 """The datasets that a stream may have, beside any text in ``/provenance``."""
 
 MAX_PIXELS = 1 << 22
+"""A block of 2,000 frames of so many takes a gigabyte."""
 MAX_SMALL_BYTES = 1 << 29
 MAX_DEFLATED_BYTES = 1 << 20
 """Of a small dataset as stored, where it is deflated: it may inflate a thousandfold."""
@@ -43,7 +44,7 @@ def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
 
 
 def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
-    """Return ``/spikes``; raises BadInput for a link, storage outside the file, other filters, and too large pixels."""
+    """Return ``/spikes``; raises BadInput for a link, storage outside the file, other filters, and too many pixels."""
     spikes = _open_dataset(file, "spikes", where=where)
     if spikes.dtype != np.uint8 or spikes.ndim != 3 or 0 in spikes.shape:
         raise BadInput(f"/spikes is {spikes.dtype} {spikes.shape}", where=where, allowed="uint8 (H, W, ceil(T/8))")

@@ -8,7 +8,7 @@ import sys
 import textwrap
 import threading
 import time
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from refusals import assert_says, refusal
 
 from saf_gen.errors import BadInput
 from saf_gen.generate.executor import run_generation_jobs
+from saf_gen.generate.worker_pool import WorkerPool
 
 
 class Light:
@@ -120,6 +121,29 @@ def test_all_that_jobs_tell_is_heard_in_order():
     done([Square(n) for n in range(6)], workers=2, report=lambda name, done: heard.append((name, done)))
     for n in range(6):
         assert [share for name, share in heard if name == f"square {n}"] == [0.5, 1.0]
+
+
+def test_what_a_job_told_is_heard_before_it_is_said_to_have_ended():
+    pool, heard = WorkerPool(1, tell_retry=lambda job: None), []
+    pool.add([Square(3)])
+    wait(pool.futures)
+    ended = [job.name for job, _ in pool.collect(lambda name, done: heard.append(done))]
+    pool.close()
+    assert (ended, heard) == (["square 3"], [0.5, 1.0])
+
+
+def test_a_process_that_dies_between_two_jobs_costs_neither():
+    pool = WorkerPool(1, tell_retry=lambda job: pytest.fail(f"{job.name} did not die"))
+    results = []
+    for number in (2, 3):
+        pool.add([Square(number)])
+        wait(pool.futures)
+        results += [future.result() for _, future in pool.collect(lambda name, done: None)]
+        os.kill(results[-1][1], signal.SIGKILL)
+        assert ended_within(10, [results[-1][1]])
+        time.sleep(0.5)  # until the pool has noticed
+    pool.close()
+    assert [square for square, _ in results] == [4, 9]
 
 
 def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
