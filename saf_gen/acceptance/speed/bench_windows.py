@@ -26,7 +26,7 @@ MIN_PER_SECOND, MAX_GIB = 1_500.0, 1.0
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
-    """Yield windows a second of two processes that read all windows in random order, and the memory of each."""
+    """Yield windows per second of two processes that read all windows in random order, and the memory of each."""
     sensor = get_sensor(size.sensor)
     with TemporaryDirectory() as folder:
         report("recordings to read", 0.0)
