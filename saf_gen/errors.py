@@ -4,11 +4,30 @@ Every error that a user can cause is a :class:`BadInput`. The command line print
 so a traceback in front of a user is a bug of saf_gen.
 """
 
-from collections.abc import Iterable, Iterator
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import partial
 from typing import Any
+
+MAX_PIECE = 1_000
+"""Characters of a part of an error's line: a name in a stranger's file may have millions."""
+
+
+def escape_controls(text: str, *, keep: str = "", write: Callable[[str], str] = repr) -> str:
+    """Return a text with every character that steers a terminal, or the order of its letters, written as an escape.
+
+    Names and provenance of strangers may hold them. Those in ``keep`` stay, such as line breaks; ``write`` gives the
+    escape of a character in quotes.
+    """
+    if text.isprintable():
+        return text
+    return "".join(write(c)[1:-1] if unicodedata.category(c) in _STEERING and c not in keep else c for c in text)
+
+
+_STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
+"""Unicode's categories of controls, formats (such as right-to-left), halves of letters, and breaks of lines."""
 
 
 class SafGenError(Exception):
@@ -51,7 +70,8 @@ class BadInput(SafGenError):
             pieces.append(f"did you mean {nearest!r}?")
         if hint:
             pieces.append(hint)
-        super().__init__(" ".join("; ".join(pieces).split()))  # one line, whatever the arguments hold
+        line = "; ".join(piece if len(piece) <= MAX_PIECE else f"{piece[:MAX_PIECE]}…" for piece in pieces)
+        super().__init__(escape_controls(" ".join(line.split())))  # one line, whatever the arguments hold
         self.problem, self.where, self.allowed = problem, where, allowed
         self.nearest, self.hint = nearest, hint
 

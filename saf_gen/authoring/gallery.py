@@ -14,6 +14,7 @@ from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import config_range_extremes, is_config_range
 from saf_gen.core.display_tone import encode_gamma, find_white_level
 from saf_gen.core.files import write_text_atomically
+from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
@@ -110,8 +111,10 @@ def _format_section(scene: Scene, view: _View, *, picture: Path, folder: Path) -
         "source": _format_source(scene, folder),
     }
     table = [f"| {key} | {value} |" for key, value in rows.items() if value]
-    image = f"![{card.title}]({picture.relative_to(folder).as_posix()})"
-    return "\n".join([f"## {scene.id}", "", f"{card.title}.", "", image, "", "| | |", "|---|---|", *table, ""])
+    image = f"![{escape_markdown(card.title)}]({picture.relative_to(folder).as_posix()})"
+    return "\n".join(
+        [f"## {scene.id}", "", f"{escape_markdown(card.title)}.", "", image, "", "| | |", "|---|---|", *table, ""]
+    )
 
 
 def _format_motion(card: SceneCard) -> str:

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from saf_gen.cli._terminal import out
+from saf_gen.errors import escape_controls
 
 PROSE_WIDTH = 22
 """Characters that a line of a folded column has at least, where its texts are as long."""
@@ -48,7 +49,7 @@ def print_table(
     if as_json:
         print_json(list_objects(columns, rows))
         return
-    cells = [list(row) for row in rows]
+    cells = [[escape_controls(cell, keep="\n") if isinstance(cell, str) else cell for cell in row] for row in rows]
 
     def measure(shown: Sequence[TableColumn]) -> Measurement:
         table = _build(columns, shown, cells=cells, title=title)
@@ -95,7 +96,7 @@ def list_objects(columns: Sequence[TableColumn], rows: Iterable[Sequence[str | T
 
 def print_json(document: Any, path: Path | None = None) -> None:
     """Print a document as indented JSON, or write it to a file."""
-    text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    text = escape_controls(json.dumps(document, indent=1, ensure_ascii=False) + "\n", keep="\n", write=json.dumps)
     if path is None:
         out.file.write(text)
     else:

@@ -8,14 +8,26 @@ from time import monotonic
 from typing import Annotated
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.segment import Segment
 from rich.table import Column
 from rich.text import Text
 
+from saf_gen.errors import escape_controls
+
+
+class _PlainConsole(Console):
+    """A console on which no text steers the terminal: colours come from styles alone."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=escape_controls(segment.text, keep="\n"))
+
+
 # Names are printed verbatim: brackets in a path are not markup.
-out = Console(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
-err = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
+out = _PlainConsole(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
+err = _PlainConsole(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
 LOG_EVERY_S = 30.0
 RecipeName = Annotated[str, typer.Argument(help="A recipe that comes with saf_gen, by name, or a recipe file.")]

@@ -1,6 +1,5 @@
 """The commands ``bench`` and ``doctor``."""
 
-import json
 import math
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +10,7 @@ from rich.progress import TaskID
 
 import saf_gen
 from saf_gen.cli._bench_table import print_figures, print_scene_grain
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import AsJson, err, out, print_error, progress_bars
 from saf_gen.errors import BadInput
 
@@ -64,7 +63,7 @@ def bench(
         results = run_benches(names or [], size, folder=folder, report=report, show=show)
     if as_json:
         figures = [_finite({**asdict(figure), "met": figure.met}) for figure in results.figures]
-        out.file.write(json.dumps(figures, indent=1, ensure_ascii=False) + "\n")
+        print_json(figures)
     elif results.figures:
         print_figures(f for f in results.figures if f not in shown)
     for remark in results.remarks:

@@ -1,6 +1,5 @@
 """The commands ``methods``, ``methods show`` and ``methods check``."""
 
-import json
 import sys
 from collections import Counter
 from contextlib import redirect_stdout
@@ -100,7 +99,7 @@ def check(
             status.update(Text(f"check {name}: {result.part}, {result.check}"))
     if as_json:
         lines = [{"name": name, **asdict(result)} for result in results]
-        out.file.write(json.dumps(lines, indent=1, ensure_ascii=False) + "\n")
+        print_json(lines)
     else:
         _print_results(name, results)
     if any(result.level == "fail" for result in results):

@@ -1,6 +1,5 @@
 """The commands ``scenes list``, ``new``, ``check``, ``preview``, ``gallery`` and ``schema``."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -101,7 +100,7 @@ def check(
                 errors += finding.level == "error"
                 _print_finding(found[-1], as_json)
     if as_json:
-        out.file.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+        print_json(found)
     if errors:
         raise typer.Exit(1)
 

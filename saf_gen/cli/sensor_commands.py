@@ -1,6 +1,5 @@
 """The commands ``sensors list``, ``show``, ``check``, ``compare`` and ``fit``."""
 
-import json
 import math
 import re
 from contextlib import ExitStack
@@ -10,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import Progress, TaskID
 
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars
 from saf_gen.core.config.presets import is_preset_file
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.calibration.comparison import Figures, Report
@@ -42,7 +41,7 @@ def show(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML
     """Print the file of a sensor, with the source of each number beside it; a copy is a sensor of your own."""
     from saf_gen.calibration.sensor_files import read_sensor_text
 
-    out.file.write(read_sensor_text(name))
+    out.file.write(escape_controls(read_sensor_text(name), keep="\n\t"))
 
 
 def check(file: Annotated[Path, typer.Argument(help="Sensor file (.yaml).")]) -> None:
@@ -103,7 +102,7 @@ def compare(
             for row in rows
         ]
         document = {**named, "sources": sources, "statistics": values}
-        out.file.write(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+        print_json(document)
         return
     print_table(
         [TableColumn("statistic", folds=True), *(TableColumn(head, justify="right") for head in heads)],

@@ -1,12 +1,11 @@
 """The command ``validate``."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import make_step_reporter, out, print_error, progress_bars
 
 WIDTH = 80
@@ -36,7 +35,7 @@ def validate(
         verdicts = run_checks(checks, folder, quick=quick, report=make_step_reporter("validate", bars))
     page = write_page(checks, verdicts, folder=folder, quick=quick)
     if as_json:
-        out.file.write(json.dumps([v.as_dict() for v in verdicts], indent=1, ensure_ascii=False) + "\n")
+        print_json([v.as_dict() for v in verdicts])
     else:
         rows = []
         for verdict in verdicts:

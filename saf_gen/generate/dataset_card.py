@@ -8,6 +8,7 @@ from typing import Any
 
 from saf_gen.core.config.ranges import config_range_extremes, is_config_range
 from saf_gen.core.files import write_text_atomically
+from saf_gen.core.plain_text import escape_markdown
 from saf_gen.generate.recipe import Recipe
 from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stream.manifest import Manifest
@@ -54,7 +55,7 @@ def _describe_motion(motion: dict[str, Any]) -> str:
     if is_config_range(motion):
         return " or ".join(_describe_motion(one) for one in config_range_extremes(motion))
     options = ", ".join(f"{key} {_describe_value(value)}" for key, value in motion.items() if key != "kind")
-    return f"`{motion['kind']}`" + (f" ({options})" if options else "")
+    return f"`{motion['kind']}`" + (f" ({escape_markdown(options)})" if options else "")
 
 
 def _describe_value(value: Any) -> str:
@@ -62,6 +63,11 @@ def _describe_value(value: Any) -> str:
         ((form, among),) = value.items()
         return f"{form} {', '.join(_describe_value(one) for one in among)}"
     return value["path"] if isinstance(value, dict) else str(value)
+
+
+def _describe_scene(card: SceneCard) -> str:
+    licence = card.licence or "not stated"
+    return f"- `{card.id}`: {escape_markdown(f'{card.title}. Licence {licence}.')}"
 
 
 def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
@@ -78,9 +84,9 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
         positions=recipe.focus.positions,
         samples=recipe.render.samples,
         motion=_describe_motion(recipe.focus.motion),
-        lights=", ".join(recipe.lights),
+        lights=escape_markdown(", ".join(recipe.lights)),
         fingerprint=manifest.recipe_fingerprint,
-        scenes="\n".join(f"- `{card.id}`: {card.title}. Licence {card.licence or 'not stated'}." for card in cards),
+        scenes="\n".join(map(_describe_scene, cards)),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
     matter = front_matter(manifest, licences, pattern="{split}/*.h5")

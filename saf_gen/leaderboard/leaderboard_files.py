@@ -10,6 +10,7 @@ from saf_gen import __version__
 from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.core.files import write_text_atomically
+from saf_gen.core.plain_text import escape_markdown
 from saf_gen.leaderboard.axes import AxisTable, BinSummary, tabulate_by_axis
 from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_columns
 from saf_gen.leaderboard.csv_output import format_csv
@@ -120,11 +121,13 @@ def _format_page(
     parts = [
         "# Leaderboard\n",
         format_markdown(rows),
-        " ".join(compose_leaderboard_notes(rows, records)) + "\n",
+        escape_markdown(" ".join(compose_leaderboard_notes(rows, records))) + "\n",
         explain_columns(list_shown_columns(rows)),
     ]
     if failures:
-        parts.append("Not read:\n\n" + "".join(f"- `{f.sequence}`: {f.problem}\n" for f in failures))
+        parts.append(
+            "Not read:\n\n" + "".join(f"- {escape_markdown(f'{f.sequence}: {f.problem}')}\n" for f in failures)
+        )
     parts += [
         f"## {table.axis.title}\n\n{table.axis.meaning} Success within 1 DoF (median error in DoF).\n\n"
         + format_axis_markdown(table)

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from saf_gen.benchmark.records import Record
+from saf_gen.core.plain_text import escape_markdown
+from saf_gen.errors import escape_controls
 from saf_gen.leaderboard.axes import AxisTable, BinSummary
 from saf_gen.leaderboard.columns import ALL, Column, format_percent, list_shown_columns
 from saf_gen.leaderboard.grain_tables import compose_grain_notes
@@ -31,17 +33,17 @@ _LATEX = {
 def format_markdown(rows: Sequence[LeaderboardRow]) -> str:
     """Return the table as GitHub-flavoured Markdown."""
     shown = list_shown_columns(rows)
-    body = [[c.format_value(row) for c in shown] for row in rows]
-    return _format_grid([c.header for c in shown], body, is_left=[c.justify == "left" for c in shown])
+    body = [[escape_markdown(c.format_value(row)) for c in shown] for row in rows]
+    return _format_grid([escape_markdown(c.header) for c in shown], body, is_left=[c.justify == "left" for c in shown])
 
 
 def format_axis_markdown(table: AxisTable) -> str:
     """Return the table of one axis as Markdown: success within 1 DoF, and the median error in brackets."""
     headers = [
-        f"{name}<br>{count_noun(scenes, 'scene')}, {count_noun(sequences, 'sequence')}"
+        f"{escape_markdown(name)}<br>{count_noun(scenes, 'scene')}, {count_noun(sequences, 'sequence')}"
         for name, scenes, sequences in zip(table.bins, table.scenes, table.sequences, strict=True)
     ]
-    body = [[method, *map(format_bin, cells)] for method, cells in table.cells.items()]
+    body = [[escape_markdown(method), *map(format_bin, cells)] for method, cells in table.cells.items()]
     return _format_grid(["method", *headers], body, is_left=[True] + [False] * len(headers))
 
 
@@ -72,12 +74,12 @@ def format_latex(rows: Sequence[LeaderboardRow]) -> str:
 
 def escape_latex(text: str) -> str:
     """Return the text on one line, with LaTeX's special characters escaped."""
-    return "".join(_LATEX.get(character, character) for character in " ".join(text.split()))
+    return "".join(_LATEX.get(character, character) for character in escape_controls(" ".join(text.split())))
 
 
 def explain_columns(shown: Sequence[Column]) -> str:
     """Return the meanings of the columns, a line of Markdown each."""
-    return "".join(f"- **{c.header}**: {c.meaning}\n" for c in shown)
+    return "".join(f"- **{escape_markdown(c.header)}**: {escape_markdown(c.meaning)}\n" for c in shown)
 
 
 def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
@@ -114,4 +116,4 @@ def count_noun(count: int, noun: str) -> str:
 
 def _format_grid(headers: Sequence[str], body: Sequence[Sequence[str]], *, is_left: Sequence[bool]) -> str:
     lines = [headers, ["---" if left else "---:" for left in is_left], *body]
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)

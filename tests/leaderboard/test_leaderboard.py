@@ -136,7 +136,7 @@ def test_the_files_agree(tmp_path, records):
         for name, cell in other.items():
             assert cell == ("" if one[name] is None else str(one[name]))
     assert format_markdown(rows) in text
-    assert "`bad`: truncated" in text
+    assert "- bad: truncated" in text
     assert [(r["method"], r["sequence"]) for r in lines] == [(r.method, r.sequence) for r in records]
     assert document["data"] == {"a": "sha-a", "b": "sha-b"}
 
