@@ -4,7 +4,6 @@ A line names its format by number, so that a table is never made of lines whose 
 that cannot be true is refused, too, because tables divide by its numbers and believe them.
 """
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -17,7 +16,7 @@ from pydantic import ConfigDict, Field, WrapValidator
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.core.config.document import STRICT, Document, read_text, validate_document
-from saf_gen.core.config.json_document import parse_json
+from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.errors import BadInput
 
 RECORDS_FILE = "records.jsonl"
@@ -157,8 +156,8 @@ def record_to_json(record: Record) -> dict[str, Any]:
 
 
 def format_records(records: Iterable[Record]) -> str:
-    """Return the lines of a ``records.jsonl``."""
-    return "".join(json.dumps(record_to_json(r), ensure_ascii=False, allow_nan=False) + "\n" for r in records)
+    """Return the lines of a ``records.jsonl``, each with a checksum of its own."""
+    return "".join(format_checked_json(record_to_json(record)) + "\n" for record in records)
 
 
 def read_records(source: str | Path) -> list[Record]:
@@ -171,7 +170,7 @@ def read_records(source: str | Path) -> list[Record]:
     Raises
     ------
     BadInput : with the line, where there are no records, or one is damaged, was written in another format,
-        has a number out of its range, or contradicts itself.
+        has a number out of its range, contradicts itself, or is not what was written.
     """
     path = Path(source)
     if path.is_dir():
@@ -187,7 +186,7 @@ def read_records(source: str | Path) -> list[Record]:
     if lines == [""]:
         raise BadInput("the file holds no record", where=str(path), hint=HINT)
     return [
-        _parse_record(parse_json(line, path, first_line=number, hint=HINT))
+        _parse_record(parse_checked_json(line, path, first_line=number, hint=HINT))
         for number, line in enumerate(lines, start=1)
     ]
 

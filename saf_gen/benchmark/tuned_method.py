@@ -4,7 +4,6 @@
 """
 
 import hashlib
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -13,7 +12,7 @@ from pydantic import ConfigDict
 
 from saf_gen.benchmark.records import Count, Number, pop_record_format
 from saf_gen.core.config.document import STRICT, read_text, validate_document
-from saf_gen.core.config.json_document import parse_json
+from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 
 FORMAT = "saf-gen tuning 1"
 HINT = "make it with saf-gen tune"
@@ -53,7 +52,7 @@ class TunedMethod:
 
 def format_tuned_method(tuned: TunedMethod) -> str:
     """Return the text of the file."""
-    return json.dumps({"format": FORMAT, **asdict(tuned)}, indent=1, ensure_ascii=False) + "\n"
+    return format_checked_json({"format": FORMAT, **asdict(tuned)}, indent=1) + "\n"
 
 
 def read_tuned_method(path: str | Path) -> tuple[TunedMethod, str]:
@@ -62,7 +61,7 @@ def read_tuned_method(path: str | Path) -> tuple[TunedMethod, str]:
     Raises BadInput where it cannot be read, or was not made by `saf-gen tune` of this version.
     """
     path = Path(path)
-    document = parse_json(read_text(path, hint=HINT), path, hint=HINT)
+    document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
     pop_record_format(document, FORMAT, what="tuned method", hint=HINT)
     tuned = validate_document(TunedMethod, document, hint=HINT)
     return tuned, hashlib.sha256(path.read_bytes()).hexdigest()[:12]

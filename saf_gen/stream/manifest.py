@@ -4,7 +4,6 @@
 not at all and read strictly; a folder without a readable manifest is not a dataset.
 """
 
-import json
 import os
 from collections import Counter
 from dataclasses import asdict, dataclass
@@ -13,8 +12,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import ConfigDict, Field
 
-from saf_gen.core.config.document import STRICT, validate_document
-from saf_gen.core.config.json_document import read_json
+from saf_gen.core.config.document import STRICT, read_text, validate_document
+from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.stream_file import open_stream
@@ -77,7 +76,8 @@ def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
     """Return the manifest of a dataset folder.
 
     Raises BadInput if the folder or its manifest is missing, and if the manifest is not JSON, has a newer
-    layout, an unknown or missing key, a value of the wrong type, a repeated id, or a file outside the folder.
+    layout, an unknown or missing key, a value of the wrong type, a repeated id, or a file outside the folder, or is not
+    what was written.
     """
     where = Path(folder)
     if not where.is_dir():
@@ -88,7 +88,7 @@ def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
     path = where / MANIFEST_NAME
     if not path.is_file():
         raise BadInput(f"has no {MANIFEST_NAME}", where=str(folder), hint="make the dataset with saf-gen generate")
-    document = read_json(path, hint=HINT)
+    document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
     if not isinstance(document.data, dict) or document.data.pop("format", None) != FORMAT:
         raise BadInput("is not the manifest of a dataset", where=str(path), allowed=f'"format": "{FORMAT}"')
     if (layout := document.data.pop("layout", None)) != LAYOUT:
@@ -124,7 +124,7 @@ def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:
         if not _is_inside(entry.file):
             raise _outside(entry, str(path))
     document = {"format": FORMAT, "layout": LAYOUT, **asdict(manifest)}
-    write_text_atomically(path, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    write_text_atomically(path, format_checked_json(document, indent=1) + "\n")
 
 
 def _is_inside(file: str) -> bool:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import fields, replace
 from types import NoneType
 from typing import get_args
@@ -239,6 +240,15 @@ def test_whatever_the_closed_loop_judges_is_read_back(read):
 
 
 WHOLE = format_records([BLANK, FULL])
+BEFORE = re.sub(r', "checksum": "\w+"', "", WHOLE)
+
+
+def test_a_flipped_bit_is_found_and_records_of_before_are_read(read, tmp_path):
+    whole, path = format_records([BLANK]).encode(), tmp_path / "records.jsonl"
+    for at in range(0, len(whole), 5):  # the bits in turn
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :])
+        assert str(path) in str(refusal(read_records, path))
+    assert read(BEFORE) == [BLANK, FULL]
 
 
 @pytest.mark.parametrize(
@@ -248,7 +258,8 @@ WHOLE = format_records([BLANK, FULL])
         ('{"a": 1}\n' + WHOLE, 1, "not a record of this version"),
         (WHOLE + "\n" + WHOLE, 3, "not JSON"),
         ("[" * 100_000, 1, "nested too deep"),
-        (WHOLE.replace('"note": ""', '"note": ' + "[" * 400 + "]" * 400), 1, "note is [[[["),
+        (BEFORE.replace('"note": ""', '"note": ' + "[" * 400 + "]" * 400), 1, "note is [[[["),
+        (WHOLE.replace('"frames": 800', '"frames": 801'), 1, "this is not what was written"),
         (WHOLE.replace('"frames": 800', '"frames": ' + "8" * 5000), 1, "too many digits"),
         (WHOLE.replace('"seconds": 0.25', '"seconds": NaN'), 1, "NaN"),
         (WHOLE.replace('"note": ""', '"note": "", "note": "twice"'), 1, "'note' stands twice"),

@@ -10,7 +10,7 @@ from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.tuned_method import format_tuned_method, read_tuned_method
+from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tuned_method, read_tuned_method
 from saf_gen.cli import main
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation_report
@@ -79,6 +79,20 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     told = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
     assert told["tuning"] == {tuned.method: method.tuning}
     assert f"{method.code}, constants of {method.tuning}" in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_a_flipped_bit_of_the_file_is_found_and_a_file_of_before_is_read(tmp_path):
+    path, trial = tmp_path / "tuned.json", TuningTrial("sd+argmax", 1.0, 0.5)
+    tuned = TunedMethod("sd+argmax", "made", "train", "recorded", "", "target", 1, "0", "0", (trial,))
+    path.write_text(format_tuned_method(tuned))
+    whole = path.read_bytes()
+    for at in range(0, len(whole), 5):  # the bits in turn
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :])
+        assert str(path) in str(refusal(read_tuned_method, path))
+    before = json.loads(whole)
+    del before["checksum"]
+    path.write_text(json.dumps(before))
+    assert read_tuned_method(path)[0] == tuned
 
 
 def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):

@@ -28,6 +28,7 @@ def changed(folder, change):
     """Write the manifest, change its document, and read it again."""
     write_manifest(folder, MANIFEST_)
     document = json.loads((folder / MANIFEST_NAME).read_text())
+    del document["checksum"]  # as who edits it must
     change(document)
     (folder / MANIFEST_NAME).write_text(json.dumps(document))
     return read_manifest(folder)
@@ -37,6 +38,23 @@ def test_a_manifest_comes_back_as_it_was_written(tmp_path):
     write_manifest(tmp_path / "new", MANIFEST_)
     assert read_manifest(tmp_path / "new") == MANIFEST_
     assert [p.name for p in (tmp_path / "new").iterdir()] == [MANIFEST_NAME]
+
+
+def test_a_flipped_bit_is_found_and_a_manifest_of_before_is_read(tmp_path):
+    write_manifest(tmp_path, Manifest("tiny", "abc", "llvm", (ENTRY,)))
+    path, whole = tmp_path / MANIFEST_NAME, (tmp_path / MANIFEST_NAME).read_bytes()
+    for at in range(0, len(whole), 5):  # the bits in turn
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :])
+        assert str(path) in str(refusal(read_manifest, tmp_path))
+    path.write_text(whole.decode().replace("llvm", "cuda"))
+    assert str(refusal(read_manifest, tmp_path)) == (
+        f"{path}:1: this is not what was written: its checksum is another; "
+        "remove it and run saf-gen generate again, or remove the key checksum if you changed it yourself"
+    )
+    before = json.loads(whole)
+    del before["checksum"]
+    path.write_text(json.dumps(before))
+    assert read_manifest(tmp_path).sequences == (ENTRY,)
 
 
 def test_splits_are_listed_in_the_order_of_the_sequences():

@@ -1,8 +1,9 @@
-"""JSON files read strictly: manifests, records, predictions, tuned methods."""
+"""JSON files read strictly: manifests, records, predictions, tuned methods; what we write carries a checksum."""
 
+import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -11,6 +12,9 @@ from saf_gen.errors import BadInput
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 CONSTANTS = ("NaN", "Infinity", "-Infinity")
+CHECKSUM = "checksum"
+"""The last key of an object that programs write: 16 digits of the SHA-256 of its text up to them."""
+_CHECKSUM_AT_END = re.compile(rf'"{CHECKSUM}": "([0-9a-f]{{16}})"\n?\}}\n?\Z')
 
 
 def read_json(path: str | Path, *, hint: str = "") -> Document:
@@ -36,6 +40,36 @@ def parse_json(text: str, path: str | Path, *, first_line: int = 1, hint: str = 
         problem, line = _refusal(text, first_line)
         raise BadInput(problem, where=f"{path}:{line}", hint=hint) from error
     return Document(data, path, find_lines=lambda: _find_lines(text, first_line))
+
+
+def format_checked_json(document: Mapping[str, Any], *, indent: int | None = None) -> str:
+    """Return an object as JSON text without a final line end; its last key tells whether a byte was changed since."""
+    text = json.dumps({**document, CHECKSUM: ""}, indent=indent, ensure_ascii=False, allow_nan=False)
+    at = text.rindex('""') + 1
+    return f"{text[:at]}{_digits(text[:at])}{text[at:]}"
+
+
+def parse_checked_json(text: str, path: str | Path, *, first_line: int = 1, hint: str = "") -> Document:
+    """Read JSON text as :func:`parse_json` does, and hold it against its checksum, which the document then lacks.
+
+    An object without one, as earlier versions wrote, is taken as it is. Raises BadInput as :func:`read_json`, and for
+    a text that was changed since it was written.
+    """
+    document = parse_json(text, path, first_line=first_line, hint=hint)
+    if isinstance(document.data, dict) and CHECKSUM in document.data:
+        del document.data[CHECKSUM]
+        found = _CHECKSUM_AT_END.search(text)
+        if found is None or found[1] != _digits(text[: found.start(1)]):
+            raise BadInput(
+                f"this is not what was written: its {CHECKSUM} is another",
+                where=document.locate(),
+                hint=f"{hint}, or remove the key {CHECKSUM} if you changed it yourself",
+            )
+    return document
+
+
+def _digits(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
