@@ -11,6 +11,7 @@ from saf_gen.cli import main
 from saf_gen.core.cores import usable_cores
 from saf_gen.generate import run
 from saf_gen.generate.executor import run_generation_jobs
+from saf_gen.scene.trusted_folders import register_folder
 
 WORKERS = 8
 """Processes that a whole run of the tests is spread over, at most; each holds about a gigabyte."""
@@ -32,6 +33,14 @@ def _jobs_in_this_process():
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _registered_scenes(tmp_path_factory):
+    """The tests' own list of registered folders, empty, instead of the user's; commands that they start have it too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
+        yield
+
+
 @pytest.fixture
 def worker_processes(monkeypatch):
     """Let generate() start its worker processes, as for a user."""
@@ -43,6 +52,14 @@ def test_scenes(monkeypatch):
     """Makes tests/scenes known, beside the project's own scenes."""
     monkeypatch.setenv("SAF_GEN_SCENES", str(SCENES))
     return SCENES
+
+
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A working directory with nothing in it, whose scenes/ is registered."""
+    monkeypatch.chdir(tmp_path)
+    register_folder(tmp_path / "scenes")
+    return tmp_path
 
 
 @pytest.fixture

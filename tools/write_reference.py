@@ -121,7 +121,7 @@ def _value(parameter: Any) -> str:
 def _default(parameter: Any) -> str:
     if parameter.required:
         return REQUIRED
-    if parameter.default in (None, False, (), []) or parameter.is_flag:
+    if parameter.default in (None, False, (), []) or getattr(parameter, "is_flag", False):
         return ""
     return f"`{parameter.default}`"
 

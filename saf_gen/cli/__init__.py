@@ -54,6 +54,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "pack": sharing_commands.pack,
     "fetch": sharing_commands.fetch,
     "validate": validate_commands.validate,
+    "init": machine_commands.init,
     "bench": machine_commands.bench,
     "doctor": machine_commands.doctor,
 }

@@ -38,6 +38,7 @@ EXAMPLES = {
     ),
     "fetch": ("fetch https://example.org/quickstart", "fetch packed --out datasets/again"),
     "validate": ("validate --quick --only noise", "validate --out docs"),
+    "init": ("init", "init my_project", "init my_project --forget"),
     "bench": ("bench stream", "bench grain --scene fan --out grain"),
     "doctor": ("doctor", "doctor --json"),
     "scenes list": ("scenes list", "scenes list --json"),

@@ -1,4 +1,4 @@
-"""The commands ``bench`` and ``doctor``."""
+"""The commands ``init``, ``bench`` and ``doctor``."""
 
 import math
 from dataclasses import asdict
@@ -13,6 +13,37 @@ from saf_gen.cli._bench_table import print_figures, print_scene_grain
 from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import AsJson, err, out, print_error, progress_bars
 from saf_gen.errors import BadInput
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(help="Folder to work in; it is made if it is missing.")] = Path(),
+    *,
+    forget: Annotated[bool, typer.Option("--forget", help="Trust its scenes no longer; no file is removed.")] = False,
+) -> None:
+    """Make a folder yours to work in: its scenes are found by name there, and their code is trusted.
+
+    A scene of its own then stands in for one of the same name that comes with saf_gen. Until a folder is registered,
+    no script in its scenes/ runs: read what somebody else sent you first.
+    """
+    from saf_gen.core.files import unwritable_error
+    from saf_gen.scene.scene_folder import CARD_FILE
+    from saf_gen.scene.trusted_folders import forget_folder, register_folder
+
+    scenes = folder / "scenes"
+    shown = scenes.resolve()
+    if forget:
+        gone = forget_folder(scenes)
+        out.print(f"{shown} is {'no longer' if gone else 'not'} registered; its files are as they were", soft_wrap=True)
+        return
+    try:
+        scenes.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable_error(scenes, error) from error
+    new = register_folder(scenes)
+    out.print(f"{shown} {'is' if new else 'was'} registered{'' if new else ' already'}", soft_wrap=True)
+    if own := sorted(card.parent.name for card in scenes.glob(f"*/{CARD_FILE}")):
+        out.print(f"scenes found by name in {folder.resolve()}: {', '.join(own)}", soft_wrap=True)
+    out.print("next: saf-gen scenes new my_scene; saf-gen generate quickstart")
 
 
 def bench(

@@ -49,10 +49,17 @@ def new(
         ),
     ] = None,
 ) -> None:
-    """Create a scene in ./scenes from a commented template that renders as it is."""
+    """Create a scene in ./scenes from a commented template that renders as it is.
+
+    A ./scenes that holds no scene yet is registered, as by `saf-gen init`.
+    """
     from saf_gen.authoring.template import create_scene, import_exported_scene
+    from saf_gen.scene.scene_folder import scene_roots
+    from saf_gen.scene.trusted_folders import register_folder
 
     root = Path("scenes")
+    trusted = root.resolve() in scene_roots()
+    empty = not any(root.glob("*"))
     if exported is not None:
         if xml:
             raise BadInput("--xml and --from are both given", hint="keep one: --from takes XML anyway")
@@ -61,6 +68,11 @@ def new(
         written = create_scene(name, root, kind="xml" if xml else "script")
     for path in written:
         out.print(str(path), soft_wrap=True)
+    if empty and not trusted:
+        register_folder(root)
+        out.print(f"registered: {root.resolve()}; saf-gen init --forget undoes it", soft_wrap=True)
+    elif not trusted:
+        out.print("next: saf-gen init, if you trust the code of all scenes in ./scenes")
     out.print(f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}; and its licence in scene.yaml")
 
 

@@ -5,7 +5,6 @@ This module reads and checks the card and knows where scenes live; only :mod:`sa
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.lights import check_light_groups
 from saf_gen.optics import Drive
 from saf_gen.optics.lens_card import LensCard
+from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
 from saf_gen.scene.library import find_scene_library_module
 from saf_gen.scene.scene_digest import folder_digest
@@ -165,15 +165,12 @@ class Scene:
 
 
 def scene_roots() -> list[Path]:
-    """Return the folders of scenes that the user trusts to run code; the first that has a name wins.
+    """Return the folders whose scenes have a name; the first that has a name wins.
 
-    They are those of ``$SAF_GEN_SCENES`` (separated as in PATH), the scenes that come with saf_gen, and ``scenes/`` of
-    the working directory, so that a name means the same in any folder. The ``scenes/`` of a dataset is somebody
-    else's data and never a root, even where the dataset is the working directory.
+    They are those of :func:`~saf_gen.scene.trusted_folders.trusted_folders` that the command stands in or names, and
+    the scenes that come with saf_gen.
     """
-    named = [Path(p) for p in os.environ.get("SAF_GEN_SCENES", "").split(os.pathsep) if p]
-    here = [] if Path("manifest.json").exists() else [Path("scenes").resolve()]
-    return [*named, shipped_folder("scenes"), *here]
+    return [*trusted_folders.folders_in_use(), shipped_folder("scenes")]
 
 
 def scene_names() -> list[str]:
@@ -186,44 +183,39 @@ def find_scene(name: str) -> Scene:
 
     A name is not a path: a recipe of unknown origin cannot lead to code outside the trusted folders.
 
-    Raises BadInput for an unknown name, a card that does not fit, a missing geometry, and a name that comes with
-    saf_gen where another scene lies under it in ``./scenes``.
+    Raises BadInput for an unknown name, a card that does not fit, a missing geometry, and a name that only
+    ``scenes/`` of the working directory has, where the user has not registered that folder.
     """
-    for root in scene_roots():
-        if Path(name).name == name and (root / name / CARD_FILE).is_file():
-            if root == shipped_folder("scenes"):
-                _refuse_namesake(root / name)
-            return _read(root / name)
+    if Path(name).name == name:
+        for root in scene_roots():
+            if (root / name / CARD_FILE).is_file():
+                return _read(root / name)
+        if (own := Path("scenes").resolve() / name / CARD_FILE).is_file():
+            raise _untrusted(own.parent, f"the scene {name!r} is in ./scenes alone, which is not registered")
     raise unknown("scene", name, allowed=scene_names(), hint="see: saf-gen scenes list")
-
-
-def _refuse_namesake(folder: Path) -> None:
-    """Raise BadInput where ``./scenes`` has another scene of the name of one that comes with saf_gen."""
-    own = Path("scenes").resolve() / folder.name
-    if own == folder or not (own / CARD_FILE).is_file() or Path("manifest.json").exists():
-        return
-    mine, shipped = (folder_digest(one, contents={}, allow_outside_links=True) for one in (own, folder))
-    if mine != shipped:
-        raise BadInput(
-            f"the scene {folder.name!r} in ./scenes is not the one of that name that comes with saf_gen",
-            hint=f"give yours a name of its own, or name its folder with SAF_GEN_SCENES={own.parent}",
-        )
 
 
 def load_scene_folder(folder: Path) -> Scene:
     """Return the scene of any folder; one with a script only where the user trusts that folder.
 
-    Raises BadInput as :func:`find_scene` does, and for a ``scene.py`` outside all :func:`scene_roots`.
+    Raises BadInput as :func:`find_scene` does, and for a ``scene.py`` in a folder that is neither registered, nor
+    named by ``SAF_GEN_SCENES``, nor one that comes with saf_gen.
     """
     folder = folder.resolve()
-    trusted = folder.parent in {root.resolve() for root in scene_roots()}
-    if (folder / SCRIPT_FILE).exists() and not trusted:
-        raise BadInput(
-            f"{folder / SCRIPT_FILE} is code, and would be run",
-            allowed="scene.py in ./scenes or in a folder of SAF_GEN_SCENES; a scene.xml anywhere",
-            hint=f"read it, and if you trust it: SAF_GEN_SCENES={folder.parent}",
-        )
+    trusted = {root.resolve() for root in (*trusted_folders.trusted_folders(), shipped_folder("scenes"))}
+    if (folder / SCRIPT_FILE).exists() and folder.parent not in trusted:
+        raise _untrusted(folder, f"{folder / SCRIPT_FILE} is code, and would be run")
     return _read(folder)
+
+
+def _untrusted(folder: Path, problem: str) -> BadInput:
+    root = folder.parent
+    trust = f"saf-gen init {root.parent}" if root.name == "scenes" else f"SAF_GEN_SCENES={root}"
+    return BadInput(
+        problem,
+        allowed="scene.py in a folder that `saf-gen init` registered or SAF_GEN_SCENES names; a path to a scene.xml",
+        hint=f"read its code, and if you trust it: {trust}",
+    )
 
 
 def _read(folder: Path) -> Scene:

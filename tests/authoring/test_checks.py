@@ -25,9 +25,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def skeleton(tmp_path, monkeypatch):
+def skeleton(tmp_path, own_folder):
     """The skeleton of a script, no family, as ``mine``; gives a function that edits it and finds it."""
-    monkeypatch.chdir(tmp_path)
     create_scene("mine", tmp_path / "scenes")
     folder = tmp_path / "scenes/mine"
     card = folder / "scene.yaml"

@@ -47,9 +47,8 @@ def make_gltf(*, names=("lamp",), material=None):
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+def here(own_folder):
+    return own_folder
 
 
 def shapes_of(name):

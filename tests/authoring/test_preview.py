@@ -109,9 +109,8 @@ def test_a_grid_is_as_small_as_asked_for(tmp_path):
 
 
 @pytest.fixture
-def mine(tmp_path, monkeypatch):
+def mine(tmp_path, own_folder):
     """The skeleton as ``mine``; gives a function that edits its card and finds it."""
-    monkeypatch.chdir(tmp_path)
     create_scene("mine", tmp_path / "scenes")
 
     def edit(old="", new=""):

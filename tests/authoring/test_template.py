@@ -18,10 +18,9 @@ EXPORTED = SCENES / "workbench/scene.xml"
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(own_folder):
     """A working directory with nothing in it."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    return own_folder
 
 
 @pytest.mark.parametrize("kind", ["script", "xml"])

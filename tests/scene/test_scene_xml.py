@@ -12,7 +12,8 @@ from small_dataset import SCENES
 
 from saf_gen.render import backend, depth_and_target, mitsuba_scene, posed_shapes, xml_scene
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
-from saf_gen.scene.scene_folder import find_scene, load_scene_folder
+from saf_gen.scene.scene_folder import find_scene, load_scene_folder, scene_names
+from saf_gen.scene.trusted_folders import forget_folder, register_folder
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
 
 HEAD = '<scene version="3.0.0">'
@@ -422,15 +423,23 @@ def test_a_script_in_a_folder_that_the_user_named_is_run(scripted, tmp_path, mon
     assert (tmp_path / "ran").exists()
 
 
-def test_scenes_of_the_working_directory_are_trusted_but_not_those_of_a_dataset(scripted, monkeypatch):
+def test_scenes_of_the_working_directory_are_found_once_it_is_registered(scripted, tmp_path, monkeypatch):
     here = scripted.parent.parent
     (scripted.parent).rename(here / "scenes")
     monkeypatch.chdir(here)
+    error = refusal(find_scene, "plane")
+    assert error.problem == "the scene 'plane' is in ./scenes alone, which is not registered"
+    assert error.hint == f"read its code, and if you trust it: saf-gen init {here}"
+    assert "plane" not in scene_names()
+    assert refusal(load_scene_folder, here / "scenes/plane").hint == error.hint
+    register_folder(Path("scenes"))
     assert find_scene("plane").folder == here / "scenes/plane"
-    assert load_scene_folder(here / "scenes/plane").id == "plane"
-    (here / "manifest.json").write_text("{}")
+    monkeypatch.chdir("/")  # elsewhere it has no name, and is still trusted
     assert "unknown scene 'plane'" in refusal(find_scene, "plane").problem
+    assert load_scene_folder(here / "scenes/plane").id == "plane"
+    forget_folder(here / "scenes")
     assert "is code" in refusal(load_scene_folder, here / "scenes/plane").problem
+    assert not (tmp_path / "ran").exists()
 
 
 @pytest.mark.parametrize("name", ["../downloads/plane", "downloads/../downloads/plane", "absolute"])

@@ -21,10 +21,9 @@ from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import SafGenError
 from saf_gen.generate.resolve import ResolvedRecipe, resolve_recipe
 from saf_gen.generate.run import generate
+from saf_gen.scene.trusted_folders import SCENES_VARIABLE
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
-
-SCENES_VARIABLE = "SAF_GEN_SCENES"
 
 
 @dataclass(frozen=True)
