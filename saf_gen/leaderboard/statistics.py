@@ -7,7 +7,7 @@ Bootstrap, 1993, doi:10.1201/9780429246593, chapter 13). With few scenes they ar
 scenes agree they have no width: a bootstrap cannot show what no scene has shown.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,9 @@ MIN_SCENES = 3
 """Fewest scenes for an interval: two scenes have only three different draws."""
 TIE_TOLERANCE = 1e-9
 """Largest difference between equal successes: averages of averages may differ in the last bit."""
+_MAX_NUMBERS = 2_000_000
+"""Most draws, or comparisons of methods, in memory at a time."""
+_BLOCKS = 32
 
 Interval = tuple[float, float]
 
@@ -59,10 +62,15 @@ def bootstrap_intervals(
     if len(scenes) < MIN_SCENES:
         reason = f"{len(scenes)} of at least {MIN_SCENES} scenes"
         return {method: BootstrapIntervals(missing_reason=reason) for method in methods}
-    draws = _draw_scenes(len(scenes), resamples)
     values = np.array([[success[method][scene] for scene in scenes] for method in methods])
-    resampled = draws @ values.T / len(scenes)  # (resamples, methods)
-    ranks = 1 + (resampled[:, None, :] > resampled[:, :, None] + TIE_TOLERANCE).sum(axis=2)
+    ordered = [_order_errors(errors.get(method, ()), scenes) for method in methods]
+    parts = []
+    for draws in _draw_scenes(len(scenes), resamples, at_once=_MAX_NUMBERS // max(len(scenes), len(methods) ** 2)):
+        resampled = draws @ values.T / len(scenes)  # (resamples, methods)
+        ranks = 1 + (resampled[:, None, :] > resampled[:, :, None] + TIE_TOLERANCE).sum(axis=2)
+        errors_drawn = [_find_medians(*one, draws=draws) if one else np.full(len(draws), np.nan) for one in ordered]
+        parts.append((resampled, ranks, np.stack(errors_drawn, axis=1)))
+    resampled, ranks, medians = (np.concatenate(part) for part in zip(*parts, strict=True))
     means = values.mean(axis=1)
     best = np.flatnonzero(means >= means.max() - TIE_TOLERANCE)
     intervals = {}
@@ -71,7 +79,7 @@ def bootstrap_intervals(
         nearest = min(deficits, key=lambda interval: interval[0])
         intervals[method] = BootstrapIntervals(
             success=_interval(resampled[:, i], confidence),
-            error=_error_interval(errors.get(method, ()), scenes, draws=draws, confidence=confidence),
+            error=_interval(medians[~np.isnan(medians[:, i]), i], confidence) if ordered[i] else None,
             rank=_rank_interval(ranks[:, i], confidence),
             deficit_to_best=nearest,
             level_with_best=i in best or nearest[0] <= TIE_TOLERANCE,
@@ -79,27 +87,50 @@ def bootstrap_intervals(
     return intervals
 
 
-def _draw_scenes(scenes: int, resamples: int) -> np.ndarray:
-    """Return how often each scene is drawn: int64 (resamples, scenes), each row sums to ``scenes``."""
-    random = make_generator("statistics", "bootstrap", scenes)
-    return random.multinomial(scenes, np.full(scenes, 1 / scenes), size=resamples)
+def _draw_scenes(scenes: int, resamples: int, *, at_once: int) -> Iterator[np.ndarray]:
+    """Yield how often each scene is drawn: float64 (resamples, scenes), whole numbers, each row sums to ``scenes``.
+
+    The draws are the same however many are made at once.
+    """
+    random, shares = make_generator("statistics", "bootstrap", scenes), np.full(scenes, 1 / scenes)
+    size = max(at_once, 1)
+    for first in range(0, resamples, size):
+        # Matrix products of whole numbers are exact, and as float64 they are fast.
+        yield random.multinomial(scenes, shares, size=min(size, resamples - first)).astype(np.float64)
 
 
-def _error_interval(
-    errors: Sequence[tuple[str, float]], scenes: Sequence[str], *, draws: np.ndarray, confidence: float
-) -> Interval | None:
-    """Return the interval of the median error; None where fewer than MIN_SCENES scenes have an answer."""
+def _order_errors(errors: Sequence[tuple[str, float]], scenes: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the errors in rising order and the number of each one's scene; None for fewer than MIN_SCENES scenes."""
     columns = {scene: i for i, scene in enumerate(scenes)}
     known = sorted((error, columns[scene]) for scene, error in errors if scene in columns)
     if len({column for _, column in known}) < MIN_SCENES:
         return None
-    values = np.array([error for error, _ in known])
-    # For each resample, the number of drawn answers up to each error, in rising order; the last is their total.
-    cumulative = np.cumsum(draws[:, [column for _, column in known]], axis=1)
-    cumulative = cumulative[cumulative[:, -1] > 0]
-    total = cumulative[:, -1]
-    low, high = (values[(cumulative > rank[:, None]).argmax(axis=1)] for rank in ((total - 1) // 2, total // 2))
-    return _interval((low + high) / 2, confidence)
+    return np.array([error for error, _ in known]), np.array([column for _, column in known])
+
+
+def _find_medians(values: np.ndarray, columns: np.ndarray, *, draws: np.ndarray) -> np.ndarray:
+    """Return the median of each resample (R,), NaN where it holds no value.
+
+    ``values`` (N,) rise, and each counts as often as its scene, ``columns`` (N,), in ``draws`` (R, S). The block of
+    values that holds a median is found first, so that R × N numbers are never in memory.
+    """
+    block = -(-len(values) // _BLOCKS)
+    blocks = -(-len(values) // block)
+    by_block = np.zeros((draws.shape[1], blocks))
+    np.add.at(by_block, (columns, np.arange(len(values)) // block), 1)
+    up_to = np.cumsum(draws @ by_block, axis=1)
+    total, rows = up_to[:, -1], np.arange(len(draws))
+    padded = np.pad(columns, (0, blocks * block - len(columns)))  # no median lies beyond the last value
+
+    def value_at(rank: np.ndarray) -> np.ndarray:
+        found = (up_to > rank[:, None]).argmax(axis=1)
+        before = np.where(found > 0, up_to[rows, found - 1], 0)
+        drawn = draws[rows[:, None], padded.reshape(blocks, block)[found]]
+        at: np.ndarray = (np.cumsum(drawn, axis=1) > (rank - before)[:, None]).argmax(axis=1)
+        return np.asarray(values[np.minimum(found * block + at, len(values) - 1)])
+
+    medians = (value_at((total - 1) // 2) + value_at(total // 2)) / 2
+    return np.where(total > 0, medians, np.nan)
 
 
 def _interval(values: np.ndarray, confidence: float) -> Interval:

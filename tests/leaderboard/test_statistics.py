@@ -109,17 +109,31 @@ def test_among_several_best_the_nearest_counts():
     assert both["a"].level_with_best is both["b"].level_with_best is True
 
 
-def test_the_median_of_a_resample_is_that_of_its_answers_each_as_often_as_its_scene_was_drawn():
+@pytest.mark.parametrize("count", [5, 23, 64, 65, 331])
+def test_the_median_of_a_resample_is_that_of_its_answers_each_as_often_as_its_scene_was_drawn(count):
     random = make_generator("test_statistics", "median")
-    errors = [(f"scene{i % 5:03d}", float(e)) for i, e in enumerate(random.exponential(size=23))]
+    errors = [(f"scene{i % 5:03d}", float(e)) for i, e in enumerate(random.exponential(size=count))]
     scenes = sorted({scene for scene, _ in errors})
-    drawn = statistics._draw_scenes(len(scenes), 400)
+    (drawn,) = statistics._draw_scenes(len(scenes), 400, at_once=400)
     plain = []
     for row in drawn:
         often = dict(zip(scenes, row, strict=True))
-        plain.append(np.median([e for scene, e in errors for _ in range(often[scene])]))
-    found = statistics._error_interval(errors, scenes, draws=drawn, confidence=CONFIDENCE)
-    assert found == pytest.approx(np.quantile(plain, [0.025, 0.975]), rel=1e-12)
+        plain.append(np.median([e for scene, e in errors for _ in range(int(often[scene]))]))
+    found = statistics._find_medians(*statistics._order_errors(errors, scenes), draws=drawn)
+    assert found == pytest.approx(plain, rel=1e-12)
+
+
+def test_intervals_do_not_depend_on_how_many_draws_are_in_memory(monkeypatch):
+    random = make_generator("test_statistics", "memory")
+    success = {method: cells(random.random(9)) for method in "abc"}
+    errors = {m: [(f"scene{i % 9:03d}", float(e)) for i, e in enumerate(random.random(200))] for m in "abc"}
+    whole = bootstrap_intervals(success, errors)
+    monkeypatch.setattr(statistics, "_MAX_NUMBERS", 9 * 777)
+    parts = bootstrap_intervals(success, errors)
+    for method, found in parts.items():
+        other = whole[method]
+        assert (found.error, found.rank, found.level_with_best) == (other.error, other.rank, other.level_with_best)
+        assert found.success == pytest.approx(other.success, rel=1e-12)
 
 
 def test_answers_in_too_few_scenes_have_no_interval_of_error():
@@ -149,4 +163,4 @@ def test_neither_order_of_methods_nor_of_scenes_matters_and_the_seed_is_named():
     other = {m: dict(reversed(list(one[m].items()))) for m in ("b", "a")}
     assert bootstrap_intervals(one, {}) == bootstrap_intervals(other, {})
     drawn = make_generator("statistics", "bootstrap", 4).multinomial(4, [0.25] * 4, size=RESAMPLES)
-    np.testing.assert_array_equal(statistics._draw_scenes(4, RESAMPLES), drawn)
+    np.testing.assert_array_equal(np.concatenate(list(statistics._draw_scenes(4, RESAMPLES, at_once=999))), drawn)
