@@ -19,8 +19,8 @@ RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
     wheel=$(echo /wheels/*.whl) \
  && python -m pip install --no-cache-dir --constraint /tmp/constraints.txt "${wheel}[render]"
 # Numba and Dr.Jit keep compiled kernels in the home folder; whoever runs with another --user has one in /tmp.
-RUN useradd --create-home saf && mkdir /work && chown saf /work
-USER saf
+RUN useradd --uid 1000 --create-home saf && mkdir /work && chown saf /work
+USER 1000
 ENV NUMBA_CACHE_DIR=/tmp/numba MPLCONFIGDIR=/tmp/matplotlib
 WORKDIR /work
 ENTRYPOINT ["saf-gen"]

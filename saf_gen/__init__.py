@@ -14,6 +14,8 @@ get_light, get_motion, get_measure, get_search
     A light schedule, lens motion, focus measure or search by name; :mod:`saf_gen.parts` tells what each is.
 measure
     Make a function a focus measure.
+read_leaderboard
+    The ranking of one or several evaluations, which a notebook shows as a table.
 """
 
 from importlib import import_module
@@ -32,6 +34,7 @@ _HOMES = {
     "get_motion": "motions",
     "get_sensor": "camera",
     "encode": "camera",
+    "read_leaderboard": "leaderboard",
 }
 """The module of each public name, below saf_gen."""
 

@@ -16,10 +16,9 @@ def leaderboard(
 ) -> None:
     """Rank the methods of several evaluations in one table, if their data and code agree."""
     from saf_gen.benchmark.plugin_description import describe_recorded_methods
-    from saf_gen.benchmark.records import read_records
     from saf_gen.benchmark.results import Evaluation
     from saf_gen.core.files import check_writable
-    from saf_gen.leaderboard import merge_records, rank_methods
+    from saf_gen.leaderboard import read_leaderboard
     from saf_gen.leaderboard.report import write_evaluation_report
 
     if folder is not None:
@@ -30,16 +29,12 @@ def leaderboard(
                     allowed="a folder of its own: what is read stays as it is",
                 )
         check_writable(folder)
-    records = merge_records({str(run): read_records(run) for run in runs})
-    rows = rank_methods(records)
-    sequences = len({record.sequence for record in records})
-    print_leaderboard(
-        rows, records=records, title=f"{len(rows)} methods, {sequences} sequences, {len(runs)} evaluations"
-    )
+    board = read_leaderboard(*runs)
+    print_leaderboard(board, records=board.records, title=f"{board.size}, {len(runs)} evaluations")
     if folder is not None:
         evaluation = Evaluation(
-            records=tuple(records), sweeps=(), failures=(), plugins=describe_recorded_methods(records)
+            records=board.records, sweeps=(), failures=(), plugins=describe_recorded_methods(board.records)
         )
         print_written_paths(
-            write_evaluation_report(folder, rows=rows, evaluation=evaluation, title=folder.resolve().name)
+            write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
         )

@@ -10,6 +10,7 @@ from saf_gen.leaderboard.columns import Column, list_leaderboard_columns, list_s
 from saf_gen.leaderboard.curve_tables import assess_curves, summarise_measures, write_leaderboard_curves
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
 from saf_gen.leaderboard.merging import merge_records
+from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.table_formats import compose_leaderboard_notes, format_latex, format_markdown
 
@@ -18,6 +19,7 @@ __all__ = [
     "Axis",
     "AxisTable",
     "Column",
+    "Leaderboard",
     "LeaderboardRow",
     "assess_curves",
     "compose_leaderboard_notes",
@@ -28,6 +30,7 @@ __all__ = [
     "list_shown_columns",
     "merge_records",
     "rank_methods",
+    "read_leaderboard",
     "summarise_measures",
     "tabulate_by_axis",
     "write_leaderboard",
