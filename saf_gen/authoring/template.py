@@ -3,14 +3,13 @@
 import json
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from saf_gen.authoring.mesh_scene import compose_mesh_scene, is_mesh_file
-from saf_gen.core.files import unwritable_error
+from saf_gen.core.files import rename_durably, temporary_folder, unwritable_error
 from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import load_scene_folder, scene_names
 from saf_gen.scene.xml import SceneXml, read_scene_xml
@@ -110,12 +109,10 @@ def _new_folder(name: str, root: Path) -> Iterator[Path]:
     """Give a hidden folder to fill, which becomes ``root/name`` at the end; an error removes it."""
     folder, made_root = _check_name(name, root), not root.exists()
     try:
-        root.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{name}.", suffix=".part", dir=root) as hidden:
-            temporary = Path(hidden) / name
-            temporary.mkdir()
-            yield temporary
-            temporary.rename(folder)
+        with temporary_folder(folder) as hidden:
+            (hidden / name).mkdir()  # a card is checked in a folder of its scene's name
+            yield hidden / name
+            rename_durably(hidden / name, folder)
     except OSError as error:
         raise unwritable_error(folder, error) from error
     finally:

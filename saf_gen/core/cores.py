@@ -1,8 +1,9 @@
-"""The machine that saf_gen runs on: its cores, its name, its interrupts."""
+"""The machine that saf_gen runs on: its cores, its name, and the signals that stop a program."""
 
 import os
 import platform
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -47,3 +48,25 @@ def defer_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+@contextmanager
+def finish_before_stopping() -> Iterator[None]:
+    """Delay Ctrl-C and SIGTERM until the end of the block, whichever thread they reach.
+
+    For a block that starts no process. In another thread than the main one signals are not handled, nor delayed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        for number in before:
+            signal.signal(number, lambda number, frame: came.append(number))
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)

@@ -1,15 +1,26 @@
-"""Files that are written whole or not at all."""
+"""Files and folders that are written whole or not at all.
+
+What is not whole yet has a hidden name, ``.NAME.TOKEN.MACHINE.PID.part``, which tells what process writes it. Whoever
+writes into a folder removes what processes that have ended left there.
+"""
 
 import errno
 import os
 import re
 import secrets
+import shutil
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from saf_gen.errors import BadInput
+
+ABANDONED_S = 86_400.0
+"""Seconds without a change after which a temporary file of another machine, whose processes are unknown, is removed."""
+_TEMPORARY = re.compile(r"\..+\.[0-9a-f]{8}\.(?P<machine>[A-Za-z0-9-]+)\.(?P<pid>\d+)\.part")
 
 
 @contextmanager
@@ -22,14 +33,14 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises BadInput when the disk is full or the folder cannot be written.
     """
     final = Path(path)
-    # Containers on one volume may have the same process numbers, and shards may render the same stack.
-    part = final.with_name(f".{final.name}.{secrets.token_hex(4)}{mark_of_process()}.part")
+    part = _temporary_name(final)
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers_once(final.parent)
         yield part
         with part.open("rb") as written:
             os.fsync(written.fileno())
-        part.replace(final)
+        rename_durably(part, final)
     except OSError as error:
         raise unwritable_error(final, error) from error
     finally:
@@ -41,6 +52,50 @@ def write_text_atomically(path: str | os.PathLike[str], text: str) -> None:
     """Write a UTF-8 text file that is there whole or not at all; raises as :func:`write_atomically` does."""
     with write_atomically(path) as part:
         part.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def write_folder_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary folder beside ``path`` to fill; at the end it is renamed to ``path``, which is new or empty.
+
+    Raises BadInput when the disk is full or a folder cannot be written.
+    """
+    final = Path(path)
+    try:
+        with temporary_folder(final) as part:
+            yield part
+            rename_durably(part, final)
+    except OSError as error:
+        raise unwritable_error(final, error) from error
+
+
+@contextmanager
+def temporary_folder(path: Path) -> Iterator[Path]:
+    """Yield a new folder under a temporary name beside ``path``; it is removed at the end."""
+    part = _temporary_name(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(path.parent)
+    part.mkdir()
+    try:
+        yield part
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def rename_durably(old: Path, new: Path) -> None:
+    """Rename a file or a folder, in the place of an older file ``new``, so that it outlasts a crash of the machine."""
+    old.replace(new)
+    sync_folder(new.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Write the names in a folder to disk, where its file system can."""
+    with suppress(OSError):
+        opened = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(opened)
+        finally:
+            os.close(opened)
 
 
 def check_writable(folder: Path) -> None:
@@ -66,30 +121,47 @@ def undeletable_error(path: Path, error: OSError) -> BadInput:
     return BadInput(f"{path}: nothing can be deleted there: {reason}", hint="change its permissions")
 
 
-def remove_stale_temporaries(folder: Path) -> None:
-    """Remove the temporary files below ``folder`` whose process, on this machine, has ended.
+def remove_leftovers(folder: Path, *, below: bool = False) -> None:
+    """Remove the temporary files and folders in ``folder`` whose process has ended; with ``below`` in its folders too.
 
-    Those of other machines stay, since their processes are unknown here.
+    Of those that another machine wrote the age decides.
     """
-    for part in folder.rglob(f".*.{_host()}.*.part"):
-        if is_left_behind(part.name.removesuffix(".part")):
-            part.unlink(missing_ok=True)
+    for part in (folder.rglob if below else folder.glob)(".*.part"):
+        with suppress(OSError):  # another process was quicker, or it belongs to another user
+            if not _is_left_behind(part):
+                continue
+            if part.is_dir():
+                shutil.rmtree(part, ignore_errors=True)
+            else:
+                part.unlink()
 
 
-def mark_of_process() -> str:
-    """Return the end of a temporary file's name, which says what writes it: ``.HOST.PID``."""
-    return f".{_host()}.{os.getpid()}"
+@cache
+def _remove_leftovers_once(folder: Path) -> None:
+    remove_leftovers(folder)
 
 
-def is_left_behind(name: str) -> bool:
-    """Return whether a name ends with :func:`mark_of_process` of a process of this machine that has ended."""
-    _, host, pid = ("", "", *name.split("."))[-3:]
-    return host == _host() and pid.isdecimal() and not _is_running(int(pid))
+def _is_left_behind(part: Path) -> bool:
+    found = _TEMPORARY.fullmatch(part.name)
+    if found is None:
+        return False
+    if found["machine"] != _machine():
+        return time.time() - part.stat().st_mtime > ABANDONED_S
+    return not _is_running(int(found["pid"]))
 
 
-def _host() -> str:
-    """Return the name of this machine, or container, as part of a file name."""
-    return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40]
+def _temporary_name(final: Path) -> Path:
+    # The token keeps apart containers with equal names and processes, and shards that render the same stack.
+    return final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_machine()}.{os.getpid()}.part")
+
+
+def _machine() -> str:
+    """Return the name of this machine as part of a file name, with the number of the container's own processes."""
+    try:
+        namespace = f"-{Path('/proc/self/ns/pid').stat().st_ino:x}"  # processes of another one cannot be seen here
+    except OSError:  # not Linux
+        namespace = ""
+    return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:40] + namespace
 
 
 def _is_running(pid: int) -> bool:

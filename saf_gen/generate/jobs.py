@@ -13,6 +13,9 @@ from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 
+ALMOST = 0.99
+"""How far a piece of work is when all is computed; it is done, 1, when its files have their names."""
+
 
 @dataclass(frozen=True)
 class RenderJob:
@@ -42,14 +45,23 @@ class RenderJob:
         from saf_gen.render import render_missing_stacks  # only a process that renders pays for loading Mitsuba
         from saf_gen.render.second_render import measure_missing_grain
 
+        told: set[str] = set()
+
         def progress(piece: str, done: float) -> None:
-            report(f"{self.name} · {piece}", done)
+            told.add(f"{self.name} · {piece}")
+            report(f"{self.name} · {piece}", ALMOST * done)
+
+        def tell_done() -> None:
+            for piece in sorted(told):
+                report(piece, 1.0)
 
         options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend, "threads": self.threads}
         try:
             pieces = render_missing_stacks(self.scene, self.time_stack.specs, **options, progress=progress)
+            tell_done()
             if self.measure_grain:
                 measure_missing_grain(self.scene, self.time_stack.specs, **options, progress=progress)
+                tell_done()
             return pieces
         except OSError as error:
             raise unwritable_error(self.stacks, error) from error
@@ -102,7 +114,7 @@ class RecordJob:
                     path=self.path,
                     fingerprint=self.fingerprint,
                     threads=self.threads,
-                    progress=lambda done: report(self.name, done),
+                    progress=lambda done: report(self.name, ALMOST * done),
                 )
             except OSError as error:
                 raise unwritable_error(self.path, error) from error

@@ -13,7 +13,7 @@ import saf_gen
 from saf_gen.core import seeds
 from saf_gen.core.cores import defer_interrupts, usable_cores
 from saf_gen.core.extras import installed_version
-from saf_gen.core.files import check_writable, remove_stale_temporaries
+from saf_gen.core.files import check_writable, remove_leftovers
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_dataset_card
 from saf_gen.generate.executor import ReportProgress, run_generation_jobs
@@ -103,8 +103,7 @@ def generate(
         resolved = resolved.without_diffraction()
         to_render = find_stacks_to_render(resolved, folder, keep_slices=keep_slices)
     _check_folder(resolved, folder, keep_slices=keep_slices)
-    if cluster is None and len(resolved.sequences) == len(resolved.plan):
-        remove_stale_temporaries(folder)  # a shard or a cluster has neighbours at work in the folder
+    remove_leftovers(folder, below=True)
     recorder = Recorder(
         sensor=resolved.sensor,
         frames=resolved.recipe.camera.frames,

@@ -10,10 +10,10 @@ half of theirs, spread evenly over the recording, and the one whose lens is near
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from saf_gen.core.files import temporary_folder
 from saf_gen.render import render_missing_stacks
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
@@ -49,11 +49,11 @@ def measure_missing_grain(
         return
     part = SLICE_PART if len(specs) > 1 else STILL_PART
     again = [replace(spec, samples=_fewer(spec.samples, part)) for spec in todo]
-    with TemporaryDirectory() as folder:
+    with temporary_folder(root / "grain") as folder:
         render_missing_stacks(
             scene,
             again,
-            root=Path(folder),
+            root=folder,
             backend_name=backend_name,
             threads=threads,
             progress=lambda name, done: progress("grain", done),
@@ -63,7 +63,7 @@ def measure_missing_grain(
             depth, target = store.load_geometry()
             grain = measure_stack_grain(
                 store.load_planes(0, spec.rendered_count),
-                StackStore(Path(folder), second).load_planes(0, spec.rendered_count),
+                StackStore(folder, second).load_planes(0, spec.rendered_count),
                 target=target,
                 samples=(spec.samples, second.samples),
                 indices=_choose_positions(spec, spec.drive.true_focus(depth[target])),

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.core.files import remove_stale_temporaries
 from saf_gen.core.region import Region, region_shape, target_bounding_box
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
@@ -103,7 +102,6 @@ class SpikeWindows:
             for first in range(0, entry.frames - self.window + 1, self.stride)
         ]
         self._sequences: dict[str, _Sequence] = {}
-        remove_stale_temporaries(self.counts)
 
     def __len__(self) -> int:
         return len(self.windows)

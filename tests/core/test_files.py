@@ -1,11 +1,20 @@
 """Files are there whole or not at all."""
 
-import socket
+import os
+import time
+from pathlib import Path
 
 import pytest
 from refusals import assert_says, refusal
 
-from saf_gen.core.files import check_writable, remove_stale_temporaries, write_atomically
+from saf_gen.core.files import (
+    ABANDONED_S,
+    check_writable,
+    remove_leftovers,
+    temporary_folder,
+    write_atomically,
+    write_folder_atomically,
+)
 from saf_gen.errors import BadInput
 
 
@@ -40,16 +49,59 @@ def test_two_may_write_the_same_file_and_the_last_one_wins_whole(tmp_path):
     assert (tmp_path / "a.txt").read_text() == "one"
 
 
-def test_what_the_dead_of_this_machine_left_is_cleared_and_nothing_else(tmp_path, monkeypatch):
-    monkeypatch.setattr(socket, "gethostname", lambda: "node.7")
-    dead = 2**22 + 1  # above the largest number of a process
-    names = [f".a.h5.0f.{host}.{dead}.part" for host in ("node-7", "node-8")] + ["part"]
-    with write_atomically(tmp_path / "b.txt") as part:
-        for name in names:
-            (tmp_path / name).write_text("")
-        part.write_text("living")
-        remove_stale_temporaries(tmp_path)
-        assert {p.name for p in tmp_path.iterdir()} == {*names[1:], part.name}
+def abandoned(part: Path, **changes: str) -> Path:
+    """The name of a temporary file or folder, but for its machine or process."""
+    *before, machine, pid, _ = part.name.split(".")
+    return part.with_name(".".join([*before, changes.get("machine", machine), changes.get("pid", pid), "part"]))
+
+
+def test_what_the_dead_left_goes_when_somebody_writes_there_and_nothing_else(tmp_path):
+    """A process of another machine is unknown: what it has not changed for a day goes."""
+    dead = str(2**22 + 1)  # above the largest number of a process
+    with temporary_folder(tmp_path / "other" / "x") as mine:
+        gone = abandoned(tmp_path / mine.name, pid=dead)
+        old, new = (abandoned(tmp_path / mine.name, machine=name) for name in ("far", "farther"))
+        kept = [new, tmp_path / mine.name, tmp_path / f".notes.{dead}.part", tmp_path / ".a.txt.part"]
+        for folder in (gone, new):
+            (folder / "below").mkdir(parents=True)
+        for file in (old, *kept[1:]):
+            file.write_text("")
+        os.utime(old, (time.time() - 2 * ABANDONED_S,) * 2)
+        with write_atomically(tmp_path / "b.txt") as part:
+            part.write_text("whole")
+        assert {p.name for p in tmp_path.iterdir()} == {"b.txt", "other", *(p.name for p in kept)}
+        deep = abandoned(mine, pid=dead)
+        deep.write_text("")
+        remove_leftovers(tmp_path, below=True)
+        assert not deep.exists()
+        assert mine.is_dir()
+
+
+def test_a_folder_appears_when_it_is_whole_or_not_at_all(tmp_path):
+    def fill(fails: bool) -> None:
+        with write_folder_atomically(tmp_path / "out") as part:
+            (part / "a.txt").write_text("whole")
+            if fails:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fill(True)
+    assert not list(tmp_path.iterdir())
+    fill(False)
+    assert (tmp_path / "out" / "a.txt").read_text() == "whole"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    with pytest.raises(BadInput, match="out cannot be written: Directory not empty"):
+        fill(False)
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_name_is_on_disk_before_the_next_thing_is_done(tmp_path, monkeypatch):
+    """After the rename the folder itself is synced."""
+    synced = []
+    monkeypatch.setattr(os, "fsync", lambda file: synced.append(Path(f"/proc/self/fd/{file}").resolve()))
+    with write_atomically(tmp_path / "a.txt") as part:
+        part.write_text("whole")
+    assert synced == [part, tmp_path]
 
 
 def test_a_folder_in_the_way_is_told_in_one_line(tmp_path):

@@ -34,6 +34,10 @@ def digests(folder):
     return {e.id: e.content_sha256 for e in read_manifest(folder).sequences}
 
 
+TOLD_DONE: dict[str, set[str]] = {}
+"""The files that were there when a piece of work of the small dataset was first said to be done."""
+
+
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
     """The small dataset, made once; tests get copies of it."""
@@ -42,7 +46,12 @@ def first(tmp_path_factory):
     recipe.write_text(SMALL_RECIPE)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SAF_GEN_SCENES", str(SCENES))
-        return generate(resolve_recipe(recipe), folder / "made", variant=VARIANT)
+
+        def report(name: str, done: float) -> None:
+            if done >= 1:
+                TOLD_DONE.setdefault(name, {path.name for path in folder.rglob("*")})
+
+        return generate(resolve_recipe(recipe), folder / "made", variant=VARIANT, report=report)
 
 
 @pytest.fixture
@@ -72,6 +81,15 @@ def test_a_recipe_becomes_streams_with_truth(made):
     # Mean rate 0.2 in the target at its best focus: 1.02 million pixel readouts round it, so sampling
     # noise is below 0.1 %; the light over the sweep varies by 1 % (bellows).
     assert counts.mean() / 400 == pytest.approx(0.2, rel=0.02)
+
+
+def test_done_is_said_of_what_has_its_name(first):
+    assert first.failed == {}
+    whole = {f"record {name}": {f"{name}.h5"} for name in first.recorded}
+    whole |= {"render plane · geometry": {"geometry.exr", "geometry.json"}, "render plane · light": {"lamp.json"}}
+    assert TOLD_DONE.keys() == {*whole, "render plane · grain"}
+    assert {name: TOLD_DONE[name] & files for name, files in whole.items()} == whole
+    assert not any(name.endswith(".part") for files in TOLD_DONE.values() for name in files)
 
 
 def test_every_recording_says_how_much_grain_its_pictures_have(made):

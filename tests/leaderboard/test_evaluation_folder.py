@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import time
 import zlib
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,6 @@ from refusals import refusal
 
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.core.files import mark_of_process
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import evaluation_folder, write_evaluation_report
 
@@ -171,7 +169,7 @@ def test_a_killed_run_leaves_the_earlier_evaluation_or_the_new_one_whole(tmp_pat
         for again in (0, 2, 5):
             final = tmp_path / f"{step}-{again}"
             shutil.copytree(tmp_path / "old", final)
-            part = shutil.copytree(tmp_path / "new", final / f"{evaluation_folder.STAGING}x.host.1")
+            part = shutil.copytree(tmp_path / "new", final / ".evaluation.0badcafe.host.1.part")
             going_on = killed_at(
                 step, monkeypatch, lambda part=part, final=final: evaluation_folder._publish(part, final)
             )
@@ -181,7 +179,7 @@ def test_a_killed_run_leaves_the_earlier_evaluation_or_the_new_one_whole(tmp_pat
             evaluation_folder._finish_publishing(final)
             (found,) = (name for name in methods if {frozenset(methods[name])} == which)
             assert {r.method for r in read_records(final)} == methods[found]
-            assert {name for name in held(final) if evaluation_folder.STAGING not in name} == whole[found]
+            assert {name for name in held(final) if ".evaluation." not in name} == whole[found]
             seen.add(found)
         step += 1
     assert seen == {"old", "new"}
@@ -213,22 +211,3 @@ def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluatio
     assert str(refusal(write, tmp_path / "notes", with_curves())) == (
         f"{tmp_path}/notes cannot be written: File exists; choose another folder"
     )
-
-
-def test_what_a_killed_run_wrote_aside_goes_and_what_is_being_written_stays(tmp_path):
-    """On another machine the age decides, here the process."""
-    mark = mark_of_process()
-    host = mark.split(".")[1]
-    old, new, dead, mine = (
-        tmp_path / f"{evaluation_folder.STAGING}{name}"
-        for name in ("a.far.1", "b.far.1", f"c.{host}.999999999", f"d{mark}")
-    )
-    for left in (old, new, dead, mine):
-        left.mkdir()
-        (left / "index.html").write_text("half")
-    os.utime(old, (time.time() - 2 * evaluation_folder.ABANDONED_S,) * 2)
-    write(tmp_path, of_one_method())
-    assert not old.exists()
-    assert not dead.exists()
-    assert (new / "index.html").is_file()
-    assert (mine / "index.html").is_file()

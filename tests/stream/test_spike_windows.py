@@ -1,7 +1,6 @@
 """Windows of a dataset to train with: counts and targets as stored, counted once, then read in any order."""
 
 import multiprocessing
-import os
 import pickle
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ from refusals import refusal
 from windowed_dataset import FRAMES, SHAPE, TRUTH, make_spikes, make_truth, make_windowed_dataset
 
 from saf_gen import SpikeWindows
-from saf_gen.stream import time_blocks, window_counts
+from saf_gen.stream import time_blocks
 from saf_gen.stream.stream_writer import write_stream
 
 
@@ -103,19 +102,6 @@ def test_counts_that_were_half_written_are_not_taken_for_whole(dataset, monkeypa
             again[3]
     assert not list((dataset / "elsewhere").iterdir())
     assert np.array_equal(again[3][0], expected[0])
-
-
-def test_what_a_killed_process_left_is_removed(dataset):
-    (dataset / "counts").mkdir()
-    process = multiprocessing.get_context("spawn").Process(target=os.getpid)
-    process.start()
-    process.join(60)
-    with window_counts.write_atomically(dataset / "counts" / "a.npy") as part:
-        left = part.with_name(part.name.replace(f".{os.getpid()}.", f".{process.pid}."))
-        left.touch()
-        part.touch()
-        SpikeWindows(dataset)
-        assert (left.exists(), part.exists()) == (False, True)
 
 
 def read_and_send(windows, numbers, pipe):

@@ -9,19 +9,18 @@ The figures of an evaluation are those of its page.
 import json
 import re
 import shutil
-import tempfile
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from saf_gen.benchmark.records import READY, RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.core.cores import defer_interrupts
+from saf_gen.core.cores import finish_before_stopping
 from saf_gen.core.files import (
-    is_left_behind,
-    mark_of_process,
+    rename_durably,
+    sync_folder,
+    temporary_folder,
     unwritable_error,
     write_atomically,
     write_text_atomically,
@@ -31,8 +30,7 @@ from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_background, to_pd
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
 from saf_gen.leaderboard.report.page import build_page
 
-STAGING = ".evaluation."
-ABANDONED_S = 86_400.0  # of a writer on another machine the age of its folder decides
+STAGING = "evaluation"
 STALE = "stale.txt"
 PAGE, FIGURES = "index.html", "figures"
 CURVES = ("curves.csv", "measures.csv")
@@ -62,12 +60,15 @@ def write_evaluation_report(
     """
     final = Path(folder)
     earlier = _describe_earlier(final)
-    with _staging_folder(final) as part:
-        staged = write_leaderboard(part, rows=rows, records=evaluation.records, failures=evaluation.failures)
-        staged += write_leaderboard_curves(part, evaluation.sweeps)
-        staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf)
-        paths = tuple(final / path.relative_to(part) for path in staged)
-        _publish(part, final)
+    try:
+        with temporary_folder(final / STAGING) as part:
+            staged = write_leaderboard(part, rows=rows, records=evaluation.records, failures=evaluation.failures)
+            staged += write_leaderboard_curves(part, evaluation.sweeps)
+            staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf)
+            paths = tuple(final / path.relative_to(part) for path in staged)
+            _publish(part, final)
+    except OSError as error:
+        raise unwritable_error(Path(error.filename2 or error.filename or final), error) from error
     return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
 
 
@@ -113,38 +114,18 @@ def _describe_earlier(folder: Path) -> str:
     return f"the earlier evaluation of {len(methods)} method{'' if len(methods) == 1 else 's'}"
 
 
-@contextmanager
-def _staging_folder(folder: Path) -> Iterator[Path]:
-    """Create a folder inside ``folder`` that is removed at the end, as are those whose writer has ended."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for left in folder.glob(f"{STAGING}*.*.*"):
-            if is_left_behind(left.name) or time.time() - left.stat().st_mtime > ABANDONED_S:
-                shutil.rmtree(left, ignore_errors=True)
-        part = Path(tempfile.mkdtemp(prefix=STAGING, suffix=mark_of_process(), dir=folder))
-    except OSError as error:
-        raise unwritable_error(folder, error) from error
-    try:
-        yield part
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
-
-
 def _publish(part: Path, final: Path) -> None:
-    """Put the files in ``part`` in the place of the evaluation in ``final``; interrupts wait until it is done."""
-    with defer_interrupts():
-        try:
-            _finish_publishing(final)  # of a run that was killed
-            names = _list_staged(part)
-            for folder in {name.parent for name in names}:
-                (final / folder).mkdir(parents=True, exist_ok=True)
-            own = [path.relative_to(final) for path in _list_own_files(final)]
-            stale = [str(name) for name in own if name not in names]
-            write_text_atomically(part / STALE, "\n".join(stale))
-            part.rename(final / READY)
-            _finish_publishing(final)
-        except OSError as error:
-            raise unwritable_error(Path(error.filename2 or error.filename or final), error) from error
+    """Put the files in ``part`` in the place of the evaluation in ``final``; Ctrl-C and SIGTERM wait for that."""
+    with finish_before_stopping():
+        _finish_publishing(final)  # of a run that was killed
+        names = _list_staged(part)
+        for folder in {name.parent for name in names}:
+            (final / folder).mkdir(parents=True, exist_ok=True)
+        own = [path.relative_to(final) for path in _list_own_files(final)]
+        stale = [str(name) for name in own if name not in names]
+        write_text_atomically(part / STALE, "\n".join(stale))
+        rename_durably(part, final / READY)
+        _finish_publishing(final)
 
 
 def _finish_publishing(final: Path) -> None:
@@ -156,8 +137,11 @@ def _finish_publishing(final: Path) -> None:
         for name in _read_text(ready / STALE).splitlines():
             if name in CURVES or _OWN_FIGURE.fullmatch(name):  # the folder may be a stranger's
                 (final / name).unlink(missing_ok=True)
-        for staged in _list_staged(ready):
+        staged_files = _list_staged(ready)
+        for staged in staged_files:
             (ready / staged).replace(final / staged)
+        for folder in {final, *((final / staged).parent for staged in staged_files)}:
+            sync_folder(folder)
         (ready / STALE).unlink()
     shutil.rmtree(ready)
     with suppress(OSError):  # foreign figures are in it, or there is none

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 import tarfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core.config.json_document import read_json
-from saf_gen.core.files import check_writable, unwritable_error, write_atomically, write_text_atomically
+from saf_gen.core.files import check_writable, write_atomically, write_folder_atomically, write_text_atomically
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, verify_manifest_entry
 from saf_gen.stream.sharing.croissant import (
@@ -87,17 +86,10 @@ def pack_dataset(
     groups = _group_files(source, manifest, stacks=stacks)
     for entry in manifest.sequences:
         verify_manifest_entry(source, entry)
-    part = target.with_name(f".{target.resolve().name}.part")
-    try:
-        shutil.rmtree(part, ignore_errors=True)  # of packing that was stopped
+    with write_folder_atomically(target.absolute()) as part:
         index = _write_all(
             source, part, groups=groups, manifest=manifest, card=card, report=report, shard_bytes=shard_bytes
         )
-        part.rename(target)
-    except OSError as error:
-        raise unwritable_error(target, error) from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     missing = tuple(key for key in ("url", "creator") if key not in card)
     return Packed(index, sha256_of(target / INDEX_NAME), missing)
 
