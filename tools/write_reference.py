@@ -31,6 +31,7 @@ import saf_gen.optics.actuators
 import saf_gen.parts
 import saf_gen.stream.metadata
 import saf_gen.stream.stream_file
+from saf_gen.benchmark.curve_quality import CurveQuality
 from saf_gen.benchmark.plugin_description import (
     build_or_class,
     first_paragraph,
@@ -48,7 +49,6 @@ from saf_gen.generate.recipe import Recipe
 from saf_gen.generate.recipe_schema import make_recipe_schema
 from saf_gen.leaderboard.axes import AXES
 from saf_gen.leaderboard.columns import list_leaderboard_columns
-from saf_gen.leaderboard.curve_quality import CurveQuality
 from saf_gen.lights import COMMON_KEYS
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.scene.card_schema import make_card_schema

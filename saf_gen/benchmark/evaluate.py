@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from saf_gen.benchmark.assessed_curves import assess_curves
+from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method, parse_method
 from saf_gen.benchmark.plugin_description import describe_methods
 from saf_gen.benchmark.records import Record
@@ -30,6 +32,8 @@ from saf_gen.stream.stream_file import SpikeStream, open_stream
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
+DRAWN_SEQUENCES = 48
+"""Most sequences whose sweeps are kept, to be drawn; of more, some of every scene are."""
 THUMBNAIL_SEQUENCES = 12
 """Sequences whose sweep is kept as small pictures, for people to look at."""
 ProgressCallback = Callable[[int, int, str], None]
@@ -96,11 +100,13 @@ def evaluate(
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
         prediction_set.check_complete(tasks, beside=[method.name for group in groups.values() for method in group])
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
+    drawn = set(select_sequences_to_show(conditions, DRAWN_SEQUENCES))
     shown = set(select_sequences_to_show(conditions, THUMBNAIL_SEQUENCES))
     records: list[Record] = []
     sweeps: list[SweepSummary] = []
     failures: list[SequenceFailure] = []
     lens_paths: list[LensPath] = []
+    curves: list[AssessedCurve] = []
     for number, task in enumerate(tasks):
 
         def step(done: int, what: str, number: int = number, task: SequenceTask = task) -> None:
@@ -118,8 +124,10 @@ def evaluate(
             step(count, "failed")
         else:
             records += part.records
-            sweeps += part.sweeps
-            lens_paths += part.lens_paths
+            curves += assess_curves(part.sweeps)
+            if number in drawn:
+                sweeps += part.sweeps
+                lens_paths += part.lens_paths
     if failures and not records and protocol is not None:  # a protocol that no sequence can keep
         raise BadInput(
             f"none of {len(tasks)} sequences can be evaluated, the first because: {failures[0].problem}",
@@ -131,6 +139,7 @@ def evaluate(
         failures=tuple(failures),
         lens_paths=tuple(lens_paths),
         plugins=describe_methods(chosen.values()),
+        curves=tuple(curves),
     )
 
 

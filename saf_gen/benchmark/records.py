@@ -5,7 +5,9 @@ that cannot be true is refused, too, because tables divide by its numbers and be
 """
 
 import math
+import sys
 from collections.abc import Iterable
+from contextlib import closing
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from pathlib import Path
@@ -15,8 +17,9 @@ import numpy as np
 from pydantic import ConfigDict, Field, WrapValidator
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
-from saf_gen.core.config.document import STRICT, Document, read_text, validate_document
+from saf_gen.core.config.document import STRICT, Document, read_lines, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
+from saf_gen.core.files import write_atomically
 from saf_gen.errors import BadInput
 
 RECORDS_FILE = "records.jsonl"
@@ -45,7 +48,7 @@ TraceValue = Annotated[Number, WrapValidator(lambda value, check: math.nan if va
 """A number, or NaN for a null in the file."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Record:
     """One method on one sequence. None means unknown or not applicable; positions are fractions of the travel."""
 
@@ -157,7 +160,20 @@ def record_to_json(record: Record) -> dict[str, Any]:
 
 def format_records(records: Iterable[Record]) -> str:
     """Return the lines of a ``records.jsonl``, each with a checksum of its own."""
-    return "".join(format_checked_json(record_to_json(record)) + "\n" for record in records)
+    return "".join(map(_format_line, records))
+
+
+def write_records(path: str | Path, records: Iterable[Record]) -> None:
+    """Write a ``records.jsonl``, whole or not at all, without ever holding its text in memory.
+
+    Raises BadInput where it cannot be written.
+    """
+    with write_atomically(path) as part, part.open("w", encoding="utf-8") as file:
+        file.writelines(map(_format_line, records))
+
+
+def _format_line(record: Record) -> str:
+    return format_checked_json(record_to_json(record)) + "\n"
 
 
 def read_records(source: str | Path) -> list[Record]:
@@ -182,13 +198,14 @@ def read_records(source: str | Path) -> list[Record]:
             allowed="the folder of an evaluation, or its records",
             hint="make it with saf-gen evaluate",
         )
-    lines = read_text(path, hint=HINT).removesuffix("\n").split("\n")  # notes may hold other ends of lines
-    if lines == [""]:
+    with closing(read_lines(path, hint=HINT)) as lines:
+        records = [
+            _parse_record(parse_checked_json(line, path, first_line=number, hint=HINT))
+            for number, line in enumerate(lines, start=1)
+        ]
+    if not records:
         raise BadInput("the file holds no record", where=str(path), hint=HINT)
-    return [
-        _parse_record(parse_checked_json(line, path, first_line=number, hint=HINT))
-        for number, line in enumerate(lines, start=1)
-    ]
+    return records
 
 
 def pop_record_format(document: Document, expected: str, *, what: str, hint: str) -> None:
@@ -208,6 +225,8 @@ def _parse_record(document: Document) -> Record:
     if isinstance(document.data, dict) and document.data.get("format") == EARLIER_FORMAT:
         document.data |= {"format": RECORD_FORMAT, **{key: document.data.get(key) for key in KEYS_SINCE_EARLIER}}
     pop_record_format(document, RECORD_FORMAT, what="record", hint=HINT)
+    # Most texts stand in many records, and are then in memory once.
+    document.data = {key: sys.intern(value) if type(value) is str else value for key, value in document.data.items()}
     record = validate_document(Record, document, hint=HINT)
     if len(document.data) < len(_KEYS):  # one that has a default in memory
         missing = next(key for key in _KEYS if key not in document.data)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.plugin_description import PluginDescription
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.thumbnails import Thumbnails
@@ -76,8 +77,9 @@ class SequenceFailure:
 class Evaluation:
     """Records (sequence by sequence, methods in the order given), and what figures and failures need.
 
-    ``lens_paths`` has one entry per record of the closed loop, which has no sweeps; ``plugins`` describes the
-    measures and searches of the methods, as far as their code is at hand.
+    ``sweeps`` and ``lens_paths`` are those of the sequences that are drawn; ``curves`` has the quality of the focus
+    curves of all. ``lens_paths`` has one entry per record of the closed loop, which has no sweeps; ``plugins``
+    describes the measures and searches of the methods, as far as their code is at hand.
     """
 
     records: tuple[Record, ...]
@@ -85,3 +87,4 @@ class Evaluation:
     failures: tuple[SequenceFailure, ...]
     lens_paths: tuple[LensPath, ...] = ()
     plugins: tuple[PluginDescription, ...] = ()
+    curves: tuple[AssessedCurve, ...] = ()

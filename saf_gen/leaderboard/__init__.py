@@ -7,7 +7,7 @@ Methods with equal success have the same rank, and intervals say which ranks the
 
 from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, group_by_bin, tabulate_by_axis
 from saf_gen.leaderboard.columns import Column, list_leaderboard_columns, list_shown_columns
-from saf_gen.leaderboard.curve_tables import assess_curves, summarise_measures, write_leaderboard_curves
+from saf_gen.leaderboard.curve_tables import summarise_measures, write_leaderboard_curves
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
 from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard
@@ -21,7 +21,6 @@ __all__ = [
     "Column",
     "Leaderboard",
     "LeaderboardRow",
-    "assess_curves",
     "compose_leaderboard_notes",
     "format_latex",
     "format_markdown",

@@ -6,17 +6,13 @@ has no quality: its fields are empty, and it is counted.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import inf, isfinite, nan
+from math import inf
 from pathlib import Path
 
-import numpy as np
-
-from saf_gen.benchmark.judgement import position_of_method_answer, truth_depth_of_focus
-from saf_gen.benchmark.results import FocusCurve, SweepSummary
+from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
 from saf_gen.core.files import write_text_atomically
 from saf_gen.leaderboard.averages import median_magnitude
 from saf_gen.leaderboard.csv_output import format_csv
-from saf_gen.leaderboard.curve_quality import CurveQuality, assess_focus_curve
 
 _NAMES = tuple(f.name for f in fields(CurveQuality))
 QUALITY_MEANINGS = {
@@ -33,15 +29,6 @@ QUALITY_MEANINGS = {
 
 
 @dataclass(frozen=True)
-class CurveRow:
-    """The quality of one measure's curve on one sequence."""
-
-    measure: str
-    sweep: SweepSummary
-    quality: CurveQuality | None
-
-
-@dataclass(frozen=True)
 class MeasureRow:
     """One measure over all its curves; ``medians`` by the names of QUALITY_MEANINGS, None where unknown."""
 
@@ -52,14 +39,9 @@ class MeasureRow:
     medians: dict[str, float | None]
 
 
-def assess_curves(sweeps: Sequence[SweepSummary]) -> list[CurveRow]:
-    """Return the quality of every curve of these sweeps, in their order."""
-    return [CurveRow(c.measure, sweep, _assess(sweep, curve=c)) for sweep in sweeps for c in sweep.curves]
-
-
-def summarise_measures(curves: Sequence[CurveRow]) -> list[MeasureRow]:
+def summarise_measures(curves: Sequence[AssessedCurve]) -> list[MeasureRow]:
     """Return a row per measure, the most accurate first; those of unknown accuracy last, by name."""
-    by_measure: dict[str, list[CurveRow]] = {}
+    by_measure: dict[str, list[AssessedCurve]] = {}
     for row in curves:
         by_measure.setdefault(row.measure, []).append(row)
     rows = []
@@ -70,24 +52,23 @@ def summarise_measures(curves: Sequence[CurveRow]) -> list[MeasureRow]:
     return sorted(rows, key=_sort_key)
 
 
-def write_leaderboard_curves(folder: str | Path, sweeps: Sequence[SweepSummary]) -> list[Path]:
+def write_leaderboard_curves(folder: str | Path, curves: Sequence[AssessedCurve]) -> list[Path]:
     """Write curves.csv and measures.csv into ``folder``, unless there is no curve, and return their paths.
 
     Unknown numbers are empty fields. Raises BadInput where a file cannot be written.
     """
-    curves = assess_curves(sweeps)
     if not curves:
         return []
     header = ["measure", "sequence", "split", "scene", "light", "truth", "depth_of_focus", *_NAMES]
     lines = [
         [
             row.measure,
-            row.sweep.sequence,
-            row.sweep.split,
-            row.sweep.scene,
-            row.sweep.light,
-            row.sweep.truth if isfinite(row.sweep.truth) else None,
-            truth_depth_of_focus(row.sweep.depth_of_focus),
+            row.sequence,
+            row.split,
+            row.scene,
+            row.light,
+            row.truth,
+            row.depth_of_focus,
             *(None if row.quality is None else getattr(row.quality, name) for name in _NAMES),
         ]
         for row in curves
@@ -102,23 +83,6 @@ def write_leaderboard_curves(folder: str | Path, sweeps: Sequence[SweepSummary])
     for name, text in texts.items():
         write_text_atomically(Path(folder) / name, text)
     return [Path(folder) / name for name in texts]
-
-
-def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
-    lens = sweep.focus_position
-    if lens is None or not np.isfinite(lens).all():
-        return None
-    truth = sweep.truth
-    if sweep.track is not None and curve.scores.size:  # a moving truth counts at the frame of the peak
-        is_known = isfinite(truth) and np.isfinite(sweep.track).all()
-        peak_frame = float(curve.frames[curve.scores.argmax()])
-        truth = position_of_method_answer(peak_frame, sweep.track) if is_known else nan
-    return assess_focus_curve(
-        np.interp(curve.frames, np.arange(len(lens)), lens),
-        curve.scores,
-        truth=truth if isfinite(truth) else None,
-        depth=truth_depth_of_focus(sweep.depth_of_focus),
-    )
 
 
 def _sort_key(row: MeasureRow) -> tuple[float, str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen import __version__
-from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
+from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.core.files import write_text_atomically
 from saf_gen.core.plain_text import escape_markdown
@@ -46,11 +46,11 @@ def write_leaderboard(
         "leaderboard.md": _format_page(rows, records=records, failures=failures, axes=axes),
         "leaderboard.tex": format_latex(rows),
         "axes.csv": _format_axes(axes),
-        RECORDS_FILE: format_records(records),
     }
     for name, text in texts.items():
         write_text_atomically(Path(folder) / name, text)
-    return [Path(folder) / name for name in texts]
+    write_records(Path(folder) / RECORDS_FILE, records)
+    return [Path(folder) / name for name in (*texts, RECORDS_FILE)]
 
 
 def _format_json(

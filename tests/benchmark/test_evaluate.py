@@ -393,6 +393,20 @@ def test_a_recording_that_is_damaged_where_only_a_method_looks_is_no_fault_of_th
     assert refusal(one, path, "sd+mine").where.endswith("torn.h5")
 
 
+def test_sweeps_are_kept_of_what_is_drawn_and_the_quality_of_curves_of_all(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluate_module, "DRAWN_SEQUENCES", 1)
+    for name in ("a", "b"):
+        write_sweep(tmp_path / "test" / f"{name}.h5", 400)
+    listed = list_streams(tmp_path, {"id": "a"}, {"id": "b", "light": "ramp"})
+    found = evaluate(listed, methods=["sd+argmax"])
+    assert [sweep.sequence for sweep in found.sweeps] == ["a"]
+    assert [(curve.measure, curve.sequence, curve.light) for curve in found.curves] == [
+        ("sd", "a", "constant"),
+        ("sd", "b", "ramp"),
+    ]
+    assert found.curves[0].quality == found.curves[1].quality
+
+
 def test_a_search_on_a_recording_holds_what_a_view_promises(stream_file, monkeypatch):
     held = []
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from handmade_records import BLANK
 from planted_sweeps import write_sweep
-from refusals import refusal
+from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import RECORD_FORMAT, Record, format_records, read_records, record_to_json
+from saf_gen.benchmark.records import RECORD_FORMAT, Record, format_records, read_records, record_to_json, write_records
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.core.seeds import make_generator
@@ -62,6 +62,22 @@ def test_a_file_is_read_back_from_itself_or_from_its_folder(tmp_path):
     records = [BLANK, FULL, EMPTY]
     (tmp_path / "records.jsonl").write_text(format_records(records))
     assert read_records(tmp_path) == read_records(tmp_path / "records.jsonl") == records
+
+
+def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
+    machine = {"machine": "a processor, 2 cores"}
+    write_records(tmp_path / "records.jsonl", [replace(BLANK, sequence=name, **machine) for name in "ab"])
+    one, two = read_records(tmp_path)
+    assert one.machine is two.machine
+    assert not hasattr(one, "__dict__")
+
+
+def test_a_line_without_end_is_told_before_it_fills_the_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.core.config.document.MAX_LINE", 5_000)
+    (tmp_path / "records.jsonl").write_text(format_records([BLANK]) + " " * 5_001)
+    error = refusal(read_records, tmp_path)
+    assert_says(error, "the line is too long | 5,000")
+    assert error.where.endswith("records.jsonl:2")
 
 
 def test_every_line_names_its_format_first():

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 from handmade_records import failed, record
 
+from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.plugin_description import describe_methods
 from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SequenceFailure, SweepSummary
@@ -97,5 +98,6 @@ def make_evaluation():
         make_sweep("ramp"),
         make_sweep("steps", scene="fan", split="train"),
     )
+    failures = (SequenceFailure("bad", "truncated"),)
     plugins = describe_methods(map(parse_method, ("sd+argmax", "er_count+egs_code")))
-    return Evaluation(tuple(make_records()), sweeps, (SequenceFailure("bad", "truncated"),), plugins=plugins)
+    return Evaluation(tuple(make_records()), sweeps, failures, plugins=plugins, curves=tuple(assess_curves(sweeps)))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from handmade_evaluations import CENTRES, LENS, make_sweep
 
+from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
-from saf_gen.leaderboard import assess_curves, summarise_measures, write_leaderboard_curves
+from saf_gen.leaderboard import summarise_measures, write_leaderboard_curves
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 
 BLOCK = 50 / 799  # of the travel
@@ -64,7 +65,7 @@ def test_measures_stand_by_their_accuracy_and_have_medians():
 
 
 def test_the_files_tell_curves_and_measures(tmp_path):
-    paths = write_leaderboard_curves(tmp_path, [make_sweep(), make_sweep("ramp", lens=None)])
+    paths = write_leaderboard_curves(tmp_path, assess_curves([make_sweep(), make_sweep("ramp", lens=None)]))
     assert [p.name for p in paths] == ["curves.csv", "measures.csv"]
     curves, measures = map(lines_of, paths)
     assert len(curves) == 6
@@ -78,7 +79,7 @@ def test_the_files_tell_curves_and_measures(tmp_path):
 
 
 def test_without_a_curve_nothing_is_written(tmp_path):
-    assert write_leaderboard_curves(tmp_path, [make_sweep(measures=())]) == []
+    assert write_leaderboard_curves(tmp_path, assess_curves([make_sweep(measures=())])) == []
     assert list(tmp_path.iterdir()) == []
 
 

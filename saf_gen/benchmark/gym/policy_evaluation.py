@@ -14,12 +14,11 @@ import gymnasium
 import numpy as np
 
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
-from saf_gen.benchmark.records import RECORDS_FILE, Record, format_records
+from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.search_run import describe_method_exception
 from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, measure_rate_of_evaluated_stream
 from saf_gen.benchmark.view import WindowCounts
-from saf_gen.core.files import write_text_atomically
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
 
@@ -80,7 +79,7 @@ def evaluate_policy(
             )
         )
     if out is not None:
-        write_text_atomically(Path(out) / RECORDS_FILE, format_records(records))
+        write_records(Path(out) / RECORDS_FILE, records)
     return records
 
 

@@ -5,7 +5,7 @@
 """
 
 import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -56,7 +56,9 @@ class Document:
 
 
 MAX_BYTES = 1 << 30
-"""Of a file that programs write, such as the records of an evaluation."""
+"""Of a file that programs write, such as the manifest of a dataset."""
+MAX_LINE = 1 << 24
+"""Characters of a line of a file that programs write, such as the records of an evaluation."""
 
 
 def read_text(path: Path, *, most: int = MAX_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
@@ -76,6 +78,25 @@ def read_text(path: Path, *, most: int = MAX_BYTES, encoding: str = "utf-8", hin
         near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")])
         nearest = str(path.with_name(near)) if near else ""
         raise BadInput(f"{path} does not exist", nearest=nearest, hint=hint) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
+
+
+def read_lines(path: Path, *, hint: str = "") -> Generator[str, None, None]:
+    """Yield the lines of a text file without their ends, one in memory at a time; the file may have any size.
+
+    Raises BadInput where it cannot be read, is no file on a disk, or a line is longer than MAX_LINE.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise BadInput(f"{path} is not a file on a disk", hint=hint)
+        with path.open(encoding="utf-8") as file:
+            number = 0
+            while line := file.readline(MAX_LINE + 1):
+                number += 1
+                if len(line) > MAX_LINE:
+                    raise BadInput("the line is too long", where=f"{path}:{number}", allowed=f"{MAX_LINE:,}", hint=hint)
+                yield line.removesuffix("\n")
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
 

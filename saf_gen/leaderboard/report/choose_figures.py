@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any
 
+from saf_gen.benchmark.evaluate import DRAWN_SEQUENCES
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Evaluation, LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import select_sequences_to_show
@@ -29,8 +30,7 @@ from saf_gen.leaderboard.figures import (
 )
 from saf_gen.leaderboard.report.sequence_viewer import SequenceViewer, build_viewer
 
-MAX_SEQUENCES = 48
-"""Most sequences whose sweeps are drawn; of more, some of every scene are."""
+MAX_SEQUENCES = DRAWN_SEQUENCES
 MAX_SEARCHES = 4
 """Most searches with figures against a condition."""
 
@@ -69,7 +69,7 @@ def plot_report_figures(evaluation: Evaluation, rows: Sequence[LeaderboardRow]) 
             *_plot_conditions(records, styles),
             *_plot_errors_by_scene(records),
             *_plot_sweeps(evaluation.sweeps, records, styles=styles),
-            *_plot_paths(paths, styles),
+            *_plot_paths(paths, evaluation.records, styles=styles),
         ]
     )
 
@@ -136,7 +136,7 @@ def _plot_sweeps(
 ) -> list[ReportFigure]:
     """Return for each chosen sweep its curves, or else its light and answers, and its searches' steps."""
     chosen = select_sequences_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], MAX_SEQUENCES)
-    omissions = _describe_omissions_by_scene([(s.split, s.scene) for s in sweeps], chosen)
+    omissions = _describe_omissions_by_scene(records, [(sweeps[n].split, sweeps[n].scene) for n in chosen])
     figures = []
     for sweep in (sweeps[number] for number in chosen):
         own = [r for r in records if r.sequence == sweep.sequence]
@@ -165,13 +165,15 @@ def _plot_sweeps(
     return figures
 
 
-def _plot_paths(paths: Sequence[LensPath], styles: Mapping[str, PlotStyle]) -> list[ReportFigure]:
+def _plot_paths(
+    paths: Sequence[LensPath], records: Sequence[Record], *, styles: Mapping[str, PlotStyle]
+) -> list[ReportFigure]:
     by_sequence: dict[str, list[LensPath]] = {}
     for path in paths:
         by_sequence.setdefault(path.sequence, []).append(path)
     firsts = [own[0] for own in by_sequence.values()]
     chosen = select_sequences_to_show([((p.split, p.scene), p.light) for p in firsts], MAX_SEQUENCES)
-    omissions = _describe_omissions_by_scene([(p.split, p.scene) for p in firsts], chosen)
+    omissions = _describe_omissions_by_scene(records, [(firsts[n].split, firsts[n].scene) for n in chosen])
     figures = []
     for first in (firsts[number] for number in chosen):
         scene = _label_scene(first.split, first.scene)
@@ -190,12 +192,12 @@ def _plot_paths(paths: Sequence[LensPath], styles: Mapping[str, PlotStyle]) -> l
     return figures
 
 
-def _describe_omissions_by_scene(scenes: Sequence[tuple[str | None, str]], chosen: Sequence[int]) -> dict[Any, str]:
+def _describe_omissions_by_scene(records: Sequence[Record], drawn: Sequence[tuple[str | None, str]]) -> dict[Any, str]:
     """Return by scene how many of its sequences are drawn, in a sentence; '' where all are."""
-    counts, drawn = Counter(scenes), Counter(scenes[number] for number in chosen)
+    counts = Counter(scene for scene, _ in {((r.split, r.scene), r.sequence) for r in records})
     return {
-        scene: f"Drawn: {drawn[scene]} of the scene's {count} sequences." if drawn[scene] < count else ""
-        for scene, count in counts.items()
+        scene: f"Drawn: {number} of the scene's {counts[scene]} sequences." if number < counts[scene] else ""
+        for scene, number in Counter(drawn).items()
     }
 
 

@@ -63,7 +63,7 @@ def write_evaluation_report(
     try:
         with temporary_folder(final / STAGING) as part:
             staged = write_leaderboard(part, rows=rows, records=evaluation.records, failures=evaluation.failures)
-            staged += write_leaderboard_curves(part, evaluation.sweeps)
+            staged += write_leaderboard_curves(part, evaluation.curves)
             staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf)
             paths = tuple(final / path.relative_to(part) for path in staged)
             _publish(part, final)
@@ -92,7 +92,7 @@ def write_report(
         rows,
         title=title,
         records=evaluation.records,
-        sweeps=evaluation.sweeps,
+        curves=evaluation.curves,
         failures=evaluation.failures,
         report_figures=report_figures,
         plugins=evaluation.plugins,
@@ -105,8 +105,8 @@ def _describe_earlier(folder: Path) -> str:
     """Return a phrase about the evaluation in the folder; '' where there is none."""
     try:
         moving = folder / READY / RECORDS_FILE
-        lines = (moving if moving.is_file() else folder / RECORDS_FILE).read_bytes().split(b"\n")
-        methods = {json.loads(line)["method"] for line in lines if line}
+        with (moving if moving.is_file() else folder / RECORDS_FILE).open("rb") as lines:
+            methods = {json.loads(line)["method"] for line in lines}
     except (FileNotFoundError, NotADirectoryError):
         return ""
     except (OSError, ValueError, LookupError, TypeError):  # from another version, or damaged

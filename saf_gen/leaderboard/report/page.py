@@ -13,9 +13,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from saf_gen import __version__
+from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.plugin_description import PluginDescription
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import SequenceFailure, SweepSummary
+from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.leaderboard import (
     Axis,
     AxisTable,
@@ -70,7 +71,7 @@ def build_page(
     *,
     title: str,
     records: Sequence[Record],
-    sweeps: Sequence[SweepSummary] = (),
+    curves: Sequence[AssessedCurve] = (),
     failures: Sequence[SequenceFailure] = (),
     report_figures: Sequence[ReportFigure] = (),
     plugins: Sequence[PluginDescription] = (),
@@ -78,7 +79,7 @@ def build_page(
     """Return the page as HTML, readable without its script.
 
     ``rows`` is the leaderboard of ``records``, best first; ``title`` is the heading, such as the name of the dataset.
-    The table of measures summarises the focus curves of ``sweeps``; ``failures`` are sequences that could not be read.
+    The table of measures summarises ``curves``; ``failures`` are sequences that could not be read.
     ``plugins`` are the measures and searches that the page describes.
     """
     script = "\n".join(map(_read_asset, SCRIPTS))
@@ -106,7 +107,7 @@ def build_page(
             leaders=[row for row in rows if row.rank == 1],
             failures=failures,
             sections=_list_sections(
-                tabulate_by_axis(records, methods), sweeps=sweeps, records=records, report_figures=report_figures
+                tabulate_by_axis(records, methods), curves=curves, records=records, report_figures=report_figures
             ),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
             board=page_tables.tabulate_leaderboard(ranked) if rows else None,
@@ -217,7 +218,7 @@ def _link_sources(text: str) -> Markup:
 def _list_sections(
     axes: Sequence[AxisTable],
     *,
-    sweeps: Sequence[SweepSummary],
+    curves: Sequence[AssessedCurve],
     records: Sequence[Record],
     report_figures: Sequence[ReportFigure],
 ) -> list[PageSection]:
@@ -233,7 +234,7 @@ def _list_sections(
     ]
     if tables or conditions:
         sections.append(PageSection("conditions", "By condition", conditions, tables))
-    if measures := page_tables.tabulate_measures(sweeps):
+    if measures := page_tables.tabulate_measures(curves):
         sections.append(PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION))
     if grain := page_tables.tabulate_scene_grain(records):
         sections.append(PageSection("grain", "Grain of the pictures", table=grain, caption=GRAIN_CAPTION))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from math import inf
 
+from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.records import RECORDS_FILE, Record
-from saf_gen.benchmark.results import SweepSummary
-from saf_gen.leaderboard import AxisTable, Column, LeaderboardRow, assess_curves, list_shown_columns, summarise_measures
+from saf_gen.leaderboard import AxisTable, Column, LeaderboardRow, list_shown_columns, summarise_measures
 from saf_gen.leaderboard.columns import ESSENTIAL, USUAL
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 from saf_gen.leaderboard.grain_tables import tabulate_grain
@@ -98,9 +98,9 @@ def tabulate_axis(table: AxisTable) -> PageTable:
     )
 
 
-def tabulate_measures(sweeps: Sequence[SweepSummary]) -> PageTable | None:
+def tabulate_measures(curves: Sequence[AssessedCurve]) -> PageTable | None:
     """Return the quality of each measure's focus curves; None where there is no curve."""
-    rows = summarise_measures(assess_curves(sweeps))
+    rows = summarise_measures(curves)
     if not rows:
         return None
     counted = "Sequences with a curve; in brackets those whose lens comes back, rests, or is not recorded."

@@ -1,8 +1,10 @@
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
+from saf_gen.benchmark.curve_quality import MIN_PROMINENCE, assess_focus_curve
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard.curve_quality import MIN_PROMINENCE, assess_focus_curve
 
 X = np.linspace(0, 1, 201)
 
@@ -91,7 +93,7 @@ def test_neither_direction_nor_scale_nor_offset_matters():
     there, back = assess_focus_curve(X, y, truth=0.4), assess_focus_curve(X[::-1], y[::-1], truth=0.4)
     scaled = assess_focus_curve(X, 1e6 * y - 3e5, truth=0.4)
     assert there == back
-    for name, value in vars(there).items():
+    for name, value in asdict(there).items():
         known = value if value is None else pytest.approx(value, rel=1e-6)
         assert getattr(scaled, name) == known, name
 

@@ -20,7 +20,7 @@ MIN_NOISE_SAMPLES = 8
 """Fewest second differences for an estimate of the noise."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class CurveQuality:
     """Criteria of one curve; positions and widths are fractions of the travel, None means unknown."""
 
@@ -43,6 +43,24 @@ class CurveQuality:
     """Width at 80 % of the height; None where a side never falls so far."""
     noise: float | None
     """Standard deviation of the white noise on the curve, as a fraction of its height."""
+
+
+@dataclass(frozen=True, slots=True)
+class AssessedCurve:
+    """The quality of one measure's curve on one sequence; None means unknown.
+
+    ``truth`` and ``depth_of_focus`` are fractions of the travel. A curve that is constant, or over a lens that comes
+    back or rests, has no ``quality``.
+    """
+
+    measure: str
+    sequence: str
+    split: str | None
+    scene: str
+    light: str | None
+    truth: float | None
+    depth_of_focus: float | None
+    quality: CurveQuality | None
 
 
 def assess_focus_curve(

@@ -1,0 +1,45 @@
+"""The quality of each focus curve of a recording: what is kept of a sweep that is not drawn."""
+
+from collections.abc import Iterable
+from math import isfinite, nan
+
+import numpy as np
+
+from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_focus_curve
+from saf_gen.benchmark.judgement import position_of_method_answer, truth_depth_of_focus
+from saf_gen.benchmark.results import FocusCurve, SweepSummary
+
+
+def assess_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
+    """Return the quality of every curve of these sweeps, in their order."""
+    return [
+        AssessedCurve(
+            curve.measure,
+            sweep.sequence,
+            sweep.split,
+            sweep.scene,
+            sweep.light,
+            sweep.truth if isfinite(sweep.truth) else None,
+            truth_depth_of_focus(sweep.depth_of_focus),
+            _assess(sweep, curve=curve),
+        )
+        for sweep in sweeps
+        for curve in sweep.curves
+    ]
+
+
+def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
+    lens = sweep.focus_position
+    if lens is None or not np.isfinite(lens).all():
+        return None
+    truth = sweep.truth
+    if sweep.track is not None and curve.scores.size:  # a moving truth counts at the frame of the peak
+        is_known = isfinite(truth) and np.isfinite(sweep.track).all()
+        peak_frame = float(curve.frames[curve.scores.argmax()])
+        truth = position_of_method_answer(peak_frame, sweep.track) if is_known else nan
+    return assess_focus_curve(
+        np.interp(curve.frames, np.arange(len(lens)), lens),
+        curve.scores,
+        truth=truth if isfinite(truth) else None,
+        depth=truth_depth_of_focus(sweep.depth_of_focus),
+    )
