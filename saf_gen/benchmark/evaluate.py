@@ -13,6 +13,7 @@ import numpy as np
 
 from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.curve_quality import AssessedCurve
+from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method, parse_method
 from saf_gen.benchmark.plugin_description import describe_methods
 from saf_gen.benchmark.records import Record
@@ -49,6 +50,7 @@ def evaluate(
     protocol: "ClosedLoopProtocol | None" = None,
     predictions: str | Path | None = None,
     progress: ProgressCallback | None = None,
+    keep: KeptSequences | None = None,
 ) -> Evaluation:
     """Run methods over a dataset or one stream, and judge their answers.
 
@@ -66,6 +68,7 @@ def evaluate(
     predictions : a file of answers made elsewhere (:mod:`saf_gen.benchmark.tracks.predictions`), judged
         beside the methods that are named; recorded track only.
     progress : called with (steps done, steps in all, what was done).
+    keep : where the results of finished sequences of a dataset are kept, for the same call after a stop.
 
     Returns
     -------
@@ -102,32 +105,41 @@ def evaluate(
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     drawn = set(select_sequences_to_show(conditions, DRAWN_SEQUENCES))
     shown = set(select_sequences_to_show(conditions, THUMBNAIL_SEQUENCES))
+    kept = keep if keep is not None and path.is_dir() else KeptSequences()
+    kept.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
     records: list[Record] = []
     sweeps: list[SweepSummary] = []
     failures: list[SequenceFailure] = []
     lens_paths: list[LensPath] = []
     curves: list[AssessedCurve] = []
-    for number, task in enumerate(tasks):
+    with kept:
+        for number, task in enumerate(tasks):
 
-        def step(done: int, what: str, number: int = number, task: SequenceTask = task) -> None:
-            if progress is not None:
-                progress(number * count + done, len(tasks) * count, f"{task.id} {what}".strip())
+            def step(done: int, what: str, number: int = number, task: SequenceTask = task) -> None:
+                if progress is not None:
+                    progress(number * count + done, len(tasks) * count, f"{task.id} {what}".strip())
 
-        try:
-            part = _evaluate_sequence(
-                task, groups, protocol=protocol, predictions=prediction_set, step=step, with_thumbnails=number in shown
-            )
-        except (BadInput, OSError) as error:
-            if not path.is_dir():
-                raise
-            failures.append(SequenceFailure(task.id, str(error)))
-            step(count, "failed")
-        else:
-            records += part.records
-            curves += assess_curves(part.sweeps)
-            if number in drawn:
-                sweeps += part.sweeps
-                lens_paths += part.lens_paths
+            pictures = number in shown
+            before = kept.take(task, with_thumbnails=pictures)
+            try:
+                part = before or _evaluate_sequence(
+                    task, groups, protocol=protocol, predictions=prediction_set, step=step, with_thumbnails=pictures
+                )
+            except (BadInput, OSError) as error:
+                if not path.is_dir():
+                    raise
+                failures.append(SequenceFailure(task.id, str(error)))
+                step(count, "failed")
+            else:
+                if before is None:
+                    kept.keep(task, part, with_thumbnails=pictures)
+                else:
+                    step(count, "had been evaluated")
+                records += part.records
+                curves += assess_curves(part.sweeps)
+                if number in drawn:
+                    sweeps += part.sweeps
+                    lens_paths += part.lens_paths
     if failures and not records and protocol is not None:  # a protocol that no sequence can keep
         raise BadInput(
             f"none of {len(tasks)} sequences can be evaluated, the first because: {failures[0].problem}",

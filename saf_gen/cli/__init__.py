@@ -94,10 +94,11 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 """The function of a group that is named without a command; other groups show their help."""
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
-    **dict.fromkeys(("generate", "validate", "fetch"), "what was done is kept: run the same command again to go on"),
     **dict.fromkeys(
-        ("evaluate", "leaderboard", "tune", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN
+        ("generate", "validate", "fetch", "evaluate", "tune"),
+        "what was done is kept: run the same command again to go on",
     ),
+    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN),
 }
 """What a stopped command leaves behind, for the commands that write files."""
 

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
-from saf_gen.cli._terminal import OutFolder, make_step_reporter, out, print_error, progress_bars
+from saf_gen.cli._terminal import OutFolder, err, make_step_reporter, out, print_error, progress_bars
 from saf_gen.errors import BadInput, unknown
 
 if TYPE_CHECKING:
+    from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 
 TRACKS = ("recorded", "closed_loop")
@@ -47,6 +48,7 @@ def evaluate(
 ) -> None:
     """Run focus methods over recordings, rank them, and write tables, figures and a page."""
     from saf_gen.benchmark.evaluate import evaluate as run
+    from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import parse_method, read_method_list
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard import rank_methods
@@ -59,6 +61,7 @@ def evaluate(
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
     target = folder or (source / name if source.is_dir() else source.with_name(f"{source.stem}-{name}"))
     check_writable(target)
+    kept = KeptSequences(target / ".evaluation.unfinished")
     with progress_bars() as bars:
         result = run(
             source,
@@ -69,7 +72,9 @@ def evaluate(
             protocol=protocol,
             predictions=predictions,
             progress=make_step_reporter("evaluate", bars),
+            keep=kept,
         )
+    tell_what_was_kept(kept)
     rows = rank_methods(result.records)
     sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
@@ -80,10 +85,17 @@ def evaluate(
     )
     title = source.resolve().name
     print_written_paths(write_evaluation_report(target, rows=rows, evaluation=result, title=title, pdf=pdf))
+    kept.remove()
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     if result.failures:
         raise typer.Exit(1)
+
+
+def tell_what_was_kept(kept: "KeptSequences") -> None:
+    """Say how many sequences an earlier run, which was stopped, had evaluated."""
+    if kept.taken:
+        err.print(f"{kept.taken} sequence{'' if kept.taken == 1 else 's'} had been evaluated by a run that was stopped")
 
 
 def protocol_from_options(

@@ -7,7 +7,14 @@ import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard
 from saf_gen.cli._terminal import make_step_reporter, out, progress_bars
-from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, Track, protocol_from_options
+from saf_gen.cli.evaluate_commands import (
+    ActuatorName,
+    BudgetMs,
+    SweepMs,
+    Track,
+    protocol_from_options,
+    tell_what_was_kept,
+)
 from saf_gen.errors import BadInput
 
 
@@ -27,6 +34,7 @@ def tune(
     region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
 ) -> None:
     """Try every combination of values on a split, and write the best; `@FILE` then names the method."""
+    from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.tuned_method import format_tuned_method
     from saf_gen.core.files import check_writable, write_atomically
     from saf_gen.leaderboard.tuning import tune_method as run
@@ -38,6 +46,7 @@ def tune(
             raise BadInput(f"--try {given!r}", allowed="KEY=VALUE,VALUE,... and each key once")
         values[key] = rest.split(",")
     check_writable(file.parent)
+    kept = KeptSequences(file.with_name(f".{file.name}.unfinished"))
     with progress_bars() as bars:
         tuned, rows = run(
             dataset,
@@ -47,9 +56,12 @@ def tune(
             region=region,
             protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep),
             progress=make_step_reporter("tune", bars),
+            keep=kept,
         )
+    tell_what_was_kept(kept)
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
     with write_atomically(file) as part:
         part.write_text(format_tuned_method(tuned), encoding="utf-8")
+    kept.remove()
     out.print(f"best: {tuned.method}", soft_wrap=True)
     out.print(f"{file}   (next: saf-gen evaluate {dataset} --method @{file})", soft_wrap=True)

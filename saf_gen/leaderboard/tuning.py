@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from saf_gen import __version__
 from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import parse_method, split_method_options, split_method_region
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
 from saf_gen.core.region import REGIONS
@@ -68,6 +69,7 @@ def tune_method(
     region: str = "target",
     protocol: "ClosedLoopProtocol | None" = None,
     progress: Callable[[int, int, str], None] | None = None,
+    keep: KeptSequences | None = None,
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
     """Find the best of ``expand_parameter_grid(method, values)`` on a split of a dataset.
 
@@ -81,6 +83,7 @@ def tune_method(
     region : where measures look: ``target`` or ``frame``.
     protocol : rules of the closed loop; None judges on the recordings.
     progress : called with the number of finished tasks, the number of all, and the current task.
+    keep : where the results of finished sequences are kept, as for evaluate.
 
     Returns
     -------
@@ -103,7 +106,9 @@ def tune_method(
     splits = {entry.split for entry in read_manifest(dataset).sequences}
     if split not in splits:
         raise unknown("split", split, allowed=splits, where=str(dataset))
-    result = evaluate(dataset, methods=specs, split=split, region=region, protocol=protocol, progress=progress)
+    result = evaluate(
+        dataset, methods=specs, split=split, region=region, protocol=protocol, progress=progress, keep=keep
+    )
     if result.failures:
         raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
     rows = sorted(rank_methods(result.records), key=_sort_key)

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 
 from saf_gen.core.files import write_text_atomically
+from saf_gen.core.user_folder import user_folder
 from saf_gen.errors import BadInput
 
 SCENES_VARIABLE = "SAF_GEN_SCENES"
@@ -15,13 +16,9 @@ SCENES_VARIABLE = "SAF_GEN_SCENES"
 
 
 def registration_file() -> Path | None:
-    """Return the user's list of registered folders, in ``$XDG_CONFIG_HOME`` or ``~/.config``; it need not exist.
-
-    Returns None for a user without a home folder, such as the arbitrary one of a container.
-    """
-    configured = os.environ.get("XDG_CONFIG_HOME", "")
-    base = Path(configured if Path(configured).is_absolute() else os.path.expanduser("~/.config"))  # noqa: PTH111
-    return base / "saf_gen" / "scene_folders.txt" if base.is_absolute() else None
+    """Return the user's list of registered folders, which need not exist; None for a user without a home folder."""
+    folder = user_folder()
+    return None if folder is None else folder / "scene_folders.txt"
 
 
 def registered_folders() -> list[Path]:

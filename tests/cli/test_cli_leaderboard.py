@@ -195,17 +195,17 @@ def interrupted(*_, **__):
     raise KeyboardInterrupt
 
 
-AGAIN = "nothing was written: the same command starts from the beginning"
+AGAIN = "what was done is kept: run the same command again to go on"
 
 
-def test_ctrl_c_in_an_evaluation_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
+def test_ctrl_c_in_an_evaluation_says_how_to_go_on(call, dataset, tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.benchmark.evaluate.evaluate", interrupted)
     code, printed, err = call("evaluate", dataset, "--out", tmp_path / "out")
     assert (code, printed, err) == (130, "", f"saf-gen: stopped; {AGAIN}\n")
     assert not (tmp_path / "out").exists()
 
 
-def test_ctrl_c_while_tuning_says_that_nothing_is_kept(call, dataset, tmp_path, monkeypatch):
+def test_ctrl_c_while_tuning_says_how_to_go_on(call, dataset, tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.leaderboard.tuning.tune_method", interrupted)
     file = tmp_path / "cen.json"
     call_ = ("tune", dataset, "--method", "cen+argmax", "--try", "measure.highest=0.1,0.2", "--out", file)

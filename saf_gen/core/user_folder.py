@@ -1,0 +1,50 @@
+"""What saf_gen keeps for this user: a folder, and a secret that tells this user's files from those of others."""
+
+import hmac
+import os
+import secrets
+from pathlib import Path
+
+from saf_gen.core.files import write_atomically
+from saf_gen.errors import BadInput
+
+_SECRET_BYTES = 32
+SIGNATURE_BYTES = 32
+
+
+def user_folder() -> Path | None:
+    """Return ``saf_gen`` in ``$XDG_CONFIG_HOME`` or ``~/.config``; it need not exist.
+
+    Returns None for a user without a home folder, such as the arbitrary one of a container.
+    """
+    configured = os.environ.get("XDG_CONFIG_HOME", "")
+    base = Path(configured if Path(configured).is_absolute() else os.path.expanduser("~/.config"))  # noqa: PTH111
+    return base / "saf_gen" if base.is_absolute() else None
+
+
+def sign(data: bytes) -> bytes | None:
+    """Return SIGNATURE_BYTES that only this user can make of the data (HMAC-SHA-256); None without a folder for it."""
+    secret = _secret()
+    return None if secret is None else hmac.digest(secret, data, "sha256")
+
+
+def is_signed(data: bytes, signature: bytes) -> bool:
+    """Return whether this user has signed the data."""
+    expected = sign(data)
+    return expected is not None and hmac.compare_digest(expected, signature)
+
+
+def _secret() -> bytes | None:
+    """Return the user's secret, which is made where there is none; None where it can be neither read nor made."""
+    folder = user_folder()
+    if folder is None:
+        return None
+    path = folder / "secret"
+    try:
+        if not path.is_file() or path.stat().st_size != _SECRET_BYTES:
+            with write_atomically(path) as part:
+                part.touch(mode=0o600)
+                part.write_bytes(secrets.token_bytes(_SECRET_BYTES))
+        return path.read_bytes()
+    except (OSError, BadInput):
+        return None

@@ -1,0 +1,194 @@
+"""An evaluation that was stopped goes on where it was, and takes up nothing that is not its own."""
+
+import dataclasses
+import os
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from handmade_records import BLANK
+from planted_sweeps import list_streams, write_sweep
+
+from saf_gen.benchmark import evaluate as module
+from saf_gen.benchmark import kept_sequences
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.kept_sequences import KeptSequences
+from saf_gen.benchmark.results import Evaluation, LensPath
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
+from saf_gen.core.user_folder import sign, user_folder
+from saf_gen.leaderboard.tuning import tune_method
+from saf_gen.optics.actuators import get_actuator
+
+METHODS = ["sd+argmax", "er_count+argmax@frame"]
+NAMES = ("one", "two", "three")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    for n, name in enumerate(NAMES):
+        write_sweep(folder / "train" / f"{name}.h5", 200.0 + 200 * n)
+    return list_streams(folder, *({"id": name, "split": "train", "scene": name} for name in NAMES))
+
+
+@pytest.fixture(autouse=True)
+def _kept_at_once(monkeypatch):
+    monkeypatch.setattr(kept_sequences, "KEEP_EVERY_S", 0.0)
+
+
+@pytest.fixture
+def evaluated(monkeypatch):
+    """The names of the sequences that are evaluated, in order; the run is stopped after ``stop_after`` of them."""
+
+    class Evaluated(list[str]):
+        stop_after = 99
+
+    names, run = Evaluated(), module._evaluate_sequence
+
+    def counting(task, *given, **how):
+        if len(names) == names.stop_after:
+            raise KeyboardInterrupt
+        names.append(task.id)
+        return run(task, *given, **how)
+
+    monkeypatch.setattr(module, "_evaluate_sequence", counting)
+    return names
+
+
+def without_times(value):
+    """A result as plain values; arrays as their bytes, and no seconds of computing."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if dataclasses.is_dataclass(value):
+        names = {f.name for f in dataclasses.fields(value)} - {"seconds"}
+        return {name: without_times(getattr(value, name)) for name in names}
+    return [without_times(one) for one in value] if isinstance(value, tuple) else repr(value)
+
+
+def stop_after(count, evaluated, run, *given, **how):
+    evaluated.stop_after = count
+    with pytest.raises(KeyboardInterrupt):
+        run(*given, **how)
+    evaluated.stop_after = 99
+    evaluated.clear()
+
+
+@pytest.mark.parametrize("every_s", [0.0, 60.0])
+def test_a_stopped_evaluation_goes_on_and_gives_what_an_unbroken_one_gives(
+    dataset, tmp_path, evaluated, monkeypatch, every_s
+):
+    """After a stop all that was done is kept, also what was not due to be written yet."""
+    monkeypatch.setattr(kept_sequences, "KEEP_EVERY_S", every_s)
+    unbroken = evaluate(dataset, methods=METHODS)
+    evaluated.clear()
+    stop_after(2, evaluated, evaluate, dataset, methods=METHODS, keep=KeptSequences(tmp_path / "kept"))
+    steps, kept = [], KeptSequences(tmp_path / "kept")
+    again = evaluate(dataset, methods=METHODS, keep=kept, progress=lambda *step: steps.append(step))
+    assert (evaluated, kept.taken) == (["three"], 2)
+    assert without_times(again) == without_times(unbroken)
+    assert again.sweeps[0].thumbnails is not None
+    assert steps[:2] == [(2, 6, "one had been evaluated"), (4, 6, "two had been evaluated")]
+
+
+def change_stream(dataset, _):
+    os.utime(dataset / "train" / "one.h5", (1, 1))
+
+
+def change_signature(_, kept):
+    path = min(kept.iterdir())
+    held = bytearray(path.read_bytes())
+    held[40] ^= 1
+    path.write_bytes(held)
+
+
+def sign_by_another_user(_, kept):
+    for path in [*kept.iterdir(), user_folder() / "secret"]:
+        path.write_bytes(bytes(32) + path.read_bytes()[32:])
+    assert len(sign(b"")) == 32
+
+
+@pytest.mark.parametrize(
+    ("change", "how", "evaluated_again"),
+    [
+        (change_stream, {}, {"one"}),
+        (change_signature, {}, {"one", "two"}),
+        (sign_by_another_user, {}, {"one", "two"}),
+        (None, {"methods": ["sd+argmax:window=50", METHODS[1]]}, {"one", "two"}),
+        (None, {"methods": METHODS[:1]}, {"one", "two"}),
+        (None, {"region": "frame"}, {"one", "two"}),
+        (None, {}, set()),
+    ],
+)
+def test_what_is_not_of_the_same_methods_files_and_user_is_evaluated_again(
+    dataset, tmp_path, evaluated, monkeypatch, change, how, evaluated_again
+):
+    """Of two files one is enough to be damaged: the other is taken up."""
+    copy, kept = tmp_path / "data", tmp_path / "kept"
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    shutil.copytree(dataset, copy)
+    stop_after(2, evaluated, evaluate, copy, methods=METHODS, keep=KeptSequences(kept))
+    if change is not None:
+        change(copy, kept)
+    evaluate(copy, **{"methods": METHODS, "keep": KeptSequences(kept)} | how)
+    if change is change_signature:
+        assert len(evaluated) == 2
+        assert set(evaluated) < {*evaluated_again, "three"}
+    else:
+        assert set(evaluated) == {*evaluated_again, "three"}
+
+
+def test_without_a_place_for_the_secret_nothing_is_kept(dataset, tmp_path, evaluated, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "file"))
+    stop_after(2, evaluated, evaluate, dataset, methods=METHODS, keep=KeptSequences(tmp_path / "kept"))
+    assert not (tmp_path / "kept").exists()
+    evaluate(dataset, methods=METHODS, keep=KeptSequences(tmp_path / "kept"))
+    assert len(evaluated) == len(NAMES)
+
+
+def test_the_secret_is_the_users_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    assert sign(b"data") == sign(b"data") != sign(b"other")
+    assert (tmp_path / "saf_gen" / "secret").stat().st_mode & 0o777 == 0o600
+
+
+def test_tuning_goes_on_too(dataset, tmp_path, evaluated):
+    values = {"search.window": ["100", "200"]}
+    unbroken, _ = tune_method(dataset, "sd+argmax", values=values)
+    evaluated.clear()
+    stop_after(2, evaluated, tune_method, dataset, "sd+argmax", values=values, keep=KeptSequences(tmp_path / "kept"))
+    assert tune_method(dataset, "sd+argmax", values=values, keep=KeptSequences(tmp_path / "kept"))[0] == unbroken
+    assert evaluated == ["three"]
+
+
+def test_the_command_says_so_and_leaves_nothing(dataset, tmp_path, evaluated, call):
+    options = ("--method", "sd+argmax", "--try", "search.window=100,200", "--out", tmp_path / "out" / "found.json")
+    evaluated.stop_after = 2
+    code, _, err = call("tune", dataset, *options)
+    assert (code, err) == (130, "saf-gen: stopped; what was done is kept: run the same command again to go on\n")
+    evaluated.stop_after = 99
+    code, _, err = call("tune", dataset, *options)
+    assert (code, err) == (0, "2 sequences had been evaluated by a run that was stopped\n")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["found.json"]
+    assert call("tune", dataset, *options)[2] == ""
+
+
+def test_a_closed_loop_is_kept_until_its_stacks_change(tmp_path):
+    path = LensPath("m", "s", None, "board", None, np.arange(3.0), np.array([0.1, 0.5, np.nan]), np.zeros(3), None, "")
+    result = Evaluation((replace(BLANK, trace=(1.0, float("nan"))),), (), (), (path,))
+    task = SequenceTask("s", None, "board", None, tmp_path / "s.h5", "c0ffee")
+    (tmp_path / "stacks" / "board-1").mkdir(parents=True)
+    terms = {"predictions": None, "stacks": tmp_path / "stacks"}
+
+    def begun(budget_s=None):
+        protocol = ClosedLoopProtocol(get_actuator("voice_coil"), budget_s)
+        return KeptSequences(tmp_path / "kept").begin({}, protocol=protocol, **terms)
+
+    begun().keep(task, result, with_thumbnails=False)
+    assert without_times(begun().take(task, with_thumbnails=False)) == without_times(result)
+    assert begun().take(task, with_thumbnails=True) is None
+    assert begun(0.1).take(task, with_thumbnails=False) is None
+    os.utime(tmp_path / "stacks" / "board-1", (1, 1))
+    assert begun().take(task, with_thumbnails=False) is None
