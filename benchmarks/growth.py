@@ -23,7 +23,7 @@ from saf_gen.acceptance.speed.fresh_process import peak_memory_gib, run_in_fresh
 from saf_gen.acceptance.speed.machine_check import describe_installation
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import get_sensor
-from saf_gen.generate.executor import ReportProgress
+from saf_gen.core.execution import ReportProgress
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate

@@ -9,8 +9,8 @@ from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 from saf_gen.cli import main
 from saf_gen.core.cores import usable_cores
+from saf_gen.core.execution import run_jobs
 from saf_gen.generate import run
-from saf_gen.generate.executor import run_generation_jobs
 from saf_gen.scene.trusted_folders import register_folder
 
 WORKERS = 8
@@ -29,7 +29,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def _jobs_in_this_process():
     """Datasets are generated without worker processes, except where a test asks for `worker_processes`."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "run_generation_jobs", run_jobs_inline)
+        patch.setattr(run, "run_jobs", run_jobs_inline)
         yield
 
 
@@ -44,7 +44,7 @@ def _registered_scenes(tmp_path_factory):
 @pytest.fixture
 def worker_processes(monkeypatch):
     """Let generate() start its worker processes, as for a user."""
-    monkeypatch.setattr(run, "run_generation_jobs", run_generation_jobs)
+    monkeypatch.setattr(run, "run_jobs", run_jobs)
 
 
 @pytest.fixture

@@ -39,7 +39,7 @@ def generate(
     validate_keep_slices(keep_slices)
     work = resolve_recipe(recipe, part=_shard(shard), split=split)
     target = folder or Path("datasets") / work.recipe.name
-    if work.stacks_to_render(target, keep_slices):
+    if work.stacks_to_render(target, keep_slices) and not cluster:
         _look_for_renderer(variant, dry_run=dry_run)
     for line in find_coarse_sampling(work):
         err.print(f"warning: {line}")
@@ -66,7 +66,7 @@ def generate(
             cluster=cluster,
             keep_slices=keep_slices,
             report=report,
-            tell_retry=lambda name: err.print(f"again: {name} (its process died: killed, or out of memory?)"),
+            tell=err.print,
         )
     out.print(
         f"{len(result.recorded)} sequences recorded, {len(result.kept)} kept from before, "

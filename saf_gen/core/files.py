@@ -5,6 +5,7 @@ writes into a folder removes what processes that have ended left there.
 """
 
 import errno
+import fcntl
 import os
 import re
 import secrets
@@ -21,6 +22,7 @@ from saf_gen.errors import BadInput
 ABANDONED_S = 86_400.0
 """Seconds without a change after which a temporary file of another machine, whose processes are unknown, is removed."""
 _TEMPORARY = re.compile(r"\..+\.[0-9a-f]{8}\.(?P<machine>[A-Za-z0-9-]+)\.(?P<pid>\d+)\.part")
+LOCKING = "HDF5_USE_FILE_LOCKING"
 
 
 @contextmanager
@@ -33,7 +35,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises BadInput when the disk is full or the folder cannot be written.
     """
     final = Path(path)
-    part = _temporary_name(final)
+    part = temporary_name(final)
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers_once(final.parent)
@@ -72,7 +74,7 @@ def write_folder_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
     """Yield a new folder under a temporary name beside ``path``; it is removed at the end."""
-    part = _temporary_name(path)
+    part = temporary_name(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent)
     part.mkdir()
@@ -105,6 +107,44 @@ def check_writable(folder: Path) -> None:
         raise unwritable_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))
     if not os.access(there, os.W_OK):
         raise unwritable_error(folder, PermissionError(errno.EACCES, "", str(there)))
+
+
+def check_file_system(folder: Path) -> None:
+    """Raise BadInput where files in ``folder`` cannot be put in the place of others, synced or locked as HDF5 does.
+
+    Some file systems over a network or an object store cannot; half-written files would be taken for whole. Two small
+    files are written and removed.
+    """
+    new, old = temporary_name(folder / "new"), temporary_name(folder / "old")
+    step = ""
+    try:
+        old.write_bytes(b"old")
+        with new.open("wb") as file:
+            file.write(b"new")
+            file.flush()
+            step = "sync files to the disk"
+            os.fsync(file.fileno())
+            step = "lock files"
+            if os.environ.get(LOCKING, "").upper() not in ("FALSE", "BEST_EFFORT"):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        step = "put a file in the place of another"
+        new.replace(old)
+        if old.read_bytes() != b"new":
+            raise OSError(errno.EIO, "")
+    except OSError as error:
+        if step == "lock files" and error.errno == errno.ENOSYS:  # HDF5 goes on without
+            return
+        if not step:
+            raise unwritable_error(folder, error) from error
+        raise BadInput(
+            f"the file system of {folder} cannot {step}: {os.strerror(error.errno or errno.EIO)}",
+            allowed="one with atomic renaming, such as ext4, XFS, NFS, Lustre or BeeGFS",
+            hint=f"set {LOCKING}=FALSE where one process alone writes a file" if step == "lock files" else "",
+        ) from error
+    finally:
+        for path in (new, old):
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
 
 
 def unwritable_error(path: Path, error: OSError) -> BadInput:
@@ -150,7 +190,8 @@ def _is_left_behind(part: Path) -> bool:
     return not _is_running(int(found["pid"]))
 
 
-def _temporary_name(final: Path) -> Path:
+def temporary_name(final: Path) -> Path:
+    """Return a new name beside ``final``, which says what process writes it; what is left there is removed later."""
     # The token keeps apart containers with equal names and processes, and shards that render the same stack.
     return final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_machine()}.{os.getpid()}.part")
 

@@ -6,9 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from saf_gen.core.cores import usable_cores
+from saf_gen.core.execution import Job
 from saf_gen.errors import unknown
-from saf_gen.generate.executor import Job
 from saf_gen.generate.jobs import DeleteJob, RecordJob, RenderJob
 from saf_gen.generate.recorder import Recorder
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
@@ -62,11 +61,11 @@ class JobOrder:
         to_render: dict[TimeResolvedStack, list[ResolvedSequence]],
         recorder: Recorder,
         keep_slices: str,
-        threads: int,
+        workers: int,
         choose_backend: Callable[[], str],
     ) -> None:
         self._resolved, self._folder, self._stacks = resolved, folder, folder / "stacks"
-        self._recorder, self._threads, self._choose_backend = recorder, threads, choose_backend
+        self._recorder, self._workers, self._choose_backend = recorder, workers, choose_backend
         self._keep_slices = keep_slices
         self._by_stack = resolved.sequences_by_stack()
         self._to_render = to_render
@@ -102,7 +101,7 @@ class JobOrder:
     def _render_job(self, stack: TimeResolvedStack, user: ResolvedSequence) -> Job:
         label = user.stack_label(stack)
         measure_grain = stack in self._by_stack
-        return RenderJob(label, user.scene, stack, self._stacks, self._backend, usable_cores(), measure_grain)
+        return RenderJob(label, user.scene, stack, self._stacks, self._backend, measure_grain)
 
     def _record_jobs(self, stack: TimeResolvedStack) -> list[Job]:
         users = self._by_stack.get(stack, [])
@@ -116,7 +115,7 @@ class JobOrder:
                 self._stacks,
                 self._folder / s.planned.file,
                 s.fingerprint(digest),
-                self._threads,
+                self._workers,
             )
             for s in users
         ]

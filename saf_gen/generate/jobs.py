@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from saf_gen.core.cores import defer_interrupts, usable_cores
+from saf_gen.core.execution import ReportProgress
 from saf_gen.core.files import undeletable_error, unwritable_error
-from saf_gen.generate.executor import ReportProgress
 from saf_gen.generate.plan import PlannedSequence
 from saf_gen.generate.recorder import Recorder
 from saf_gen.generate.recordings import verified_recording_digest
@@ -30,7 +31,6 @@ class RenderJob:
     time_stack: TimeResolvedStack
     stacks: Path
     backend: str
-    threads: int
     measure_grain: bool = True
 
     @property
@@ -40,6 +40,10 @@ class RenderJob:
     @property
     def takes_all_cores(self) -> bool:
         return True
+
+    @property
+    def wants_gpu(self) -> bool:
+        return self.backend == "cuda"
 
     def run(self, report: ReportProgress) -> list[str]:
         from saf_gen.render import render_missing_stacks  # only a process that renders pays for loading Mitsuba
@@ -55,7 +59,7 @@ class RenderJob:
             for piece in sorted(told):
                 report(piece, 1.0)
 
-        options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend, "threads": self.threads}
+        options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend}
         try:
             pieces = render_missing_stacks(self.scene, self.time_stack.specs, **options, progress=progress)
             tell_done()
@@ -81,7 +85,10 @@ class RecordResult:
 
 @dataclass(frozen=True)
 class RecordJob:
-    """Records one sequence, or finds it recorded: same fingerprint, and content that matches its digest."""
+    """Records one sequence, or finds it recorded: same fingerprint, and content that matches its digest.
+
+    ``side_by_side`` jobs have the cores of the machine that runs them.
+    """
 
     recorder: Recorder
     sequence: PlannedSequence
@@ -89,7 +96,8 @@ class RecordJob:
     stacks: Path
     path: Path
     fingerprint: str
-    threads: int
+    side_by_side: int
+    wants_gpu = False
 
     @property
     def name(self) -> str:
@@ -113,7 +121,7 @@ class RecordJob:
                     PlaneSource.from_folder(self.time_stack, self.stacks),
                     path=self.path,
                     fingerprint=self.fingerprint,
-                    threads=self.threads,
+                    threads=max(1, usable_cores() // self.side_by_side),
                     progress=lambda done: report(self.name, ALMOST * done),
                 )
             except OSError as error:
@@ -135,6 +143,7 @@ class DeleteJob:
     specs: tuple[StackSpec, ...]
     stacks: Path
     needed_by: tuple[tuple[Path, str], ...]
+    wants_gpu = False
 
     @property
     def name(self) -> str:
@@ -154,3 +163,26 @@ class DeleteJob:
                 raise undeletable_error(self.stacks, error) from error
         report(self.name, 1.0)
         return freed
+
+
+@dataclass(frozen=True)
+class ChooseBackendJob:
+    """Chooses the backend to render with, of those ``requested``, where it runs.
+
+    Returns its name, and whether it renders diffraction.
+    """
+
+    requested: str
+    name = "choose the renderer"
+    takes_all_cores = False
+
+    @property
+    def wants_gpu(self) -> bool:
+        return self.requested in ("auto", "cuda")
+
+    def run(self, report: ReportProgress) -> tuple[str, bool]:
+        with defer_interrupts():
+            from saf_gen.render import backend  # loads Mitsuba: only where something must be rendered
+
+        chosen = backend.choose_render_backend(self.requested)
+        return chosen, backend.can_render_waves(chosen)

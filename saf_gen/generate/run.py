@@ -4,6 +4,7 @@ import json
 import platform
 import shutil
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -11,14 +12,13 @@ import yaml
 
 import saf_gen
 from saf_gen.core import seeds
-from saf_gen.core.cores import defer_interrupts, usable_cores
-from saf_gen.core.extras import installed_version
-from saf_gen.core.files import check_writable, remove_leftovers
+from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
+from saf_gen.core.extras import RESULT_PACKAGES, installed_version
+from saf_gen.core.files import check_file_system, check_writable, remove_leftovers
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_dataset_card
-from saf_gen.generate.executor import ReportProgress, run_generation_jobs
 from saf_gen.generate.job_order import JobOrder, find_stacks_to_render, validate_keep_slices
-from saf_gen.generate.jobs import RecordJob, RenderJob
+from saf_gen.generate.jobs import ChooseBackendJob, RecordJob, RenderJob
 from saf_gen.generate.plan import recipe_fingerprint
 from saf_gen.generate.recorder import Recorder
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
@@ -28,7 +28,6 @@ from saf_gen.stream.manifest import Manifest, SequenceEntry, read_manifest, writ
 from saf_gen.stream.stream_file import open_stream
 
 BACKENDS = ("auto", "cuda", "llvm", "scalar")
-PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "h5py", "isal", "OpenEXR")
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def generate(
     cluster: str | None = None,
     keep_slices: str = "all",
     report: ReportProgress = lambda name, done: None,
-    tell_retry: Callable[[str], None] = lambda name: None,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> GenerationResult:
     """Make a dataset, or what is missing of it.
 
@@ -77,25 +76,32 @@ def generate(
     ----------
     resolved : what :func:`saf_gen.generate.resolve.resolve_recipe` returns.
     folder : the dataset's folder; by default ``datasets`` and the recipe's name.
-    workers : sequences recorded at a time.
+    workers : sequences recorded at a time, each on an equal part of the cores.
     variant : the rendering backend: "auto", "cuda", "llvm" or "scalar".
-    cluster : address of a Dask scheduler to run on, instead of this machine's cores.
+    cluster : address of a Dask scheduler whose workers do the jobs, instead of this machine's cores; they must see the
+        folder under the same path and have the same versions.
     keep_slices : the time slices of moving scenes that stay when all that is recorded from them is made and whole:
         "all"; "closed-loop", those that a closed-loop run needs; or "none", and none are rendered for the closed loop.
     report : is called with the name of a job and the fraction of it that is done, 0...1.
-    tell_retry : is called with the name of a job that is run again, since the process died that had it.
+    tell : is called with a line for people: a job that is run again since its process died, a cluster without workers.
 
     Raises
     ------
     BadInput : before anything is made: for an unknown backend or choice of slices, for a backend that cannot run here,
-        and for a folder that cannot be used.
+        and for a folder that cannot be used, here or on a worker.
+    SafGenError : where the scheduler of the cluster is lost; the manifest lists what was finished before.
     """
     if variant not in BACKENDS:
         raise unknown("variant", variant, allowed=BACKENDS)
     validate_keep_slices(keep_slices)
     folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
     to_render = find_stacks_to_render(resolved, folder, keep_slices=keep_slices)
-    backend_name, renders_waves = _choose_backend(variant) if to_render else (variant, True)
+    machines = None if cluster is None else Cluster(cluster, folder, writes=True)
+
+    def choose_backend() -> tuple[str, bool]:
+        return _choose_backend(variant, cluster=machines, tell=tell)
+
+    backend_name, renders_waves = choose_backend() if to_render else (variant, True)
     leave_out = not renders_waves and resolved.recipe.render.diffraction is not False
     if leave_out:
         if resolved.recipe.render.diffraction:
@@ -116,47 +122,56 @@ def generate(
         to_render=to_render,
         recorder=recorder,
         keep_slices=keep_slices,
-        threads=max(1, usable_cores() // workers),
-        choose_backend=lambda: _choose_backend_for(resolved, variant),
+        workers=workers,
+        choose_backend=lambda: _check_waves(resolved, choose_backend()),
     )
     rendered: list[str] = []
     recordings: dict[str, bool] = {}  # by id, whether an earlier run had made it
     failed: dict[str, SafGenError] = {}
     freed = 0
-    for job, result, error in run_generation_jobs(
-        order.first_jobs(),
-        workers=workers,
-        report=report,
-        follow_up=order.jobs_after,
-        address=cluster,
-        tell_retry=lambda job: tell_retry(job.name),
-    ):
-        if error is not None:
-            failed[job.name] = error
-        elif isinstance(job, RenderJob):
-            rendered += [f"{job.label} · {piece}" for piece in result]
-        elif not isinstance(job, RecordJob):
-            freed += result
-        elif not result.lacks_slices:
-            recordings[job.sequence.id] = result.kept
+    ended = run_jobs(
+        order.first_jobs(), workers=workers, report=report, follow_up=order.jobs_after, cluster=machines, tell=tell
+    )
+    try:
+        with closing(ended):
+            for job, result, error in ended:
+                if error is not None:
+                    failed[job.name] = error
+                elif isinstance(job, RenderJob):
+                    rendered += [f"{job.label} · {piece}" for piece in result]
+                elif not isinstance(job, RecordJob):
+                    freed += result
+                elif not result.lacks_slices:
+                    recordings[job.sequence.id] = result.kept
+    except KeyboardInterrupt:
+        _write_manifest(resolved, folder)
+        raise
+    except SchedulerLost as lost:
+        listed = len(_write_manifest(resolved, folder).sequences)
+        raise SafGenError(
+            f"{lost}; {listed} of {len(resolved.plan)} sequences are whole and listed; start a scheduler and run the "
+            "same command again to go on"
+        ) from lost
     recorded, kept = ([name for name, was_there in recordings.items() if was_there == one] for one in (False, True))
     manifest = _write_manifest(resolved, folder)
     _write_previews(resolved, folder)
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
 
-def _choose_backend(requested: str) -> tuple[str, bool]:
-    """Return the backend to render with, and whether it renders diffraction."""
-    with defer_interrupts():
-        from saf_gen.render import backend  # loads Mitsuba: only where something must be rendered
+def _choose_backend(requested: str, *, cluster: Cluster | None, tell: Callable[[str], None]) -> tuple[str, bool]:
+    """Return the backend to render with, here or on a worker of the cluster, and whether it renders diffraction."""
+    job = ChooseBackendJob(requested)
+    if cluster is None:
+        return job.run(lambda name, done: None)
+    (_, result, error), *_ = run_jobs([job], workers=1, report=lambda name, done: None, cluster=cluster, tell=tell)
+    if error is not None:
+        raise error
+    return result
 
-    chosen = backend.choose_render_backend(requested)
-    return chosen, backend.can_render_waves(chosen)
 
-
-def _choose_backend_for(resolved: ResolvedRecipe, requested: str) -> str:
-    """Return the backend to render with; raise BadInput where stacks have diffraction that it cannot render."""
-    chosen, renders_waves = _choose_backend(requested)
+def _check_waves(resolved: ResolvedRecipe, backend: tuple[str, bool]) -> str:
+    """Return the backend; raise BadInput where stacks have diffraction that it cannot render."""
+    chosen, renders_waves = backend
     if not renders_waves and resolved.recipe.render.diffraction is not False:
         raise _no_waves_error(chosen, "deleted time slices had")
     return chosen
@@ -172,7 +187,7 @@ def _no_waves_error(backend_name: str, which: str) -> BadInput:
 
 def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     versions = {"saf_gen": saf_gen.__version__, "python": platform.python_version()}
-    versions |= {name: installed_version(name) for name in PACKAGES}
+    versions |= {name: installed_version(name) for name in RESULT_PACKAGES}
     return {
         "recipe": yaml.safe_dump(resolved.recipe.model_dump(mode="json"), sort_keys=False),
         "recipe_fingerprint": recipe_fingerprint(resolved.recipe),
@@ -191,6 +206,7 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
             )
     check_writable(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    check_file_system(folder)
     needed, free = resolved.estimate_bytes(folder, keep_slices), shutil.disk_usage(folder).free
     if needed > free:
         raise BadInput(

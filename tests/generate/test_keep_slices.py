@@ -278,7 +278,7 @@ import sys
 from inline_jobs import run_jobs_inline
 from saf_gen.generate import run
 from saf_gen.generate.resolve import resolve_recipe
-run.run_generation_jobs = run_jobs_inline
+run.run_jobs = run_jobs_inline
 recipe, folder, variant = sys.argv[1:]
 run.generate(resolve_recipe(recipe), folder, variant=variant, keep_slices="closed-loop")
 """

@@ -15,5 +15,5 @@ from saf_gen.generate import run
 
 if __name__ == "__main__":
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "run_generation_jobs", run_jobs_inline)
+        patch.setattr(run, "run_jobs", run_jobs_inline)
         evaluate(make_dataset(Path(folder), patch))

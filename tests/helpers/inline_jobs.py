@@ -1,11 +1,10 @@
 """Jobs of a dataset, run in the process of the tests: no worker imports the renderer and numba again."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
 
+from saf_gen.core.execution import Cluster, FollowUp, Job, JobResult, ReportProgress, run_jobs
 from saf_gen.errors import SafGenError
-from saf_gen.generate.executor import Job, JobResult, ReportProgress, run_generation_jobs
 
 __all__ = ["run_jobs_inline"]
 
@@ -15,13 +14,13 @@ def run_jobs_inline(
     *,
     workers: int,
     report: ReportProgress,
-    follow_up: Callable[[Any, Any], Iterable[Job]],
-    address: str | None,
-    tell_retry: Callable[[Job], None] = lambda job: None,
+    follow_up: FollowUp = lambda job, result: (),
+    cluster: Cluster | None = None,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> Iterator[JobResult]:
-    """Run jobs and those that follow from them one after the other, as run_generation_jobs does on many processes."""
-    if address is not None:
-        yield from run_generation_jobs(jobs, workers=workers, report=report, follow_up=follow_up, address=address)
+    """Run jobs and those that follow from them one after the other, as run_jobs does on many processes."""
+    if cluster is not None:
+        yield from run_jobs(jobs, workers=workers, report=report, follow_up=follow_up, cluster=cluster, tell=tell)
         return
     waiting = deque(jobs)
     while waiting:

@@ -8,24 +8,25 @@ import sys
 import textwrap
 import threading
 import time
-from concurrent.futures import Future, wait
+from concurrent.futures import wait
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-from refusals import assert_says, refusal
 
+from saf_gen.core.execution import run_jobs
+from saf_gen.core.execution.worker_pool import WorkerPool
 from saf_gen.errors import BadInput
-from saf_gen.generate.executor import run_generation_jobs
-from saf_gen.generate.worker_pool import WorkerPool
+
+DEATH = "its process died: killed, or out of memory?"
 
 
 class Light:
     """What all jobs here say of themselves."""
 
     takes_all_cores = False
+    wants_gpu = False
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Sleeps(Light):
 
 def done(jobs, **options):
     options = {"workers": 1, "report": lambda name, done: None} | options
-    ended = run_generation_jobs(jobs, **options)
+    ended = run_jobs(jobs, **options)
     return {job.name: (result, "" if error is None else str(error)) for job, result, error in ended}
 
 
@@ -124,7 +125,7 @@ def test_all_that_jobs_tell_is_heard_in_order():
 
 
 def test_what_a_job_told_is_heard_before_it_is_said_to_have_ended():
-    pool, heard = WorkerPool(1, tell_retry=lambda job: None), []
+    pool, heard = WorkerPool(1, tell=lambda line: None), []
     pool.add([Square(3)])
     wait(pool.futures)
     ended = [job.name for job, _ in pool.collect(lambda name, done: heard.append(done))]
@@ -133,7 +134,7 @@ def test_what_a_job_told_is_heard_before_it_is_said_to_have_ended():
 
 
 def test_a_process_that_dies_between_two_jobs_costs_neither():
-    pool = WorkerPool(1, tell_retry=lambda job: pytest.fail(f"{job.name} did not die"))
+    pool = WorkerPool(1, tell=pytest.fail)
     results = []
     for number in (2, 3):
         pool.add([Square(number)])
@@ -171,7 +172,7 @@ def followers(job, result):
 
 def test_what_follows_from_a_job_runs_after_it():
     order = []
-    for job, result, error in run_generation_jobs(
+    for job, result, error in run_jobs(
         [Square(3), Raises(MemoryError())], workers=1, report=lambda name, done: None, follow_up=followers
     ):
         order.append((job.name, error is None and result[0]))
@@ -183,7 +184,7 @@ def test_what_follows_from_a_job_runs_after_it():
 def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another():
     """The light one ends although the heavy ones, one after the other, are still at it."""
     heavy = [Heavy(1.0, "one"), Heavy(1.0, "two")]
-    ended = list(run_generation_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None))
+    ended = list(run_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None))
     first, second = sorted(result for job, result, _ in ended if isinstance(job, Heavy))
     assert first[1] <= second[0]
     assert ended[-1][0].name != "square 1"
@@ -191,7 +192,7 @@ def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_anot
 
 @pytest.mark.slow
 def test_what_follows_runs_although_a_process_has_died_before():
-    ended = run_generation_jobs(
+    ended = run_jobs(
         [Heavy(), Dies()],
         workers=1,
         report=lambda name, done: None,
@@ -204,7 +205,7 @@ def test_what_follows_runs_although_a_process_has_died_before():
 
 def test_bad_input_is_told_apart_from_other_failures():
     jobs = [Raises(BadInput("gain -1")), Raises(ZeroDivisionError("division by zero"))]
-    errors = {job.name: error for job, _, error in run_generation_jobs(jobs, workers=1, report=lambda name, done: None)}
+    errors = {job.name: error for job, _, error in run_jobs(jobs, workers=1, report=lambda name, done: None)}
     assert errors["raises BadInput"].exit_code == 2
     assert errors["raises ZeroDivisionError"].exit_code == 1
 
@@ -214,7 +215,7 @@ def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(workers
     """Jobs that ran beside it when it died are run again, one at a time."""
     jobs = [Square(1), Dies(), *(Square(n) for n in range(2, 8)), Dies("dies too")]
     again = []
-    results = done(jobs, workers=workers, tell_retry=lambda job: again.append(job.name))
+    results = done(jobs, workers=workers, tell=again.append)
     assert set(results) == {job.name for job in jobs}
     for n in range(1, 8):
         assert results[f"square {n}"][0][0] == n * n
@@ -222,7 +223,7 @@ def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(workers
         assert results[name][0] is None
         assert "its process died twice" in results[name][1]
         assert "run the same command again" in results[name][1]
-        assert again.count(name) == 1
+        assert again.count(f"again: {name} ({DEATH})") == 1
     assert len(again) <= 2 * workers
 
 
@@ -242,9 +243,9 @@ class DiesOnce(Light):
 
 def test_a_job_whose_process_dies_once_is_run_again_and_that_is_told(tmp_path):
     again = []
-    results = done([DiesOnce(tmp_path / "mark"), Square(2)], tell_retry=lambda job: again.append(job.name))
+    results = done([DiesOnce(tmp_path / "mark"), Square(2)], tell=again.append)
     assert results["dies once"] == ("done", "")
-    assert again == ["dies once"]
+    assert again == [f"again: dies once ({DEATH})"]
     assert results["square 2"][0][0] == 4
 
 
@@ -294,7 +295,7 @@ def test_processes_killed_at_random_lose_no_job(tmp_path):
 
 def test_workers_end_when_the_caller_stops_listening(tmp_path):
     note = tmp_path / "pid"
-    jobs = run_generation_jobs([Square(1), Sleeps(note)], workers=2, report=lambda name, done: None)
+    jobs = run_jobs([Square(1), Sleeps(note)], workers=2, report=lambda name, done: None)
     next(jobs)
     deadline = time.monotonic() + 30
     while not note.exists() and time.monotonic() < deadline:
@@ -315,12 +316,12 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
             """
             import sys
             from pathlib import Path
-            from saf_gen.generate.executor import run_generation_jobs
+            from saf_gen.core.execution import run_jobs
             from test_executor import Sleeps
             if __name__ == "__main__":
                 notes = [Path(n) for n in sys.argv[1:]]
                 jobs = [Sleeps(note, name=note.name) for note in notes]
-                list(run_generation_jobs(jobs, workers=len(jobs), report=lambda name, done: None))
+                list(run_jobs(jobs, workers=len(jobs), report=lambda name, done: None))
             """
         )
     )
@@ -353,110 +354,9 @@ class Heavy:
     seconds: float = 3.0
     name: str = "heavy"
     takes_all_cores: bool = True
+    wants_gpu = False
 
     def run(self, report):
         begin = time.monotonic()  # one clock for all processes of a machine
         time.sleep(self.seconds)
         return begin, time.monotonic()
-
-
-# A cluster. The stand-in does what run_generation_jobs needs of dask.distributed; the real one is tried where it is.
-
-
-class FakeFuture(Future):
-    def release(self):
-        self.released = True
-
-
-class FakeClient:
-    """Runs each job at once, here."""
-
-    def __init__(self, address, timeout):
-        if address != "tcp://here:8786":
-            raise OSError(f"Timed out trying to connect to {address} after 10 s")
-        self.futures = []
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        assert all(future.released for future in self.futures)
-
-    def submit(self, work, job, *, pure):
-        assert pure is False
-        future = FakeFuture()
-        self.futures.append(future)
-        try:
-            future.set_result(work(job))
-        except BadInput as error:
-            future.set_exception(error)
-        return future
-
-
-class FakeCompleted(list):
-    """The last first, and what is added meanwhile."""
-
-    def __iter__(self):
-        while self:
-            yield self.pop()
-
-    update = list.extend
-
-
-@pytest.fixture
-def fake_dask(monkeypatch):
-    fake = SimpleNamespace(Client=FakeClient, as_completed=FakeCompleted)
-    monkeypatch.setitem(sys.modules, "distributed", fake)
-
-
-def test_a_cluster_gives_results_and_names_what_failed(fake_dask):
-    heard = []
-    results = done(
-        [Square(2), Raises(BadInput("no such group")), Square(3)],
-        address="tcp://here:8786",
-        report=lambda name, done: heard.append((name, done)),
-    )
-    assert results["square 2"][0][0] == 4
-    assert results["square 3"][0][0] == 9
-    assert results["raises BadInput"] == (None, "no such group")
-    assert ("square 2", 1.0) in heard
-
-
-def test_what_follows_from_a_job_runs_on_the_cluster_too(fake_dask):
-    results = done([Square(3)], address="tcp://here:8786", follow_up=followers)
-    assert {name: result[0] for name, (result, _) in results.items()} == {"square 3": 9, "square 9": 81}
-
-
-def test_a_scheduler_that_does_not_answer_is_one_line(fake_dask):
-    assert_says(refusal(done, [Square(1)], address="tcp://gone:1"), "'tcp://gone:1'")
-
-
-def test_a_cluster_without_dask_is_one_line_with_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(BadInput, match=r"--cluster needs .*distributed; pip install 'saf-gen\[cluster\]'"):
-        done([Square(1)], address="tcp://here:8786")
-
-
-def test_the_command_line_tells_a_missing_dask_in_one_line(
-    monkeypatch, capsys, small_recipe, test_scenes, tmp_path, worker_processes
-):
-    from saf_gen.cli import main
-
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(SystemExit) as stop:
-        main(["generate", str(small_recipe), "--out", str(tmp_path / "ds"), "--cluster", "tcp://here:8786"])
-    lines = capsys.readouterr().err.splitlines()
-    assert stop.value.code == 2
-    assert len(lines) == 1
-    assert "pip install 'saf-gen[cluster]'" in lines[0]
-
-
-@pytest.mark.slow
-def test_a_real_cluster_gives_what_cores_give():
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
-        results = done([Square(2), Raises(OSError(28, "No space left"))], address=cluster.scheduler_address)
-    assert results["square 2"][0][0] == 4
-    assert "No space left" in results["raises OSError"][1]

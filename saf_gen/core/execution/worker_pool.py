@@ -13,28 +13,12 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from saf_gen.core.cores import defer_interrupts
-
-ReportProgress = Callable[[str, float], None]
-"""Called with the name of a piece of work and the fraction of it that is done, 0...1."""
+from saf_gen.core.execution.job import Job, ReportProgress
 
 MOST_DEATHS = 2
-
-
-class Job(Protocol):
-    """Work that can be sent to another process."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def takes_all_cores(self) -> bool:
-        """Whether the job uses every core, so that two of them on one machine only slow each other down."""
-        ...
-
-    def run(self, report: ReportProgress) -> Any: ...
 
 
 _queue: Any = None
@@ -70,11 +54,11 @@ class _Attempt:
 class WorkerPool:
     """At most ``size`` jobs at a time, each in a process of its own.
 
-    ``tell_retry`` is called with each job that is run again because a process died that had it.
+    ``tell`` is called with a line for each job that is run again because a process died that had it.
     """
 
-    def __init__(self, size: int, *, tell_retry: Callable[[Job], None]) -> None:
-        self._size, self._tell_retry = size, tell_retry
+    def __init__(self, size: int, *, tell: Callable[[str], None]) -> None:
+        self._size, self._tell = size, tell
         self._waiting: deque[_Attempt] = deque()
         self._suspects: deque[_Attempt] = deque()  # one of them may have killed its process
         self._running: dict[Future[Any], _Attempt] = {}
@@ -135,7 +119,7 @@ class WorkerPool:
                 attempt.deaths += 1
                 if attempt.deaths < MOST_DEATHS:
                     self._suspects.append(attempt)
-                    self._tell_retry(attempt.job)
+                    self._tell(f"again: {attempt.job.name} (its process died: killed, or out of memory?)")
                     continue
             yield attempt.job, future
         self._start()

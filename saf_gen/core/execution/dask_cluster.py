@@ -1,0 +1,286 @@
+"""Jobs on a Dask cluster: many machines that see one folder.
+
+What differs between machines makes wrong data in silence: each worker must have the versions of the machine that hands
+out the jobs, and see its folder. That is checked on all workers before the first job, and before every job, since
+workers may join later. A worker that dies costs nothing but time: the scheduler gives its jobs to others, which is
+told. Where the scheduler itself is lost, what was done is kept, and :class:`SchedulerLost` says so.
+"""
+
+import hashlib
+import logging
+import threading
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from secrets import token_hex
+from typing import Any
+
+from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress, describe_job_error
+from saf_gen.core.extras import installed_versions, require_extra
+from saf_gen.core.files import check_file_system, remove_leftovers, temporary_name
+from saf_gen.errors import BadInput, SafGenError
+
+CONNECT_S = "10s"
+LOOK_FOR_WORKERS_S = 5.0
+SCHEDULER_PACKAGES = ("dask", "distributed", "msgpack")
+_one_job = threading.Lock()
+
+
+class SchedulerLost(SafGenError):
+    """The scheduler of a cluster does not answer any more; what the jobs have finished is on disk."""
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A Dask cluster that is to run jobs.
+
+    ``address`` is that of its scheduler, such as ``tcp://host:8786`` or ``tls://host:8786``; ``folder`` is what jobs
+    read or, with ``writes``, write, and must be the same on every machine.
+    """
+
+    address: str
+    folder: Path
+    writes: bool = False
+
+
+@dataclass(frozen=True)
+class _Conditions:
+    """What a worker must have in common with the machine that hands out the jobs."""
+
+    versions: dict[str, str]
+    witness: Path
+    digest: str
+    writes: bool
+
+    def find_problem(self) -> str:
+        """Return in words what this machine has not in common; '' where all is well."""
+        here = installed_versions()
+        other = [f"{name} {here[name]}, not {mine}" for name, mine in self.versions.items() if here[name] != mine]
+        if other:
+            return f"has {'; '.join(other)} (install what constraints.txt lists on all machines)"
+        if _digest_file(self.witness) != self.digest:
+            return f"does not see {self.witness.parent} (it must be one folder, on all machines under this path)"
+        return ""
+
+    def find_problem_at_start(self) -> str:
+        """Return what :meth:`find_problem` does, or what is wrong with the file system that files are written to."""
+        try:
+            problem = self.find_problem()
+            if self.writes and not problem:
+                check_file_system(self.witness.parent)
+                remove_leftovers(self.witness.parent, below=True)  # of jobs whose process was killed on this machine
+            return problem
+        except BadInput as error:
+            return f"cannot use the folder: {error}"
+
+
+def _digest_file(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+@contextmanager
+def _agree_on_conditions(cluster: Cluster) -> Iterator[_Conditions]:
+    """Put a file with random content into the folder for as long as jobs run; a folder only read has its manifest."""
+    with ExitStack() as undo:
+        folder = cluster.folder.resolve()
+        witness = folder / "manifest.json" if folder.is_dir() else folder
+        if cluster.writes:
+            folder.mkdir(parents=True, exist_ok=True)
+            witness = temporary_name(folder / "seen")
+            undo.callback(witness.unlink, missing_ok=True)
+            witness.write_text(token_hex(16), encoding="utf-8")
+        yield _Conditions(installed_versions(), witness, _digest_file(witness), cluster.writes)
+
+
+def _run_on_worker(job: Job, conditions: _Conditions) -> tuple[Any, SafGenError | None]:
+    """Return result and error of a job, which has the cores of its process for itself."""
+    if problem := conditions.find_problem():
+        return None, SafGenError(f"a worker that joined later {problem}")
+    with _one_job:  # Dr.Jit and numba's threads belong to one job at a time
+        try:
+            return job.run(lambda name, done: None), None  # on a cluster only whole jobs report
+        except Exception as error:  # noqa: BLE001  (whatever a job raised is its result, as in a pool)
+            return None, describe_job_error(error)
+
+
+def run_on_dask(
+    jobs: Sequence[Job], cluster: Cluster, *, report: ReportProgress, follow_up: FollowUp, tell: Callable[[str], None]
+) -> Generator[JobResult]:
+    """Run jobs and those that follow from them on a cluster, and yield each as it ends.
+
+    A job whose worker ends is given to another by the scheduler, and ``tell`` is called with a line for it; one whose
+    worker has died more often than the scheduler allows (``distributed.scheduler.allowed-failures``, 3) is set aside. A
+    job that wants a GPU goes to a worker with the resource ``GPU``, where one offers it when the run begins.
+
+    Raises
+    ------
+    BadInput : for an address where no scheduler answers, another version of Dask there, and a worker with other
+        versions, without the folder, or with a file system that cannot hold a dataset.
+    SchedulerLost : when the scheduler ends or cannot be reached any more; jobs that had ended were yielded.
+    """
+    require_extra("cluster", "distributed", of="--cluster")
+    with _silence_dask(), _connect(cluster.address) as client, _agree_on_conditions(cluster) as conditions:
+        yield from _Dispatcher(client, cluster.address, conditions=conditions, tell=tell).run(
+            jobs, report=report, follow_up=follow_up
+        )
+
+
+@contextmanager
+def _silence_dask() -> Iterator[None]:
+    """Keep what Dask logs of a lost connection from the terminal: it is told in one line."""
+    import distributed
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)  # checked here, and in words
+        quiet = [
+            logger
+            for name, logger in logging.root.manager.loggerDict.items()
+            if isinstance(logger, logging.Logger) and name.split(".")[0] in ("distributed", "tornado", "asyncio")
+        ]
+        disabled = {logger: logger.disabled for logger in quiet}
+        for logger in quiet:
+            logger.disabled = True
+        try:
+            yield
+        finally:
+            for logger, was in disabled.items():
+                logger.disabled = was
+
+
+@contextmanager
+def _connect(address: str) -> Iterator[Any]:
+    """Yield a client of the scheduler, whose versions of Dask and Python must fit those here."""
+    import distributed
+
+    try:
+        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, ImportError) as error:
+        raise BadInput(
+            f"no Dask scheduler answers at {address!r}: {error}",
+            allowed="an address such as tcp://host:8786, or tls://host:8786 with certificates in Dask's configuration",
+        ) from error
+    try:
+        found: Any = client.get_versions(packages=list(SCHEDULER_PACKAGES))
+        there, here = (found[side]["packages"] for side in ("scheduler", "client"))
+        other = [f"{name} {there[name]}, not {here[name]}" for name in SCHEDULER_PACKAGES if there[name] != here[name]]
+        if there["python"].split(".")[:2] != here["python"].split(".")[:2]:
+            other.append("another Python")
+        if other:
+            raise BadInput(
+                f"the scheduler at {address} has {'; '.join(other)}",
+                hint="install what constraints.txt lists on all machines",
+            )
+        yield client
+    finally:
+        client.close(timeout=2)
+
+
+class _Dispatcher:
+    """Hands jobs to a cluster, and hears of their ends, of workers that went, and of the loss of the scheduler."""
+
+    def __init__(self, client: Any, address: str, *, conditions: _Conditions, tell: Callable[[str], None]) -> None:
+        self._client, self._address, self._conditions, self._tell = client, address, conditions, tell
+        self._running: dict[str, tuple[Job, Any]] = {}
+        self._heard: SimpleQueue[tuple[str, Any]] = SimpleQueue()
+        self._waits_for_workers = False
+
+    def run(self, jobs: Sequence[Job], *, report: ReportProgress, follow_up: FollowUp) -> Iterator[JobResult]:
+        with self._notice_loss():
+            self._check_workers()
+            self._client.subscribe_topic("all", lambda event: self._heard.put(("event", event[1])))
+            self._submit(jobs)
+        while self._running:
+            with self._notice_loss():
+                ended = self._next_ended()
+            if ended is None:
+                continue
+            job, (result, error) = ended
+            report(job.name, 1.0)
+            if error is None:
+                with self._notice_loss():
+                    self._submit(follow_up(job, result))
+            yield job, result, error
+
+    @contextmanager
+    def _notice_loss(self) -> Iterator[None]:
+        """Raise SchedulerLost in place of what Dask raises once the connection has gone."""
+        try:
+            yield
+        except BadInput:
+            raise
+        except (CancelledError, OSError, RuntimeError, TimeoutError) as error:
+            raise SchedulerLost(f"the Dask scheduler at {self._address} does not answer any more") from error
+
+    def _check_workers(self) -> None:
+        """Raise BadInput where a worker that is there cannot run jobs of this machine."""
+        problems = self._client.run(self._conditions.find_problem_at_start, on_error="return")
+        found = {worker: problem for worker, problem in problems.items() if problem}
+        for worker, problem in found.items():
+            if isinstance(problem, BaseException):
+                problem = f"cannot run saf_gen: {type(problem).__name__}: {problem}"
+            raise BadInput(f"{len(found)} of {len(problems)} workers cannot be used: {worker} {problem}")
+        workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+        self._has_gpus = any(worker["resources"].get("GPU") for worker in workers)
+
+    def _submit(self, jobs: Iterable[Job]) -> None:
+        for job in jobs:
+            future = self._client.submit(
+                _run_on_worker,
+                job,
+                self._conditions,
+                key=f"{job.name}-{token_hex(4)}",
+                pure=False,
+                resources={"GPU": 1} if job.wants_gpu and self._has_gpus else None,
+            )
+            self._running[future.key] = job, future
+            future.add_done_callback(lambda future: self._heard.put(("ended", future.key)))
+
+    def _next_ended(self) -> tuple[Job, tuple[Any, SafGenError | None]] | None:
+        """Return a job that has ended and what came of it; None where something else was heard, or nothing."""
+        try:
+            kind, heard = self._heard.get(timeout=LOOK_FOR_WORKERS_S)
+        except Empty:
+            self._look_for_workers()
+            return None
+        if kind == "event":
+            self._tell_of_lost_worker(heard)
+            return None
+        job, future = self._running.pop(heard)
+        if future.cancelled():  # nobody here cancels: Dask does, as the connection goes
+            raise CancelledError
+        if future.status == "error":
+            return job, (None, _describe_dask_error(future.exception()))
+        outcome = future.result()
+        future.release()  # where Dask runs a finished job again, the job finds its file
+        return job, outcome
+
+    def _tell_of_lost_worker(self, event: Any) -> None:
+        if event.get("action") != "remove-worker":
+            return
+        why = "ended" if event.get("expected") else "died: killed, or out of memory?"
+        for key in event.get("processing-tasks", ()):
+            if key in self._running:
+                self._tell(f"again: {self._running[key][0].name} (its worker {event['worker']} {why})")
+
+    def _look_for_workers(self) -> None:
+        """Tell when no worker is there, once each time; a batch system may take hours to start one."""
+        there = bool(self._client.nthreads())
+        if not there and not self._waits_for_workers:
+            self._tell(f"waiting: the scheduler at {self._address} has no workers; {len(self._running)} jobs wait")
+        self._waits_for_workers = not there
+
+
+def _describe_dask_error(error: BaseException) -> SafGenError:
+    from distributed import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        times = error.allowed_failures + 1
+        return SafGenError(f"{times} workers died that had it (killed, or out of memory?); run the same command again")
+    return describe_job_error(error)

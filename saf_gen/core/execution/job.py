@@ -1,0 +1,53 @@
+"""What a job is, and what comes of it.
+
+A job is a picklable value with ``run(report)``. It is idempotent and leaves its result on disk, so a job that
+runs twice, or a worker that dies, does no harm. What it returns is small.
+"""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Protocol
+
+from saf_gen.errors import SafGenError
+
+ReportProgress = Callable[[str, float], None]
+"""Called with the name of a piece of work and the fraction of it that is done, 0...1."""
+
+
+class Job(Protocol):
+    """Work that can be sent to another process, or to another machine."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def takes_all_cores(self) -> bool:
+        """Whether the job uses every core, so that two of them on one machine only slow each other down."""
+        ...
+
+    @property
+    def wants_gpu(self) -> bool:
+        """Whether the job goes to a worker of a cluster that offers a GPU, where there is one."""
+        ...
+
+    def run(self, report: ReportProgress) -> Any: ...
+
+
+JobResult = tuple[Any, Any, SafGenError | None]
+"""(job, result, error): the error is None where the job succeeded, the result is None where it failed."""
+
+FollowUp = Callable[[Any, Any], Iterable[Job]]
+"""Called with a job that succeeded and its result; returns the jobs that may start then."""
+
+
+def describe_job_error(error: BaseException) -> SafGenError:
+    """Return the error of a job as a user sees it, whatever exception the job raised."""
+    if isinstance(error, SafGenError):
+        return error
+    if isinstance(error, BrokenProcessPool):
+        message = "its process died twice (killed, or out of memory?); run the same command again to go on"
+    elif isinstance(error, MemoryError):
+        message = "out of memory; run with fewer --workers"
+    else:
+        message = f"{type(error).__name__}: {error}"
+    return SafGenError(message)

@@ -1,0 +1,190 @@
+"""Jobs on a Dask cluster that runs on this machine: results, what is refused, workers that die, a lost scheduler."""
+
+import errno
+import os
+import shutil
+import signal
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import distributed
+import pytest
+from dask_processes import scheduler_process, wait_until, worker_processes
+from refusals import assert_says, refusal
+from test_executor import DiesOnce, Light, Raises, Square, done, followers
+
+from saf_gen.core.execution import Cluster, SchedulerLost, dask_cluster, run_jobs
+from saf_gen.core.extras import installed_versions
+from saf_gen.errors import BadInput
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """One plain worker and one that offers a GPU, in threads of this process, and a folder that they see."""
+    workers = {
+        name: {"cls": distributed.Worker, "options": {"nthreads": 1, "resources": resources}}
+        for name, resources in (("plain", {}), ("card", {"GPU": 1}))
+    }
+    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False}}
+    with distributed.SpecCluster(workers, scheduler=scheduler, silence_logs="CRITICAL") as made:
+        yield Cluster(made.scheduler_address, tmp_path_factory.mktemp("shared"), writes=True)
+
+
+def test_a_cluster_gives_what_cores_give_and_names_what_failed(cluster):
+    heard = []
+    results = done(
+        [Square(3), Raises(BadInput("no such group")), Raises(OSError(28, "No space left"))],
+        cluster=cluster,
+        follow_up=followers,
+        report=lambda name, done: heard.append((name, done)),
+    )
+    assert {name: result[0] for name, (result, _) in results.items() if result} == {"square 3": 9, "square 9": 81}
+    assert results["raises BadInput"] == (None, "no such group")
+    assert "No space left" in results["raises OSError"][1]
+    assert ("square 9", 1.0) in heard
+    assert not list(cluster.folder.iterdir())
+
+
+def test_bad_input_of_a_job_on_a_cluster_keeps_its_exit_code(cluster):
+    jobs = [Raises(BadInput("gain -1")), Raises(ZeroDivisionError("division by zero"))]
+    ended = run_jobs(jobs, workers=1, report=lambda name, done: None, cluster=cluster)
+    codes = {job.name: error.exit_code for job, _, error in ended}
+    assert codes == {"raises BadInput": 2, "raises ZeroDivisionError": 1}
+
+
+@dataclass(frozen=True)
+class Where(Light):
+    """A job that tells which worker has it."""
+
+    number: int
+    wants_gpu: bool
+
+    @property
+    def name(self) -> str:
+        return f"where {self.number}"
+
+    def run(self, report):
+        return distributed.get_worker().name
+
+
+def test_jobs_that_want_a_gpu_go_to_the_worker_that_offers_one(cluster):
+    results = done([*(Where(n, True) for n in range(4)), *(Where(n, False) for n in range(4, 12))], cluster=cluster)
+    assert {results[f"where {n}"][0] for n in range(4)} == {"card"}
+    assert "plain" in {results[f"where {n}"][0] for n in range(4, 12)}
+
+
+def test_workers_with_another_version_are_refused_in_one_line(cluster, monkeypatch):
+    """The first to be asked is this machine, which hands out the jobs."""
+    asked = iter([installed_versions() | {"numpy": "1.0"}])
+    monkeypatch.setattr(dask_cluster, "installed_versions", lambda: next(asked, installed_versions()))
+    problem = refusal(done, [Square(1)], cluster=cluster)
+    assert_says(problem, f"2 of 2 workers | has numpy {installed_versions()['numpy']}, not 1.0 | constraints.txt")
+
+
+def test_workers_that_do_not_see_the_folder_are_refused_in_one_line(cluster, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "_digest_file", lambda path: os.urandom(4).hex())
+    assert_says(refusal(done, [Square(1)], cluster=cluster), f"2 of 2 workers | does not see {cluster.folder}")
+
+
+def test_a_worker_whose_file_system_cannot_rename_is_refused_in_one_line(cluster, monkeypatch):
+    def refuse(self, target):
+        raise OSError(errno.ENOSYS, "")
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    assert_says(refusal(done, [Square(1)], cluster=cluster), "put a file in the place of another | atomic renaming")
+
+
+def test_a_scheduler_with_another_dask_is_refused_in_one_line(cluster, monkeypatch):
+    real = distributed.Client.get_versions
+
+    def older(self, **options):
+        found = real(self, **options)
+        found["scheduler"]["packages"] |= {"distributed": "2024.1.0"}
+        return found
+
+    monkeypatch.setattr(distributed.Client, "get_versions", older)
+    problem = refusal(done, [Square(1)], cluster=cluster)
+    assert_says(problem, f"the scheduler at {cluster.address} has distributed 2024.1.0")
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "tcp://no.such.host:8786", "nonsense://x", "", "tls://a:1"])
+def test_a_scheduler_that_does_not_answer_is_one_line(address, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "CONNECT_S", "0.3s")
+    problem = refusal(done, [Square(1)], cluster=Cluster(address, tmp_path))
+    assert_says(problem, f"no Dask scheduler answers at {address!r}")
+
+
+def test_a_cluster_without_dask_is_one_line_with_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setattr("saf_gen.core.extras.find_spec", lambda name: None)
+    problem = refusal(done, [Square(1)], cluster=Cluster("tcp://here:8786", tmp_path))
+    assert_says(problem, "--cluster needs the package distributed | pip install 'saf-gen[cluster]'")
+
+
+def test_a_command_with_a_cluster_that_is_not_there_ends_in_one_line(
+    small_recipe, test_scenes, tmp_path, call, monkeypatch
+):
+    monkeypatch.setattr(dask_cluster, "CONNECT_S", "0.3s")
+    code, _, told = call("generate", small_recipe, "--out", tmp_path / "ds", "--cluster", "tcp://127.0.0.1:1")
+    assert (code, len(told.splitlines())) == (2, 1)
+
+
+# Workers and a scheduler in processes of their own.
+
+
+@dataclass(frozen=True)
+class Waits(Light):
+    """A job that notes its process, and ends when it is let go."""
+
+    folder: Path
+    name: str = "waits"
+
+    def run(self, report):
+        (self.folder / "pid.half").write_text(str(os.getpid()))
+        (self.folder / "pid.half").replace(self.folder / "pid")
+        wait_until((self.folder / "go").exists)
+        return self.name
+
+
+@pytest.mark.slow
+def test_workers_die_and_join_and_the_scheduler_dies_each_told_in_a_line(tmp_path, capfd):
+    """One cluster serves all: processes take a second each to start."""
+    with scheduler_process(tmp_path) as (scheduler, address):
+        cluster, told = Cluster(address, tmp_path, writes=True), []
+
+        with ThreadPoolExecutor(1) as thread:  # no worker is there yet
+            monkeypatch_seconds = pytest.MonkeyPatch()
+            monkeypatch_seconds.setattr(dask_cluster, "LOOK_FOR_WORKERS_S", 0.1)
+            waits = thread.submit(done, [Square(3)], cluster=cluster, tell=told.append)
+            wait_until(lambda: told)
+            with worker_processes(tmp_path, address):
+                assert waits.result(60)["square 3"][0][0] == 9
+                monkeypatch_seconds.undo()
+                assert told == [f"waiting: the scheduler at {address} has no workers; 1 jobs wait"]
+                told.clear()
+
+                mark = tmp_path / "mark"
+                results = done([DiesOnce(mark), *(Square(n) for n in range(5))], cluster=cluster, tell=told.append)
+                assert results["dies once"] == ("done", "")
+                assert [results[f"square {n}"][0][0] for n in range(5)] == [n * n for n in range(5)]
+                assert all(line.endswith("died: killed, or out of memory?)") for line in told)
+                assert sum(line.startswith("again: dies once (its worker tcp://127.0.0.1:") for line in told) == 1
+
+                other_code = tmp_path / "other" / "saf_gen"
+                shutil.copytree(Path(sys.modules["saf_gen"].__file__).parent, other_code)
+                (other_code / "errors.py").write_text("# changed\n" + (other_code / "errors.py").read_text())
+                path = os.pathsep.join([str(other_code.parent), *sys.path])
+                with worker_processes(tmp_path, address, "--name", "other", PYTHONPATH=path):
+                    with distributed.Client(address, set_as_default=False) as client:
+                        client.wait_for_workers(3, timeout=60)
+                    problem = refusal(done, [Square(1)], cluster=cluster)
+                    assert_says(problem, "1 of 3 workers | has saf_gen  | constraints.txt")
+
+                lost = thread.submit(done, [Waits(tmp_path)], cluster=cluster)
+                wait_until((tmp_path / "pid").exists)
+                os.killpg(scheduler.pid, signal.SIGKILL)
+                problem = lost.exception(60)
+                assert isinstance(problem, SchedulerLost)
+                assert_says(problem, f"the Dask scheduler at {address} does not answer any more")
+    assert capfd.readouterr().err == ""
