@@ -5,7 +5,15 @@ over scenes, so that a scene with many sequences weighs no more than another; er
 Methods with equal success have the same rank, and intervals say which ranks the scenes can tell apart.
 """
 
-from saf_gen.leaderboard.axes import AXES, Axis, AxisTable, group_by_bin, tabulate_by_axis
+from saf_gen.leaderboard.axes import (
+    AXES,
+    Axis,
+    AxisTable,
+    group_by_bin,
+    keep_shown_bins,
+    list_shown_bins,
+    tabulate_by_axis,
+)
 from saf_gen.leaderboard.columns import Column, list_leaderboard_columns, list_shown_columns
 from saf_gen.leaderboard.curve_tables import summarise_measures, write_leaderboard_curves
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
@@ -25,7 +33,9 @@ __all__ = [
     "format_latex",
     "format_markdown",
     "group_by_bin",
+    "keep_shown_bins",
     "list_leaderboard_columns",
+    "list_shown_bins",
     "list_shown_columns",
     "merge_records",
     "rank_methods",

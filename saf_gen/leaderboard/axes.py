@@ -5,12 +5,15 @@ The bin of a sequence depends on the sequence alone, so all methods meet the sam
 
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
 
+MAX_SHOWN_BINS = 40
+"""Most bins of an axis in tables for people, such as scenes."""
 BLOCK_READOUTS = 100
 """Readouts of the block over which the photon budget is counted: the default window of argmax."""
 
@@ -53,6 +56,31 @@ def tabulate_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple
     return tuple(table for table in (_tabulate(axis, records, methods=methods) for axis in AXES) if table.bins)
 
 
+def list_shown_bins(sequences: Mapping[str, int]) -> list[str]:
+    """Return the bins for tables that people read, in their order: at most MAX_SHOWN_BINS, those of most sequences."""
+    shown = sorted(sequences, key=lambda name: -sequences[name])[:MAX_SHOWN_BINS]
+    return [name for name in sequences if name in shown]
+
+
+def keep_shown_bins(table: AxisTable) -> AxisTable:
+    """Return the table without the bins that list_shown_bins leaves out; its axis then says so."""
+    shown = set(list_shown_bins(dict(zip(table.bins, table.sequences, strict=True))))
+    if len(shown) == len(table.bins):
+        return table
+    said = f"Here are {len(shown)} of {len(table.bins):,}, those of most sequences; axes.csv has all."
+
+    def keep(values: Sequence[Any]) -> tuple[Any, ...]:
+        return tuple(value for name, value in zip(table.bins, values, strict=True) if name in shown)
+
+    return AxisTable(
+        replace(table.axis, meaning=f"{table.axis.meaning} {said}"),
+        keep(table.bins),
+        scenes=keep(table.scenes),
+        sequences=keep(table.sequences),
+        cells={method: keep(cells) for method, cells in table.cells.items()},
+    )
+
+
 def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record]]:
     """Return the records of each bin, bins in the axis's order; records of unknown bin are left out."""
     members: dict[str, list[Record]] = {}
@@ -64,15 +92,16 @@ def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record
 
 def _tabulate(axis: Axis, records: Sequence[Record], *, methods: Sequence[str]) -> AxisTable:
     bins = group_by_bin(records, axis)
+    by_method: dict[str, dict[str, list[Record]]] = {name: {} for name in bins}
+    for name, members in bins.items():
+        for record in members:
+            by_method[name].setdefault(record.method, []).append(record)
     return AxisTable(
         axis,
         tuple(bins),
         scenes=tuple(len({r.scene for r in members}) for members in bins.values()),
         sequences=tuple(len({r.sequence for r in members}) for members in bins.values()),
-        cells={
-            method: tuple(_summarise([r for r in members if r.method == method]) for members in bins.values())
-            for method in methods
-        },
+        cells={method: tuple(_summarise(by_method[name].get(method, [])) for name in bins) for method in methods},
     )
 
 

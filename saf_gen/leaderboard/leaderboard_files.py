@@ -11,7 +11,7 @@ from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.core.files import write_text_atomically
 from saf_gen.core.plain_text import escape_markdown
-from saf_gen.leaderboard.axes import AxisTable, BinSummary, tabulate_by_axis
+from saf_gen.leaderboard.axes import AxisTable, BinSummary, keep_shown_bins, tabulate_by_axis
 from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_columns
 from saf_gen.leaderboard.csv_output import format_csv
 from saf_gen.leaderboard.grain_tables import tabulate_grain
@@ -131,7 +131,7 @@ def _format_page(
     parts += [
         f"## {table.axis.title}\n\n{table.axis.meaning} Success within 1 DoF (median error in DoF).\n\n"
         + format_axis_markdown(table)
-        for table in axes
+        for table in map(keep_shown_bins, axes)
         if len(table.bins) > 1
     ]
     return "\n".join(parts)

@@ -16,6 +16,7 @@ from handmade_records import record
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.leaderboard import list_shown_columns, rank_methods
 from saf_gen.leaderboard.report import write_report
+from saf_gen.leaderboard.report.page_answers import choose_answers_for_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)]
 
@@ -265,6 +266,31 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
     assert max(answer["figures"]) <= 390
     assert answer["smallest"] >= 8
     assert min(answer["controls"]) >= 32
+
+
+def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, tmp_path_factory, monkeypatch):
+    monkeypatch.setattr(choose_answers_for_page, "__kwdefaults__", {"most": 24})
+    monkeypatch.setattr("saf_gen.leaderboard.report.page_answers.WORST_OF_METHOD", 2)
+    for module in ("page", "page_answers"):
+        monkeypatch.setattr(f"saf_gen.leaderboard.report.{module}.MAX_ANSWERS", 3)
+    made = replace(make_evaluation(), sweeps=())
+    write_report(tmp_path / "some", evaluation=made, rows=rank_methods(made.records), title="some")
+    script = """
+      const all = told();
+      page.querySelector("#board tbody a").click();
+      const own = [told(), answers().length];
+      await reset(); choose("Split", "test"); const part = [told(), status()];
+      const [one, two] = ["first", "second"].map((name) => form.elements[name]);
+      one.selectedIndex = 1; two.selectedIndex = 2;
+      two.dispatchEvent(new window.Event("input", { bubbles: true }));
+      return { all, own, part, compared: page.querySelector("#compare [role=status]").textContent };
+    """
+    answer = run_in_page(tmp_path / "some", READ + script, profile=tmp_path_factory.mktemp("profile"))
+    assert answer["all"] == "The 3 worst of 48 answers."
+    assert re.match(r"The \d+ worst of the \d+ answers of .* in this page; records.jsonl has 12\.", answer["own"][0])
+    assert re.match(r"The \d+ worst of the \d+ answers in this page; records.jsonl has 32\.", answer["part"][0])
+    assert answer["part"][1] == "4 of 4 methods, 8 of 12 sequences."
+    assert answer["compared"].endswith("of 4 sequences. They are spread evenly over 8; records.jsonl has all.")
 
 
 MAIN = ["#", "method", "≤1 DoF", "err DoF"]

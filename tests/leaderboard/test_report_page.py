@@ -12,9 +12,10 @@ from refusals import refusal
 
 from saf_gen.benchmark.results import Evaluation, SequenceFailure
 from saf_gen.leaderboard import list_shown_columns, rank_methods
+from saf_gen.leaderboard.axes import MAX_SHOWN_BINS
 from saf_gen.leaderboard.report import build_page, plot_report_figures, write_report
 from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES
-from saf_gen.leaderboard.report.page import MAX_ANSWERS
+from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_page
 from saf_gen.leaderboard.report.selections import list_page_selections
 
 pytestmark = pytest.mark.slow
@@ -351,6 +352,63 @@ def test_the_script_has_the_answers_of_every_record_the_worst_first():
         assert error == ("–" if answer.error_dof is None else f"{answer.error_dof:.2f}")
         sizes.append(float("inf") if answer.error_dof is None else abs(answer.error_dof))
     assert sizes == sorted(sizes, reverse=True)
+
+
+def make_many(sequences, *, scenes=4):
+    """Two methods on many sequences; the first is the worse, most of all on the last sequence."""
+    return [
+        record(method, f"s{i}", (-1) ** i * factor * i / sequences, scene=f"scene{i % scenes}", split="test")
+        for i in range(sequences)
+        for method, factor in (("a+s", 9.0), ("b+s", 0.5))
+    ]
+
+
+def test_of_many_answers_the_page_holds_the_worst_and_those_of_sequences_spread_evenly():
+    held = choose_answers_for_page(make_many(400), most=100)
+    assert (held.compared, held.total, held.are_all) == (50, 400, False)
+    assert held.sequences[:50] == tuple(f"s{8 * i}" for i in range(50))
+    answers = {(r.method, r.sequence) for _, r in held.lines}
+    assert {("a+s", f"s{i}") for i in range(300, 400)} | {("b+s", f"s{i}") for i in range(380, 400)} <= answers
+    assert all((method, name) in answers for name in held.sequences[:50] for method in ("a+s", "b+s"))
+    sizes = [abs(r.error_dof) for _, r in held.lines]
+    assert sizes == sorted(sizes, reverse=True)
+    assert choose_answers_for_page(make_many(50), most=100).are_all
+
+
+def test_neither_page_nor_figures_grow_with_the_sequences(monkeypatch):
+    """Three times as many: the page may grow by digits of numbers, a fiftieth."""
+    monkeypatch.setattr("saf_gen.leaderboard.figures.error_figure.MAX_MARKS", 100)
+    monkeypatch.setattr(choose_answers_for_page, "__kwdefaults__", {"most": 200})
+    sizes, svgs = [], []
+    for count in (600, 1_800):
+        records = make_many(count)
+        rows = rank_methods(records)
+        drawn = plot_report_figures(Evaluation(tuple(records), (), ()), rows)
+        sizes.append(len(build_page(rows, title="x", records=records, report_figures=drawn)))
+        svgs.append(max(len(figure.svg) for figure in drawn))
+    assert sizes[1] < 1.02 * sizes[0], sizes
+    assert svgs[1] < 1.02 * svgs[0], svgs
+
+
+def test_of_many_scenes_the_largest_have_columns_figures_and_selections(monkeypatch):
+    monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SCENES", 3)
+    records = make_many(120, scenes=60)
+    rows = rank_methods(records)
+    drawn = plot_report_figures(Evaluation(tuple(records), (make_sweep(scene="scene59"),), ()), rows)
+    text = build_page(rows, title="x", records=records, report_figures=drawn)
+    assert len([s for s in list_page_selections(records) if s.axis == "Scene"]) == MAX_SHOWN_BINS
+    assert f"Here are {MAX_SHOWN_BINS} of 60, those of most sequences; axes.csv has all." in text
+    errors = [figure for figure in drawn if figure.kind == "errors"]
+    assert len(errors) == 3
+    assert errors[0].scene == "scene59 (test)"  # whose sweep is drawn
+    assert text.count("3 of 60 scenes have this figure.") == 3
+
+
+def test_of_many_failures_the_page_names_some_and_counts_the_rest():
+    failures = [SequenceFailure(f"bad{i}", "truncated") for i in range(120)]
+    text = build_page((), title="x", records=(), failures=failures)
+    assert text.count("truncated") == 100
+    assert "and 20 more" in text
 
 
 def test_text_from_files_cannot_break_the_page(tmp_path):

@@ -31,19 +31,25 @@ NO_LIGHT = "recording"
 MANY_ROWS, MAX_ROWS = 30, 80
 """Numbers of methods above which rows are closer, and above which the rest is left out."""
 ROW, CLOSE_ROW = 0.2, 0.14  # inches
+MAX_MARKS = 600
+"""Most answers of a scene that have a mark each."""
 LETTERS = 34
 """Longest name of a method, in characters."""
 
 
 def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
-    """Return the errors of one scene: a row per method in the order given, a mark per light schedule.
+    """Return the errors of one scene: a row per method in the order given, a mark per answer and light schedule.
 
-    At most MAX_ROWS methods are drawn, the first ones, and the figure says so.
+    Of more than MAX_MARKS answers a mark is the median of those of a method under one light, and a line holds the
+    middle 90 %. At most MAX_ROWS methods are drawn, the first ones. The figure says so.
     """
     all_methods = list(dict.fromkeys(r.method for r in records))
     methods = all_methods[:MAX_ROWS]
     records = [r for r in records if r.method in methods]
     note = describe_figure_omissions((len(methods), len(all_methods), "methods"))
+    many = len(records) > MAX_MARKS
+    if many:
+        note = "; ".join([*([note] if note else []), "marks are medians, lines the middle 90 %"])
     row_inches = ROW if len(methods) <= MANY_ROWS else CLOSE_ROW
     lights = assign_styles([r.light or NO_LIGHT for r in records])
     known = [abs(r.error_dof) for r in records if r.error_dof is not None]
@@ -65,6 +71,9 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
             offset = (number - (len(lights) - 1) / 2) * 0.66 / max(len(lights), 3)
             answered = [(r.error_dof, methods.index(r.method) + offset) for r in own if r.error_dof is not None]
             silent = [(reach, methods.index(r.method) + offset) for r in own if r.status != "answered"]
+            if many:
+                silent = sorted(set(silent))
+                answered = _draw_spread(axes, answered, colour=style.colour)
             for points, marker, more in ((answered, style.marker, {"mec": PAPER}), (silent, "x", {"mew": 1.3})):
                 if points:
                     xy = np.array(points, dtype=np.float64).T
@@ -77,6 +86,19 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
         hide_spines(axes, "left", "right", "top")
         add_legend_below(figure, marks, names=names, columns=3, note=note)
     return figure
+
+
+def _draw_spread(axes: Axes, points: Sequence[tuple[float, float]], *, colour: str) -> list[tuple[float, float]]:
+    """Draw a line over the middle 90 % of the errors at each height, and return their medians."""
+    by_height: dict[float, list[float]] = {}
+    for error, height in points:
+        by_height.setdefault(height, []).append(error)
+    medians = []
+    for height, errors in by_height.items():
+        low, median, high = np.quantile(errors, [0.05, 0.5, 0.95])
+        axes.plot([low, high], [height, height], color=colour, lw=1.1, solid_capstyle="butt")
+        medians.append((float(median), height))
+    return medians
 
 
 def _set_error_axis(axes: Axes, reach: float) -> None:

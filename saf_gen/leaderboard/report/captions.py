@@ -22,7 +22,8 @@ FIGURE_CAPTIONS = {
     "sweep": ("Sweeps", f"No method computed a whole curve of these, as the search argmax does. {_SWEEP}"),
     "errors": (
         "Errors",
-        "Answer minus truth of each method, a mark per sequence. The yellow band is success within one depth of focus.",
+        "Answer minus truth of each method, a mark per sequence; of many their median, with a line over the middle "
+        "90 %. The yellow band is success within one depth of focus.",
     ),
     "steps": ("Steps of the searches", "The position that a search examined, step by step, against the true focus."),
     "lens": (

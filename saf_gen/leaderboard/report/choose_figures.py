@@ -31,6 +31,8 @@ from saf_gen.leaderboard.figures import (
 from saf_gen.leaderboard.report.sequence_viewer import SequenceViewer, build_viewer
 
 MAX_SEQUENCES = DRAWN_SEQUENCES
+MAX_SCENES = 48
+"""Most scenes with a figure of errors: first those whose sweeps are drawn."""
 MAX_SEARCHES = 4
 """Most searches with figures against a condition."""
 
@@ -63,11 +65,12 @@ def plot_report_figures(evaluation: Evaluation, rows: Sequence[LeaderboardRow]) 
     records = sorted(evaluation.records, key=lambda r: order.get(r.method, len(order)))
     paths = sorted(evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
     styles = assign_styles([split_method_label(row.method)[0] for row in rows])
+    drawn = [*((s.split, s.scene) for s in evaluation.sweeps), *((p.split, p.scene) for p in paths)]
     return _make_names_unique(
         [
             *_plot_opening(evaluation),
             *_plot_conditions(records, styles),
-            *_plot_errors_by_scene(records),
+            *_plot_errors_by_scene(records, first=drawn),
             *_plot_sweeps(evaluation.sweeps, records, styles=styles),
             *_plot_paths(paths, evaluation.records, styles=styles),
         ]
@@ -114,10 +117,12 @@ def _plot_conditions(records: Sequence[Record], styles: Mapping[str, PlotStyle])
     return figures
 
 
-def _plot_errors_by_scene(records: Sequence[Record]) -> list[ReportFigure]:
-    by_scene: dict[str, list[Record]] = {}
+def _plot_errors_by_scene(records: Sequence[Record], *, first: Sequence[tuple[str | None, str]]) -> list[ReportFigure]:
+    by_scene: dict[str, list[Record]] = {_label_scene(*names): [] for names in first}
     for record in records:
         by_scene.setdefault(_label_scene(record.split, record.scene), []).append(record)
+    known = {scene: own for scene, own in by_scene.items() if any(r.error_dof is not None for r in own)}
+    omission = f"{MAX_SCENES} of {len(known):,} scenes have this figure." if len(known) > MAX_SCENES else ""
     return [
         _finish(
             plot_errors(own, title=f"{scene}: errors"),
@@ -125,9 +130,9 @@ def _plot_errors_by_scene(records: Sequence[Record]) -> list[ReportFigure]:
             scene=scene,
             subject=scene,
             label=f"Errors on {scene}",
+            omission=omission,
         )
-        for scene, own in by_scene.items()
-        if any(r.error_dof is not None for r in own)
+        for scene, own in list(known.items())[:MAX_SCENES]
     ]
 
 

@@ -22,6 +22,7 @@ from saf_gen.leaderboard import (
     AxisTable,
     LeaderboardRow,
     compose_leaderboard_notes,
+    keep_shown_bins,
     list_shown_columns,
     tabulate_by_axis,
 )
@@ -36,13 +37,13 @@ from saf_gen.leaderboard.report.captions import (
     OPENING_PICTURES,
 )
 from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
+from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_page
 from saf_gen.leaderboard.report.page_tables import PageTable
 from saf_gen.leaderboard.report.selections import list_page_selections
 from saf_gen.leaderboard.table_formats import count_noun
 
 SCRIPTS = ("tables.js", "board.js", "compare.js", "viewer.js")
-MAX_ANSWERS = 100
-"""Most rows in the table of single answers, with and without the script."""
+MAX_FAILURES = 100
 
 
 @dataclass(frozen=True)
@@ -85,10 +86,11 @@ def build_page(
     script = "\n".join(map(_read_asset, SCRIPTS))
     selections = list_page_selections(records)
     ranked = list(dict.fromkeys([tuple(rows), *(s.rows for s in selections)]))
-    answers = page_tables.list_answers_for_page(records)
+    held = choose_answers_for_page(records)
+    answers = page_tables.list_answers_for_page(held)
     methods = [row.method for row in rows]
-    sequences = {r.sequence: r.data for r in records}
-    numbers = {name: number for number, name in enumerate(sequences)}
+    digests = {r.sequence: r.data for r in records}
+    numbers = {name: number for number, name in enumerate(held.sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
     shown = list_shown_columns(rows)
     opening = next((figure for figure in report_figures if figure.kind == OPENING), None)
@@ -105,7 +107,8 @@ def build_page(
             opening=opening,
             opening_caption=[OPENING_CAPTION, *([OPENING_PICTURES] if opening and "<image" in opening.svg else [])],
             leaders=[row for row in rows if row.rank == 1],
-            failures=failures,
+            failures=failures[:MAX_FAILURES],
+            more_failures=max(0, len(failures) - MAX_FAILURES),
             sections=_list_sections(
                 tabulate_by_axis(records, methods), curves=curves, records=records, report_figures=report_figures
             ),
@@ -116,7 +119,10 @@ def build_page(
             plugins=_group_plugins(plugins),
             code=_list_code(plugins),
             columns=shown,
-            data_digests=page_tables.tabulate_names_for_page(sequences, name="sequence", value="content_sha256"),
+            held=held,
+            data_digests=page_tables.tabulate_names_for_page(
+                {name: digests[name] for name in held.sequences}, name="sequence", value="content_sha256"
+            ),
             method_digests=page_tables.tabulate_names_for_page(
                 {r.method: f"{r.code}, constants of {r.tuning}" if r.tuning else r.code for r in records},
                 name="method",
@@ -124,9 +130,15 @@ def build_page(
             ),
             data={
                 "methods": methods,
-                "sequences": list(sequences),
+                "sequences": list(held.sequences),
+                "compared": held.compared,
+                "total": held.total,
                 "selections": [
-                    {"body": ranked.index(s.rows), "sequences": [numbers[name] for name in s.sequences]}
+                    {
+                        "body": ranked.index(s.rows),
+                        "sequences": [numbers[name] for name in s.sequences if name in numbers],
+                        "total": len(s.sequences),
+                    }
                     for s in selections
                 ],
                 "answers": [[methods.index(m), numbers[s], *texts] for m, s, *texts in answers],
@@ -227,7 +239,8 @@ def _list_sections(
     for figure in report_figures:
         by_scene.setdefault(figure.scene, []).append(figure)
     conditions = _group_figures(by_scene.pop(""))
-    tables = [(table.axis, page_tables.tabulate_axis(table)) for table in axes if len(table.bins) > 1]
+    shown = [keep_shown_bins(table) for table in axes if len(table.bins) > 1]
+    tables = [(table.axis, page_tables.tabulate_axis(table)) for table in shown]
     sections = [
         PageSection(f"scene-{number}", scene, _group_figures(figures))
         for number, (scene, figures) in enumerate(by_scene.items(), start=1)

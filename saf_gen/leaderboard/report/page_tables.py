@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from math import inf
 
 from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.records import RECORDS_FILE, Record
@@ -11,8 +10,10 @@ from saf_gen.leaderboard import AxisTable, Column, LeaderboardRow, list_shown_co
 from saf_gen.leaderboard.columns import ESSENTIAL, USUAL
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 from saf_gen.leaderboard.grain_tables import tabulate_grain
+from saf_gen.leaderboard.report.page_answers import HeldAnswers
 from saf_gen.leaderboard.table_formats import count_noun, format_bin
 
+MAX_GRAIN_ROWS = 100
 MAX_LIGHT_CHARACTERS = 60
 """Longest names of light schedules, together, whose columns are shown at first; the tables by condition have all."""
 
@@ -130,10 +131,12 @@ def tabulate_measures(curves: Sequence[AssessedCurve]) -> PageTable | None:
 
 
 def tabulate_scene_grain(records: Sequence[Record]) -> PageTable | None:
-    """Return the grain of each scene, at rest and moving; None where no recording states it."""
+    """Return the grain of each scene, at rest and moving, of many the worst; None where no recording states it."""
     tables = tabulate_grain(records)
     if not tables:
         return None
+    if len(tables) > MAX_GRAIN_ROWS:
+        tables = sorted(tables, key=lambda table: -table.rms[1] if table.rms else 1)[:MAX_GRAIN_ROWS]
     measures = list(dict.fromkeys(measure for table in tables for measure in table.of_curve))
     return PageTable(
         "Grain of the pictures",
@@ -172,10 +175,8 @@ def tabulate_names_for_page(values: Mapping[str, str], *, name: str, value: str)
     )
 
 
-def list_answers_for_page(records: Sequence[Record]) -> list[list[str]]:
+def list_answers_for_page(held: HeldAnswers) -> list[list[str]]:
     """Return the texts of each answer's row, the worst first: no answer before any error."""
-    sizes = [inf if record.error_dof is None else abs(record.error_dof) for record in records]
-    worst = sorted(enumerate(records, start=1), key=lambda item: -sizes[item[0] - 1])
     return [
         [
             record.method,
@@ -188,7 +189,7 @@ def list_answers_for_page(records: Sequence[Record]) -> list[list[str]]:
             str(line),
             record.note,
         ]
-        for line, record in worst
+        for line, record in held.lines
     ]
 
 

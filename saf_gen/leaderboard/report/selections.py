@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard import AXES, Axis, LeaderboardRow, group_by_bin, rank_methods
+from saf_gen.leaderboard import AXES, Axis, LeaderboardRow, group_by_bin, list_shown_bins, rank_methods
 
 SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.split)
 
@@ -20,7 +20,7 @@ class Selection:
 
 
 def list_page_selections(records: Sequence[Record]) -> list[Selection]:
-    """Return a selection for each bin of each axis along which the sequences differ, axis by axis.
+    """Return a selection for each bin, of many for the largest, of each axis along which sequences differ.
 
     Selections of the same sequences have the same rows.
     """
@@ -28,9 +28,10 @@ def list_page_selections(records: Sequence[Record]) -> list[Selection]:
     selections = []
     for axis in (SPLIT, *AXES):
         bins = group_by_bin(records, axis)
-        for name, members in bins.items() if len(bins) > 1 else ():
-            sequences = tuple(dict.fromkeys(r.sequence for r in members))
+        members = {name: tuple(dict.fromkeys(r.sequence for r in own)) for name, own in bins.items()}
+        for name in list_shown_bins({name: len(own) for name, own in members.items()}) if len(bins) > 1 else ():
+            sequences = members[name]
             if sequences not in ranked:
-                ranked[sequences] = rank_methods(members)
+                ranked[sequences] = rank_methods(bins[name])
             selections.append(Selection(axis.title, name, sequences, ranked[sequences]))
     return selections

@@ -13,13 +13,14 @@ if (board !== null) {
   const answerTable = answers.querySelector("table");
   const answerRow = answerTable.tBodies[0].rows[0];
   const maxAnswers = answerTable.tBodies[0].rows.length;
-  const everySequence = { body: 0, sequences: data.sequences.map((_, number) => number) };
+  const everySequence = { body: 0, sequences: data.sequences.map((_, number) => number), total: data.total };
   const methodAt = columnHeads(board).findIndex((head) => head.textContent === "method");
   const methodOf = (row) => row.cells[methodAt].textContent;
   let answersOf = ""; // the method whose answers are listed alone
 
-  const showAnswers = (hasMethod, sequences, whose) => {
+  const showAnswers = (hasMethod, { sequences, total }, whose) => {
     const chosen = new Set(sequences);
+    const all = total * data.methods.filter(hasMethod).length; // of which a page of many sequences holds some
     const found = data.answers.filter(([method, sequence]) => hasMethod(data.methods[method]) && chosen.has(sequence));
     const rows = found.slice(0, maxAnswers).map(([method, sequence, ...texts]) => {
       const row = answerRow.cloneNode(true);
@@ -32,9 +33,11 @@ if (board !== null) {
     rows.forEach((row, at) => writtenOrder.set(row, at));
     columnHeads(answerTable).forEach((head) => head.removeAttribute("aria-sort"));
     answers.querySelector("[role=status]").textContent =
-      found.length > maxAnswers
-        ? `The ${maxAnswers} worst of ${found.length} answers${whose}.`
-        : `${found.length} answers${whose}, the worst first.`;
+      found.length < all && all < data.total * data.methods.length
+        ? `The ${rows.length} worst of the ${found.length} answers${whose} in this page; records.jsonl has ${all}.`
+        : all > maxAnswers
+          ? `The ${maxAnswers} worst of ${all} answers${whose}.`
+          : `${all} answers${whose}, the worst first.`;
   };
 
   // Columns without room are hidden by rules of the page; a heading over several spans those that are left.
@@ -92,7 +95,7 @@ if (board !== null) {
   };
 
   const update = () => {
-    const { body: number, sequences } = selected();
+    const { body: number, sequences, total } = selected();
     const words = text.value.toLowerCase().split(/[\s,]+/).filter(Boolean);
     const hasWords = (method) => words.every((word) => method.toLowerCase().includes(word));
     [...board.tBodies].forEach((body, at) => {
@@ -101,17 +104,17 @@ if (board !== null) {
     });
     const methods = data.methods.filter(hasWords).length;
     shown.textContent =
-      `${methods} of ${data.methods.length} methods, ${sequences.length} of ${data.sequences.length} sequences.`;
+      `${methods} of ${data.methods.length} methods, ${total} of ${data.total} sequences.`;
     answersOf = "";
-    showAnswers(hasWords, sequences, "");
-    compareMethods(board, data, { methods: [first.value, second.value], sequences, methodAt });
+    showAnswers(hasWords, selected(), "");
+    compareMethods(board, data, { methods: [first.value, second.value], sequences, total, methodAt });
     fold();
     writeAddress();
   };
 
   const showAnswersOf = (method) => {
     answersOf = method;
-    showAnswers((other) => other === method, selected().sequences, ` of ${method}`);
+    showAnswers((other) => other === method, selected(), ` of ${method}`);
     answers.querySelector("[role=status]").append(...linkPlugins(method));
     answers.querySelector("details").open = true;
     writeAddress();

@@ -39,11 +39,12 @@ function makeTable(caption, heads, rows) { // as the page's own tables are
   return box;
 }
 
-function compareMethods(board, data, { methods, sequences, methodAt }) {
+function compareMethods(board, data, { methods, sequences: held, total, methodAt }) {
   const section = document.getElementById("compare");
   const status = section.querySelector("[role=status]");
   const place = document.getElementById("compared");
   const [one, two] = methods;
+  const sequences = held.filter((sequence) => sequence < data.compared); // of the others not every answer is here
   place.replaceChildren();
   if (!one || !two || one === two) {
     status.textContent = one && one === two
@@ -70,7 +71,8 @@ function compareMethods(board, data, { methods, sequences, methodAt }) {
     return [data.sequences[sequence], a, b, better];
   });
   status.textContent = `${one} is nearer on ${nearer[one]}, ${two} on ${nearer[two]}, both alike on ${nearer.alike} of `
-    + `${sequences.length} sequences${nearer[DASH] ? `; ${nearer[DASH]} have no error of both` : ""}.`;
+    + `${sequences.length} sequences${nearer[DASH] ? `; ${nearer[DASH]} have no error of both` : ""}.`
+    + (sequences.length < total ? ` They are spread evenly over ${total}; records.jsonl has all.` : "");
   for (const table of [
     makeTable(`${one} beside ${two}`, ["figure", one, two], figures),
     makeTable(`Errors of ${one} and ${two} in depths of focus`, ["sequence", one, two, "nearer"], lines),
