@@ -12,8 +12,8 @@ from pathlib import Path
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
 from saf_gen.acceptance.speed.fresh_process import peak_memory_gib, run_in_fresh_process
 from saf_gen.acceptance.speed.grain_by_scene import SceneFound, measure_scenes
+from saf_gen.core.execution.job import ReportProgress
 from saf_gen.errors import SafGenError, unknown
-from saf_gen.generate.executor import ReportProgress
 
 __all__ = ["BENCHES", "BenchFigure", "BenchResults", "BenchSize", "SceneFound", "run_benches"]
 

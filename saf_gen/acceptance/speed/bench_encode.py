@@ -13,7 +13,7 @@ from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format
 from saf_gen.acceptance.speed.fresh_process import run_in_fresh_process, time_call
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core import seeds
-from saf_gen.generate.executor import ReportProgress
+from saf_gen.core.execution.job import ReportProgress
 
 RUNS = 3
 LONGER = 10

@@ -14,8 +14,8 @@ from typing import Any
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
 from saf_gen.acceptance.speed.fresh_process import time_call
 from saf_gen.camera import Sensor, get_sensor
+from saf_gen.core.execution.job import ReportProgress
 from saf_gen.errors import BadInput
-from saf_gen.generate.executor import ReportProgress
 from saf_gen.scene.scene_folder import Scene, find_scene, scene_names
 from saf_gen.stack.focal_stack import StackSpec
 

@@ -9,9 +9,9 @@ from typing import Any
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
 from saf_gen.acceptance.speed.fresh_process import time_call
 from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.core.execution.job import ReportProgress
 from saf_gen.core.shipped import find_recipe
 from saf_gen.errors import SafGenError
-from saf_gen.generate.executor import ReportProgress
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import GenerationResult, generate

@@ -10,8 +10,8 @@ from saf_gen.acceptance.speed.fresh_process import time_call
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import Record
 from saf_gen.camera import get_sensor
+from saf_gen.core.execution.job import ReportProgress
 from saf_gen.errors import SafGenError
-from saf_gen.generate.executor import ReportProgress
 
 METHODS = (
     *(f"{measure}+argmax" for measure in ("sd", "sd_code", "gradient_code", "mfdct_code")),

@@ -19,8 +19,8 @@ from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format
 from saf_gen.acceptance.speed.fresh_process import time_call
 from saf_gen.camera import get_sensor
 from saf_gen.core import seeds
+from saf_gen.core.execution.job import ReportProgress
 from saf_gen.errors import BadInput
-from saf_gen.generate.executor import ReportProgress
 from saf_gen.scene.scene_folder import find_scene
 
 POSITIONS = (0.0, 0.25, 0.5, 0.75, 1.0)

@@ -16,8 +16,9 @@ from saf_gen.acceptance.speed import synthetic_recording
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
 from saf_gen.acceptance.speed.fresh_process import peak_memory_gib
 from saf_gen.camera import get_sensor
+from saf_gen.core.execution.executor import run_jobs
+from saf_gen.core.execution.job import ReportProgress
 from saf_gen.core.seeds import make_generator
-from saf_gen.generate.executor import ReportProgress, run_generation_jobs
 from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.spike_windows import SpikeWindows
 
@@ -34,7 +35,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
         report("recordings to read", 1.0)
         jobs = [_Reader(folder, number) for number in range(PROCESSES)]
         found = []
-        for _, result, error in run_generation_jobs(jobs, workers=PROCESSES, report=lambda stage, done: None):
+        for _, result, error in run_jobs(jobs, workers=PROCESSES, report=lambda stage, done: None):
             if error is not None:
                 raise error
             found.append(result)
@@ -66,6 +67,7 @@ class _Reader:
     folder: str
     number: int
     takes_all_cores: bool = False
+    wants_gpu: bool = False
 
     @property
     def name(self) -> str:

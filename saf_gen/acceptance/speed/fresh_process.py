@@ -8,7 +8,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeVar
 
-from saf_gen.generate.executor import ReportProgress, run_generation_jobs
+from saf_gen.core.execution.executor import run_jobs
+from saf_gen.core.execution.job import ReportProgress
 
 T = TypeVar("T")
 
@@ -25,6 +26,7 @@ class _Call:
     arguments: tuple[Any, ...]
     options: dict[str, Any]
     takes_all_cores: bool = True
+    wants_gpu: bool = False
 
     def run(self, report: ReportProgress) -> Any:
         return self.function(*self.arguments, **self.options, report=report)
@@ -38,7 +40,7 @@ def run_in_fresh_process(
     Raises SafGenError if the call fails; a SafGenError of the function is passed on.
     """
     call = _Call(function.__name__, function, arguments, options)
-    ((_, result, error),) = run_generation_jobs([call], workers=1, report=report)
+    ((_, result, error),) = run_jobs([call], workers=1, report=report)
     if error is not None:
         raise error
     return result

@@ -13,7 +13,7 @@ import numpy as np
 from saf_gen.acceptance.speed.fresh_process import peak_memory_gib
 from saf_gen.camera import Encoder, Sensor, encoder_knot_weights, get_sensor
 from saf_gen.core import seeds
-from saf_gen.generate.executor import ReportProgress
+from saf_gen.core.execution.job import ReportProgress
 from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.stream_writer import StreamWriter
 
