@@ -125,10 +125,11 @@ def evaluate(
                 part = before or _evaluate_sequence(
                     task, groups, protocol=protocol, predictions=prediction_set, step=step, with_thumbnails=pictures
                 )
-            except (BadInput, OSError) as error:
+            except (BadInput, OSError, MemoryError) as error:
                 if not path.is_dir():
                     raise
-                failures.append(SequenceFailure(task.id, str(error)))
+                problem = "memory ran out" if isinstance(error, MemoryError) else str(error)
+                failures.append(SequenceFailure(task.id, problem))
                 step(count, "failed")
             else:
                 if before is None:

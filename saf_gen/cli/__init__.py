@@ -33,6 +33,7 @@ from saf_gen.cli import (
 )
 from saf_gen.cli._examples import help_ending
 from saf_gen.cli._terminal import out, print_error
+from saf_gen.core.cores import check_address_space
 from saf_gen.errors import SafGenError
 
 __all__ = ["app", "main"]
@@ -101,6 +102,10 @@ STOP_MESSAGES = {
     **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN),
 }
 """What a stopped command leaves behind, for the commands that write files."""
+
+
+_NO_ROOM = ": what was done is kept; free some, raise the limit (ulimit -v, -u), or use fewer --workers"
+LEAST_MEMORY = 1 << 30
 
 
 class _Command(TyperCommand):
@@ -182,6 +187,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without θ or ┃ shows a question mark
     try:
+        check_address_space(LEAST_MEMORY)
         code = app(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
             command = next(iter(sys.argv[1:] if argv is None else argv), "")
@@ -196,6 +202,12 @@ def main(argv: list[str] | None = None) -> NoReturn:
     except (SystemExit, BrokenPipeError):  # typer exits so when a pipe closes early, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes on exit
         code = 0
+    except MemoryError:
+        code = print_error(f"memory ran out{_NO_ROOM}", 1)
+    except RuntimeError as error:
+        if "can't start new thread" not in str(error):
+            raise
+        code = print_error(f"the system starts no more threads{_NO_ROOM}", 1)
     except OSError as error:  # a full disk, or a terminal that was closed
         code = print_error(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
     finally:

@@ -11,12 +11,32 @@ from pathlib import Path
 
 import numpy as np
 
+from saf_gen.errors import BadInput
+
 
 def usable_cores() -> int:
     """Return the cores that this process may use; a container or scheduler may allow fewer than there are."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1  # macOS has no affinity
+
+
+def check_address_space(least: int) -> None:
+    """Raise BadInput where this process may address fewer than ``least`` bytes of memory.
+
+    Libraries that count and render then wait for ever, or end the process without a word.
+    """
+    try:
+        import resource
+    except ImportError:  # not a Unix
+        return
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if resource.RLIM_INFINITY != soft < least:
+        raise BadInput(
+            f"this process may take {soft >> 20:,} MiB of memory (ulimit -v)",
+            allowed=f"{least >> 20:,} MiB and more",
+            hint="raise the limit, or ask your batch system for more",
+        )
 
 
 @cache

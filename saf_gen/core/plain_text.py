@@ -1,6 +1,8 @@
-"""Names of strangers in Markdown: shown as they are written, whatever they hold."""
+"""Names of strangers on pages, in figures and in Markdown: shown as they are written, whatever they hold."""
 
+from dataclasses import fields, is_dataclass, replace
 from html import escape
+from typing import Any
 
 from saf_gen.errors import escape_controls
 
@@ -10,3 +12,20 @@ _ESCAPES = {**{sign: f"\\{sign}" for sign in "\\|`*[]"}, **{sign: escape(sign) f
 def escape_markdown(text: str) -> str:
     """Return the text on one line, so that Markdown shows it as it is: no HTML, no link, no column of its own."""
     return "".join(_ESCAPES.get(sign, sign) for sign in escape_controls(" ".join(text.split())))
+
+
+def escape_names(item: Any) -> Any:
+    """Return a text, a tuple or a dataclass with every text in it written by :func:`saf_gen.errors.escape_controls`.
+
+    What has nothing to escape is returned itself. Mappings and lists stay as they are.
+    """
+    if isinstance(item, str):
+        return escape_controls(item)
+    if type(item) is tuple:
+        new = tuple(map(escape_names, item))
+        return item if all(one is other for one, other in zip(item, new, strict=True)) else new
+    if is_dataclass(item) and not isinstance(item, type):
+        held = {field.name: getattr(item, field.name) for field in fields(item) if field.init}
+        changed = {name: new for name, old in held.items() if (new := escape_names(old)) is not old}
+        return replace(item, **changed) if changed else item
+    return item

@@ -10,10 +10,11 @@ import drjit as dr
 import mitsuba as mi
 import numba
 
-from saf_gen.core.cores import usable_cores
+from saf_gen.core.cores import check_address_space, usable_cores
 from saf_gen.errors import BadInput, unknown
 
 OLDEST_LLVM = 17
+LEAST_MEMORY = 3 << 30
 MITSUBA_VARIANTS = {"cuda": "cuda_ad_mono", "llvm": "llvm_ad_mono", "scalar": "scalar_rgb"}
 ADVICE = "install LLVM 17 or newer (Debian, Ubuntu: apt install libllvm19) to render many times faster"
 
@@ -74,8 +75,10 @@ def can_render_waves(name: str) -> bool:
 def activate_render_backend(name: str, *, threads: int | None = None) -> None:
     """Switch Mitsuba to a backend and its number of threads, by default the cores this process may use.
 
-    Must be called before a scene is loaded, because loading starts the thread pool.
+    Must be called before a scene is loaded, because loading starts the thread pool. Raises BadInput where this process
+    may address too little memory: Mitsuba and LLVM would abort.
     """
+    check_address_space(LEAST_MEMORY)
     dr.set_thread_count(threads or usable_cores())
     numba.set_num_threads(min(threads or usable_cores(), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     mi.set_log_level(mi.LogLevel.Error)

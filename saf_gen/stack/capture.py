@@ -4,7 +4,6 @@ Light is linear and the stacks hold every focus position. A camera that runs whi
 therefore needs no renderer, only the recording's stacks, light gains, sensor and seeds.
 """
 
-import json
 from dataclasses import dataclass
 from math import gcd
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.camera import LANES, Encoder, Sensor, parse_sensor
+from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackSpec
@@ -54,12 +54,12 @@ class Capture:
         provenance, where = stream.metadata.provenance, str(stream.path)
         try:
             keys = provenance["stack"].split("\n")
-            exposure = json.loads(provenance["exposure"])
-            seed = int(json.loads(provenance["sequence"])["seed"])
+            exposure = load_plain_json(provenance["exposure"])
+            seed = int(load_plain_json(provenance["sequence"])["seed"])
             sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor")
             scale, device_seed = float(exposure["scale"]), int(exposure["device_seed"])
             gain = np.asarray(stream.metadata.gain, dtype=np.float32)  # TypeError if there is no gain
-        except (KeyError, ValueError, TypeError) as error:
+        except (KeyError, ValueError, TypeError, OverflowError) as error:
             raise BadInput(
                 "the stream does not say how to capture it again",
                 where=where,

@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import write_atomically
 from saf_gen.errors import BadInput
 from saf_gen.optics import Drive, drive_from_dict
@@ -28,6 +29,8 @@ from saf_gen.stack import exr
 
 FORMAT = "saf-gen focal stack 2"
 UNIT = "W m^-2 sr^-1 at gain 1"
+MAX_SIDE = 1 << 13
+"""Rows, columns and positions that a note of a stranger may state."""
 HALF_BITS = 15  # the largest half float is just below 2^16
 
 
@@ -132,16 +135,19 @@ class StackSpec:
         try:
             if Path(key).name != key:  # a stream of a stranger names its stack: not a path to elsewhere
                 raise ValueError(key)
-            fields = json.loads(path.read_text())["spec"]
+            fields = load_plain_json(path)["spec"]
             window = fields.pop("window")
             fields |= {"drive": drive_from_dict(fields["drive"]), "groups": tuple(fields["groups"])}
             fields["moments_s"] = tuple(fields["moments_s"])
             spec = cls(**fields, window=None if window is None else tuple(window))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             raise BadInput(
                 f"there is no focal stack {key} under {root}",
                 hint="keep stacks/ beside the streams, or run saf-gen generate again",
             ) from error
+        sizes = (spec.rows, spec.columns, spec.positions)
+        if not all(type(size) is int and 0 < size <= MAX_SIDE for size in sizes):
+            raise BadInput(f"{path} states {sizes}", allowed=f"rows, columns and positions from 1 to {MAX_SIDE}")
         if spec.key != key:
             raise BadInput(f"{path} describes another stack, {spec.key}", hint="run saf-gen generate again")
         return spec
@@ -272,8 +278,8 @@ class StackStore:
 
     def _note(self, name: str) -> dict[str, object]:
         try:
-            note = json.loads((self.folder / f"{name}.json").read_text())
-        except (OSError, ValueError):
+            note = load_plain_json(self.folder / f"{name}.json")
+        except ValueError:
             return {}  # no note, or a truncated one: the piece counts as missing
         return note if isinstance(note, dict) else {}
 

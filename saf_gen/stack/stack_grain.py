@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import write_text_atomically
 from saf_gen.core.region import target_bounding_box
 from saf_gen.errors import BadInput
@@ -142,7 +143,7 @@ def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None
 def read_stack_grain(root: Path, spec: StackSpec) -> StackGrain | None:
     """Return the grain that is stored for a stack as it is now; None where none is, or it cannot be read."""
     try:
-        document = json.loads((root / spec.key / FILE).read_text(encoding="utf-8"))
+        document = load_plain_json(root / spec.key / FILE)
         if document["format"] != FORMAT or document["stack_digest"] != StackStore(root, spec).digest():
             return None
         first, second = document["samples"]
@@ -151,7 +152,7 @@ def read_stack_grain(root: Path, spec: StackSpec) -> StackGrain | None:
         noise, signal = (
             {name: np.array(document[key][name], np.float64) for name in ENERGIES} for key in ("noise", "signal")
         )
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         return None
     lights, positions = len(spec.groups), indices.size
     fits = mean.shape == (positions, lights) and square.shape == (positions, lights, lights) and indices.ndim == 1

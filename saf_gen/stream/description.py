@@ -1,6 +1,5 @@
 """What is in a stream, in words, and how it was made."""
 
-import json
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.stream.readable import ReadableStream
 from saf_gen.stream.recorded_grain import read_recorded_grain
@@ -23,7 +23,8 @@ def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict
     """
     frames, rows, columns = stream.shape
     planned = _read_json(stream, "sequence")
-    facts = {"scene": f"{planned['scene']}, {planned['scene_motion']}"} if "scene" in planned else {}
+    scene = [str(planned[key]) for key in ("scene", "scene_motion") if key in planned]
+    facts = {"scene": ", ".join(scene)} if scene else {}
     facts |= {
         "pixels": f"{columns}×{rows}",
         "frames": f"{frames} at {stream.readout_hz:g} Hz ({frames / stream.readout_hz:g} s)",
@@ -74,7 +75,7 @@ def describe_stream_file(stream: ReadableStream) -> dict[str, str]:
 def _read_json(stream: ReadableStream, name: str) -> dict[str, Any]:
     """Return a text of the provenance that holds an object in JSON; empty where it is absent or something else."""
     try:
-        found = json.loads(stream.metadata.provenance.get(name, "{}"))
+        found = load_plain_json(stream.metadata.provenance.get(name, "{}"))
     except ValueError:
         return {}
     return found if isinstance(found, dict) else {}

@@ -154,14 +154,17 @@ def metadata_to_datasets(
     lights = tuple(_checked_text("light_names", name) for name in metadata.light_names)
     if lights:
         out["/light/names"] = lights
-    gain = out.get("/light/gain")
-    if gain is not None and lights and gain.shape[1] != len(lights):
-        raise BadInput(f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="the same number of both")
+    _check_lights(out.get("/light/gain"), lights)
     for name, text in metadata.provenance.items():
         if not name or "/" in name or name.startswith("."):
             raise BadInput(f"provenance has the name {name!r}", allowed="names without '/', not starting with '.'")
         out[f"/provenance/{name}"] = _checked_text(f"provenance/{name}", text)
     return out
+
+
+def _check_lights(gain: np.ndarray | None, lights: tuple[str, ...]) -> None:
+    if gain is not None and lights and gain.shape[1] != len(lights):
+        raise BadInput(f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="the same number of both")
 
 
 def _checked_text(name: str, text: object) -> str:
@@ -246,9 +249,6 @@ def stream_metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, i
         near, far = truth["depth_of_focus"]
         truth["depth_of_focus"] = (float(near), float(far))
     provenance = {n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")}
-    return Metadata(
-        **found,
-        light_names=tuple(str(name) for name in values.get("/light/names", ())),
-        truth=Truth(**truth),
-        provenance=provenance,
-    )
+    lights = tuple(str(name) for name in values.get("/light/names", ()))
+    _check_lights(found.get("gain"), lights)
+    return Metadata(**found, light_names=lights, truth=Truth(**truth), provenance=provenance)

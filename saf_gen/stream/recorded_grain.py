@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from saf_gen.core.config.json_document import load_plain_json
+
 PROVENANCE_KEY = "grain"
 DIGITS = 6
 
@@ -78,7 +80,7 @@ class RecordedGrain:
 def read_recorded_grain(provenance: Mapping[str, str]) -> RecordedGrain | None:
     """Return the grain that a stream's provenance states; None where it states none, or none that can be read."""
     try:
-        data = json.loads(provenance[PROVENANCE_KEY])
+        data = load_plain_json(provenance[PROVENANCE_KEY])
         moments = tuple(
             GrainMoment(
                 int(one["frame"]),
@@ -91,7 +93,7 @@ def read_recorded_grain(provenance: Mapping[str, str]) -> RecordedGrain | None:
         )
         first, second = data["samples"]
         grain = RecordedGrain(moments, int(data["focus"]), (int(first), int(second)))
-    except (KeyError, ValueError, TypeError, AttributeError):
+    except (KeyError, ValueError, TypeError, AttributeError, OverflowError):
         return None
     return grain if 0 <= grain.focus < len(moments) else None
 

@@ -101,6 +101,15 @@ def read_lines(path: Path, *, hint: str = "") -> Generator[str, None, None]:
         raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
 
 
+def check_letters_whole(text: str, *, where: str) -> None:
+    """Raise BadInput for a text with half a letter, as an escape may write it: no file could hold it."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        half = text[error.start : error.end]
+        raise BadInput(f"this holds {half!r}, which is half a letter", where=where, allowed="text of Unicode") from None
+
+
 _adapter = cache(TypeAdapter)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from saf_gen.core.config.document import Document, Key, Lines, read_text
+from saf_gen.core.config.document import Document, Key, Lines, check_letters_whole, read_text
 from saf_gen.errors import BadInput
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
@@ -31,6 +31,8 @@ def parse_json(text: str, path: str | Path, *, first_line: int = 1, hint: str = 
     path = Path(path)
     try:
         data = json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse)
+        if "\\u" in text:
+            check_letters_whole(json.dumps(data, ensure_ascii=False), where=f"{path}:{first_line}")
     except json.JSONDecodeError as error:
         where = f"{path}:{error.lineno + first_line - 1}"
         raise BadInput(f"this is not JSON: {error.msg}", where=where, hint=hint) from error
@@ -70,6 +72,17 @@ def parse_checked_json(text: str, path: str | Path, *, first_line: int = 1, hint
 
 def _digits(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def load_plain_json(source: str | Path) -> Any:
+    """Return the plain data of a JSON text, or of a file, that only counts where it can be read.
+
+    Raises ValueError for whatever is wrong: no such file, no JSON, nested too deep for Python.
+    """
+    try:
+        return json.loads(read_text(source) if isinstance(source, Path) else source)
+    except (BadInput, RecursionError) as error:
+        raise ValueError(f"no JSON: {error}") from error
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import yaml
 
-from saf_gen.core.config.document import Document, Key, read_text
+from saf_gen.core.config.document import Document, Key, check_letters_whole, read_text
 from saf_gen.errors import BadInput
 
 TOO_DEEP = "this is nested too deep, or in a circle"
@@ -67,6 +67,7 @@ def _to_plain(node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ..
             here = f"{path}:{key_node.start_mark.line + 1}"
             if not isinstance(key_node, yaml.ScalarNode):
                 raise BadInput("a key must be a name", where=here)
+            check_letters_whole(key, where=here)
             if key in out:
                 raise BadInput(f"the key {key!r} stands twice", where=here, hint="keep one of the two")
             out[key] = _to_plain(value_node, (*at, key), lines=lines, path=path)
@@ -74,6 +75,7 @@ def _to_plain(node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ..
         return out
     if isinstance(node, yaml.SequenceNode):
         return [_to_plain(item, (*at, i), lines=lines, path=path) for i, item in enumerate(node.value)]
+    check_letters_whole(str(node.value), where=f"{path}:{lines[at]}")
     try:
         return yaml.SafeLoader("").construct_object(node)
     except _YAML_SLIPS as error:

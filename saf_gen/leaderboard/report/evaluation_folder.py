@@ -25,6 +25,7 @@ from saf_gen.core.files import (
     write_atomically,
     write_text_atomically,
 )
+from saf_gen.core.plain_text import escape_names
 from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
 from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_background, to_pdf
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
@@ -82,6 +83,7 @@ def write_report(
     Raises BadInput where a file cannot be written.
     """
     out = Path(folder)
+    evaluation, rows, title = (escape_names(item) for item in (evaluation, tuple(rows), title))
     report_figures = plot_report_figures(evaluation, rows)
     for figure in report_figures:
         write_text_atomically(out / FIGURES / f"{figure.name}.svg", add_paper_background(figure.svg))

@@ -81,15 +81,15 @@ class _ImageFolder(PictureFrames):
         self._files = sorted((p for p in path.iterdir() if p.suffix.lower() in IMAGES), key=_count_as_people_do)
         if not self._files:
             raise BadInput("has no picture", where=str(path), allowed=f"files {', '.join(sorted(IMAGES))}")
-        with _open_image(self._files[0]) as image:
-            super().__init__(path, linear=linear, shape=(image.height, image.width))
+        first = _open_image(self._files[0])
+        super().__init__(path, linear=linear, shape=(first.height, first.width))
 
     def _read(self) -> Iterator[tuple[str, np.ndarray]]:
         for file in self._files:
-            with _open_image(file) as image:
-                if image.mode in ("P", "1", "CMYK", "YCbCr", "LAB", "HSV", "PA"):
-                    image = image.convert("RGB")
-                values = np.asarray(image)
+            image = _open_image(file)
+            if image.mode in ("P", "1", "CMYK", "YCbCr", "LAB", "HSV", "PA"):
+                image = image.convert("RGB")
+            values = np.asarray(image)
             if values.dtype == np.int32 and values.min(initial=0) >= 0 and values.max(initial=0) < 1 << 16:
                 values = values.astype(np.uint16)  # how Pillow gives some files of 16 bits
             yield file.name, values
@@ -102,10 +102,13 @@ def _count_as_people_do(path: Path) -> list[Any]:
 
 def _open_image(path: Path) -> Image.Image:
     try:
-        image = Image.open(path)
-        if image.width * image.height > MAX_PIXELS:
-            raise BadInput(f"{image.width} × {image.height} pixels", where=str(path), allowed=f"at most {MAX_PIXELS}")
-        image.load()
+        if not path.is_file():  # to open a pipe would wait for ever
+            raise ValueError("not a file on a disk")
+        with Image.open(path) as image:
+            if image.width * image.height > MAX_PIXELS:
+                size = f"{image.width} × {image.height} pixels"
+                raise BadInput(size, where=str(path), allowed=f"at most {MAX_PIXELS}")
+            image.load()
     except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise BadInput(f"cannot be read: {error}", where=str(path), allowed="a picture") from error
     return image

@@ -3,6 +3,7 @@
 import shutil
 import tarfile
 from collections.abc import Callable
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import IO
@@ -58,6 +59,10 @@ def fetch_dataset(
         _fetch_into(folder, index, origin=origin, report=report)
     except OSError as error:
         raise unwritable_error(folder, error) from error
+    finally:
+        with suppress(OSError):  # where nothing was fetched, nothing stays
+            (folder / PARTS).rmdir()
+            folder.rmdir()
     return folder, index
 
 

@@ -1,0 +1,129 @@
+"""Feeds saf-gen spoiled input of every kind, and tells what a user should not have seen.
+
+    python tools/fuzz --inputs 10000 --seed 17
+
+Seventeen kinds: recipe, scene card, a scene's geometry (XML, meshes, texture), sensor file, actuator file, stream,
+manifest, records, tuned file, predictions, list of methods, logs of lens and light, camera files (raw, arrays, MATLAB,
+SAF's folder), packed datasets (index, shards), pictures, focal stacks, meshes of new scenes. Each input is a whole
+sample (samples.py) with something changed (changes.py): values that bite, broken text, bytes, links, archives with
+right sums, pipes and devices in place of files.
+
+A fault is: a traceback, more than one line of an error, an exit code other than 0, 1 and 2, 20 s of processor time or
+5 minutes without an end, 2 GiB of memory, a process that dies, a control character on the terminal, the content of
+another file, planted code that ran, something written in spite of an error. Every case is told by (seed, kind, number),
+and --only repeats one.
+"""
+
+import argparse
+import collections
+import json
+import os
+import select
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from kinds import KINDS
+
+MAX_SECONDS, MAX_WAIT_S, MAX_MIB = 20.0, 300.0, 2048
+
+
+class Watched:
+    """A worker process that is started again when it dies, hangs or has run a thousand cases."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.process, self.count = folder, None, 0
+
+    def _start(self) -> None:
+        here = Path(__file__).parent
+        env = {**os.environ, "PYTHONPATH": f"{here}{os.pathsep}{os.environ.get('PYTHONPATH', here.parents[1])}",
+               "SAF_GEN_SCENES": str(self.folder / "scenes"), "PYTHONUNBUFFERED": "1"}  # fmt: skip
+        self.process: Any = subprocess.Popen(
+            [sys.executable, str(here / "worker.py"), str(self.folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=(self.folder.parent / "stderr.txt").open("a"), text=True, env=env,
+        )  # fmt: skip
+        assert self.process.stdout.readline() == "ready\n", "the worker does not start"
+        self.count = 0
+
+    def stop(self) -> None:
+        if self.process:
+            self.process.kill()
+            self.process.wait()
+            self.process = None
+
+    def run(self, case: dict[str, Any]) -> dict[str, Any]:
+        if self.process is None:
+            self._start()
+        self.count += 1
+        begun, used = time.monotonic(), self._cpu()
+        self.process.stdin.write(json.dumps(case) + "\n")
+        self.process.stdin.flush()
+        while not select.select([self.process.stdout], [], [], 0.2)[0]:
+            if self._cpu() - used > MAX_SECONDS or time.monotonic() - begun > MAX_WAIT_S:
+                return self._ended({**case, "faults": [f"no end after {self._cpu() - used:.0f} s of processor time"]})
+        line = self.process.stdout.readline()
+        if not line:
+            return self._ended({**case, "faults": [f"the process died: {self.process.wait()}"]})
+        told = json.loads(line)
+        told["seconds"] = self._cpu() - used
+        if told["peak_mib"] > MAX_MIB:
+            told["faults"].append(f"{told['peak_mib']} MiB")
+        if self.count >= 1000 or told["peak_mib"] > MAX_MIB:
+            self.stop()
+        return told
+
+    def _ended(self, told: dict[str, Any]) -> dict[str, Any]:
+        self.stop()
+        shutil.rmtree(self.folder, ignore_errors=True)  # it may lie there half changed
+        return told
+
+    def _cpu(self) -> float:
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def tell(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def fuzz() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--inputs", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=17)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of each kind")
+    parser.add_argument("--kind", action="append", choices=[kind.name for kind in KINDS])
+    parser.add_argument("--only", type=int, help="run this case alone, and tell all of it")
+    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "saf-gen-fuzz")
+    given = parser.parse_args()
+    names = given.kind or [kind.name for kind in KINDS]
+    each = -(-given.inputs // len(names))
+    numbers = [given.only] if given.only is not None else range(given.first, given.first + each)
+    worker, tally, slowest = Watched(given.folder / "samples"), collections.Counter(), (0.0, "")
+    given.folder.mkdir(parents=True, exist_ok=True)
+    faults = 0
+    try:
+        for name in names:
+            codes: collections.Counter[int] = collections.Counter()
+            for number in numbers:
+                told = worker.run({"kind": name, "seed": given.seed, "number": number})
+                codes[told.get("code", -1)] += 1
+                slowest = max(slowest, (told.get("seconds", 0.0), f"{name} {number}"))
+                if given.only is not None or told["faults"]:
+                    faults += bool(told["faults"])
+                    tell(json.dumps(told, indent=1, ensure_ascii=False))
+            tally[name] = sum(codes.values())
+            tell(f"{name}: {tally[name]} inputs, exit codes {dict(sorted(codes.items()))}")
+    finally:
+        worker.stop()
+    what = f"{sum(tally.values())} inputs of {len(names)} kinds, seed {given.seed}"
+    tell(f"{what}: {faults} faults; slowest {slowest[0]:.1f} s ({slowest[1]})")
+    return int(faults > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(fuzz())

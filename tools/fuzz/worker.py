@@ -1,0 +1,184 @@
+"""A process that takes spoiled files one after the other and tells how each command ended; its parent watches it."""
+
+import io
+import json
+import os
+import resource
+import shutil
+import sys
+import traceback
+import unicodedata
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import changes
+import samples
+import typer.main
+from kinds import KINDS, Kind
+
+from saf_gen.cli import main
+from saf_gen.errors import SafGenError
+from saf_gen.leaderboard.report import evaluation_folder
+
+MAX_BYTES = 8 << 30
+FULL_REPORTS_EVERY = 40
+_plot = evaluation_folder.plot_report_figures
+
+
+def call(*arguments: str) -> tuple[int, str, str]:
+    """Run a command in this process: exit code, what it printed, what it said of errors."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            if arguments[0].startswith("!"):
+                code = _call_directly(arguments[0][1:])
+            else:
+                main(list(arguments))
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+    return code, out.getvalue(), err.getvalue()
+
+
+def _call_directly(what: str) -> int:
+    """Call what a command would only reach after minutes."""
+    try:
+        if what == "scene":
+            from saf_gen.render.backend import activate_render_backend
+            from saf_gen.render.mitsuba_scene import build_scene_dict, load_lit_mitsuba_scene
+            from saf_gen.scene.scene_folder import load_scene_folder
+
+            activate_render_backend("scalar")
+            described = build_scene_dict(load_scene_folder(Path("scenes/own")))
+            load_lit_mitsuba_scene(described, ("lamp",), max_depth=3)
+        elif what == "actuator":
+            import numpy as np
+
+            from saf_gen.optics.actuators import get_actuator
+            from saf_gen.optics.actuators.actuated_lens import ActuatedLens
+
+            lens = ActuatedLens(get_actuator("actuator.yaml"), readout_hz=20_000, seed=1, start=0.5)
+            lens.command(0.7)
+            assert np.isfinite(lens.run(100)).all()
+        elif what == "stack":
+            from saf_gen.stack.exr import read_planes
+
+            for path in ("stack.exr", "slices.exr"):
+                read_planes(Path(path), ["focus.0003"])
+                read_planes(Path(path))
+        elif what == "saf":
+            main(["import", "saf", "--out", "out"])
+    except SafGenError as error:
+        sys.stderr.write(f"saf-gen: {error}\n")
+        return error.exit_code
+    return 0
+
+
+def find_faults(code: int, out: str, err: str) -> list[str]:
+    """Return what a user should not have seen."""
+    faults = []
+    lines = err.splitlines()
+    if code not in (0, 1, 2):
+        faults.append(f"exit code {code}")
+    if code == 2 and (len(lines) != 1 or not lines[0].startswith("saf-gen:")):
+        faults.append(f"{len(lines)} lines of an error")
+    if code == 1 and not all(line.startswith(("saf-gen:", "warning:")) for line in lines):
+        faults.append("other lines than errors")
+    if "Warning" in err or "Traceback" in err:
+        faults.append("a warning of Python")
+    if any(unicodedata.category(c) in ("Cc", "Cf", "Cs") and c not in "\n\t" for c in out + err):
+        faults.append("a control character on the terminal")
+    if len(err) > 8000:
+        faults.append(f"{len(err)} characters of an error")
+    if samples.MARK in out + err:
+        faults.append("the content of another file was shown")
+    return faults
+
+
+def _listing(root: Path) -> set[str]:
+    return {str(p.relative_to(root)) for p in root.rglob("*")}
+
+
+def run_case(kind: Kind, seed: int, number: int) -> dict[str, Any]:
+    """Spoil a file of a kind as (seed, number) says, run one command on it, put it back, and tell what came out."""
+    rng, root = Random(f"{seed} {kind.name} {number}"), Path.cwd()
+    name = rng.choice(kind.files)
+    path = sorted(root.glob(name))[0]
+    raw, command = path.read_bytes(), rng.choice(kind.commands)
+    keep = path.with_name(f"{path.name}.keep")
+    shutil.copy2(path, keep)
+    evaluation_folder.plot_report_figures = _plot if number % FULL_REPORTS_EVERY == 0 else lambda *a, **k: []
+    told: dict[str, Any] = {"kind": kind.name, "number": number, "file": name, "command": command}
+    try:
+        if rng.random() < 0.03:
+            told["change"] = "another kind of file"
+            changes.put_other_kind(path, rng)
+        else:
+            change = rng.choice(kind.changes)
+            if change is changes.change_member and path.suffix not in (".tar", ".npz", ".xlsx"):
+                change = kind.changes[0]
+            if change is changes.change_hdf5 and raw[:4] != b"\x89HDF" and path.name != "new.mat":
+                change = kind.changes[0]
+            told["change"] = getattr(change, "__name__", "text")
+            path.write_bytes(change(path, raw, rng))
+        before = _listing(root)
+        Path("/proc/self/clear_refs").write_text("5")  # the peak of memory begins anew
+        try:
+            code, out, err = call(*command.format(path.relative_to(root)).split())
+        except BaseException as error:  # noqa: BLE001 - whatever a user would see as a traceback
+            code, out, err = -1, "", ""
+            told["trace"] = traceback.format_exc()[-3000:]
+            told["faults"] = [f"traceback: {type(error).__name__}"]
+        else:
+            told["faults"] = find_faults(code, out, err)
+        peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+        told |= {"code": code, "line": err.strip()[-400:], "peak_mib": int(peak.split()[1]) >> 10}
+        after = _listing(root)
+        if code == 2 and after - before:
+            told["faults"].append(f"written in spite of an error: {sorted(after - before)[:3]}")
+        if any(".part" in one or ".evaluation." in one for one in after - before):
+            told["faults"].append("a leftover")
+        if (root / samples.PLANTED).exists():
+            told["faults"].append("planted code was run")
+            (root / samples.PLANTED).unlink()
+    finally:
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        keep.replace(path)
+        for left in ("out", "out.h5", "scenes/copied"):
+            shutil.rmtree(root / left, ignore_errors=True)
+            (root / left).unlink(missing_ok=True)
+    return told
+
+
+def write_samples_in(root: Path) -> None:
+    """Make ``root`` the working folder and write the samples there, unless they are there already."""
+    root.mkdir(parents=True, exist_ok=True)
+    os.chdir(root)
+    if not (root / "packed").exists():
+        samples.write_samples(root, lambda *arguments: call(*arguments)[0])
+
+
+def serve() -> None:
+    """Run the cases that come in by lines of JSON."""
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
+    answers = os.fdopen(os.dup(1), "w")
+    for ignored in (ResourceWarning, DeprecationWarning, PendingDeprecationWarning):  # as Python itself does
+        warnings.simplefilter("ignore", ignored)
+    typer.main.get_command = cache(typer.main.get_command)  # most of the time of a small command
+    by_name = {kind.name: kind for kind in KINDS}
+    write_samples_in(Path(sys.argv[1]))
+    answers.write("ready\n")
+    answers.flush()
+    for line in sys.stdin:
+        case = json.loads(line)
+        told = run_case(by_name[case["kind"]], case["seed"], case["number"])
+        answers.write(json.dumps(told) + "\n")
+        answers.flush()
+
+
+if __name__ == "__main__":
+    serve()
