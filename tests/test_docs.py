@@ -30,7 +30,7 @@ from small_dataset import HERE, SCENES
 
 from saf_gen.acceptance.speed import BenchSize
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
-from saf_gen.cli import app, main
+from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, app, main
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.lights import light_gains_at_readouts
@@ -116,8 +116,8 @@ def split_env(words: list[str]) -> tuple[dict[str, str], list[str]]:
 def test_a_command_that_is_named_exists_with_its_options(words):
     command, rest = COMMAND, [word for word in words if not word.startswith("[")]
     while hasattr(command, "commands") and rest:
-        name = rest.pop(0)
-        assert name in command.commands, f"there is no command {name!r}"
+        name = GROUPS_THAT_TAKE_ARGUMENTS.get(command.name) if rest[0] not in command.commands else rest.pop(0)
+        assert name in command.commands, f"there is no command {' '.join(words)!r}"
         command = command.commands[name]
     known = {option for parameter in command.params for option in parameter.opts} | {"--help"}
     assert {word.split("=")[0] for word in rest if word.startswith("--")} <= known

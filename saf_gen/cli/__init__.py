@@ -43,7 +43,6 @@ STOPPED_EXIT_CODE = 130
 COMMANDS: dict[str, Callable[..., None]] = {
     "generate": dataset_commands.generate,
     "evaluate": evaluate_commands.evaluate,
-    "leaderboard": leaderboard_commands.leaderboard,
     "tune": tune_commands.tune,
     "score": evaluate_commands.score,
     "import": stream_commands.import_,
@@ -86,11 +85,17 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "fit": sensor_commands.fit,
         },
     ),
+    "leaderboard": (
+        "Rank the methods of several evaluations in one table, or run their rows again.",
+        {"merge": leaderboard_commands.merge, "verify": leaderboard_commands.verify},
+    ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",
         {"show": method_commands.show, "check": method_commands.check},
     ),
 }
+GROUPS_THAT_TAKE_ARGUMENTS = {"leaderboard": "merge"}
+"""The command of a group that its arguments belong to where they name none: ``leaderboard A B`` merges A and B."""
 GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.list_}
 """The function of a group that is named without a command; other groups show their help."""
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
@@ -116,6 +121,13 @@ class _Command(TyperCommand):
 class _Group(TyperGroup):
     def get_params(self, ctx: Any) -> list[Any]:
         return _hide_type_of_flags(super().get_params(ctx))
+
+
+class _GroupThatTakesArguments(_Group):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        command = GROUPS_THAT_TAKE_ARGUMENTS[str(self.name)]
+        named = args and (args[0] in self.commands or args[0] in ("-h", "--help"))
+        return super().parse_args(ctx, args if named or not args else [command, *args])
 
 
 def _hide_type_of_flags(params: list[Any]) -> list[Any]:
@@ -160,7 +172,7 @@ for group, (words, commands) in GROUPS.items():
         epilog=help_ending(group),
         no_args_is_help=group not in GROUP_DEFAULTS,
         invoke_without_command=group in GROUP_DEFAULTS,
-        cls=_Group,
+        cls=_GroupThatTakesArguments if group in GROUPS_THAT_TAKE_ARGUMENTS else _Group,
     )
     if group in GROUP_DEFAULTS:
         under.callback()(GROUP_DEFAULTS[group])

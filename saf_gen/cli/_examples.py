@@ -13,7 +13,12 @@ EXAMPLES = {
         "evaluate datasets/quickstart --track closed_loop --budget 100",
         "evaluate datasets/quickstart --predictions answers.jsonl",
     ),
-    "leaderboard": ("leaderboard mine/evaluation other/evaluation --out merged",),
+    "leaderboard": ("leaderboard mine/evaluation other/evaluation --out merged", "leaderboard verify mine/evaluation"),
+    "leaderboard merge": ("leaderboard merge mine/evaluation other/evaluation --out merged",),
+    "leaderboard verify": (
+        "leaderboard verify datasets/quickstart/evaluation",
+        "leaderboard verify theirs --on mine --method their.py:Measure+argmax",
+    ),
     "tune": ("tune mine --method sd+sgfs_code --try search.dt=25,50 --out best.json",),
     "score": ("score recording.h5 --measure sd --window 100 --out curve.csv",),
     "import": (

@@ -1,4 +1,4 @@
-"""The command ``leaderboard``, which merges evaluations into one table."""
+"""The commands of the group ``leaderboard``: evaluations merged into one table, and rows run again."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,11 +6,13 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
-from saf_gen.cli._terminal import OutFolder
+from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._terminal import AsJson, OutFolder, make_step_reporter, out, progress_bars
+from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_options
 from saf_gen.errors import BadInput
 
 
-def leaderboard(
+def merge(
     runs: Annotated[list[Path], typer.Argument(help="Evaluation folders, or their records.jsonl.")],
     folder: OutFolder = None,
 ) -> None:
@@ -38,3 +40,52 @@ def leaderboard(
         print_written_paths(
             write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
         )
+
+
+def verify(
+    folder: Annotated[Path, typer.Argument(help="Evaluation folder.")],
+    source: Annotated[
+        Path | None, typer.Option("--on", help="Its dataset or stream (default: the folder above).")
+    ] = None,
+    *,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(help="Method of a file that made a row and that you trust, as file.py:Class+argmax; repeatable."),
+    ] = None,
+    actuator: ActuatorName = None,
+    budget: BudgetMs = None,
+    sweep: SweepMs = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run the methods of an evaluation again, and say of each row whether its answers are found again.
+
+    Writes verification.json into the folder; the table that `saf-gen leaderboard` makes of it then says re-run here,
+    re-run elsewhere, differs or claimed. Options of a closed loop are those it was evaluated with.
+    """
+    from saf_gen.benchmark.records import read_records
+    from saf_gen.core.files import check_writable
+    from saf_gen.leaderboard.rerun import verify_evaluation
+    from saf_gen.leaderboard.verification import DIFFERS, write_verification
+
+    track = read_records(folder)[0].track
+    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
+    folder = folder if folder.is_dir() else folder.parent
+    check_writable(folder)
+    with progress_bars() as bars:
+        found = verify_evaluation(
+            folder,
+            source or folder.resolve().parent,
+            methods=method or (),
+            protocol=protocol,
+            progress=make_step_reporter("verify", bars),
+        )
+    path = write_verification(folder, found)
+    print_table(
+        [TableColumn("method"), TableColumn("row"), TableColumn("why", folds=True)],
+        [(verdict.method, verdict.state, verdict.reason) for verdict in found.verdicts],
+        as_json=as_json,
+    )
+    if not as_json:
+        out.print(str(path), soft_wrap=True)
+    if any(verdict.state == DIFFERS for verdict in found.verdicts):
+        raise typer.Exit(1)

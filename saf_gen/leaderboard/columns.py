@@ -69,10 +69,12 @@ def _rank_columns() -> tuple[Column, ...]:
     level = "Whether the scenes cannot tell the method from the best."
     behind = "Success of the best method within 1 DoF minus the method's own: 95 % interval over scenes."
     ends = "behind_best_low", "behind_best_high"
+    verified = "Who found the row's answers again by running its method: see saf-gen leaderboard verify."
     return (
         Column("rank", "#", rank, attrgetter("rank"), _format_rank, **_ESSENTIAL),
         *_interval_columns("rank_best", "rank_worst", header="# 95 %", meaning=ranks, text=str),
         _column("method", "method", meaning="Focus measure + search.", text=str, justify="left", **_ESSENTIAL),
+        _column("verified", "verified", meaning=verified, text=str, justify="left", is_optional=True),
         _column("level_with_best", "", meaning=level, text=str, machine_only=True),
         *_interval_columns(*ends, header="", meaning=behind, text=format_percent, machine_only=True),
     )

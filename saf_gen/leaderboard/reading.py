@@ -1,7 +1,7 @@
 """Reads evaluations back as one leaderboard, which shows itself in a notebook."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import overload
@@ -11,6 +11,10 @@ from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.columns import ALL, list_leaderboard_columns, list_shown_columns
 from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
+from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, ELSEWHERE, HERE, read_row_states
+
+WEIGHT_OF_STATE = (CLAIMED, ELSEWHERE, HERE, DIFFERS)
+"""Of several verdicts on a row, which stand with the same answers in several evaluations, the last of these counts."""
 
 
 @dataclass(frozen=True)
@@ -83,5 +87,13 @@ def read_leaderboard(*evaluations: str | Path) -> Leaderboard:
     """
     if not evaluations:
         raise BadInput("no evaluation is named", hint='read_leaderboard("datasets/quickstart/evaluation")')
-    records = merge_records({str(one): read_records(Path(one)) for one in evaluations})
-    return Leaderboard(rank_methods(records), tuple(records))
+    runs = {str(one): read_records(Path(one)) for one in evaluations}
+    states: dict[str, str] = {}
+    for run, own in runs.items():
+        for method, state in read_row_states(Path(run), own).items():
+            states[method] = max(state, states.get(method, state), key=WEIGHT_OF_STATE.index)
+    records = merge_records(runs)
+    rows = rank_methods(records)
+    if states:
+        rows = tuple(replace(row, verified=states.get(row.method, CLAIMED)) for row in rows)
+    return Leaderboard(rows, tuple(records))

@@ -47,6 +47,8 @@ class LeaderboardRow:
     level_with_best: bool | None = None
     missing_reason: str = ""
     """Why there are no intervals (the nine fields above), else ''."""
+    verified: str | None = None
+    """``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``; None where no row was verified."""
 
 
 def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:

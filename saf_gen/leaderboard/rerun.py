@@ -1,0 +1,141 @@
+"""Runs the rows of an evaluation again on its dataset, and compares every answer."""
+
+import math
+import socket
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from saf_gen import __version__
+from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
+from saf_gen.benchmark.method_spec import Method, parse_method, split_method_region
+from saf_gen.benchmark.records import Record, read_records
+from saf_gen.core.config.registry import refuse_code
+from saf_gen.core.cores import describe_machine
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_answers
+
+if TYPE_CHECKING:
+    from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+
+TOLERANCE = 1e-9
+"""Relative difference of two numbers that are taken for equal: other processors round sums otherwise."""
+
+
+def verify_evaluation(
+    folder: Path,
+    source: Path,
+    *,
+    methods: Sequence[str] = (),
+    protocol: "ClosedLoopProtocol | None" = None,
+    progress: ProgressCallback | None = None,
+) -> Verification:
+    """Run every method of an evaluation again whose code is at hand, and compare all answers.
+
+    Parameters
+    ----------
+    folder : an evaluation; nothing is written.
+    source : the dataset, or the stream, that it was made from.
+    methods : methods of files that the user trusts, as ``file.py:Class+argmax``; rows are theirs by digest.
+    protocol : of a closed-loop evaluation.
+    progress : called with (steps done, steps in all, what was done).
+
+    Raises
+    ------
+    BadInput : as reading records and evaluating do, and for a method that has no row of its code.
+    """
+    rows: dict[str, list[Record]] = {}
+    for record in read_records(folder):
+        rows.setdefault(record.method, []).append(record)
+    given = {method.code: method for method in map(parse_method, methods)}
+    for method in given.values():
+        if method.code not in {own[0].code for own in rows.values()}:
+            raise BadInput(
+                f"no row of {folder} was made by the code of {method.name!r}", hint="see its leaderboard.json"
+            )
+    runs: dict[str, Method] = {}
+    reasons: dict[str, str] = {}
+    for label, own in rows.items():
+        found = _find_method(label, own[0].code, given=given, where=str(folder))
+        if isinstance(found, Method):
+            runs[label] = found
+        else:
+            reasons[label] = found
+    again: dict[tuple[str, str], Record] = {}
+    if runs:
+        every = [record for own in rows.values() for record in own]
+        regions = {record.region for record in every if "@" not in record.method}
+        result = evaluate(
+            source,
+            methods=[method.name for method in runs.values()],
+            split=_only(record.split for record in every),
+            scene_motion=_only(record.scene_motion for record in every),
+            region="frame" if regions == {"frame"} else "target",
+            protocol=protocol,
+            progress=progress,
+        )
+        again = {(record.method, record.sequence): record for record in result.records}
+        unread = {failure.sequence: failure.problem for failure in result.failures}
+        for label, method in runs.items():
+            reasons[label] = _compare(
+                rows[label], {s: r for (m, s), r in again.items() if m == method.name}, unread=unread
+            )
+    verdicts = (
+        RowVerdict(label, _state(reasons[label], was_run=label in runs), reasons[label], digest_answers(own))
+        for label, own in rows.items()
+    )
+    return Verification(tuple(verdicts), source.resolve().name, socket.gethostname(), describe_machine(), __version__)
+
+
+def _find_method(label: str, code: str, *, given: Mapping[str, Method], where: str) -> Method | str:
+    """Return the method of this code, from those that were given or are registered, or why there is none."""
+    if code in given:
+        region = split_method_region(label)[1]
+        return parse_method(f"{split_method_region(given[code].name)[0]}@{region}") if region else given[code]
+    try:
+        with refuse_code(where):
+            method = parse_method(label)
+    except BadInput as error:
+        return f"no method here gives this row: {error.problem}"
+    return method if method.code == code else f"its code here is another: {method.code}, in the row {code}"
+
+
+def _only(values: Iterable[str | None]) -> str | None:
+    """Return the value that all have, else None."""
+    distinct = set(values)
+    return distinct.pop() if len(distinct) == 1 else None
+
+
+def _state(reason: str, *, was_run: bool) -> Literal["re-run here", "differs", "claimed"]:
+    if not was_run:
+        return "claimed"
+    return "differs" if reason else "re-run here"
+
+
+def _compare(records: Sequence[Record], again: Mapping[str, Record], *, unread: Mapping[str, str]) -> str:
+    """Return the first answer that is another one, and how many sequences differ; '' where all are the same."""
+    differing = []
+    for record in records:
+        if record.sequence in unread:
+            differing.append(f"{record.sequence} cannot be read: {unread[record.sequence]}")
+        elif record.sequence not in again:
+            differing.append(f"{record.sequence} is not in the dataset")
+        else:
+            other = replace(again[record.sequence], method=record.method)
+            keys = (f.name for f in fields(Record) if f.name not in COST_AND_MACHINE)
+            unequal = [key for key in keys if not _is_same(getattr(record, key), getattr(other, key))]
+            if unequal:
+                key = "data" if "data" in unequal else unequal[0]
+                says, gives = getattr(record, key), getattr(other, key)
+                differing.append(f"{record.sequence}: {key} is {says!r:.40}, and {gives!r:.40} when it is run again")
+    more = f" ({len(differing)} of {len(records)} sequences differ)" if differing else ""
+    return f"{differing[0]}{more}" if differing else ""
+
+
+def _is_same(one: object, other: object) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=TOLERANCE, abs_tol=TOLERANCE) or (one != one and other != other)
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_is_same, one, other))
+    return one == other

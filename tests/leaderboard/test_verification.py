@@ -1,0 +1,163 @@
+"""Rows that are run again: whose answers a leaderboard holds."""
+
+import json
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
+from refusals import refusal
+
+from saf_gen.benchmark.records import RECORDS_FILE, read_records, record_to_json
+from saf_gen.core.config.json_document import format_checked_json
+from saf_gen.leaderboard.reading import read_leaderboard
+from saf_gen.leaderboard.rerun import verify_evaluation
+from saf_gen.stream.stream_writer import write_stream
+
+MEASURE = """
+from dataclasses import dataclass
+import numpy as np
+
+@dataclass(frozen=True)
+class Spread:
+    power: float = 2.0
+
+    def score(self, window):
+        return float(np.mean(np.abs(window.counts - window.counts.mean()) ** self.power))
+"""
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Two sweeps of 800 frames, in focus at frames 300 and 500."""
+    folder = tmp_path_factory.mktemp("data")
+    sequences = []
+    for scene, peak in (("board", 300.0), ("leaf", 500.0)):
+        write_stream(
+            folder / f"test/{scene}.h5",
+            make_spikes(peak),
+            focus_position=np.linspace(0, 1, SHAPE[0], dtype=np.float32),
+            truth=make_truth(peak),
+        )
+        sequences.append({"id": scene, "scene": scene, "variant": 1, "light": "constant"})
+    return list_streams(folder, *sequences)
+
+
+@pytest.fixture
+def evaluation(call, dataset, tmp_path):
+    """An evaluation of two registered methods, one of a file that lay elsewhere then, and answers made elsewhere."""
+    (tmp_path / "mine.py").write_text(MEASURE)
+    answers = [json.dumps({"method": "a_net", "sequence": name, "frame": 310.0}) for name in ("board", "leaf")]
+    (tmp_path / "answers.jsonl").write_text("\n".join(answers))
+    own = f"{tmp_path / 'mine.py'}:Spread+argmax"
+    methods = [word for method in ("sd+argmax", "er_count+argmax@frame", own) for word in ("--method", method)]
+    folder = tmp_path / "evaluation"
+    code, _, err = call("evaluate", dataset, *methods, "--predictions", tmp_path / "answers.jsonl", "--out", folder)
+    assert code == 0, err
+    forge(folder, own, sequences=("board", "leaf"), method=f"/{tmp_path.name}/theirs.py:Spread+argmax")
+    return folder
+
+
+def forge(folder, row, *, sequences=("leaf",), **changes):
+    """Change records of a row, with checksums that fit."""
+    lines = [record_to_json(record) for record in read_records(folder)]
+    for line in lines:
+        line.update(changes if line["method"] == row and line["sequence"] in sequences else {})
+    (folder / RECORDS_FILE).write_text("".join(format_checked_json(line) + "\n" for line in lines))
+
+
+def states(folder):
+    return {Path(row.method).name: row.verified for row in read_leaderboard(folder)}
+
+
+def test_rows_of_registered_methods_are_found_again_and_others_are_claimed(call, evaluation, dataset):
+    assert set(states(evaluation).values()) == {None}
+    code, out, err = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")
+    assert (code, err) == (0, "")
+    rows = {Path(row["method"]).name: row for row in json.loads(out)}
+    assert {name: row["row"] for name, row in rows.items()} == {
+        "sd+argmax": "re-run here",
+        "er_count+argmax@frame": "re-run here",
+        "theirs.py:Spread+argmax": "claimed",
+        "a_net": "claimed",
+    }
+    assert "no method here gives this row: " in rows["a_net"]["why"]
+    assert states(evaluation) == {name: row["row"] for name, row in rows.items()}
+    assert "re-run here" in call("leaderboard", evaluation)[1]
+
+
+def test_a_method_of_a_file_runs_only_where_the_command_names_it(call, evaluation, dataset, tmp_path):
+    own = tmp_path / "mine.py"
+    words = ("leaderboard", "verify", evaluation, "--on", dataset)
+    assert call(*words)[0] == 0
+    assert states(evaluation)["theirs.py:Spread+argmax"] == "claimed"
+    assert call(*words, "--method", f"{own}:Spread+argmax")[0] == 0
+    assert states(evaluation)["theirs.py:Spread+argmax"] == "re-run here"
+    (other := tmp_path / "other.py").write_text(MEASURE.replace("2.0", "4.0"))
+    code, _, err = call(*words, "--method", f"{other}:Spread+argmax")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "was made by the code of" in err
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"frame": 444.0, "position": 0.5555}, "leaf: position is 0.5555, and"),
+        ({"frames_seen": 17}, "leaf: frames_seen is 17, and"),
+    ],
+)
+def test_a_forged_answer_is_found(call, evaluation, dataset, changes, told):
+    forge(evaluation, "sd+argmax", **changes)
+    code, out, _ = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")
+    assert code == 1
+    (row,) = (row for row in json.loads(out) if row["method"] == "sd+argmax")
+    assert row["row"] == "differs"
+    assert told in row["why"]
+    assert row["why"].endswith("(1 of 2 sequences differ)")
+    assert states(evaluation)["sd+argmax"] == "differs"
+
+
+def test_another_recording_of_the_same_name_differs(call, evaluation, dataset):
+    for record in read_records(evaluation):
+        forge(evaluation, record.method, data="0" * 64)
+    out = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")[1]
+    (row,) = (row for row in json.loads(out) if row["method"] == "sd+argmax")
+    assert "leaf: data is '000" in row["why"]
+
+
+def test_answers_that_change_after_a_verdict_are_claimed_again(call, evaluation, dataset):
+    call("leaderboard", "verify", evaluation, "--on", dataset)
+    forge(evaluation, "sd+argmax", note="looked at twice", seconds=9.0)
+    assert states(evaluation)["sd+argmax"] == "re-run here"  # the answer is as it was
+    forge(evaluation, "sd+argmax", frame=444.0)
+    assert states(evaluation)["sd+argmax"] == "claimed"
+    assert states(evaluation)["er_count+argmax@frame"] == "re-run here"
+
+
+def test_the_verdict_of_another_machine_is_named_so(call, evaluation, dataset, monkeypatch):
+    call("leaderboard", "verify", evaluation, "--on", dataset)
+    monkeypatch.setattr(socket, "gethostname", lambda: "another")
+    assert states(evaluation)["sd+argmax"] == "re-run elsewhere"
+    assert states(evaluation)["a_net"] == "claimed"
+
+
+def test_a_sequence_that_is_not_there_differs(evaluation, dataset, tmp_path):
+    part = tmp_path / "part"
+    manifest = json.loads((dataset / "manifest.json").read_text())
+    manifest.pop("checksum", None)
+    manifest["sequences"] = manifest["sequences"][:1]
+    (part / "test").mkdir(parents=True)
+    (part / "test/board.h5").write_bytes((dataset / "test/board.h5").read_bytes())
+    (part / "manifest.json").write_text(json.dumps(manifest))
+    verdicts = {v.method: v for v in verify_evaluation(evaluation, part).verdicts}
+    assert verdicts["sd+argmax"].reason == "leaf is not in the dataset (1 of 2 sequences differ)"
+
+
+def test_a_damaged_verification_is_one_line(call, evaluation, dataset):
+    call("leaderboard", "verify", evaluation, "--on", dataset)
+    file = evaluation / "verification.json"
+    file.write_text(file.read_text().replace("claimed", "re-run here", 1))
+    error = refusal(read_leaderboard, evaluation)
+    assert "this is not what was written" in error.problem
+    assert error.hint.startswith("run saf-gen leaderboard verify again")
