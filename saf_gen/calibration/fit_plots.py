@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -19,7 +18,7 @@ from saf_gen.calibration.fit_sensor import SensorFit
 from saf_gen.calibration.interval_noise import second_difference_variance
 from saf_gen.calibration.spike_kernel import LAGS
 from saf_gen.calibration.spike_statistics import SERIES_FRAMES
-from saf_gen.core.figure_style import COLOURS, STYLE
+from saf_gen.core.figure_style import COLOURS, STYLE, use_figure_style
 
 SEEN, LAW = COLOURS[:2]
 _STYLE: dict[Any, Any] = {**STYLE, "figure.facecolor": "white", "svg.hashsalt": "fit"}
@@ -59,7 +58,7 @@ def draw_fit_plots(fit: SensorFit) -> list[FitPlot]:
     if any(v.light is not None for v in fit.variations.values()):
         plots.append(("Light", "Mean of all pixels in time, where it varied beyond noise.", _light))
     drawn = []
-    with matplotlib.rc_context(_STYLE):
+    with use_figure_style(_STYLE):
         for title, caption, draw in plots:
             figure = Figure(figsize=(4.4, 3.0), dpi=72, layout="constrained")
             FigureCanvasSVG(figure)

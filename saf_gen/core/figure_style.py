@@ -7,7 +7,9 @@ text. Within a page every colour is a CSS variable, so that one drawing serves l
 import io
 import re
 import textwrap
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -126,9 +128,15 @@ def split_method_label(method: str) -> tuple[str, str]:
     return measure, search
 
 
-def use_figure_style() -> Any:
-    """Return a context with matplotlib's settings for our figures; it restores the earlier settings."""
-    return matplotlib.rc_context(STYLE)
+@contextmanager
+def use_figure_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
+    """Return a context with matplotlib's settings for our figures; it restores the earlier settings.
+
+    A name may be in letters that the font lacks: an SVG holds it as text, in the reader's font, so no warning is given.
+    """
+    with matplotlib.rc_context(style), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "(?s)Glyph .* missing from font", UserWarning)
+        yield
 
 
 def create_figure(inches: float, *, title: str) -> Figure:
@@ -149,7 +157,7 @@ def hide_spines(axes: Axes, *sides: str) -> None:
 def to_svg(figure: Figure, *, name: str) -> str:
     """Return the text of an SVG file; the same figure and name give the same text."""
     buffer = io.StringIO()
-    with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
+    with use_figure_style({**STYLE, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return _DIGITS.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), buffer.getvalue())
 
@@ -158,7 +166,7 @@ def to_pdf(figure: Figure) -> bytes:
     """Return the figure as PDF, scaled as a whole to a column of a paper (3.5 inches), its fonts embedded."""
     width, height = (72 * side for side in figure.get_size_inches())
     scale, buffer = 72 * COLUMN / width, io.BytesIO()
-    with matplotlib.rc_context({**STYLE, "pdf.fonttype": 42}):
+    with use_figure_style({**STYLE, "pdf.fonttype": 42}):
         file = PdfFile(buffer, metadata={"CreationDate": None, "Creator": PDF_CREATOR})
         try:
             figure.set_dpi(72)

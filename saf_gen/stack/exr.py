@@ -3,10 +3,8 @@
 import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -14,7 +12,6 @@ import OpenEXR
 from saf_gen.errors import BadInput
 from saf_gen.stack import exr_parts
 
-STORED = {"FLOAT": "<f4", "HALF": "<f2"}
 BLOCK = 8  # planes that are compressed together; to read one is to read a block
 
 
@@ -72,11 +69,10 @@ def read_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[st
     try:
         if blocks := exr_parts.read_part_headers(path, marked="planes"):
             return _read_blocks(path, blocks, names=names)
-        with closing(OpenEXR.InputFile(str(path))) as file:
-            header = file.header()
+        header = exr_parts.read_flat_header(path)
         rows = _rows(path, header)
-        planes = {name: np.array(rows[name]) for name in (header["channels"] if names is None else names)}
-        attributes = {key: value.decode() for key, value in header.items() if isinstance(value, bytes)}
+        held = header.line.names[2:] if header.line.names else ()
+        planes = {name: np.array(rows[name]) for name in (held if names is None else names)}
     except (
         RuntimeError,
         OSError,
@@ -88,7 +84,7 @@ def read_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[st
         zlib.error,
     ) as error:
         raise BadInput(f"{path} is not a whole OpenEXR file: {error}", hint="delete it, generate again") from error
-    return planes, attributes
+    return planes, header.texts
 
 
 def _read_blocks(
@@ -114,25 +110,18 @@ def _batches(names: Iterable[str], size: int) -> Iterator[list[str]]:
         yield block
 
 
-def _rows(path: Path, header: Mapping[str, Any]) -> np.ndarray:
+def _rows(path: Path, header: exr_parts.FlatHeader) -> np.ndarray:
     """Return the scan lines as a memory map: y, the number of bytes that follow, a line of each channel.
 
     OpenEXR itself reads all channels of a line to return one. Without compression all lines have one size and
     end the file, so they can be mapped.
     """
-    window, channels = header["dataWindow"], header["channels"]
-    columns, first = window.max.x - window.min.x + 1, window.min.y
-    count = window.max.y - first + 1
-    for name, channel in channels.items():
-        if str(channel.type) not in STORED:
-            raise ValueError(f"channel {name} is {channel.type}, not {' or '.join(STORED)}")
-    of_channels = [(name, STORED[str(channel.type)], (columns,)) for name, channel in channels.items()]
-    line = np.dtype([("y", "<i4"), ("bytes", "<i4"), *of_channels])
+    line, count = header.line, header.count
     begin = path.stat().st_size - count * line.itemsize
     if begin <= 0:
         raise ValueError("it is truncated")
     rows = np.memmap(path, line, "r", begin, (count,))
-    whole = (rows["bytes"] == line.itemsize - 8) & (rows["y"] == np.arange(first, first + count))
+    whole = (rows["bytes"] == line.itemsize - 8) & (rows["y"] == np.arange(header.first, header.first + count))
     if not whole.all():
         raise ValueError("its scan lines are not those of a whole, uncompressed file")
     return rows

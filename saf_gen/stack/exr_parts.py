@@ -1,4 +1,4 @@
-"""Single parts of an OpenEXR file of many, whose scan lines are compressed: OpenEXR itself reads all parts or none.
+"""OpenEXR files read by lines of our own: OpenEXR reads all parts or none, and damaged headers end its process.
 
 The layout is that of *OpenEXR File Layout*, https://openexr.com/en/latest/OpenEXRFileLayout.html: headers, a table of
 offsets for each part, then chunks of 16 lines. ZIP is zlib's deflate of a chunk's bytes, the even ones before the odd
@@ -14,6 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 MAGIC, MULTI_PART = 20000630, 0x1000
+UNCOMPRESSED, CHANNEL_BYTES = 0, 16
 ZIP, LINES_PER_CHUNK = 3, 16
 STORED = {1: "<f2", 2: "<f4"}
 MOST_HEADER_BYTES = 1 << 20
@@ -43,6 +44,41 @@ class PartHeader:
     @property
     def chunks(self) -> int:
         return -(-self.rows // LINES_PER_CHUNK)
+
+
+@dataclass(frozen=True)
+class FlatHeader:
+    """A file of one part without compression: the type of a scan line, the number of the first, how many, the texts.
+
+    line : ``y``, ``bytes`` (that follow), then the columns of each channel by its name.
+    """
+
+    line: np.dtype
+    first: int
+    count: int
+    texts: dict[str, str]
+
+
+def read_flat_header(path: Path) -> FlatHeader:
+    """Return the header of a file of one uncompressed part, as :func:`saf_gen.stack.exr.write_planes` writes it.
+
+    Raises OSError, ValueError, LookupError or struct.error for any other.
+    """
+    with path.open("rb") as file:
+        (one, *others), _, _ = _read_attributes(file.read(MOST_HEADER_BYTES))
+    left, top, right, bottom = struct.unpack("<4i", one["dataWindow"][1])
+    columns, listed, at = right - left + 1, one["channels"][1], 0
+    if others or one["compression"][1] != bytes([UNCOMPRESSED]) or columns < 1 or bottom < top:
+        raise ValueError("it is not one uncompressed picture")
+    fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = [("y", "<i4"), ("bytes", "<i4")]
+    while listed[at] != 0:
+        end = listed.index(0, at)
+        kind = STORED.get(struct.unpack_from("<i", listed, end + 1)[0])
+        if kind is None:
+            raise ValueError(f"channel {listed[at:end].decode()!r} holds no floats")
+        fields.append((listed[at:end].decode(), kind, (columns,)))
+        at = end + 1 + CHANNEL_BYTES
+    return FlatHeader(np.dtype(fields), top, bottom - top + 1, _texts(one))
 
 
 def read_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
@@ -98,7 +134,7 @@ def _read_chunk(file: BinaryIO, offset: int, *, part: PartHeader, size: int) -> 
     packed = file.read(packed_size)
     if packed_size == size:  # what does not get smaller is stored as it is
         return np.frombuffer(packed, np.uint8, size)
-    steps = np.frombuffer(zlib.decompress(packed), np.uint8)
+    steps = np.frombuffer(zlib.decompressobj().decompress(packed, size + 1), np.uint8)
     if steps.size != size:
         raise ValueError(f"part {part.number} has a chunk of {steps.size} bytes, not {size}")
     steps = steps.copy()

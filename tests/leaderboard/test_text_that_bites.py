@@ -5,6 +5,7 @@ import json
 import re
 
 import pytest
+from handmade_evaluations import make_sweep
 from handmade_records import record
 from rich.console import Console
 from rich.table import Table
@@ -17,6 +18,7 @@ from saf_gen.core.plain_text import escape_markdown, escape_names
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
+from saf_gen.leaderboard.report import write_report
 
 STEERING = "\x1b[2J\x1b]0;title\x07\x9b31m\x7f\u202eevil\u2028next\ud800"
 NASTY = f"a|b\n| c | <script>alert(1)</script> `x` [y](http://z) {STEERING}"
@@ -120,3 +122,10 @@ def test_names_of_a_whole_evaluation_are_escaped_for_page_and_figures():
     )
     assert shown.records[0].trace == (1.0, 2.0)
     assert shown.failures[0].problem == r"\x07"
+
+
+def test_names_in_other_scripts_are_text_in_the_figures_and_warn_of_nothing(tmp_path):
+    records = tuple(record(f"网+{n}", "对焦", 0.1, light="光", scene="焦点") for n in (1, 2))
+    made = Evaluation(records, (make_sweep("光", scene="焦点"),), ())
+    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="焦点")
+    assert any("焦点" in path.read_text(encoding="utf-8") for path in (tmp_path / "figures").glob("*.svg"))

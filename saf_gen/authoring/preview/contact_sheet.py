@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -17,7 +16,7 @@ from matplotlib.figure import Figure
 from saf_gen.authoring.preview.sheet_plots import draw_preview_curves, draw_preview_histogram
 from saf_gen.camera import Sensor
 from saf_gen.core.display_tone import encode_gamma, find_white_level
-from saf_gen.core.figure_style import COLUMN_STYLE
+from saf_gen.core.figure_style import COLUMN_STYLE, use_figure_style
 from saf_gen.core.files import write_atomically
 from saf_gen.errors import unknown
 from saf_gen.stack.focal_stack import FocalStack
@@ -87,7 +86,7 @@ def draw_contact_sheet(sheet: ContactSheet, path: Path) -> None:
     height = CAPTION + width * rows / columns
     below = CAPTION + PLOT + AXIS
     tall = TITLE + -(-len(cells) // across) * (height + GAP) + below
-    with matplotlib.rc_context(COLUMN_STYLE):
+    with use_figure_style(COLUMN_STYLE):
         figure = Figure(figsize=(WIDTH, tall), dpi=PIXELS / WIDTH)
         FigureCanvasAgg(figure)
 

@@ -5,10 +5,14 @@ before memory is taken.
 """
 
 import os
+import struct
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from math import prod
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,6 +24,11 @@ MAX_MAT_BYTES = 2 << 30
 """Largest array of an old MATLAB file, which can only be read as a whole."""
 MAX_CHUNK_BYTES = 64 << 20
 """Largest chunk of a new one, which HDF5 inflates as a whole."""
+DAMAGE = (
+    *(OSError, ValueError, EOFError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError),
+    *(SyntaxError, TokenError, NotImplementedError, zipfile.BadZipFile, zlib.error, struct.error),
+)
+"""What the libraries that read these files raise for damaged ones, by where the damage is."""
 HDF5_START = b"\x89HDF\r\n\x1a\n"
 
 
@@ -51,7 +60,7 @@ def open_array_file(path: str | os.PathLike[str], *, key: str | None = None) -> 
         raise BadInput("there is no such file", where=str(path))
     if key is not None and ending == ".npy":
         raise BadInput(f"--key {key} of a file with one array", where=str(path), hint="leave it out")
-    try:
+    with _report_damage(where):
         if ending == ".npy":
             loaded: np.ndarray = np.load(where, mmap_mode="r", allow_pickle=False)
             return loaded
@@ -60,7 +69,13 @@ def open_array_file(path: str | os.PathLike[str], *, key: str | None = None) -> 
         with where.open("rb") as file:
             is_hdf5 = _starts_hdf5(file.read(1024))
         return _HdfArray(where, key=key) if is_hdf5 else _load_old_matlab(where, key=key)
-    except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile, NotImplementedError) as error:
+
+
+@contextmanager
+def _report_damage(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except DAMAGE as error:
         raise BadInput(f"cannot be read: {error}", where=str(path), allowed="whole arrays of numbers") from error
 
 
@@ -88,7 +103,7 @@ class _ArchivedArray:
     """An array in a .npz, which is a zip of .npy files; it is inflated from the front to the end."""
 
     def __init__(self, path: Path, *, key: str | None) -> None:
-        self._archive = zipfile.ZipFile(path)
+        self._path, self._archive = path, zipfile.ZipFile(path)
         headers = {}
         for info in self._archive.infolist():
             if info.filename.endswith(".npy"):
@@ -106,13 +121,14 @@ class _ArchivedArray:
 
     def __getitem__(self, span: slice) -> np.ndarray:
         first, stop, _ = span.indices(self.shape[0])
-        if self._at != first:
-            self._file.close()
-            self._file = self._archive.open(self._info)
-            self._file.seek(self._begin + first * self._slice_bytes)
-        raw = self._file.read((stop - first) * self._slice_bytes)
-        self._at = stop
-        return np.frombuffer(raw, self.dtype).reshape(stop - first, *self.shape[1:])
+        with _report_damage(self._path):
+            if self._at != first:
+                self._file.close()
+                self._file = self._archive.open(self._info)
+                self._file.seek(self._begin + first * self._slice_bytes)
+            raw = self._file.read((stop - first) * self._slice_bytes)
+            self._at = stop
+            return np.frombuffer(raw, self.dtype).reshape(stop - first, *self.shape[1:])
 
 
 def _read_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype, int]:
@@ -129,7 +145,7 @@ class _HdfArray:
     def __init__(self, path: Path, *, key: str | None) -> None:
         import h5py
 
-        self._file = h5py.File(path, "r")
+        self._path, self._file = path, h5py.File(path, "r")
         found: dict[str, Any] = {}
         for name in self._file:
             link = self._file.get(name, getlink=True)
@@ -143,7 +159,8 @@ class _HdfArray:
         self.dtype = self._data.dtype
 
     def __getitem__(self, span: slice) -> np.ndarray:
-        block = self._data[span]
+        with _report_damage(self._path):
+            block = self._data[span]
         return np.asarray(block.transpose(0, *range(block.ndim - 1, 0, -1)))
 
 
@@ -164,13 +181,13 @@ def _load_old_matlab(path: Path, *, key: str | None) -> np.ndarray:
     numeric = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
     try:
         listed = {name: shape for name, shape, kind in io.whosmat(str(path), appendmat=False) if kind in numeric}
-        name = choose_array(listed, key, where=str(path))
-        if 8 * prod(listed[name]) > MAX_MAT_BYTES * 8:
-            raise BadInput(
-                f"{name} has {prod(listed[name])} values", where=str(path), allowed=f"at most {MAX_MAT_BYTES}",
-                hint="save it with -v7.3, which is read in parts",
-            )  # fmt: skip
-        array = np.asarray(io.loadmat(str(path), variable_names=[name], appendmat=False)[name])
-    except (MatReadError, IndexError) as error:
-        raise BadInput(f"cannot be read: {error}", where=str(path), allowed="a MATLAB file") from error
+    except MatReadError as error:
+        raise ValueError(error) from error
+    name = choose_array(listed, key, where=str(path))
+    if 8 * prod(listed[name]) > MAX_MAT_BYTES * 8:
+        raise BadInput(
+            f"{name} has {prod(listed[name])} values", where=str(path), allowed=f"at most {MAX_MAT_BYTES}",
+            hint="save it with -v7.3, which is read in parts",
+        )  # fmt: skip
+    array = np.asarray(io.loadmat(str(path), variable_names=[name], appendmat=False)[name])
     return np.moveaxis(array, -1, 0)

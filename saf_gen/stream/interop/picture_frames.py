@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from math import prod
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop.array_files import ENDINGS, SlicedArray, open_array_file
+from saf_gen.stream.interop.array_files import DAMAGE, ENDINGS, SlicedArray, open_array_file
 
 IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm"})
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -104,12 +105,13 @@ def _open_image(path: Path) -> Image.Image:
     try:
         if not path.is_file():  # to open a pipe would wait for ever
             raise ValueError("not a file on a disk")
-        with Image.open(path) as image:
+        # What Pillow warns of is told as an error, or does no harm.
+        with catch_warnings(action="ignore"), Image.open(path) as image:
             if image.width * image.height > MAX_PIXELS:
                 size = f"{image.width} × {image.height} pixels"
                 raise BadInput(size, where=str(path), allowed=f"at most {MAX_PIXELS}")
             image.load()
-    except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+    except (*DAMAGE, SyntaxError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise BadInput(f"cannot be read: {error}", where=str(path), allowed="a picture") from error
     return image
 

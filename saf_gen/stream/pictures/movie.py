@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -12,7 +11,7 @@ from matplotlib.font_manager import FontProperties, findfont
 from PIL import Image, ImageDraw, ImageFont
 
 from saf_gen.core.extras import require_extra
-from saf_gen.core.figure_style import STYLE
+from saf_gen.core.figure_style import STYLE, use_figure_style
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
 from saf_gen.stream.pictures.panels import draw_panels, list_panels
@@ -40,7 +39,7 @@ class Screen:
         tall = max(self._shown[1] + LINE, PANEL * len(list_panels(timeline)) + LINE)
         self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
         style: dict[Any, Any] = {**STYLE, "figure.facecolor": "white"}
-        with matplotlib.rc_context(style):
+        with use_figure_style(style):
             inches = self.size[0] / DOTS_PER_INCH, self.size[1] / DOTS_PER_INCH
             figure = Figure(figsize=inches, dpi=DOTS_PER_INCH, layout="constrained")
             canvas = FigureCanvasAgg(figure)

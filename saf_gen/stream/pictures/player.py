@@ -9,13 +9,12 @@ from math import isfinite
 from pathlib import Path
 from string import Template
 
-import matplotlib
 import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from saf_gen.core.display_tone import encode_gamma
-from saf_gen.core.figure_style import STYLE, WIDTH, inline_svg, to_svg
+from saf_gen.core.figure_style import WIDTH, inline_svg, to_svg, use_figure_style
 from saf_gen.core.region import Region
 from saf_gen.stream.pictures.image_strip import encode_small_jpeg, lay_out_pictures, shrink_picture
 from saf_gen.stream.pictures.panels import draw_panels, list_panels
@@ -33,7 +32,7 @@ def write_player(
     stream, two_tone = pictures.stream, pictures.kind == "spikes"
     sheet = lay_out_pictures(_small_pictures(pictures), count=len(pictures.starts), two_tone=two_tone)
     strip = sheet.encode("PNG", optimize=True) if two_tone else encode_small_jpeg(sheet, max_bytes=MAX_BYTES)
-    with matplotlib.rc_context(STYLE):
+    with use_figure_style():
         panels = len(list_panels(timeline))
         figure = Figure(figsize=(WIDTH, PANEL * panels + AXIS), dpi=72, layout="constrained")
         FigureCanvasSVG(figure)

@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from saf_gen.core.figure_style import COLUMN, COLUMN_STYLE, SOFT
+from saf_gen.core.figure_style import COLUMN, COLUMN_STYLE, SOFT, use_figure_style
 from saf_gen.core.region import Region
 from saf_gen.stream.pictures.panels import draw_panels, list_panels
 from saf_gen.stream.pictures.timeline import Timeline
@@ -27,7 +26,7 @@ def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region |
     _, height, width = pictures.stream.shape
     each = min(COLUMN / across * height / width, TALLEST) + CAPTION
     above, below = down * each, PANEL * len(list_panels(timeline)) + AXIS
-    with matplotlib.rc_context(COLUMN_STYLE):
+    with use_figure_style(COLUMN_STYLE):
         figure = Figure(figsize=(COLUMN, above + below), dpi=DOTS_PER_INCH, layout="constrained")
         FigureCanvasAgg(figure)
         layout: Any = figure.get_layout_engine()

@@ -60,9 +60,10 @@ def fetch_dataset(
     except OSError as error:
         raise unwritable_error(folder, error) from error
     finally:
-        with suppress(OSError):  # where nothing was fetched, nothing stays
-            (folder / PARTS).rmdir()
-            folder.rmdir()
+        if [one.name for one in folder.glob("*")] == [PARTS]:  # where nothing was fetched, nothing stays
+            with suppress(OSError):
+                (folder / PARTS).rmdir()
+                folder.rmdir()
     return folder, index
 
 
