@@ -72,8 +72,14 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     ),
     "dataset": ("Make a dataset of streams that are there.", {"index": stream_commands.index}),
     "recipes": (
-        "List and check recipes.",
-        {"list": recipe_commands.list_, "check": recipe_commands.check, "schema": recipe_commands.schema},
+        "List and check recipes, and seal a test split until everybody has submitted.",
+        {
+            "list": recipe_commands.list_,
+            "check": recipe_commands.check,
+            "schema": recipe_commands.schema,
+            "seal": recipe_commands.seal,
+            "unseal": recipe_commands.unseal,
+        },
     ),
     "sensors": (
         "List, show and check sensors, compare them with recordings, and fit one to your camera.",

@@ -55,6 +55,8 @@ EXAMPLES = {
     "dataset index": ("dataset index recordings",),
     "recipes list": ("recipes list",),
     "recipes check": ("recipes check my_recipe.yaml",),
+    "recipes seal": ("recipes seal my_recipe.yaml",),
+    "recipes unseal": ("recipes unseal my_recipe-sealed.yaml --secret my_recipe.secret",),
     "recipes schema": ("recipes schema --out recipe.schema.json",),
     "sensors list": ("sensors list",),
     "sensors show": ("sensors show vidar_400x250",),

@@ -1,6 +1,9 @@
-"""The commands ``recipes list``, ``check`` and ``schema``."""
+"""The commands ``recipes list``, ``check``, ``schema``, ``seal`` and ``unseal``."""
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import AsJson, OutFile, RecipeName, out
@@ -43,3 +46,38 @@ def schema(*, path: OutFile = None) -> None:
     from saf_gen.generate.recipe_schema import make_recipe_schema
 
     print_json(make_recipe_schema(), path)
+
+
+def seal(
+    recipe: Annotated[Path, typer.Argument(help="A recipe file.")],
+    *,
+    path: Annotated[Path | None, typer.Option("--out", help="File to write (default: RECIPE-sealed.yaml).")] = None,
+    secret: Annotated[Path | None, typer.Option(help="File for the secret (default: RECIPE.secret).")] = None,
+) -> None:
+    """Hide a recipe's seed: publish the sealed recipe before, and the secret after everybody has submitted."""
+    from saf_gen.generate.recipe import read_recipe
+    from saf_gen.generate.sealing import seal_recipe
+
+    read_recipe(recipe)
+    sealed = path or recipe.with_stem(f"{recipe.stem}-sealed")
+    kept = secret or recipe.with_suffix(".secret")
+    seed = seal_recipe(recipe, sealed, secret_file=kept)
+    out.print(f"{sealed}   (publish it: it commits to {seed.sealed})", soft_wrap=True)
+    out.print(f"{kept}   (the secret, which stands for a new seed: show nobody, lose no copy)", soft_wrap=True)
+
+
+def unseal(
+    recipe: Annotated[Path, typer.Argument(help="A sealed recipe file.")],
+    secret: Annotated[str, typer.Option(help="The secret, 64 hexadecimal digits, or the file that holds it.")],
+    *,
+    path: Annotated[Path | None, typer.Option("--out", help="File to write (default: RECIPE-open.yaml).")] = None,
+) -> None:
+    """Open a sealed recipe with its secret, which is checked against what the recipe commits to."""
+    from saf_gen.core.config.document import read_text
+    from saf_gen.generate.recipe import read_recipe
+    from saf_gen.generate.sealing import unseal_recipe
+
+    text = read_text(Path(secret), most=4096) if Path(secret).is_file() else secret
+    opened = path or recipe.with_stem(f"{recipe.stem.removesuffix('-sealed')}-open")
+    unseal_recipe(recipe, opened, secret=text.strip())
+    out.print(f"{opened}: seed {read_recipe(opened).seed}   (next: saf-gen generate {opened})", soft_wrap=True)

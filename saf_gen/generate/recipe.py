@@ -5,18 +5,23 @@ No number is drawn and no scene opened here: :mod:`saf_gen.generate.plan` turns 
 
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from saf_gen.core.config import components
 from saf_gen.core.config.document import FrozenModel, validate_document
 from saf_gen.core.config.ranges import check_parameter, config_range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
+from saf_gen.generate.sealing import SealedSeed, open_sealed_seed
 from saf_gen.lights import read_light_schedule
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
+
+
+SEED_SCHEMA = {"anyOf": [{"type": "integer", "minimum": 0, "maximum": 2**63 - 1}, SealedSeed.model_json_schema()]}
+"""What an editor takes for a seed: a number, or a sealed one, which is a number once it is open."""
 
 
 class ExposureSettings(FrozenModel):
@@ -191,8 +196,8 @@ class Recipe(FrozenModel):
 
     name: str = Field(pattern=NAME_PATTERN)
     """Name of the dataset: lower-case letters, digits, ``-``, ``_``."""
-    seed: int = Field(ge=0, le=2**63 - 1)
-    """Names every random number of the dataset."""
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1), WithJsonSchema(SEED_SCHEMA)]
+    """Names every random number of the dataset; ``saf-gen recipes seal`` hides it until its secret is opened."""
     camera: CameraSettings
     focus: FocusSettings
     render: RenderSettings
@@ -210,6 +215,7 @@ def read_recipe(path: str | Path) -> Recipe:
     Raises BadInput with file and line where something does not fit.
     """
     document = read_yaml(path)
+    open_sealed_seed(document)
     recipe = validate_document(Recipe, document)
     lights = {}
     for name, schedule in recipe.lights.items():

@@ -54,6 +54,10 @@ class Document:
                 return f"{self.path}:{self._lines[keys[:end]]}"
         return str(self.path)
 
+    def only(self, key: str) -> "Document":
+        """Return what a mapping holds under this key alone."""
+        return Document({key: self.data[key]}, self.path, find_lines=lambda: self._lines)
+
 
 MAX_BYTES = 1 << 30
 """Of a file that programs write, such as the manifest of a dataset."""

@@ -1,0 +1,124 @@
+"""Sealed recipes: a test split whose members and noise nobody knows until its secret is opened.
+
+A recipe's ``seed`` names every random number. Sealed, it is a commitment, SHA-256 over secret and salt, which is
+published before anybody submits. Whoever is given the secret later sees that it fits, generates the split, and compares
+digests. Scenes, lights and sizes of the split stand in the recipe all the time.
+"""
+
+import hashlib
+import hmac
+import re
+import secrets
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from saf_gen.core.config.document import Document, FrozenModel, validate_document
+from saf_gen.core.config.yaml_document import read_yaml
+from saf_gen.core.files import write_text_atomically
+from saf_gen.errors import BadInput
+
+_DIGITS = 32
+"""Hexadecimal digits of a salt; a secret and a commitment have twice as many."""
+UNSEAL = "saf-gen recipes unseal RECIPE --secret FILE, once the secret is published"
+
+
+class SealedSeed(FrozenModel):
+    """The ``seed`` of a sealed recipe; with its ``secret`` it is open, and stands for one number."""
+
+    sealed: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    """SHA-256 over the bytes of secret and salt, one after the other."""
+    salt: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+    """16 random bytes, public from the beginning."""
+    secret: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+    """32 random bytes, public in the end."""
+
+
+class _WithSealedSeed(FrozenModel):
+    seed: SealedSeed
+
+
+def open_sealed_seed(document: Document) -> None:
+    """Replace the sealed ``seed`` of a recipe by the number that its secret stands for; other recipes stay as they are.
+
+    Raises BadInput, with the line, for a seed without its secret, and for a secret that does not fit.
+    """
+    if not _is_sealed(document):
+        return
+    seed = _read_seed(document)
+    if seed.secret is None:
+        raise BadInput("this recipe is sealed", where=document.locate("seed"), hint=UNSEAL)
+    _check_secret(seed, seed.secret, where=document.locate("seed", "secret"))
+    digest = hashlib.sha256(b"saf-gen sealed seed" + bytes.fromhex(seed.salt) + bytes.fromhex(seed.secret)).digest()
+    document.data["seed"] = int.from_bytes(digest[:8]) >> 1  # 63 bits, as a recipe's seed has
+
+
+def seal_recipe(recipe: Path, sealed: Path, *, secret_file: Path) -> SealedSeed:
+    """Write a recipe whose seed is sealed, and the new secret into a file that only its owner may read.
+
+    Returns the seed, which is still without its secret. Raises BadInput for a recipe that is sealed already, whose seed
+    is not on a line of its own, or for a file that is there already.
+    """
+    document = read_yaml(recipe)
+    if _is_sealed(document):
+        raise BadInput("this recipe is sealed already", where=document.locate("seed"))
+    for path in (sealed, secret_file):
+        if path.exists():
+            raise BadInput(f"{path} is there already", hint="choose another name: a secret is made once")
+    salt, secret = secrets.token_hex(_DIGITS // 2), secrets.token_hex(_DIGITS)
+    seed = SealedSeed(sealed=_commitment(secret, salt), salt=salt)
+    text = _replace_seed(document, f'{{sealed: "{seed.sealed}", salt: "{seed.salt}"}}')
+    secret_file.parent.mkdir(parents=True, exist_ok=True)
+    secret_file.touch(mode=0o600)
+    secret_file.write_text(f"{secret}\n", encoding="utf-8")
+    write_text_atomically(sealed, text)
+    return seed
+
+
+def unseal_recipe(recipe: Path, opened: Path, *, secret: str) -> None:
+    """Write a sealed recipe together with its secret, as ``saf-gen generate`` takes it.
+
+    Raises BadInput for a recipe that is not sealed, a secret that does not fit, and a file that is there already.
+    """
+    document = read_yaml(recipe)
+    if not _is_sealed(document):
+        raise BadInput("this recipe is not sealed", where=str(recipe), hint="it generates as it is")
+    seed = _read_seed(document)
+    _check_secret(seed, secret, where=document.locate("seed"))
+    if opened.exists():
+        raise BadInput(f"{opened} is there already", hint="choose another name with --out")
+    text = f'{{sealed: "{seed.sealed}", salt: "{seed.salt}", secret: "{secret}"}}'
+    write_text_atomically(opened, _replace_seed(document, text))
+
+
+def _is_sealed(document: Document) -> bool:
+    return isinstance(document.data, dict) and isinstance(document.data.get("seed"), dict)
+
+
+def _read_seed(document: Document) -> SealedSeed:
+    return validate_document(_WithSealedSeed, document.only("seed")).seed
+
+
+def _commitment(secret: str, salt: str) -> str:
+    return hashlib.sha256(bytes.fromhex(secret) + bytes.fromhex(salt)).hexdigest()
+
+
+def _check_secret(seed: SealedSeed, secret: str, *, where: str) -> None:
+    if not re.fullmatch(rf"[0-9a-f]{{{2 * _DIGITS}}}", secret):
+        raise BadInput(f"the secret {secret!r:.20} is none", where=where, allowed="64 hexadecimal digits")
+    if not hmac.compare_digest(_commitment(secret, seed.salt), seed.sealed):
+        raise BadInput(
+            f"the secret {secret:.8}… is not the one that was sealed", where=where, allowed=f"that of {seed.sealed:.8}…"
+        )
+
+
+def _replace_seed(document: Document, seed: str) -> str:
+    """Return the text of a recipe with another ``seed``, comments and all."""
+    lines = document.path.read_text(encoding="utf-8").splitlines(keepends=True)
+    at = int(document.locate("seed").rpartition(":")[2]) - 1
+    found = re.fullmatch(r"(seed:\s*)(\{[^{}]*\}|[^\s#]+)(\s*(?:#.*)?\n?)", lines[at])
+    if found is None:
+        raise BadInput("the seed is not on a line of its own", where=document.locate("seed"), allowed="seed: 7")
+    lines[at] = f"{found[1]}{seed}{found[3]}"
+    return "".join(lines)
