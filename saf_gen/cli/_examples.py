@@ -36,6 +36,11 @@ EXAMPLES = {
         "view recording.h5 --out sweep.png --measure sd",
         "view recording.h5 --out sweep.html --as tfi --window 200",
     ),
+    "plan": (
+        "plan quickstart",
+        "plan recipes/quickstart.yaml recipes/sad_synthetic.yaml --workers 2 --machines 8",
+        "plan recipes/saf_bench.yaml --shard 1/8 --rates rates.json",
+    ),
     "verify": ("verify datasets/quickstart",),
     "pack": (
         "pack datasets/quickstart --out packed",
@@ -44,7 +49,7 @@ EXAMPLES = {
     "fetch": ("fetch https://example.org/quickstart", "fetch packed --out datasets/again"),
     "validate": ("validate --quick --only noise", "validate --out docs"),
     "init": ("init", "init my_project", "init my_project --forget"),
-    "bench": ("bench stream", "bench grain --scene fan --out grain"),
+    "bench": ("bench stream", "bench rates --json", "bench grain --scene fan --out grain"),
     "doctor": ("doctor", "doctor --json"),
     "scenes list": ("scenes list", "scenes list --json"),
     "scenes new": ("scenes new my_scene", "scenes new my_scene --from exported/scene.xml"),

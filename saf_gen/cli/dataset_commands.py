@@ -37,7 +37,7 @@ def generate(
         from saf_gen.generate.run import generate as make
 
     validate_keep_slices(keep_slices)
-    work = resolve_recipe(recipe, part=_shard(shard), split=split)
+    work = resolve_recipe(recipe, part=parse_shard(shard), split=split)
     target = folder or Path("datasets") / work.recipe.name
     if work.stacks_to_render(target, keep_slices) and not cluster:
         _look_for_renderer(variant, dry_run=dry_run)
@@ -48,14 +48,17 @@ def generate(
         return
     with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
-        logged: set[str] = set()
+        finished: set[str] = set()
 
         def report(name: str, done: float) -> None:
+            if name in finished:
+                return
             if name not in tasks:
                 tasks[name] = bars.add_task(name, total=1.0)
             bars.update(tasks[name], completed=done)
-            if done >= 1 and not err.is_terminal and name not in logged:
-                logged.add(name)  # a log file has no bars, but one line per finished piece
+            if done >= 1:  # a bar for each of thousands would hide those that move, and slow the run down
+                finished.add(name)
+                bars.remove_task(tasks.pop(name))
                 err.print(f"done: {name}")
 
         result = make(
@@ -99,7 +102,8 @@ def _look_for_renderer(variant: str, *, dry_run: bool) -> None:
         err.print(f"scenes are rendered by variant scalar here, slowly and without diffraction; {backend.ADVICE}")
 
 
-def _shard(text: str) -> tuple[int, int]:
+def parse_shard(text: str) -> tuple[int, int]:
+    """Return (I, N) of "I/N"; raise BadInput where it is not that."""
     index, _, count = text.partition("/")
     if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
         raise BadInput(f"--shard is {text!r}", allowed="I/N with I from 1 to N, such as 2/8")

@@ -48,7 +48,8 @@ def init(
 
 def bench(
     names: Annotated[
-        list[str] | None, typer.Argument(help="stack, grain, encode, stream, score or job (default: all).")
+        list[str] | None,
+        typer.Argument(help="stack, grain, encode, stream, windows, score, rates, job (default: all)."),
     ] = None,
     *,
     scenes: Annotated[

@@ -141,13 +141,26 @@ class JobOrder:
                 groups[frozenset(users[spec])].append(spec)
         return groups
 
+    @cached_property
+    def _deletable_by_user(self) -> dict[str, list[frozenset[str]]]:
+        """The groups of ``_deletable`` by the id of each of their sequences."""
+        found: defaultdict[str, list[frozenset[str]]] = defaultdict(list)
+        for users in self._deletable:
+            for user in users:
+                found[user].append(users)
+        return found
+
+    @cached_property
+    def _ours(self) -> frozenset[str]:
+        """The ids of the sequences of this run."""
+        return frozenset(s.planned.id for s in self._resolved.sequences)
+
     def _jobs_that_delete(self, just_finished: str) -> list[Job]:
         """Return the deletion of every group of slices whose recordings in this run are all made by now."""
-        ours = {s.planned.id for s in self._resolved.sequences}
         return [
-            self._delete_job(users, specs)
-            for users, specs in self._deletable.items()
-            if just_finished in users and users & ours <= self._finished
+            self._delete_job(users, self._deletable[users])
+            for users in self._deletable_by_user.get(just_finished, ())
+            if users & self._ours <= self._finished
         ]
 
     def _jobs_that_delete_unrecorded(self) -> list[Job]:
@@ -156,7 +169,7 @@ class JobOrder:
         return [self._delete_job(frozenset(), specs)] if specs else []
 
     def _delete_job(self, users: frozenset[str], specs: list[StackSpec]) -> Job:
-        needed_by = [s for s in self._resolved.plan if s.planned.id in users]
+        needed_by = [s for s in self._resolved.plan if s.planned.id in users] if users else []
         label = needed_by[0].planned.label if needed_by else "the closed loop"
         digests = {stack: stack.digest(self._stacks) for stack in {s.time_stack for s in needed_by}}
         files = tuple((self._folder / s.planned.file, s.fingerprint(digests[s.time_stack])) for s in needed_by)

@@ -208,6 +208,15 @@ class Recipe(FrozenModel):
     scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Values or ranges of a scene's parameters, in place of its card's."""
 
+    def with_fewer_repeats(self, most: int) -> "Recipe":
+        """Return the recipe with at most so many repeats, and so members of a family, in each split."""
+
+        def cut(split: SplitSettings) -> SplitSettings:
+            repeats = min(split.repeats, most)
+            return split.model_copy(update={"repeats": repeats, "variants": min(split.variants, repeats)})
+
+        return self.model_copy(update={"splits": {name: cut(split) for name, split in self.splits.items()}})
+
 
 def read_recipe(path: str | Path) -> Recipe:
     """Read and check a recipe and the files that its lights and its lens motion name.

@@ -14,6 +14,7 @@ from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.shipped import find_recipe
 from saf_gen.errors import BadInput, located, unknown
+from saf_gen.generate.cost import MachineRates, stack_bytes, stream_bytes
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.generate.recordings import has_recording
@@ -30,18 +31,6 @@ from saf_gen.stack.time_resolved import (
 
 MODEL = 4
 """Raised whenever the same stack, recipe and seed would give other spikes: old files are then made anew."""
-
-SLICE_BYTES_PER_VALUE = {"filtered": 1.3, "plain": 1.5}
-"""By estimator, upper bounds. Filtered, 16 samples: 1.15 to 1.29 in the middle 200 × 125 pixels of fan, crossroad and
-cardiac_muscle, under each of their lights, at three positions and at all 129. Plain, 15 % of noise: 1.3 to 1.5."""
-SLICE_GEOMETRY_BYTES = 3.0  # per pixel, an upper bound: up to 2.8 in the middle of fan
-STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound of what a stream takes on disk
-# Measured on two cores of 2.8 GHz with LLVM: paths traced and splatted per second; pixel·frames encoded,
-# stored and verified per second; seconds to load a scene, for each light group of each stack; seconds to sum
-# and store one pixel at one focus position.
-PATHS_PER_S, PIXEL_FRAMES_PER_S, LOAD_S, PLANE_S_PER_PIXEL = 2.5e6, 0.7e9, 0.3, 8e-8
-START_S = 15.0  # processes, kernels, contact sheets: quickstart takes 25 s on two cores, of which its work is 9
-FILTERED_TIME = 1.8  # of a sample by the filtered estimator over a plain one; 1.2 in most slices, 3.5 through stains
 
 
 @dataclass(frozen=True)
@@ -162,24 +151,19 @@ class ResolvedRecipe:
                 kept |= set(sequence.time_stack.specs)
             if keep_slices != "none" and sequence.closed_loop_slices is not None:
                 kept |= set(sequence.closed_loop_slices.specs)
-        return sum(map(_stored_bytes, kept))
+        return stack_bytes(kept)
 
     def estimate_bytes(self, folder: Path, keep_slices: str = "all") -> int:
         """Return about how many bytes of disk the work still to do takes while it is done, rounded up."""
-        rendered = sum(map(_stored_bytes, self._missing_stacks(folder, keep_slices)))
-        return rendered + int(self._missing_pixel_frames(folder) * STREAM_BITS_PER_PIXEL_FRAME / 8)
+        missing = self._missing_stacks(folder, keep_slices)
+        return stack_bytes(missing) + stream_bytes(self._missing_pixel_frames(folder))
 
     def estimate_seconds(self, folder: Path, keep_slices: str = "all") -> float:
         """Return roughly how many seconds the work still to do takes on two cores with LLVM."""
-        pixels = self.sensor.rows * self.sensor.columns
-
-        def render_seconds(s: StackSpec) -> float:
-            sample = (FILTERED_TIME if s.estimator == "filtered" else 1.0) / PATHS_PER_S
-            return len(s.groups) * (LOAD_S + pixels * (s.samples * sample + s.rendered_count * PLANE_S_PER_PIXEL))
-
-        rendering = sum(map(render_seconds, self._missing_stacks(folder, keep_slices)))
-        working = rendering + self._missing_pixel_frames(folder) / PIXEL_FRAMES_PER_S
-        return START_S + working if working else 0.0
+        rates = MachineRates()
+        rendering = sum(map(rates.render_seconds, self._missing_stacks(folder, keep_slices)))
+        working = rendering + self._missing_pixel_frames(folder) / rates.recorded_per_s(1)
+        return rates.start_s + working if working else 0.0
 
     def _missing_stacks(self, folder: Path, keep_slices: str) -> set[StackSpec]:
         stacks = folder / "stacks"
@@ -190,17 +174,12 @@ class ResolvedRecipe:
         return missing * self.sensor.rows * self.sensor.columns * self.recipe.camera.frames
 
 
-def _stored_bytes(spec: StackSpec) -> int:
-    """Return about how many bytes of disk a stack takes, depth and target with it."""
-    pixels = spec.rows * spec.columns
-    values = len(spec.groups) * spec.rendered_count * pixels
-    if spec.window:
-        return int(values * SLICE_BYTES_PER_VALUE[spec.estimator] + pixels * SLICE_GEOMETRY_BYTES)
-    return values * 4 + pixels * 8
-
-
 def resolve_recipe(
-    recipe_path: str | Path, *, part: tuple[int, int] = (1, 1), split: str | None = None
+    recipe_path: str | Path,
+    *,
+    part: tuple[int, int] = (1, 1),
+    split: str | None = None,
+    most_repeats: int | None = None,
 ) -> ResolvedRecipe:
     """Read a recipe, find its scenes and sensor, draw its sequences, and check that they fit together.
 
@@ -211,6 +190,7 @@ def resolve_recipe(
     recipe_path : the recipe's YAML file, or the name of a recipe that comes with saf_gen.
     part : (I, N), 1-based: take every N-th sequence from the I-th on.
     split : take the sequences of this split alone.
+    most_repeats : take no more repeats of each split than so many, as a plan of a large recipe does.
 
     Raises
     ------
@@ -218,6 +198,8 @@ def resolve_recipe(
     """
     recipe_path = find_recipe(recipe_path)
     recipe, where = read_recipe(recipe_path), str(recipe_path)
+    if most_repeats is not None:
+        recipe = recipe.with_fewer_repeats(most_repeats)
     sensor = _read_sensor(recipe, Path(recipe_path).parent)
     scenes = {}
     for name in (name for settings in recipe.splits.values() for name in settings.scenes):

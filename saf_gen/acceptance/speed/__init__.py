@@ -24,6 +24,7 @@ BENCHES = {
     "stream": "the stream file: write, size, three read patterns, file to scores",
     "windows": "random windows for training, read by two processes",
     "score": "ten methods on six sequences",
+    "rates": "what `saf-gen plan --rates` takes: rendering, recording, and the scheduler on jobs that do nothing",
     "job": "the paper's synthetic set, recipe to leaderboard, and again under another light",
 }
 PEAK_MEMORY, MAX_MEMORY_GIB = "peak memory of a process", 2.0

@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,7 @@ from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.cli._terminal import out
 from saf_gen.errors import BadInput, SafGenError
+from saf_gen.generate.cost import read_machine_rates
 from saf_gen.render import backend
 
 PLACES = ("best focus", "a quarter away", "position 0", "position 1")
@@ -50,6 +51,7 @@ SMALL = BenchSize(
     reference=128,
     public_frames=4,
     sequences=2,
+    jobs=20,
 )
 # Part of a figure's text, with its target.
 PROMISED = {
@@ -134,6 +136,22 @@ def test_a_bench_gives_every_figure_promised(name):
     promises_kept(name, [f for f in found if isinstance(f, BenchFigure)])
     assert [f for f in found if isinstance(f, str)] == []
     assert {done for _, done in stages} >= {0.0, 1.0}
+
+
+@pytest.mark.slow
+def test_a_plan_reads_the_rates_that_the_bench_measures(tmp_path):
+    """So little is rendered here that its time may drown in that of others, which a remark then says."""
+    found, stages = measured("rates")
+    figures = [f for f in found if isinstance(f, BenchFigure)]
+    assert {"recording", "rendering", "scheduler"} == {stage for stage, _ in stages}
+    assert any(f.what == "20 of 20 jobs that do nothing, two workers" for f in figures)
+    names = {f.what for f in figures}
+    assert {"cores", "pixel_frames_per_s", "pixel_frames_per_core_s", "job_s", "sequence_s"} <= names
+    assert ("paths_per_s" in names) is ("load_s" in names) is (len(figures) == len(found))
+    path = tmp_path / "rates.json"
+    path.write_text(json.dumps([asdict(figure) for figure in figures]))
+    rates = read_machine_rates(path)
+    assert {f.what: f.value for f in figures if hasattr(rates, f.what)}.items() <= asdict(rates).items()
 
 
 @pytest.mark.slow

@@ -1,0 +1,96 @@
+"""What stacks and recordings cost: seconds on a machine of known rates, and bytes of disk."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from saf_gen.core.config.json_document import read_json
+from saf_gen.errors import BadInput
+from saf_gen.stack.focal_stack import StackSpec
+
+SLICE_BYTES_PER_VALUE = {"filtered": 1.3, "plain": 1.5}
+"""By estimator, upper bounds. Filtered, 16 samples: 1.15 to 1.29 in the middle 200 × 125 pixels of fan, crossroad and
+cardiac_muscle, under each of their lights, at three positions and at all 129. Plain, 15 % of noise: 1.3 to 1.5."""
+SLICE_GEOMETRY_BYTES = 3.0  # per pixel, an upper bound: up to 2.8 in the middle of fan
+STREAM_BITS_PER_PIXEL_FRAME = 0.4  # an upper bound of what a stream takes on disk
+FILTERED_TIME = 1.8  # of a sample by the filtered estimator over a plain one; 1.2 in most slices, 3.5 through stains
+HINT = "saf-gen bench rates --json > FILE makes one"
+
+
+@dataclass(frozen=True)
+class MachineRates:
+    """How fast a machine works; the defaults are of two cores of 2.8 GHz with LLVM.
+
+    Attributes
+    ----------
+    cores : cores that rendering uses, and that recordings side by side share.
+    paths_per_s : plain light paths traced and splatted per second, by all cores.
+    load_s : seconds to load a scene, for each light group of each stack.
+    plane_s_per_pixel : seconds to sum and store one pixel at one focus position.
+    pixel_frames_per_s : pixels times frames that one worker encodes, stores and verifies per second.
+    pixel_frames_per_core_s : the same, per second of a processor, which many workers side by side cannot exceed.
+    job_s : seconds that the scheduler spends on a job, whatever it does: measured on 100,000 jobs that do nothing.
+    sequence_s : seconds in which one process draws a sequence, and lists its file in the manifest in the end.
+    start_s : seconds for processes, kernels and contact sheets: quickstart takes 25 s, of which its work is 9.
+    """
+
+    cores: float = 2
+    paths_per_s: float = 2.5e6
+    load_s: float = 0.3
+    plane_s_per_pixel: float = 8e-8
+    pixel_frames_per_s: float = 0.7e9
+    pixel_frames_per_core_s: float = 0.97e9
+    job_s: float = 0.00024
+    sequence_s: float = 0.004
+    start_s: float = 15.0
+
+    def recorded_per_s(self, workers: int) -> float:
+        """Return the pixels times frames that so many workers of the machine record per second."""
+        return min(workers * self.pixel_frames_per_s, max(1.0, self.cores) * self.pixel_frames_per_core_s)
+
+    def render_seconds(self, spec: StackSpec) -> float:
+        """Return about how many seconds the rendering of a stack takes."""
+        pixels = spec.rows * spec.columns
+        sample = (FILTERED_TIME if spec.estimator == "filtered" else 1.0) / self.paths_per_s
+        planes = spec.rendered_count * self.plane_s_per_pixel
+        return len(spec.groups) * (self.load_s + pixels * (spec.samples * sample + planes))
+
+
+def read_machine_rates(path: str | Path) -> MachineRates:
+    """Return the rates in the output of ``saf-gen bench rates --json``; what it does not measure has its default.
+
+    Raises BadInput for a file that is not that.
+    """
+    found = read_json(path, hint=HINT).data
+    names = {field.name for field in fields(MachineRates)}
+    rates = {}
+    for figure in found if isinstance(found, list) else ():
+        if isinstance(figure, dict) and figure.get("bench") == "rates" and figure.get("what") in names:
+            value = figure.get("value")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e18:
+                raise BadInput(
+                    f"{figure['what']} is {value!r:.40}", where=str(path), allowed="a number above 0", hint=HINT
+                )
+            rates[figure["what"]] = float(value)
+    if not rates:
+        allowed = f"figures of the bench rates: {', '.join(sorted(names))}"
+        raise BadInput("the file holds no rates of a machine", where=str(path), allowed=allowed, hint=HINT)
+    return MachineRates(**rates)
+
+
+def stack_bytes(specs: Iterable[StackSpec]) -> int:
+    """Return about how many bytes of disk stacks take, depth and target with them."""
+    return sum(map(_stored_bytes, specs))
+
+
+def stream_bytes(pixel_frames: float) -> int:
+    """Return about how many bytes of disk streams of so many pixels times frames take."""
+    return int(pixel_frames * STREAM_BITS_PER_PIXEL_FRAME / 8)
+
+
+def _stored_bytes(spec: StackSpec) -> int:
+    pixels = spec.rows * spec.columns
+    values = len(spec.groups) * spec.rendered_count * pixels
+    if spec.window:
+        return int(values * SLICE_BYTES_PER_VALUE[spec.estimator] + pixels * SLICE_GEOMETRY_BYTES)
+    return values * 4 + pixels * 8
