@@ -1,6 +1,6 @@
 """What tests share: the scenes of this folder, and a sensor small enough to be quick."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -45,6 +45,20 @@ def _registered_scenes(tmp_path_factory):
 def worker_processes(monkeypatch):
     """Let generate() start its worker processes, as for a user."""
     monkeypatch.setattr(run, "run_jobs", run_jobs)
+
+
+@pytest.fixture(scope="session")
+def cluster_address() -> Iterator[str]:
+    """A Dask scheduler in a thread of this process, with one plain worker and one that offers a GPU."""
+    import distributed
+
+    workers = {
+        name: {"cls": distributed.Worker, "options": {"nthreads": 1, "resources": resources}}
+        for name, resources in (("plain", {}), ("card", {"GPU": 1}))
+    }
+    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False}}
+    with distributed.SpecCluster(workers, scheduler=scheduler, silence_logs="CRITICAL") as made:
+        yield made.scheduler_address
 
 
 @pytest.fixture

@@ -4,8 +4,10 @@ A method is a focus measure and a search. It sees windows of the recording throu
 and score stay with the evaluator, in the folder ``tracks``. A stream without truth is searched all the same.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,17 +16,25 @@ import numpy as np
 from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method, parse_method
+from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
 from saf_gen.benchmark.plugin_description import describe_methods
-from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Evaluation, LensPath, SequenceFailure, SweepSummary
+from saf_gen.benchmark.results import Evaluation, SequenceFailure
+from saf_gen.benchmark.sequence_evaluation import (
+    EvaluateJob,
+    MethodGroups,
+    NamedMethods,
+    evaluate_sequence,
+    group_by_region,
+    parse_methods,
+)
 from saf_gen.benchmark.thumbnails import select_sequences_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_method_predictions
-from saf_gen.benchmark.tracks.recorded_track import check_no_lens_commands, run_recorded_sequence
+from saf_gen.benchmark.tracks.recorded_track import check_no_lens_commands
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequence_tasks
 from saf_gen.benchmark.view import RecordingView, WindowCounts
+from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.region import REGIONS
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.measures import get_measure
 from saf_gen.parts import Measure
 from saf_gen.stream.measure_input import choose_method_region
@@ -51,6 +61,8 @@ def evaluate(
     predictions: str | Path | None = None,
     progress: ProgressCallback | None = None,
     keep: KeptSequences | None = None,
+    cluster: str | None = None,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> Evaluation:
     """Run methods over a dataset or one stream, and judge their answers.
 
@@ -69,6 +81,10 @@ def evaluate(
         beside the methods that are named; recorded track only.
     progress : called with (steps done, steps in all, what was done).
     keep : where the results of finished sequences of a dataset are kept, for the same call after a stop.
+    cluster : address of a Dask scheduler whose workers evaluate the sequences; they must see the dataset, and the files
+        that methods name, under the same path, and have the same versions.
+    tell : is called with a line for people: a sequence that is evaluated again since a worker died, a cluster without
+        workers.
 
     Returns
     -------
@@ -78,19 +94,19 @@ def evaluate(
     Raises
     ------
     BadInput : for an unknown split, scene motion, region or method; for predictions that do not fit the sequences,
-        before anything runs; for a single stream that cannot be read; and where no sequence can keep the protocol.
+        before anything runs; for a single stream that cannot be read; where no sequence can keep the protocol; and
+        for a worker that cannot be used.
+    SafGenError : where the scheduler of the cluster is lost.
     """
     path = Path(source)
     if methods is None and predictions is not None:
         methods = ()
     elif methods is None:
         methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
-    chosen: dict[str, Method] = {}
-    for method in map(parse_method, methods):
-        chosen.setdefault(method.name, method)  # one method may be named in several ways
+    chosen = parse_methods(methods)
     if protocol is None:
         check_no_lens_commands(list(chosen.values()))
-    groups = _group_by_region(chosen, region)
+    groups = group_by_region(chosen, region)
     count = sum(len(group) for group in groups.values())
     tasks = list_sequence_tasks(path, split=split, scene_motion=scene_motion)
     prediction_set = None
@@ -107,112 +123,119 @@ def evaluate(
     shown = set(select_sequences_to_show(conditions, THUMBNAIL_SEQUENCES))
     kept = keep if keep is not None and path.is_dir() else KeptSequences()
     kept.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
-    records: list[Record] = []
-    sweeps: list[SweepSummary] = []
-    failures: list[SequenceFailure] = []
-    lens_paths: list[LensPath] = []
-    curves: list[AssessedCurve] = []
-    with kept:
-        for number, task in enumerate(tasks):
+    parts: dict[int, Evaluation] = {}
+    curves: dict[int, list[AssessedCurve]] = {}
+    failures: dict[int, SequenceFailure] = {}
 
-            def step(done: int, what: str, number: int = number, task: SequenceTask = task) -> None:
-                if progress is not None:
-                    progress(number * count + done, len(tasks) * count, f"{task.id} {what}".strip())
+    def step(done: int, what: str) -> None:
+        if progress is not None:
+            progress((len(parts) + len(failures)) * count + done, len(tasks) * count, what)
 
-            pictures = number in shown
-            before = kept.take(task, with_thumbnails=pictures)
-            try:
-                part = before or _evaluate_sequence(
-                    task, groups, protocol=protocol, predictions=prediction_set, step=step, with_thumbnails=pictures
-                )
-            except (BadInput, OSError, MemoryError) as error:
-                if not path.is_dir():
-                    raise
-                problem = "memory ran out" if isinstance(error, MemoryError) else str(error)
-                failures.append(SequenceFailure(task.id, problem))
-                step(count, "failed")
-            else:
-                if before is None:
-                    kept.keep(task, part, with_thumbnails=pictures)
-                else:
-                    step(count, "had been evaluated")
-                records += part.records
-                curves += assess_curves(part.sweeps)
-                if number in drawn:
-                    sweeps += part.sweeps
-                    lens_paths += part.lens_paths
-    if failures and not records and protocol is not None:  # a protocol that no sequence can keep
+    run: Callable[..., Generator[EndedSequence]] = _run_here
+    if cluster is not None:
+        named = NamedMethods.of(methods, region, groups=groups)
+        run = partial(_run_on_cluster, cluster=Cluster(cluster, path), methods=named, tell=tell)
+    ended = run(tasks, groups, shown=shown, kept=kept, protocol=protocol, predictions=prediction_set, step=step)
+    try:
+        with kept, closing(ended):
+            for number, part, error in ended:
+                if part is not None:
+                    curves[number] = assess_curves(part.sweeps)
+                    parts[number] = part if number in drawn else replace(part, sweeps=(), lens_paths=())
+                elif path.is_dir():
+                    problem = "memory ran out" if isinstance(error, MemoryError) else str(error)
+                    failures[number] = SequenceFailure(tasks[number].id, problem)
+                elif error is not None:
+                    raise error
+    except SchedulerLost as lost:
+        raise SafGenError(
+            f"{lost}; {len(parts)} of {len(tasks)} sequences are evaluated{' and kept' if keep else ''}; start a "
+            "scheduler and run the same command again to go on"
+        ) from lost
+    if failures and not parts and protocol is not None:  # a protocol that no sequence can keep
         raise BadInput(
-            f"none of {len(tasks)} sequences can be evaluated, the first because: {failures[0].problem}",
+            f"none of {len(tasks)} sequences can be evaluated, the first because: {failures[min(failures)].problem}",
             where=str(path),
         )
+    in_order = [parts[number] for number in sorted(parts)]
     return Evaluation(
-        records=tuple(records),
-        sweeps=tuple(sweeps),
-        failures=tuple(failures),
-        lens_paths=tuple(lens_paths),
+        records=tuple(record for part in in_order for record in part.records),
+        sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
+        failures=tuple(failures[number] for number in sorted(failures)),
+        lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
         plugins=describe_methods(chosen.values()),
-        curves=tuple(curves),
+        curves=tuple(curve for number in sorted(curves) for curve in curves[number]),
     )
 
 
-def _group_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
-    """Return the methods that look at each region; the evaluation's own region comes first, even if empty."""
-    if region not in (*REGIONS, "both"):
-        raise unknown("region", region, allowed=(*REGIONS, "both"))
-    usual = "target" if region == "both" else region
-    if region == "both":
-        at_frame = [replace(m, name=f"{m.name}@frame", region="frame") for m in methods.values() if not m.region]
-        methods = {**{method.name: method for method in at_frame}, **methods}
-    groups: dict[str, list[Method]] = {usual: [], **{name: [] for name in REGIONS}}
-    for method in methods.values():
-        groups[method.region or usual].append(method)
-    return {name: group for name, group in groups.items() if group or name == usual}
+EndedSequence = tuple[int, Evaluation | None, Exception | None]
+"""The number of a sequence, and what came of it: its evaluation, or its error."""
 
 
-def _evaluate_sequence(
-    task: SequenceTask,
-    groups: Mapping[str, Sequence[Method]],
+def _run_here(
+    tasks: Sequence[SequenceTask],
+    groups: MethodGroups,
     *,
+    shown: Container[int],
+    kept: KeptSequences,
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
     step: Callable[[int, str], None],
-    with_thumbnails: bool,
-) -> Evaluation:
-    """Run all methods on one sequence; predictions, figures and mean counts belong to the first region."""
-    usual, before = next(iter(groups)), 0
-    records: list[Record] = []
-    sweeps: list[SweepSummary] = []
-    lens_paths: list[LensPath] = []
-    for region, group in groups.items():
-
-        def group_step(done: int, what: str, before: int = before) -> None:
-            step(before + done, what)
-
-        if protocol is None:
-            group_records, sweep = run_recorded_sequence(
-                task,
-                group,
-                region=region,
-                rate_region=usual,
-                step=group_step,
-                predictions=predictions if region == usual else None,
-                with_thumbnails=with_thumbnails and region == usual,
-            )
-            sweeps += [sweep] if region == usual else []
-        elif not group:
-            continue
+) -> Generator[EndedSequence]:
+    """Evaluate sequences one after the other."""
+    count = sum(map(len, groups.values()))
+    for number, task in enumerate(tasks):
+        pictures = number in shown
+        part = kept.take(task, with_thumbnails=pictures)
+        if part is None:
+            try:
+                part = evaluate_sequence(
+                    task,
+                    groups,
+                    protocol=protocol,
+                    predictions=predictions,
+                    step=lambda done, what, task=task: step(done, f"{task.id} {what}".strip()),  # type: ignore[misc]
+                    with_thumbnails=pictures,
+                )
+            except (BadInput, OSError, MemoryError) as error:
+                step(count, f"{task.id} failed")
+                yield number, None, error
+                continue
+            kept.keep(task, part, with_thumbnails=pictures)
         else:
-            # Imported late, because it loads what reads OpenEXR files.
-            from saf_gen.benchmark.tracks.closed_loop_track import run_closed_loop_sequence
+            step(count, f"{task.id} had been evaluated")
+        yield number, part, None
 
-            group_records, group_paths = run_closed_loop_sequence(
-                task, group, region=region, rate_region=usual, protocol=protocol, step=group_step
-            )
-            lens_paths += group_paths
-        records += group_records
-        before += len(group)
-    return Evaluation(tuple(records), tuple(sweeps), (), tuple(lens_paths))
+
+def _run_on_cluster(
+    tasks: Sequence[SequenceTask],
+    groups: MethodGroups,
+    *,
+    cluster: Cluster,
+    methods: NamedMethods,
+    tell: Callable[[str], None],
+    shown: Container[int],
+    kept: KeptSequences,
+    protocol: "ClosedLoopProtocol | None",
+    predictions: PredictionSet | None,
+    step: Callable[[int, str], None],
+) -> Generator[EndedSequence]:
+    """Evaluate sequences on the workers of a cluster, in any order; each worker makes the methods by their names."""
+    jobs, count = [], sum(map(len, groups.values()))
+    for number, task in enumerate(tasks):
+        part = kept.take(task, with_thumbnails=number in shown)
+        if part is not None:
+            step(count, f"{task.id} had been evaluated")
+            yield number, part, None
+            continue
+        task = replace(task, path=task.path.resolve())
+        answers = None if predictions is None else predictions.only(task.id)
+        jobs.append(EvaluateJob(number, task, methods, protocol, answers, with_thumbnails=number in shown))
+    for job, part, error in run_jobs(jobs, workers=1, report=lambda name, done: None, cluster=cluster, tell=tell):
+        if part is not None:
+            kept.keep(tasks[job.number], part, with_thumbnails=job.with_thumbnails)
+        step(count, f"{job.task.id} {'failed' if error else ''}".strip())
+        yield job.number, part, error
 
 
 def score_blocks(

@@ -31,6 +31,9 @@ err = _PlainConsole(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
 LOG_EVERY_S = 30.0
 RecipeName = Annotated[str, typer.Argument(help="A recipe that comes with saf_gen, by name, or a recipe file.")]
+ClusterAddress = Annotated[
+    str | None, typer.Option("--cluster", help="Address of a Dask scheduler to run on, such as tcp://host:8786.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 OutFile = Annotated[Path | None, typer.Option("--out", help="File to write (default: print).")]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]

@@ -7,7 +7,7 @@ import typer
 from rich.progress import TaskID
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import OutFolder, RecipeName, err, out, print_error, progress_bars
+from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -20,7 +20,7 @@ def generate(
     *,
     folder: OutFolder = None,
     workers: Annotated[int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")] = 1,
-    cluster: Annotated[str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
+    cluster: ClusterAddress = None,
     split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
     shard: Annotated[str, typer.Option(help="I/N: generate every N-th sequence, starting with the I-th.")] = "1/1",
     variant: Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")] = "auto",

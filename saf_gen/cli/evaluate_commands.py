@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
-from saf_gen.cli._terminal import OutFolder, err, make_step_reporter, out, print_error, progress_bars
+from saf_gen.cli._terminal import ClusterAddress, OutFolder, err, make_step_reporter, out, print_error, progress_bars
 from saf_gen.errors import BadInput, unknown
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ def evaluate(
     region: Annotated[
         str, typer.Option(help="Where methods look: target (its bounding box), frame, or both.")
     ] = "target",
+    cluster: ClusterAddress = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Write figures as PDF too, a column of a paper wide.")] = False,
 ) -> None:
     """Run focus methods over recordings, rank them, and write tables, figures and a page."""
@@ -73,6 +74,8 @@ def evaluate(
             predictions=predictions,
             progress=make_step_reporter("evaluate", bars),
             keep=kept,
+            cluster=cluster,
+            tell=err.print,
         )
     tell_what_was_kept(kept)
     rows = rank_methods(result.records)

@@ -1,6 +1,8 @@
 """The commands ``scenes list``, ``new``, ``check``, ``preview``, ``gallery`` and ``schema``."""
 
+from collections.abc import Iterator
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,11 +11,13 @@ from rich.progress import TaskID
 from rich.text import Text
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import AsJson, OutFile, out, print_error, progress_bars
+from saf_gen.cli._terminal import AsJson, ClusterAddress, OutFile, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
+    from saf_gen.authoring.checks import SceneFinding
+    from saf_gen.camera import Sensor
     from saf_gen.scene.scene_folder import Scene
 
 STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
@@ -81,40 +85,72 @@ def check(
     *,
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",
+    cluster: ClusterAddress = None,
     as_json: AsJson = False,
 ) -> None:
     """Check scenes: geometry, units, focus range, light, detail, focus curve, motion, licence."""
     with defer_interrupts():
-        from saf_gen.authoring.checks import check_scene
+        import saf_gen.authoring.checks  # noqa: F401  (its renderer must not be interrupted while it loads)
         from saf_gen.camera import get_sensor
     from saf_gen.scene.scene_folder import scene_names
 
     camera = get_sensor(sensor)
-    found, errors = [], 0
+    found: list[dict[str, str]] = []
+
+    def add(scene: str, finding: dict[str, str]) -> None:
+        found.append({"scene": scene, **finding})
+        _print_finding(found[-1], as_json)
+
+    scenes = []
     for name in names or scene_names():
         try:
-            scene = _scene(name)
+            scenes.append(_scene(name))
         except BadInput as problem:
             if names:
                 raise
-            found.append({"scene": name, "check": "card", "level": "error", "text": str(problem)})
-            errors += 1
-            _print_finding(found[-1], as_json)
-            continue
+            add(name, {"check": "card", "level": "error", "text": str(problem)})
+    findings = _check_here if cluster is None else partial(_check_on_cluster, address=cluster)
+    for scene, finding in findings(scenes, camera, variant=variant):
+        add(scene.id, asdict(finding))
+    if as_json:
+        print_json(found)
+    if any(finding["level"] == "error" for finding in found):
+        raise typer.Exit(1)
+
+
+def _check_here(scenes: "list[Scene]", camera: "Sensor", *, variant: str) -> "Iterator[tuple[Scene, SceneFinding]]":
+    from saf_gen.authoring.checks import check_scene
+
+    for scene in scenes:
         with progress_bars() as bars:
-            task = bars.add_task(f"check {name}", total=1.0)
+            task = bars.add_task(f"check {scene.id}", total=1.0)
 
             def advance(done: float, task: TaskID = task) -> None:
                 bars.update(task, completed=done)
 
             for finding in check_scene(scene, camera, backend=variant, progress=advance):
-                found.append({"scene": scene.id, **asdict(finding)})
-                errors += finding.level == "error"
-                _print_finding(found[-1], as_json)
-    if as_json:
-        print_json(found)
-    if errors:
-        raise typer.Exit(1)
+                yield scene, finding
+
+
+def _check_on_cluster(
+    scenes: "list[Scene]", camera: "Sensor", *, variant: str, address: str
+) -> "Iterator[tuple[Scene, SceneFinding]]":
+    """Yield the findings of each scene as a worker has made them; the workers must see the scenes' folders."""
+    from saf_gen.authoring.checks import SceneFinding
+    from saf_gen.authoring.checks.check_job import CheckSceneJob
+    from saf_gen.core.execution import Cluster, run_jobs
+
+    if not scenes:
+        return
+    machines = Cluster(address, scenes[0].folder / "scene.yaml")
+    jobs = [CheckSceneJob(scene, camera, variant) for scene in scenes]
+    with progress_bars() as bars:
+        task = bars.add_task("check", total=len(jobs))
+        for job, result, error in run_jobs(
+            jobs, workers=1, report=lambda name, done: bars.update(task, advance=1), cluster=machines, tell=err.print
+        ):
+            for finding in (SceneFinding("cluster", "error", str(error)),) if error else result:
+                yield job.scene, finding
 
 
 def _print_finding(finding: dict[str, str], as_json: bool) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard
-from saf_gen.cli._terminal import make_step_reporter, out, progress_bars
+from saf_gen.cli._terminal import ClusterAddress, err, make_step_reporter, out, progress_bars
 from saf_gen.cli.evaluate_commands import (
     ActuatorName,
     BudgetMs,
@@ -32,6 +32,7 @@ def tune(
     budget: BudgetMs = None,
     sweep: SweepMs = None,
     region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
+    cluster: ClusterAddress = None,
 ) -> None:
     """Try every combination of values on a split, and write the best; `@FILE` then names the method."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
@@ -57,6 +58,8 @@ def tune(
             protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep),
             progress=make_step_reporter("tune", bars),
             keep=kept,
+            cluster=cluster,
+            tell=err.print,
         )
     tell_what_was_kept(kept)
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")

@@ -70,6 +70,8 @@ def tune_method(
     protocol: "ClosedLoopProtocol | None" = None,
     progress: Callable[[int, int, str], None] | None = None,
     keep: KeptSequences | None = None,
+    cluster: str | None = None,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
     """Find the best of ``expand_parameter_grid(method, values)`` on a split of a dataset.
 
@@ -83,7 +85,8 @@ def tune_method(
     region : where measures look: ``target`` or ``frame``.
     protocol : rules of the closed loop; None judges on the recordings.
     progress : called with the number of finished tasks, the number of all, and the current task.
-    keep : where the results of finished sequences are kept, as for evaluate.
+    keep, cluster, tell : where the results of finished sequences are kept, what evaluates them, and what hears of it,
+        as for evaluate.
 
     Returns
     -------
@@ -107,7 +110,15 @@ def tune_method(
     if split not in splits:
         raise unknown("split", split, allowed=splits, where=str(dataset))
     result = evaluate(
-        dataset, methods=specs, split=split, region=region, protocol=protocol, progress=progress, keep=keep
+        dataset,
+        methods=specs,
+        split=split,
+        region=region,
+        protocol=protocol,
+        progress=progress,
+        keep=keep,
+        cluster=cluster,
+        tell=tell,
     )
     if result.failures:
         raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")

@@ -10,6 +10,7 @@ from refusals import refusal
 
 import saf_gen
 from saf_gen.benchmark import evaluate as evaluate_module
+from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_judgement import count_reversals_of_closed_loop_run, judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
@@ -256,7 +257,7 @@ def test_broken_methods_take_no_other_along(dataset, monkeypatch):
         "sd+sound": GoTo(0.5),
         "sd+disk": Raises(OSError("no weights")),
     }
-    monkeypatch.setattr(evaluate_module, "parse_method", lambda name: replace(method(searches[name]), name=name))
+    monkeypatch.setattr(sequence_evaluation, "parse_method", lambda name: replace(method(searches[name]), name=name))
     result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)
@@ -306,7 +307,7 @@ def test_stacks_that_cannot_be_read_are_a_failure_of_their_sequences(dataset, mo
         return lights(self, run, **given)
 
     monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
-    monkeypatch.setattr(evaluate_module, "parse_method", lambda _: method(GoTo(0.5)))
+    monkeypatch.setattr(sequence_evaluation, "parse_method", lambda _: method(GoTo(0.5)))
     result = evaluate_module.evaluate(dataset, methods=["sd+x"], protocol=ClosedLoopProtocol(IDEAL))
     assert [failure.problem for failure in result.failures] == ["a.exr: is cut short"] * 2
     assert {record.scene_motion for record in result.records} == {"static"}

@@ -8,6 +8,7 @@ from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_s
 from refusals import refusal
 
 from saf_gen.benchmark import evaluate as evaluate_module
+from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
 from saf_gen.core.focus_crossings import find_focus_crossings
@@ -235,14 +236,14 @@ def test_a_method_may_say_where_it_looks(two_depths):
 
 
 def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monkeypatch):
-    run = evaluate_module.run_recorded_sequence
+    run = sequence_evaluation.run_recorded_sequence
 
     def breaks(task, methods, *, region, **more):
         if region == "frame" and task.light == "ramp":
             raise OSError("the disk is gone")
         return run(task, methods, region=region, **more)
 
-    monkeypatch.setattr(evaluate_module, "run_recorded_sequence", breaks)
+    monkeypatch.setattr(sequence_evaluation, "run_recorded_sequence", breaks)
     steps = []
     found = evaluate(dataset, methods=["sd+argmax"], region="both", progress=lambda *step: steps.append(step))
     assert [failure.problem for failure in found.failures] == ["the disk is gone"]
@@ -301,7 +302,9 @@ def raising(error):
 
 def with_search(monkeypatch, search, **more):
     spec = parse_method("sd+argmax")
-    monkeypatch.setattr(evaluate_module, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more))
+    monkeypatch.setattr(
+        sequence_evaluation, "parse_method", lambda _: replace(spec, name="sd+mine", search=search, **more)
+    )
 
 
 def test_an_abstention_is_recorded_apart_from_errors(stream_file, monkeypatch):
@@ -350,7 +353,7 @@ def test_whatever_a_method_raises_or_answers_is_its_failure_alone(dataset, monke
     """A dataset, where an OSError of the data would be a failure of the sequence."""
     sound = parse_method("sd+argmax")
     broken = replace(sound, name="sd+mine", search=search)
-    monkeypatch.setattr(evaluate_module, "parse_method", lambda name: broken if name == "sd+mine" else sound)
+    monkeypatch.setattr(sequence_evaluation, "parse_method", lambda name: broken if name == "sd+mine" else sound)
     result = evaluate(dataset, methods=["sd+mine", "sd+argmax"], split="test")
     assert result.failures == ()
     assert [r.status for r in result.records] == ["failed", "answered"] * 2

@@ -45,7 +45,7 @@ def evaluated(monkeypatch):
     class Evaluated(list[str]):
         stop_after = 99
 
-    names, run = Evaluated(), module._evaluate_sequence
+    names, run = Evaluated(), module.evaluate_sequence
 
     def counting(task, *given, **how):
         if len(names) == names.stop_after:
@@ -53,7 +53,7 @@ def evaluated(monkeypatch):
         names.append(task.id)
         return run(task, *given, **how)
 
-    monkeypatch.setattr(module, "_evaluate_sequence", counting)
+    monkeypatch.setattr(module, "evaluate_sequence", counting)
     return names
 
 

@@ -20,16 +20,9 @@ from saf_gen.core.extras import installed_versions
 from saf_gen.errors import BadInput
 
 
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    """One plain worker and one that offers a GPU, in threads of this process, and a folder that they see."""
-    workers = {
-        name: {"cls": distributed.Worker, "options": {"nthreads": 1, "resources": resources}}
-        for name, resources in (("plain", {}), ("card", {"GPU": 1}))
-    }
-    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False}}
-    with distributed.SpecCluster(workers, scheduler=scheduler, silence_logs="CRITICAL") as made:
-        yield Cluster(made.scheduler_address, tmp_path_factory.mktemp("shared"), writes=True)
+@pytest.fixture
+def cluster(cluster_address, tmp_path):
+    return Cluster(cluster_address, tmp_path, writes=True)
 
 
 def test_a_cluster_gives_what_cores_give_and_names_what_failed(cluster):

@@ -60,6 +60,11 @@ class PredictionSet:
     def __init__(self, path: Path, code: str, *, found: dict[str, dict[str, Prediction]]) -> None:
         self.path, self.code, self._found = path, code, found
 
+    def only(self, sequence: str) -> "PredictionSet":
+        """Return the answers on one sequence alone."""
+        found = {name: {sequence: answers[sequence]} for name, answers in self._found.items()}
+        return PredictionSet(self.path, self.code, found=found)
+
     def for_sequence(self, sequence: str) -> list[Prediction]:
         """Return what each method answered on a sequence, in the order of the file."""
         return [answers[sequence] for answers in self._found.values()]

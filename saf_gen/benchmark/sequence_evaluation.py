@@ -1,0 +1,149 @@
+"""Runs all methods on one sequence, here or as a job on another machine."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import chdir
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+from saf_gen.benchmark.method_spec import Method, parse_method
+from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.results import Evaluation, LensPath, SweepSummary
+from saf_gen.benchmark.tracks.predictions import PredictionSet
+from saf_gen.benchmark.tracks.recorded_track import run_recorded_sequence
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
+from saf_gen.core.execution import ReportProgress
+from saf_gen.core.region import REGIONS
+from saf_gen.errors import BadInput, unknown
+
+if TYPE_CHECKING:
+    from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+
+MethodGroups = Mapping[str, Sequence[Method]]
+"""Methods by the region that they look at; the evaluation's own region comes first, even if empty."""
+
+
+def group_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
+    """Return the methods that look at each region; raises BadInput for an unknown region."""
+    if region not in (*REGIONS, "both"):
+        raise unknown("region", region, allowed=(*REGIONS, "both"))
+    usual = "target" if region == "both" else region
+    if region == "both":
+        at_frame = [replace(m, name=f"{m.name}@frame", region="frame") for m in methods.values() if not m.region]
+        methods = {**{method.name: method for method in at_frame}, **methods}
+    groups: dict[str, list[Method]] = {usual: [], **{name: [] for name in REGIONS}}
+    for method in methods.values():
+        groups[method.region or usual].append(method)
+    return {name: group for name, group in groups.items() if group or name == usual}
+
+
+def parse_methods(specs: Sequence[str]) -> dict[str, Method]:
+    """Return methods by name, each once: one may be named in several ways. Raises as :func:`parse_method` does."""
+    chosen: dict[str, Method] = {}
+    for method in map(parse_method, specs):
+        chosen.setdefault(method.name, method)
+    return chosen
+
+
+def evaluate_sequence(
+    task: SequenceTask,
+    groups: MethodGroups,
+    *,
+    protocol: "ClosedLoopProtocol | None",
+    predictions: PredictionSet | None,
+    step: Callable[[int, str], None],
+    with_thumbnails: bool,
+) -> Evaluation:
+    """Run all methods on one sequence; predictions, figures and mean counts belong to the first region."""
+    usual, before = next(iter(groups)), 0
+    records: list[Record] = []
+    sweeps: list[SweepSummary] = []
+    lens_paths: list[LensPath] = []
+    for region, group in groups.items():
+
+        def group_step(done: int, what: str, before: int = before) -> None:
+            step(before + done, what)
+
+        if protocol is None:
+            group_records, sweep = run_recorded_sequence(
+                task,
+                group,
+                region=region,
+                rate_region=usual,
+                step=group_step,
+                predictions=predictions if region == usual else None,
+                with_thumbnails=with_thumbnails and region == usual,
+            )
+            sweeps += [sweep] if region == usual else []
+        elif not group:
+            continue
+        else:
+            # Imported late, because it loads what reads OpenEXR files.
+            from saf_gen.benchmark.tracks.closed_loop_track import run_closed_loop_sequence
+
+            group_records, group_paths = run_closed_loop_sequence(
+                task, group, region=region, rate_region=usual, protocol=protocol, step=group_step
+            )
+            lens_paths += group_paths
+        records += group_records
+        before += len(group)
+    return Evaluation(tuple(records), tuple(sweeps), (), tuple(lens_paths))
+
+
+@dataclass(frozen=True)
+class NamedMethods:
+    """Methods by their names, from which another machine makes them anew: a user's file cannot be sent as objects.
+
+    ``folder`` is where names of files begin; ``codes`` are name and code of each, which must come out the same.
+    """
+
+    specs: tuple[str, ...]
+    region: str
+    folder: str
+    codes: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def of(cls, specs: Sequence[str], region: str, *, groups: MethodGroups) -> Self:
+        """Return the names of methods that were found here."""
+        return cls(tuple(specs), region, os.getcwd(), _codes(groups))  # noqa: PTH109
+
+    def find(self) -> dict[str, list[Method]]:
+        """Return the methods; raises BadInput where one is missing here, or has other code."""
+        with chdir(self.folder):
+            groups = group_by_region(parse_methods(self.specs), self.region)
+        for (name, code), (_, found) in zip(self.codes, _codes(groups), strict=True):
+            if code != found:
+                raise BadInput(f"method {name!r} has other code on a worker ({found}, not {code})")
+        return groups
+
+
+def _codes(groups: MethodGroups) -> tuple[tuple[str, str], ...]:
+    return tuple((method.name, method.code) for group in groups.values() for method in group)
+
+
+@dataclass(frozen=True)
+class EvaluateJob:
+    """Evaluates the sequence ``number`` of a dataset; returns an Evaluation of this sequence alone."""
+
+    number: int
+    task: SequenceTask
+    methods: NamedMethods
+    protocol: "ClosedLoopProtocol | None"
+    predictions: PredictionSet | None
+    with_thumbnails: bool
+    takes_all_cores = True
+    wants_gpu = False
+
+    @property
+    def name(self) -> str:
+        return f"evaluate {self.task.id}"
+
+    def run(self, report: ReportProgress) -> Evaluation:
+        return evaluate_sequence(
+            self.task,
+            self.methods.find(),
+            protocol=self.protocol,
+            predictions=self.predictions,
+            step=lambda done, what: None,
+            with_thumbnails=self.with_thumbnails,
+        )
