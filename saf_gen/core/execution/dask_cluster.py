@@ -12,7 +12,7 @@ import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -196,6 +196,13 @@ class _Dispatcher:
             self._check_workers()
             self._client.subscribe_topic("all", lambda event: self._heard.put(("event", event[1])))
             self._submit(jobs)
+        try:
+            yield from self._collect(report, follow_up)
+        finally:
+            with suppress(CancelledError, OSError, RuntimeError):  # else the scheduler writes to a client that has gone
+                self._client.unsubscribe_topic("all")
+
+    def _collect(self, report: ReportProgress, follow_up: FollowUp) -> Generator[JobResult]:
         while self._running:
             with self._notice_loss():
                 ended = self._next_ended()
