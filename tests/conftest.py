@@ -56,7 +56,7 @@ def cluster_address() -> Iterator[str]:
         name: {"cls": distributed.Worker, "options": {"nthreads": 1, "resources": resources}}
         for name, resources in (("plain", {}), ("card", {"GPU": 1}))
     }
-    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False}}
+    scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False, "dashboard_address": ":0"}}
     with distributed.SpecCluster(workers, scheduler=scheduler, silence_logs="CRITICAL") as made:
         yield made.scheduler_address
 

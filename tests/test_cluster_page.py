@@ -16,7 +16,8 @@ PAGE = (Path(__file__).resolve().parent.parent / "docs/how-to/cluster.md").read_
 
 
 def block_with(words: str) -> str:
-    (found,) = (block for block in re.findall(r"^```\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE) if words in block)
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+    (found,) = (text for language, text in blocks if words in text and not language)
     return found
 
 
@@ -56,4 +57,4 @@ def test_a_cluster_by_hand_with_certificates_evaluates_and_refuses_who_has_none(
         assert "sd+argmax" in found.stdout
         refused = run(evaluate, plain)
     assert (refused.returncode, len(refused.stderr.splitlines())) == (2, 1), refused.stderr
-    assert f"no Dask scheduler answers at 'tls://127.0.0.1:{port}'" in refused.stderr
+    assert f"no Dask scheduler answers at 'tls://127.0.0.1:{port}': no certificates are set" in refused.stderr

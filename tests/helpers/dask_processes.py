@@ -35,7 +35,7 @@ def scheduler_process(folder: Path, *options: str) -> Iterator[tuple[subprocess.
     """Yield the process of a scheduler, and its address."""
     log = folder / "scheduler.log"
     options = options or ("--host", "tcp://127.0.0.1:0")
-    scheduler = start_dask("scheduler", *options, "--no-dashboard", log=log)
+    scheduler = start_dask("scheduler", *options, "--no-dashboard", "--dashboard-address", ":0", log=log)
     try:
         wait_until(lambda: "Scheduler at:" in log.read_text())
         yield scheduler, log.read_text().split("Scheduler at:")[1].split()[0]

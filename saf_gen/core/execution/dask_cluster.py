@@ -160,8 +160,10 @@ def _connect(address: str) -> Iterator[Any]:
     import distributed
 
     try:
+        if address.startswith("tls:") and not distributed.Security().get_connection_args("client")["ssl_context"]:
+            raise ValueError("no certificates are set")
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError, ImportError) as error:
+    except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
         raise BadInput(
             f"no Dask scheduler answers at {address!r}: {error}",
             allowed="an address such as tcp://host:8786, or tls://host:8786 with certificates in Dask's configuration",
