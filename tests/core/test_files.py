@@ -1,5 +1,6 @@
 """Files are there whole or not at all."""
 
+import errno
 import os
 import time
 from pathlib import Path
@@ -9,6 +10,7 @@ from refusals import assert_says, refusal
 
 from saf_gen.core.files import (
     ABANDONED_S,
+    check_file_system,
     check_writable,
     remove_leftovers,
     temporary_folder,
@@ -118,3 +120,33 @@ def test_a_folder_that_cannot_be_is_told_before_work_begins(tmp_path):
     assert_says(refusal(check_writable, tmp_path / "file" / "out"), "file/out cannot be written")
     check_writable(tmp_path / "new" / "out")
     assert not (tmp_path / "new").exists()
+
+
+def raises(number):
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    return refuse
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "fragments"),
+    [
+        ("pathlib.Path.replace", errno.ENOSYS, "cannot put a file in the place of another | Function not impl | ext4"),
+        ("os.fsync", errno.EINVAL, "cannot sync files to the disk | NFS"),
+        ("fcntl.flock", errno.ENOLCK, "cannot lock files | HDF5_USE_FILE_LOCKING=FALSE"),
+    ],
+)
+def test_a_file_system_that_cannot_hold_a_dataset_is_told(tmp_path, monkeypatch, name, number, fragments):
+    check_file_system(tmp_path)
+    monkeypatch.setattr(name, raises(number))
+    assert_says(refusal(check_file_system, tmp_path), f"{tmp_path} | {fragments}")
+    assert not list(tmp_path.iterdir())
+
+
+def test_locks_may_be_missing_where_hdf5_does_without_them(tmp_path, monkeypatch):
+    monkeypatch.setattr("fcntl.flock", raises(errno.ENOSYS))
+    check_file_system(tmp_path)
+    monkeypatch.setattr("fcntl.flock", raises(errno.ENOLCK))
+    monkeypatch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
+    check_file_system(tmp_path)

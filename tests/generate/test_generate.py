@@ -9,6 +9,7 @@ import sys
 import time
 from collections import namedtuple
 from dataclasses import replace
+from itertools import islice
 
 import h5py
 import numpy as np
@@ -17,6 +18,9 @@ from refusals import assert_says, refusal
 from small_dataset import SCENES, SMALL_RECIPE
 
 import saf_gen
+from saf_gen.core.execution import SchedulerLost
+from saf_gen.errors import SafGenError
+from saf_gen.generate import run
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.lights import light_group_gains
@@ -239,6 +243,28 @@ def test_a_killed_generation_goes_on_where_it_was(work, small_recipe, made, tmp_
     assert digests(folder) == digests(made.folder)
     for name, content in done.items():
         assert (folder / name).read_bytes() == content
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), SchedulerLost("the Dask scheduler at tcp://there:1 is gone")])
+def test_a_run_that_is_stopped_lists_what_is_whole(work, made, monkeypatch, end):
+    """One of three sequences is recorded again before the end, one after the next run."""
+    whole, run_all = digests(made.folder), run.run_jobs
+    first, second, third = (entry.file for entry in read_manifest(made.folder).sequences)
+    for file in (second, third):
+        (made.folder / file).unlink()
+
+    def run_two(jobs, **how):
+        yield from islice(run_all(jobs, **how), 2)
+        raise end
+
+    monkeypatch.setattr(run, "run_jobs", run_two)
+    with pytest.raises(KeyboardInterrupt if isinstance(end, KeyboardInterrupt) else SafGenError) as stopped:
+        generate(work, made.folder, variant=VARIANT)
+    assert [entry.file for entry in read_manifest(made.folder).sequences] == [first, second]
+    if isinstance(end, SchedulerLost):
+        assert "2 of 3 sequences are whole and listed; start a scheduler and run the same command" in str(stopped.value)
+    monkeypatch.setattr(run, "run_jobs", run_all)
+    assert digests(generate(work, made.folder, variant=VARIANT).folder) == whole
 
 
 def test_a_group_that_the_scene_lacks_is_told_before_anything_is_made(small_recipe, test_scenes):
