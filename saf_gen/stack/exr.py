@@ -1,10 +1,13 @@
 """OpenEXR files of named planes, float32 or float16, with text attributes; nothing else calls OpenEXR."""
 
+import errno
+import os
 import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -26,7 +29,7 @@ def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Ma
         name: np.ascontiguousarray(plane, dtype=np.float16 if plane.dtype == np.float16 else np.float32)
         for name, plane in planes.items()
     }
-    OpenEXR.File(header, channels).write(str(path))
+    _write(OpenEXR.File(header, channels), path)
 
 
 def write_plane_blocks(
@@ -56,7 +59,17 @@ def write_plane_blocks(
         }
         parts.append(OpenEXR.Part(header, {"Y": np.ascontiguousarray(picture)}, block[0]))
         extra = {}
-    OpenEXR.File(parts).write(str(path))
+    _write(OpenEXR.File(parts), path)
+
+
+def _write(file: Any, path: Path) -> None:
+    try:
+        file.write(str(path))
+    except RuntimeError as error:  # as OpenEXR tells of a full disk
+        for number in (errno.ENOSPC, errno.EDQUOT):
+            if os.strerror(number) in str(error):
+                raise OSError(number, os.strerror(number)) from error
+        raise OSError(str(error)) from error
 
 
 def read_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[str, np.ndarray], dict[str, str]]:

@@ -34,6 +34,57 @@ class _WriteAborted(Exception):
     """Undoes a writer without passing on the caller's exception, which may be an OSError of another file."""
 
 
+class _HeldFile:
+    """A new file for HDF5 to write to, which keeps the first error of the disk as ``error``.
+
+    On a full disk HDF5 can neither write nor drop what it holds, and each of its objects prints a traceback as it is
+    freed. So what follows an error is not written, and HDF5 is told that it was.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb+", buffering=0)
+        self.error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        left = memoryview(data).cast("B")
+        while left and self.error is None:
+            try:
+                left = left[self._file.write(left) :]
+            except OSError as error:
+                self.error = error
+        return len(memoryview(data).cast("B"))
+
+    def truncate(self, size: int) -> int:
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+        return size
+
+    def readinto(self, data: Any) -> int:
+        return self._file.readinto(data) or 0
+
+    def read(self, size: int = -1) -> bytes:
+        return self._file.read(size) or b""
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def flush(self) -> None:
+        """Do nothing: nothing is buffered."""
+
+    def close(self) -> None:
+        self._file.close()
+
+    def check(self) -> None:
+        """Raise the error of the disk, if there was one."""
+        if self.error is not None:
+            raise self.error
+
+
 class StreamWriter:
     """A context manager that writes a stream file in pieces; memory does not grow with T.
 
@@ -82,7 +133,9 @@ class StreamWriter:
     def __enter__(self) -> Self:
         with ExitStack() as undo:
             self._part = undo.enter_context(write_atomically(self.path))
-            self._file = h5py.File(self._part, "w", libver="v110")  # its structures carry checksums
+            self._held = _HeldFile(self._part)
+            undo.callback(self._held.close)
+            self._file = h5py.File(self._held, "w", libver="v110")  # its structures carry checksums
             undo.callback(self._close)
             self._spikes = self._file.create_dataset(
                 "spikes",
@@ -123,6 +176,7 @@ class StreamWriter:
             for row, data in zip(starts, self._pool.map(deflate, starts), strict=True):
                 self._crcs[row, self._done] = time_blocks.checksum(data)
                 self._spikes.id.write_direct_chunk((row, 0, self._done), data)
+                self._held.check()
         except OSError as error:
             raise unwritable_error(self.path, error) from error
         finally:
@@ -149,6 +203,7 @@ class StreamWriter:
             digests = {"content_sha256": sha256, "spikes_sha256": spikes, "provenance_sha256": provenance}
             self._file.attrs.update(format=FORMAT, layout=LAYOUT, **digests)
             self._file.close()
+        self._held.check()
         with h5py.File(self._part, "r") as file:
             stored = digest(read_small_datasets(file, str(self.path)), shape)
             chunks = file["spikes"].id
@@ -161,10 +216,8 @@ class StreamWriter:
         return sha256
 
     def _close(self) -> None:
-        # On a full disk HDF5 can neither write nor drop what it still holds; the cause is raised already.
-        with suppress(OSError, RuntimeError):
-            if self._file is not None:
-                self._file.close()
+        if self._file is not None:
+            self._file.close()
         self._file = None
 
 

@@ -371,23 +371,28 @@ with StreamWriter({str(tmp_path / "a.h5")!r}, shape=(8000, 20, 20)) as writer:
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
-    """A limit on the size of a file stands for the full disk: the same path with another errno."""
+    """A limit on the size of a file stands for the full disk: the same path with another errno.
+
+    It is met in the first structures of HDF5, in what it writes at the end, and in the spikes.
+    """
     script = f"""
 import resource, signal
 import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_writer import write_stream
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-frames = np.random.default_rng(0).integers(0, 2, (4_000, 40, 40), np.uint8)
-try:
-    write_stream({str(tmp_path / "a.h5")!r}, frames)
-except BadInput as error:
-    print(error)
+random = np.random.default_rng(0)
+for limit, frames in ((600, 40), (6_000, 40), (100_000, 4_000)):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    spikes, provenance = random.integers(0, 2, (frames, 40, 40), np.uint8), {{"note": "x" * 3000, "more": "y" * 3000}}
+    try:
+        write_stream({str(tmp_path / "a.h5")!r}, spikes, provenance=provenance)
+    except BadInput as error:
+        print(error)
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(r".*a\.h5 cannot be written: File too large; choose another folder\n", done.stdout)
+    assert re.fullmatch(r"(.*a\.h5 cannot be written: File too large; choose another folder\n){3}", done.stdout)
     assert done.stderr == ""
     assert not list(tmp_path.iterdir())
 

@@ -1,0 +1,19 @@
+"""Commands that are stopped at a change of the disk lose nothing: some of the points of tools/kill_points.py."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOOL = Path(__file__).parent.parent / "tools" / "kill_points.py"
+
+
+@pytest.mark.slow
+def test_a_writer_that_is_stopped_anywhere_loses_nothing_and_leaves_nothing():
+    """One point in 25, with the three signals in turn, of the commands that compute little."""
+    command = [sys.executable, TOOL, "--only", "import", "export", "tune", "pack", "--every", "25", "--first", "4"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=500)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith("points, 0 wrong\n")
+    assert len(done.stdout.splitlines()) == 5

@@ -1,0 +1,399 @@
+"""Stop every writer at every change of the disk: python tools/kill_points.py
+
+Each command (generate, evaluate, tune, leaderboard, import, export, pack) is run over what an earlier one wrote, and
+stopped by SIGKILL, SIGTERM and SIGINT just before and just after each fsync, rename, unlink and rmdir that it does,
+each time in a fresh copy of its folder. Then
+
+- what the earlier command wrote, or what the new one writes, must be there and whole: else it is *lost*;
+- the same command, run again, must end well, and give what an unbroken run gives: else it *differs*;
+- nothing beside that may be left in any folder, that of temporary files and the user's own among them: *leftovers*;
+- no run may print a traceback or an ignored exception, and a stopped one says so in one line.
+
+The jobs of ``generate`` run in the process that is stopped, as in a killed machine; that workers die alone is for
+``tools/kill_workers.py``. Processes are forked from one that has loaded everything, so that a point takes a second.
+"""
+
+import argparse
+import contextlib
+import hashlib
+import importlib
+import itertools
+import json
+import os
+import pickle
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "tests/helpers")]
+
+import numpy as np  # noqa: E402
+from inline_jobs import run_jobs_inline  # noqa: E402
+from planted_sweeps import list_streams, write_sweep  # noqa: E402
+from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402
+
+from saf_gen.benchmark import kept_sequences  # noqa: E402
+from saf_gen.benchmark.records import read_records, record_to_json  # noqa: E402
+from saf_gen.benchmark.tuned_method import read_tuned_method  # noqa: E402
+from saf_gen.cli import main  # noqa: E402
+from saf_gen.errors import BadInput  # noqa: E402
+from saf_gen.generate import run as generate_run  # noqa: E402
+from saf_gen.leaderboard.report import evaluation_folder  # noqa: E402
+from saf_gen.stream.manifest import read_manifest  # noqa: E402
+from saf_gen.stream.stream_file import open_stream  # noqa: E402
+from saf_gen.stream.stream_writer import write_stream  # noqa: E402
+
+CHANGES = ("fsync", "rename", "replace", "unlink", "remove", "rmdir")
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+TIMED = ("seconds",)
+LOADED = {
+    "generate": (
+        "mitsuba",
+        "saf_gen.authoring.preview",
+        "saf_gen.generate.coarse_sampling",
+        "saf_gen.render.second_render",
+    ),
+    "tune": ("saf_gen.leaderboard.tuning",),
+    "import": ("saf_gen.stream.interop",),
+    "export": ("saf_gen.stream.interop",),
+    "pack": ("saf_gen.stream.sharing",),
+}
+"""What a command imports when it runs, and a forked process should have."""
+LIMIT_S = 300
+
+
+@dataclass(frozen=True)
+class Writer:
+    """A command, run in a folder of its own: what it writes to, and how that is read.
+
+    ``state`` returns what the output holds, None where there is none; it raises where that is not whole. A command that
+    writes ``only_once`` refuses to be run again when its output is there.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    out: str
+    state: Callable[[Path], Any]
+    only_once: bool = False
+
+
+def remember_figures(folder: Path) -> None:
+    """Let the figures of an evaluation be drawn once, and then be read from a folder: drawing changes no disk."""
+    draw = evaluation_folder.plot_report_figures
+
+    def remembered(evaluation: Any, rows: Any) -> Any:
+        path = folder / f"{'-'.join(row.method for row in rows)}-{len(evaluation.sweeps)}"
+        if not path.exists():
+            path.write_bytes(pickle.dumps([replace(figure, figure=None) for figure in draw(evaluation, rows)]))
+        return pickle.loads(path.read_bytes())
+
+    evaluation_folder.plot_report_figures = remembered
+
+
+def state_of_stream(path: Path) -> Any:
+    if not path.exists():
+        return None
+    with open_stream(path) as stream:
+        stream.verify()
+        return stream.content_sha256
+
+
+def state_of_records(folder: Path) -> Any:
+    """The records but for the seconds that they took."""
+    return [{k: v for k, v in record_to_json(r).items() if k not in TIMED} for r in read_records(folder)]
+
+
+def state_of_dataset(folder: Path) -> Any:
+    """The digests that the manifest lists; each stream that is there must be whole."""
+    for path in folder.glob("*/*.h5"):
+        state_of_stream(path)
+    if not (folder / "manifest.json").exists():
+        return None
+    return {entry.id: entry.content_sha256 for entry in read_manifest(folder).sequences}
+
+
+def state_of_bytes(path: Path) -> Any:
+    if path.is_dir():
+        return {file.name: state_of_bytes(file) for file in path.iterdir()}
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else None
+
+
+def state_of_tuned(path: Path) -> Any:
+    return read_tuned_method(path)
+
+
+TRY = ("--method", "sd+argmax", "--try", "search.window=100,200")
+WRITERS = (
+    Writer("export", ("export", "wide.h5", "--out", "out.dat", "--layout", "dense"), "out.dat", state_of_bytes),
+    Writer("import", ("import", "frames.npy", "--out", "out.h5"), "out.h5", state_of_stream),
+    Writer("pack", ("pack", "data", "--out", "out", "--licence", "CC0-1.0"), "out", state_of_bytes, only_once=True),
+    Writer("tune", ("tune", "data", *TRY, "--out", "out.json"), "out.json", state_of_tuned),
+    Writer("generate", ("generate", "small.yaml", "--out", "out", "--variant", "scalar"), "out", state_of_dataset),
+    Writer("leaderboard", ("leaderboard", "one", "two", "--out", "out"), "out", state_of_records),
+    Writer("evaluate", ("evaluate", "data", "--method", "sd+argmax", "--out", "out"), "out", state_of_records),
+)
+
+
+class Machine:
+    """Runs commands in forked processes, in a folder that stands for the whole disk of a machine."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def run(self, writer: Writer, *, stop: tuple[int, bool, int] | None = None) -> tuple[int, str, list[str]]:
+        """Run a command; return its exit code, as wait gives it, what it printed on stderr, and the changes it made.
+
+        With ``stop`` = (number, after, signal) it is stopped before or after the change of this number.
+        """
+        told, changes = self.folder.with_suffix(".stderr"), self.folder.with_suffix(".changes")
+        child = os.fork()
+        if child == 0:
+            with contextlib.suppress(BaseException):
+                self._become(writer, stop, told=told, changes=changes)
+            os._exit(99)
+        end = time.monotonic() + LIMIT_S
+        while (ended := os.waitpid(child, os.WNOHANG)) == (0, 0):
+            if time.monotonic() > end:
+                os.kill(child, signal.SIGKILL)
+            time.sleep(0.005)
+        return os.waitstatus_to_exitcode(ended[1]), told.read_text(), changes.read_text().splitlines()
+
+    def _become(self, writer: Writer, stop: tuple[int, bool, int] | None, *, told: Path, changes: Path) -> None:
+        os.chdir(self.folder / "work")
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell lets what runs beside it ignore Ctrl-C
+        os.environ.update(
+            XDG_CONFIG_HOME=str(self.folder / "config"), TMPDIR=str(self.folder / "tmp"), SAF_GEN_SCENES=str(SCENES)
+        )
+        tempfile.tempdir = None
+        with told.open("wb") as stderr, Path(os.devnull).open("wb") as stdout:
+            os.dup2(stderr.fileno(), 2)
+            os.dup2(stdout.fileno(), 1)
+        log = os.open(changes, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
+        numbers = itertools.count()
+
+        def watched(name: str, change: Callable[..., Any]) -> Callable[..., Any]:
+            def do(*given: Any, **how: Any) -> Any:
+                place = find_place(given[0], how)
+                if not place.is_relative_to(self.folder):  # such as compiled code
+                    return change(*given, **how)
+                number = next(numbers)
+                os.write(log, f"{name} {place.relative_to(self.folder)}\n".encode())
+                if stop is not None and stop[:2] == (number, False):
+                    os.kill(os.getpid(), stop[2])
+                try:
+                    return change(*given, **how)
+                finally:  # also where there was nothing to remove
+                    if stop is not None and stop[:2] == (number, True):
+                        os.kill(os.getpid(), stop[2])
+
+            return do
+
+        for name in CHANGES:
+            setattr(os, name, watched(name, getattr(os, name)))
+        try:
+            main(list(writer.arguments))
+        except SystemExit as ended:
+            sys.stderr.flush()
+            os._exit(ended.code if isinstance(ended.code, int) else 98)
+        except BaseException:  # noqa: BLE001  (a traceback is what is looked for)
+            traceback.print_exc()
+            sys.stderr.flush()
+            os._exit(97)
+
+
+def find_place(given: Any, how: dict[str, Any]) -> Path:
+    """Return the path of what is changed, which may be an open file, or lie in an open folder."""
+    if isinstance(given, int):
+        return Path(f"/proc/self/fd/{given}").readlink()
+    inside = how.get("dir_fd")
+    return (Path.cwd() if inside is None else Path(f"/proc/self/fd/{inside}").readlink()) / given
+
+
+def names_in(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder of a machine on which each command has been run once, over other data or for another method."""
+    work = folder / "work"
+    for name in ("work", "config", "tmp"):
+        (folder / name).mkdir(parents=True)
+    for name, peak in (("one", 300.0), ("two", 500.0)):
+        write_sweep(work / "data" / "train" / f"{name}.h5", peak)
+    list_streams(work / "data", *({"id": name, "split": "train", "scene": name} for name in ("one", "two")))
+    random = np.random.default_rng(1)
+    np.save(work / "frames.npy", random.random((400, 16, 24)) < 0.2)
+    write_stream(work / "wide.h5", random.random((40, 250, 400)) < 0.2)
+    (work / "small.yaml").write_text(SMALL_RECIPE.replace("constant, continuous, lamp_only", "constant"))
+
+
+def make_earlier(machine: Machine, writer: Writer) -> None:
+    """Put an earlier output where a command writes."""
+    work = machine.folder / "work"
+    methods = {"one": "er_count+argmax", "two": "sd+argmax"}
+    needed = {"leaderboard": {**methods, "out": "sd+egs_code"}, "evaluate": {"out": "sd+egs_code"}}
+    for out, method in needed.get(writer.name, {}).items():
+        expect_well(
+            machine, Writer("before", ("evaluate", "data", "--method", method, "--out", out), out, state_of_bytes)
+        )
+    if writer.name == "tune":
+        shutil.copytree(work / "data", work / "kept")
+        expect_well(
+            machine, Writer("before", ("tune", "data", *TRY[:3], "search.window=50,80", "--out", "out.json"), "", str)
+        )
+        shutil.rmtree(work / "kept")
+    if writer.name in ("import", "export"):
+        first = np.load(work / "frames.npy")[:100]
+        write_stream(work / "out.h5", first)
+        if writer.name == "export":
+            (work / "out.h5").rename(work / "out.dat")
+    shutil.rmtree(machine.folder / "config")  # the user's secret is made again
+    (machine.folder / "config").mkdir()
+
+
+def expect_well(machine: Machine, writer: Writer) -> list[str]:
+    code, told, changes = machine.run(writer)
+    if code:
+        raise SystemExit(f"{' '.join(writer.arguments)} ended with {code}: {told}")
+    return changes
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What went wrong at a point."""
+
+    what: str
+    where: str
+
+
+def check_point(
+    machine: Machine, writer: Writer, stop: tuple[int, bool, int], *, before: Any, whole: Any, names: set[str]
+) -> Iterator[tuple[str, str]]:
+    """Stop a command at a point and run it again; yield what is wrong: its kind, and words about it."""
+    out = machine.folder / "work" / writer.out
+    code, told, _ = machine.run(writer, stop=stop)
+    expected = {signal.SIGKILL: -signal.SIGKILL, signal.SIGTERM: 143, signal.SIGINT: 130}[stop[2]]
+    if code != expected:
+        yield "not stopped", f"exit code {code}, not {expected}: {told[-300:]}"
+    yield from check_words(told, stopped=stop[2] != signal.SIGKILL)
+    state = None
+    try:
+        if (state := writer.state(out)) not in (before, whole):
+            yield "lost", f"neither the earlier output nor the new one: {str(state)[:200]}"
+    except BadInput as error:
+        yield "lost", str(error)
+    if not (writer.only_once and state == whole):
+        code, told, _ = machine.run(writer)
+        if code:
+            yield "not done again", f"exit code {code}: {told[-300:]}"
+        yield from check_words(told, stopped=False)
+    try:
+        if writer.state(out) != whole:
+            yield "differs", "the output of the next run is another"
+    except BadInput as error:
+        yield "differs", str(error)
+    if left := names_in(machine.folder) - names:
+        yield "leftovers", ", ".join(sorted(left))
+    if missing := names - names_in(machine.folder):
+        yield "lacks", ", ".join(sorted(missing))
+
+
+def check_words(told: str, *, stopped: bool) -> Iterator[tuple[str, str]]:
+    lines = [line for line in told.splitlines() if line.startswith("saf-gen:")]
+    if "Traceback" in told or "Exception ignored" in told or "Error" in told:
+        yield "traceback", told[-1500:]
+    if len(lines) != stopped:
+        yield "words", f"{len(lines)} lines of saf-gen: {told[-300:]}"
+
+
+def kill_all(writer: Writer, folder: Path, *, every: int, first: int, part: tuple[int, int]) -> dict[str, Any]:
+    """Stop a command at every ``every``-th of its points; return counts and findings."""
+    start, machine = folder / f"{writer.name}-start", Machine(folder / f"{writer.name}-{part[0]}")
+    prepare(start)
+    make_earlier(Machine(start), writer)
+    out = Path("work") / writer.out
+    try:
+        before = writer.state(start / out)
+    except BadInput:
+        before = None
+    shutil.copytree(start, machine.folder, symlinks=True)
+    changes = expect_well(machine, writer)
+    whole, names = writer.state(machine.folder / out), names_in(machine.folder)
+    points = list(itertools.product(range(len(changes)), (False, True), SIGNALS))[first::every]
+    findings = []
+    for number, point in enumerate(points):
+        if number % part[1] != part[0]:
+            continue
+        shutil.rmtree(machine.folder)
+        shutil.copytree(start, machine.folder, symlinks=True)
+        where = (
+            f"{writer.name}, {'after' if point[1] else 'before'} {changes[point[0]]}, {signal.Signals(point[2]).name}"
+        )
+        for what, why in check_point(machine, writer, point, before=before, whole=whole, names=names):
+            findings.append([what, where, why])
+            print(f"{what}: {where}: {why}", flush=True)
+    shutil.rmtree(machine.folder)
+    shutil.rmtree(start)
+    mine = len(range(part[0], len(points), part[1]))
+    return {"writer": writer.name, "changes": len(changes), "points": mine, "findings": findings}
+
+
+def main_of_tool() -> int:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--only", nargs="+", choices=[writer.name for writer in WRITERS], help="these commands alone")
+    options.add_argument("--every", type=int, default=1, help="only every so many-th point")
+    options.add_argument("--first", type=int, default=0, help="the first of these points")
+    options.add_argument("--processes", type=int, default=1, help="so many points at a time")
+    given = options.parse_args()
+    kept_sequences.KEEP_EVERY_S = 0.0
+    generate_run.run_generation_jobs = run_jobs_inline
+    found: list[dict[str, Any]] = []
+    chosen = [writer for writer in WRITERS if not given.only or writer.name in given.only]
+    for name in itertools.chain.from_iterable(LOADED.get(writer.name, ()) for writer in chosen):
+        importlib.import_module(name)
+    with tempfile.TemporaryDirectory(prefix="kill-points-") as name:
+        remember_figures(Path(name))
+        for writer in chosen:
+            begun = time.monotonic()
+            children = []
+            for part in range(given.processes):
+                result = Path(name) / f"{writer.name}-{part}.json"
+                if not (child := os.fork()):
+                    code = 1
+                    try:
+                        folder = Path(name) / f"process-{part}"
+                        counted = kill_all(
+                            writer, folder, every=given.every, first=given.first, part=(part, given.processes)
+                        )
+                        result.write_text(json.dumps(counted))
+                        code = 0
+                    finally:
+                        os._exit(code)
+                children.append((child, result))
+            for child, _ in children:
+                os.waitpid(child, 0)
+            mine = [json.loads(result.read_text()) for _, result in children]
+            found += mine
+            kinds = Counter(finding[0] for one in mine for finding in one["findings"])
+            points, changes = sum(one["points"] for one in mine), mine[0]["changes"]
+            wrong = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nothing wrong"
+            print(
+                f"{writer.name}: {changes} changes, {points} points, {wrong}, {time.monotonic() - begun:.0f} s",
+                flush=True,
+            )
+    wrong = sum(len(one["findings"]) for one in found)
+    print(f"{sum(one['points'] for one in found)} points, {wrong} wrong")
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main_of_tool())
