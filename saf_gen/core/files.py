@@ -50,6 +50,11 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
+def name_as_text(name: str) -> str:
+    """Return the name of a file as text that files can hold: bytes that are no UTF-8 become escapes."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
 def write_text_atomically(path: str | os.PathLike[str], text: str) -> None:
     """Write a UTF-8 text file that is there whole or not at all; raises as :func:`write_atomically` does."""
     with write_atomically(path) as part:

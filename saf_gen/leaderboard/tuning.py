@@ -15,6 +15,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import parse_method, split_method_options, split_method_region
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
+from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
@@ -127,7 +128,7 @@ def tune_method(
     first = result.records[0]
     tuned = TunedMethod(
         method=rows[0].method,
-        dataset=Path(dataset).resolve().name,
+        dataset=name_as_text(Path(dataset).resolve().name),
         split=split,
         track=first.track,
         terms=first.terms,

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.stream_file import open_stream
@@ -29,13 +30,17 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
         raise BadInput(
             "has no stream", where=str(folder), allowed="files *.h5, in it or below it", hint="saf-gen import"
         )
-    manifest = Manifest(root.resolve().name, "", "recorded", tuple(_entry(root, file, split=split) for file in files))
+    manifest = Manifest(
+        name_as_text(root.resolve().name), "", "recorded", tuple(_entry(root, file, split=split) for file in files)
+    )
     write_manifest(root, manifest)
     return manifest
 
 
 def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
     inside = file.relative_to(root)
+    if name_as_text(str(inside)) != str(inside):
+        raise BadInput(f"the name of {file} is no UTF-8", allowed="names that a manifest can hold", hint="rename it")
     with open_stream(file) as stream:
         frames, content = stream.shape[0], stream.content_sha256
     own = OWN_NAME.fullmatch(inside.stem)

@@ -167,9 +167,17 @@ def _check_lights(gain: np.ndarray | None, lights: tuple[str, ...]) -> None:
         raise BadInput(f"gain has {gain.shape[1]} lights, light_names {len(lights)}", allowed="the same number of both")
 
 
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:  # half a letter, such as a byte of a file's name that is no UTF-8
+        return False
+    return True
+
+
 def _checked_text(name: str, text: object) -> str:
-    if not isinstance(text, str) or "\0" in text:
-        raise BadInput(f"{name} holds {text!r:.40}", allowed="text without zero bytes")
+    if not isinstance(text, str) or "\0" in text or not _is_unicode(text):
+        raise BadInput(f"{name} holds {text!r:.40}", allowed="text of Unicode without zero bytes")
     return text
 
 

@@ -1,6 +1,7 @@
 """Recordings of a real camera: raw frames, a lens log and a truth become a ranked row; what they look like is told."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -205,3 +206,20 @@ def test_a_folder_is_indexed_once_with_splits_and_names(tmp_path):
     (tmp_path / "none" / "a.h5").write_text("no stream")
     assert "not an HDF5 file" in refusal(index_folder, tmp_path / "none").problem
     assert "no such folder" in refusal(index_folder, tmp_path / "nowhere").problem
+
+
+def test_a_name_that_is_no_utf_8_is_written_as_escapes(tmp_path, call):
+    """Such names come from cameras and archives of other systems; a file could not hold them as they are."""
+    recorded, made = tmp_path / os.fsdecode(b"\xff\x1b.npy"), tmp_path / os.fsdecode(b"made\xfe.h5")
+    np.save(recorded, np.zeros((16, 8, 8), np.uint8))
+    code, out, err = call("import", recorded, "--out", made)
+    assert (code, err) == (0, "")
+    assert "\x1b" not in out
+    with open_stream(made) as stream:
+        assert json.loads(stream.metadata.provenance["import"])["file"] == "\\xff\x1b.npy"
+    assert call("view", made, "--out", tmp_path / "page.html")[0] == 0
+    assert "made\\xfe" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert call("evaluate", made, "--method", "sd+argmax:window=4")[0] == 0
+    code, _, err = call("dataset", "index", tmp_path)
+    assert code == 2
+    assert "is no UTF-8; allowed: names that a manifest can hold; rename it" in err

@@ -40,8 +40,9 @@ class Watched:
 
     def _start(self) -> None:
         here = Path(__file__).parent
-        env = {**os.environ, "PYTHONPATH": f"{here}{os.pathsep}{os.environ.get('PYTHONPATH', here.parents[1])}",
-               "SAF_GEN_SCENES": str(self.folder / "scenes"), "PYTHONUNBUFFERED": "1"}  # fmt: skip
+        path = f"{here}{os.pathsep}{os.environ.get('PYTHONPATH', here.parents[1])}"
+        own = {"SAF_GEN_SCENES": self.folder / "scenes", "XDG_CONFIG_HOME": self.folder.parent / "config"}
+        env = {**os.environ, "PYTHONPATH": path, **{name: str(value) for name, value in own.items()}}
         self.process: Any = subprocess.Popen(
             [sys.executable, str(here / "worker.py"), str(self.folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=(self.folder.parent / "stderr.txt").open("a"), text=True, env=env,

@@ -15,6 +15,8 @@ import numpy as np
 import yaml
 from samples import repack
 
+from saf_gen.core.config.json_document import CHECKSUM
+
 Rng = Random
 NUMBERS = [
     0, -1, 1, 2, -0.0, 0.5, 1e308, -1e308, 5e-324, 1e-320, 2**31, 2**32, 2**53 + 1, 2**63, 2**64, 10**400,
@@ -129,7 +131,10 @@ def change_json(raw: bytes, rng: Rng) -> bytes:
             else lines[number].replace(":", f':{rng.choice(JSON_TRICKS)},"z":', 1)
         )
     else:
-        lines[number] = json.dumps(change_tree(json.loads(lines[number]), rng), ensure_ascii=rng.random() < 0.5)
+        tree = json.loads(lines[number])
+        if rng.random() < 0.8:
+            tree.pop(CHECKSUM, None)  # files of before have none, and are read
+        lines[number] = json.dumps(change_tree(tree, rng), ensure_ascii=rng.random() < 0.5)
     if rng.random() < 0.1:
         lines.insert(rng.randrange(len(lines) + 1), rng.choice(lines))
     return "\n".join(lines).encode("utf-8", "surrogatepass")

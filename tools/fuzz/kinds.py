@@ -52,19 +52,14 @@ KINDS = (
     Kind(
         "sensor file", ("sensor.yaml",), ("sensors check {}", "sensors show {}", "recipes check recipe.yaml"), WRITTEN
     ),
-    Kind(
-        "actuator file",
-        ("actuator.yaml",),
-        ("evaluate data --track closed_loop --actuator {} --method sd+golden_section --out out", "!actuator"),
-        WRITTEN,
-    ),
+    Kind("actuator file", ("actuator.yaml",), ("!actuator",), WRITTEN),
     Kind(
         "stream",
         ("data/test/a.h5",),
         ("inspect {}", "verify data", "score {} --measure sd --window 50", "inspect {} --json", EVALUATE),
         (HDF5, HDF5, HDF5, BYTES),
     ),
-    Kind("manifest", ("data/manifest.json",), ("verify data", EVALUATE, "pack data --out out"), PROGRAMS),
+    Kind("manifest", ("data/manifest.json",), ("verify data", EVALUATE, "pack data --out out --licence MIT"), PROGRAMS),
     Kind("records", ("judged/records.jsonl",), ("leaderboard {} --out out", "leaderboard judged"), PROGRAMS),
     Kind(
         "tuned file", ("tuned.json",), ("methods show @{}", "evaluate data --method @{} --out out"), (*PROGRAMS, JSON)
@@ -80,7 +75,7 @@ KINDS = (
     Kind(
         "camera file",
         ("camera.dat", "frames.npy", "frames.npz", "old.mat", "new.mat", "saf/config.xlsx", "saf/one.dat"),
-        ("import {} --out out.h5", "!saf", "sensors compare {} ideal --layout 416"),
+        ("import {} --out out.h5", "!saf"),
         (BYTES, BYTES, MEMBER, HDF5),
     ),
     Kind(

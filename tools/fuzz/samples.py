@@ -32,7 +32,7 @@ RECIPE = """\
 name: small
 seed: 3
 camera: {sensor: sensor.yaml, frames: 400, exposure: {mean_rate: 0.2}}
-focus: {drive: image_distance, positions: 9, motion: {kind: steps, positions: [0.1, 0.5, 0.9]}}
+focus: {drive: image_distance, positions: 9, motion: {kind: steps, count: 5, natural_hz: 900, damping: 0.7}}
 render: {samples: 16, max_depth: 3}
 lights:
   constant: {kind: constant}
@@ -79,7 +79,7 @@ def write_samples(folder: Path, call: Callable[..., int]) -> None:
     shutil.copy(PACKAGE / "camera/sensors/ideal.yaml", folder / "sensor.yaml")
     shutil.copy(PACKAGE / "optics/actuators/presets/voice_coil_hall.yaml", folder / "actuator.yaml")
     (folder / "recipe.yaml").write_text(RECIPE)
-    (folder / "gain.csv").write_text("seconds,gain\n0,1\n0.01,2\n0.02,0.5\n")
+    (folder / "gain.csv").write_text("time_s,gain\n0,1\n0.01,2\n0.02,0.5\n")
     _write_scene(folder / "scenes" / "own")
     _write_foreign(folder)
     pack_dataset(folder / "data", folder / "packed", licences=["MIT"])
@@ -126,7 +126,11 @@ def _write_scene(folder: Path) -> None:
         + np.array([0, 1, 2], "<i4").tobytes()
     )
     xml = folder / "scene.xml"
-    second = '<shape type="ply" id="leaf"><string name="filename" value="meshes/card.ply"/></shape>'
+    camera = (
+        '<sensor type="perspective" id="camera"><float name="fov" value="20"/><transform name="to_world">'
+        '<lookat origin="0, 0, 0.5" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>'
+    )
+    second = camera + '<shape type="ply" id="leaf"><string name="filename" value="meshes/card.ply"/></shape>'
     xml.write_text(xml.read_text().replace("</scene>", f"{second}\n</scene>"))
 
 

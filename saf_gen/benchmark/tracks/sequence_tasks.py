@@ -11,6 +11,7 @@ from saf_gen.benchmark.tracks.focus_location import locate_focus_in_recording, l
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.cores import describe_machine
+from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
@@ -83,7 +84,8 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
     for what, value in (("split", split), ("scene motion", scene_motion)):
         if value is not None:
             raise BadInput(f"{what} {value!r} of the single stream {str(path)!r}", allowed=f"no {what}, or a dataset")
-    return SequenceTask(path.stem, None, path.stem, None, path, None)
+    name = name_as_text(path.stem)
+    return SequenceTask(name, None, name, None, path, None)
 
 
 def _siblings(path: Path) -> list[str]:

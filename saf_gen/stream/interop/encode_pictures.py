@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.camera import Encoder, Sensor, camera_exposure_scale
+from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.picture_frames import PictureFrames
 from saf_gen.stream.metadata import stream_metadata_from_options
@@ -107,7 +108,7 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
     :class:`Metadata` beside the provenance. Raises BadInput where a picture does not fit.
     """
     settings = {
-        "pictures": plan.pictures.path.name, "count": plan.count, "rate_hz": plan.rate_hz,
+        "pictures": name_as_text(plan.pictures.path.name), "count": plan.count, "rate_hz": plan.rate_hz,
         "values": "linear" if plan.pictures.linear else "sRGB, decoded", "between": "linear cross-fade",
         "sensor": plan.sensor.name, "mean_rate": plan.mean_rate, "scale": plan.scale, "seed": seed,
     }  # fmt: skip

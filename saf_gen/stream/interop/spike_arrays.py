@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core import bits
+from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop.array_files import SlicedArray, open_array_file
 from saf_gen.stream.metadata import stream_metadata_from_options
@@ -106,7 +107,12 @@ class SpikeArray:
 
     def write(self, out: str | os.PathLike[str], *, readout_hz: float, **optional: Any) -> str:
         """Write the spikes as the stream file ``out`` and return its content_sha256; a part is in memory at a time."""
-        settings = {"file": self.path.name, "layout": self.layout, "flip": self.flip, "frames": self.shape[0]}
+        settings = {
+            "file": name_as_text(self.path.name),
+            "layout": self.layout,
+            "flip": self.flip,
+            "frames": self.shape[0],
+        }
         provenance = {"import": dumps(settings, ensure_ascii=False)}
         metadata = stream_metadata_from_options({**optional, "provenance": provenance})
         step = max(min(BLOCK_BYTES // self._frame_bytes, 2_000) // 8 * 8, 8)

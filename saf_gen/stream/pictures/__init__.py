@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from saf_gen.core.files import write_atomically
+from saf_gen.core.files import name_as_text, write_atomically
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.measure_input import choose_method_region
@@ -93,7 +93,9 @@ def write_view(
     )
     with write_atomically(target) as part:
         if form == "html":
-            player.write_player(pictures, timeline, region=box, path=part, title=stream.path.stem, fps=fps)
+            player.write_player(
+                pictures, timeline, region=box, path=part, title=name_as_text(stream.path.stem), fps=fps
+            )
         elif form in ("gif", "mp4"):
             screen = movie.Screen(pictures, timeline, region=box)
             if form == "gif":
