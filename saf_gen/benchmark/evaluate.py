@@ -4,7 +4,7 @@ A method is a focus measure and a search. It sees windows of the recording throu
 and score stay with the evaluator, in the folder ``tracks``. A stream without truth is searched all the same.
 """
 
-from collections.abc import Callable, Container, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -13,12 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from saf_gen.benchmark.assessed_curves import assess_curves
-from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
 from saf_gen.benchmark.plugin_description import describe_methods
-from saf_gen.benchmark.results import Evaluation, SequenceFailure
+from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
 from saf_gen.benchmark.sequence_evaluation import (
     EvaluateJob,
     MethodGroups,
@@ -119,12 +117,11 @@ def evaluate(
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
         prediction_set.check_complete(tasks, beside=[method.name for group in groups.values() for method in group])
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
-    drawn = set(select_sequences_to_show(conditions, DRAWN_SEQUENCES))
-    shown = set(select_sequences_to_show(conditions, THUMBNAIL_SEQUENCES))
+    drawn: dict[int, Drawn] = dict.fromkeys(select_sequences_to_show(conditions, DRAWN_SEQUENCES), "sweep")
+    drawn |= dict.fromkeys(select_sequences_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
     kept = keep if keep is not None and path.is_dir() else KeptSequences()
     kept.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
     parts: dict[int, Evaluation] = {}
-    curves: dict[int, list[AssessedCurve]] = {}
     failures: dict[int, SequenceFailure] = {}
 
     def step(done: int, what: str) -> None:
@@ -135,13 +132,12 @@ def evaluate(
     if cluster is not None:
         named = NamedMethods.of(methods, region, groups=groups)
         run = partial(_run_on_cluster, cluster=Cluster(cluster, path), methods=named, tell=tell)
-    ended = run(tasks, groups, shown=shown, kept=kept, protocol=protocol, predictions=prediction_set, step=step)
+    ended = run(tasks, groups, drawn=drawn, kept=kept, protocol=protocol, predictions=prediction_set, step=step)
     try:
         with kept, closing(ended):
             for number, part, error in ended:
                 if part is not None:
-                    curves[number] = assess_curves(part.sweeps)
-                    parts[number] = part if number in drawn else replace(part, sweeps=(), lens_paths=())
+                    parts[number] = part
                 elif path.is_dir():
                     problem = "memory ran out" if isinstance(error, MemoryError) else str(error)
                     failures[number] = SequenceFailure(tasks[number].id, problem)
@@ -164,7 +160,7 @@ def evaluate(
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
         plugins=describe_methods(chosen.values()),
-        curves=tuple(curve for number in sorted(curves) for curve in curves[number]),
+        curves=tuple(curve for part in in_order for curve in part.curves),
     )
 
 
@@ -176,7 +172,7 @@ def _run_here(
     tasks: Sequence[SequenceTask],
     groups: MethodGroups,
     *,
-    shown: Container[int],
+    drawn: Mapping[int, Drawn],
     kept: KeptSequences,
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
@@ -185,8 +181,8 @@ def _run_here(
     """Evaluate sequences one after the other."""
     count = sum(map(len, groups.values()))
     for number, task in enumerate(tasks):
-        pictures = number in shown
-        part = kept.take(task, with_thumbnails=pictures)
+        draw = drawn.get(number, "")
+        part = kept.take(task, draw=draw)
         if part is None:
             try:
                 part = evaluate_sequence(
@@ -195,13 +191,13 @@ def _run_here(
                     protocol=protocol,
                     predictions=predictions,
                     step=lambda done, what, task=task: step(done, f"{task.id} {what}".strip()),  # type: ignore[misc]
-                    with_thumbnails=pictures,
+                    draw=draw,
                 )
             except (BadInput, OSError, MemoryError) as error:
                 step(count, f"{task.id} failed")
                 yield number, None, error
                 continue
-            kept.keep(task, part, with_thumbnails=pictures)
+            kept.keep(task, part, draw=draw)
         else:
             step(count, f"{task.id} had been evaluated")
         yield number, part, None
@@ -214,7 +210,7 @@ def _run_on_cluster(
     cluster: Cluster,
     methods: NamedMethods,
     tell: Callable[[str], None],
-    shown: Container[int],
+    drawn: Mapping[int, Drawn],
     kept: KeptSequences,
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
@@ -223,17 +219,17 @@ def _run_on_cluster(
     """Evaluate sequences on the workers of a cluster, in any order; each worker makes the methods by their names."""
     jobs, count = [], sum(map(len, groups.values()))
     for number, task in enumerate(tasks):
-        part = kept.take(task, with_thumbnails=number in shown)
+        part = kept.take(task, draw=drawn.get(number, ""))
         if part is not None:
             step(count, f"{task.id} had been evaluated")
             yield number, part, None
             continue
         task = replace(task, path=task.path.resolve())
         answers = None if predictions is None else predictions.only(task.id)
-        jobs.append(EvaluateJob(number, task, methods, protocol, answers, with_thumbnails=number in shown))
+        jobs.append(EvaluateJob(number, task, methods, protocol, answers, drawn.get(number, "")))
     for job, part, error in run_jobs(jobs, workers=1, report=lambda name, done: None, cluster=cluster, tell=tell):
         if part is not None:
-            kept.keep(tasks[job.number], part, with_thumbnails=job.with_thumbnails)
+            kept.keep(tasks[job.number], part, draw=job.draw)
         step(count, f"{job.task.id} {'failed' if error else ''}".strip())
         yield job.number, part, error
 

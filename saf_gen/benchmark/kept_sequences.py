@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from saf_gen import __version__
+from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SweepSummary
+from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
@@ -32,9 +33,12 @@ if TYPE_CHECKING:
 
 KEEP_EVERY_S = 5.0
 """Sequences that are evaluated quicker than this are written together; a kill loses what was not written."""
-_KINDS = {kind.__name__: kind for kind in (Evaluation, Record, SweepSummary, FocusCurve, Thumbnails, LensPath)}
+_KINDS = {
+    kind.__name__: kind
+    for kind in (Evaluation, Record, AssessedCurve, CurveQuality, SweepSummary, FocusCurve, Thumbnails, LensPath)
+}
 FORMAT = {
-    "format": "saf-gen kept sequences 1",
+    "format": "saf-gen kept sequences 2",
     **{name: [f.name for f in fields(kind)] for name, kind in _KINDS.items()},
 }
 
@@ -82,19 +86,19 @@ class KeptSequences:
         if kind is not None:  # what comes after an evaluation is quick
             self.write()
 
-    def take(self, task: SequenceTask, *, with_thumbnails: bool) -> Evaluation | None:
+    def take(self, task: SequenceTask, *, draw: Drawn) -> Evaluation | None:
         """Return the result of a sequence that an earlier run had made of the same methods and files, else None."""
-        result = self._found.pop(self._key(task, with_thumbnails), None) if self._folder else None
+        result = self._found.pop(self._key(task, draw), None) if self._folder else None
         self.taken += result is not None
         return result
 
-    def keep(self, task: SequenceTask, result: Evaluation, *, with_thumbnails: bool) -> None:
+    def keep(self, task: SequenceTask, result: Evaluation, *, draw: Drawn) -> None:
         """Keep the result of a sequence; it is on disk at once, or with those that follow within KEEP_EVERY_S.
 
         Raises BadInput where it cannot be written.
         """
         if self._folder is not None:
-            self._new[self._key(task, with_thumbnails)] = result
+            self._new[self._key(task, draw)] = result
             if monotonic() - self._written >= KEEP_EVERY_S:
                 self.write()
 
@@ -109,14 +113,14 @@ class KeptSequences:
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _key(self, task: SequenceTask, with_thumbnails: bool) -> str:
+    def _key(self, task: SequenceTask, draw: Drawn) -> str:
         """Return a digest of all that decides the result of a sequence; the file counts by its size and time."""
         try:
             status = task.path.stat()
             file = [status.st_size, status.st_mtime_ns]
         except OSError:
             file = []
-        decisive = [*self._decisive, {**asdict(task), "path": file}, with_thumbnails]
+        decisive = [*self._decisive, {**asdict(task), "path": file}, draw]
         return hashlib.sha256(json.dumps(decisive).encode()).hexdigest()
 
 

@@ -1,6 +1,7 @@
 """The outcome of an evaluation: records, and what figures need beside them."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -8,6 +9,9 @@ from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.plugin_description import PluginDescription
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.thumbnails import Thumbnails
+
+Drawn = Literal["", "sweep", "pictures"]
+"""What figures show of a sequence: nothing, its sweep, or pictures of it too."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ from contextlib import chdir
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
+from saf_gen.benchmark.assessed_curves import assess_curves
 from saf_gen.benchmark.method_spec import Method, parse_method
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Evaluation, LensPath, SweepSummary
+from saf_gen.benchmark.results import Drawn, Evaluation, LensPath, SweepSummary
 from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.recorded_track import run_recorded_sequence
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
@@ -52,9 +53,12 @@ def evaluate_sequence(
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
     step: Callable[[int, str], None],
-    with_thumbnails: bool,
+    draw: Drawn,
 ) -> Evaluation:
-    """Run all methods on one sequence; predictions, figures and mean counts belong to the first region."""
+    """Run all methods on one sequence; predictions, figures and mean counts belong to the first region.
+
+    Of a sequence that is not drawn the result holds neither sweep nor path of the lens, but the quality of its curves.
+    """
     usual, before = next(iter(groups)), 0
     records: list[Record] = []
     sweeps: list[SweepSummary] = []
@@ -72,7 +76,7 @@ def evaluate_sequence(
                 rate_region=usual,
                 step=group_step,
                 predictions=predictions if region == usual else None,
-                with_thumbnails=with_thumbnails and region == usual,
+                with_thumbnails=draw == "pictures" and region == usual,
             )
             sweeps += [sweep] if region == usual else []
         elif not group:
@@ -87,7 +91,10 @@ def evaluate_sequence(
             lens_paths += group_paths
         records += group_records
         before += len(group)
-    return Evaluation(tuple(records), tuple(sweeps), (), tuple(lens_paths))
+    curves = tuple(assess_curves(sweeps))
+    if not draw:
+        sweeps, lens_paths = [], []
+    return Evaluation(tuple(records), tuple(sweeps), (), tuple(lens_paths), curves=curves)
 
 
 @dataclass(frozen=True)
@@ -130,7 +137,7 @@ class EvaluateJob:
     methods: NamedMethods
     protocol: "ClosedLoopProtocol | None"
     predictions: PredictionSet | None
-    with_thumbnails: bool
+    draw: Drawn
     takes_all_cores = True
     wants_gpu = False
 
@@ -145,5 +152,5 @@ class EvaluateJob:
             protocol=self.protocol,
             predictions=self.predictions,
             step=lambda done, what: None,
-            with_thumbnails=self.with_thumbnails,
+            draw=self.draw,
         )

@@ -397,7 +397,8 @@ def test_a_recording_that_is_damaged_where_only_a_method_looks_is_no_fault_of_th
 
 
 def test_sweeps_are_kept_of_what_is_drawn_and_the_quality_of_curves_of_all(tmp_path, monkeypatch):
-    monkeypatch.setattr(evaluate_module, "DRAWN_SEQUENCES", 1)
+    for most in ("DRAWN_SEQUENCES", "THUMBNAIL_SEQUENCES"):
+        monkeypatch.setattr(evaluate_module, most, 1)
     for name in ("a", "b"):
         write_sweep(tmp_path / "test" / f"{name}.h5", 400)
     listed = list_streams(tmp_path, {"id": "a"}, {"id": "b", "light": "ramp"})

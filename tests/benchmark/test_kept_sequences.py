@@ -186,9 +186,9 @@ def test_a_closed_loop_is_kept_until_its_stacks_change(tmp_path):
         protocol = ClosedLoopProtocol(get_actuator("voice_coil"), budget_s)
         return KeptSequences(tmp_path / "kept").begin({}, protocol=protocol, **terms)
 
-    begun().keep(task, result, with_thumbnails=False)
-    assert without_times(begun().take(task, with_thumbnails=False)) == without_times(result)
-    assert begun().take(task, with_thumbnails=True) is None
-    assert begun(0.1).take(task, with_thumbnails=False) is None
+    begun().keep(task, result, draw="sweep")
+    assert without_times(begun().take(task, draw="sweep")) == without_times(result)
+    assert begun().take(task, draw="pictures") is None
+    assert begun(0.1).take(task, draw="sweep") is None
     os.utime(tmp_path / "stacks" / "board-1", (1, 1))
-    assert begun().take(task, with_thumbnails=False) is None
+    assert begun().take(task, draw="sweep") is None
