@@ -168,13 +168,14 @@ def _check_samples(root: Path) -> None:
                 (root / left).unlink(missing_ok=True)
 
 
-def write_samples_in(root: Path) -> None:
+def write_samples_in(root: Path, *, check: bool = False) -> None:
     """Make ``root`` the working folder and write the samples there, unless they are there already."""
     root.mkdir(parents=True, exist_ok=True)
     os.chdir(root)
     if not (root / "packed").exists():
         samples.write_samples(root, lambda *arguments: call(*arguments)[0])
-        _check_samples(root)
+        if check:
+            _check_samples(root)
 
 
 def serve() -> None:
@@ -185,7 +186,7 @@ def serve() -> None:
         warnings.simplefilter("ignore", ignored)
     typer.main.get_command = cache(typer.main.get_command)  # most of the time of a small command
     by_name = {kind.name: kind for kind in KINDS}
-    write_samples_in(Path(sys.argv[1]))
+    write_samples_in(Path(sys.argv[1]), check=True)
     answers.write("ready\n")
     answers.flush()
     for line in sys.stdin:
