@@ -28,6 +28,7 @@ from saf_gen.cli import (
     sensor_commands,
     sharing_commands,
     stream_commands,
+    submit_commands,
     tune_commands,
     validate_commands,
     view_command,
@@ -96,6 +97,10 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "leaderboard": (
         "Rank the methods of several evaluations in one table, or run their rows again.",
         {"merge": leaderboard_commands.merge, "verify": leaderboard_commands.verify},
+    ),
+    "submit": (
+        "Hand in a method: begin a submission, or check one.",
+        {"new": submit_commands.new, "check": submit_commands.check},
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",

@@ -1,0 +1,43 @@
+"""The commands ``submit new`` and ``submit check``."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.text import Text
+
+from saf_gen.cli._tables import print_json
+from saf_gen.cli._terminal import AsJson, out
+
+STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
+
+
+def new(folder: Annotated[Path, typer.Argument(help="Folder of the submission; its name is the method's.")]) -> None:
+    """Write submission.yaml, in which a line explains each key."""
+    from saf_gen.leaderboard.submission import create_submission
+
+    out.print(str(create_submission(folder)), soft_wrap=True)
+    out.print(f"next: fill it in, put your method beside it, and saf-gen submit check {folder}", soft_wrap=True)
+
+
+def check(
+    folder: Annotated[Path, typer.Argument(help="Folder of the submission.")],
+    *,
+    dataset: Annotated[Path | None, typer.Option("--on", help="The dataset whose split test was judged.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what a submission lacks, and what in it does not fit together; none of its code is run."""
+    from saf_gen.leaderboard.submission import check_submission
+
+    found = list(check_submission(folder, dataset=dataset))
+    if as_json:
+        print_json([asdict(finding) for finding in found])
+    for finding in () if as_json else found:
+        parts = ((finding.level, STYLES[finding.level]), f" {finding.check}: {finding.text}")
+        out.print(Text.assemble(*parts), soft_wrap=True)
+    errors = sum(finding.level == "error" for finding in found)
+    if not as_json:
+        out.print("complete" if not errors else f"{errors} to do", soft_wrap=True)
+    if errors:
+        raise typer.Exit(1)

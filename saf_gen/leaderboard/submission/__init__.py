@@ -1,0 +1,6 @@
+"""A submission: a folder with a method or its answers, what was found with it, and what its author states."""
+
+from saf_gen.leaderboard.submission.card import SubmissionCard, create_submission
+from saf_gen.leaderboard.submission.checks import SubmissionFinding, check_submission
+
+__all__ = ["SubmissionCard", "SubmissionFinding", "check_submission", "create_submission"]

@@ -1,0 +1,155 @@
+"""Submissions: what is missing is said, and nothing in a stranger's folder is run."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from handmade_records import record
+from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
+from refusals import refusal
+
+from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned_method
+from saf_gen.leaderboard.submission import check_submission, create_submission
+from saf_gen.stream.stream_writer import write_stream
+
+FILLED = {
+    'title: ""': "title: Mean counts",
+    "authors: []": "authors: [Ada Lovelace]",
+    'licence: ""': "licence: Apache-2.0",
+    'date: ""': 'date: "2026-11-22"',
+    'method: ""': "method: method.py:Mine+argmax",
+    ": false": ": true",
+}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """One sweep of the split test."""
+    folder = tmp_path_factory.mktemp("data")
+    lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
+    write_stream(folder / "test/board.h5", make_spikes(300.0), focus_position=lens, truth=make_truth(300.0))
+    return list_streams(folder, {"id": "board", "scene": "board", "variant": 1, "light": "constant"})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A complete submission: a method in a file, and its answer to the one sequence."""
+    folder = tmp_path / "my_method"
+    card = create_submission(folder)
+    text = card.read_text()
+    for old, new in FILLED.items():
+        assert old in text
+        text = text.replace(old, new)
+    card.write_text(text)
+    code = "open('ran', 'w')\n\ndef Mine(window):\n    return float(window.counts.mean())\n"
+    (folder / "method.py").write_text(code)
+    (folder / "evaluation").mkdir()
+    answers = [record("there/method.py:Mine+argmax", "board", 0.2), record("sd+argmax", "board", 0.1)]
+    (folder / "evaluation/records.jsonl").write_text(format_records(answers))
+    return folder
+
+
+def edit(folder, old, new):
+    card = folder / "submission.yaml"
+    assert old in card.read_text()
+    card.write_text(card.read_text().replace(old, new))
+
+
+def errors(folder, **options):
+    return {f.check: f.text for f in check_submission(folder, **options) if f.level == "error"}
+
+
+def test_a_new_submission_says_all_that_is_missing(call, tmp_path):
+    code, out, _ = call("submit", "new", tmp_path / "mine")
+    assert code == 0
+    assert out.startswith(f"{tmp_path / 'mine/submission.yaml'}\n")
+    found = errors(tmp_path / "mine")
+    assert set(found) == {"title", "authors", "licence", "date", "method", "answers", "statements"}
+    assert found["method"] == "neither method nor predictions is given: name one of the two"
+    code, out, _ = call("submit", "check", tmp_path / "mine")
+    assert (code, out.splitlines()[-1]) == (1, "7 to do")
+    assert "mine/submission.yaml is there already" in call("submit", "new", tmp_path / "mine")[2]
+
+
+def test_a_complete_submission_is_complete_and_its_code_was_not_run(call, folder, dataset, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = call("submit", "check", folder, "--on", dataset)
+    assert (code, out.splitlines()[-1]) == (0, "complete")
+    assert "ok answers: 1 sequences (all of the split), 1 within 1 depth of focus" in out
+    assert "warning verified: nobody has run it again: saf-gen leaderboard verify" in out
+    assert not (tmp_path / "ran").exists()
+    found = json.loads(call("submit", "check", folder, "--json")[1])
+    assert {one["check"] for one in found} == {"date", "method", "answers", "verified", "statements"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "check", "told"),
+    [
+        ("method.py:Mine", "method.py:Nine", "method", "did you mean 'Mine'?"),
+        ("method.py:Mine", "../method.py:Mine", "method", "lies outside of"),
+        ("method.py:Mine", "os.path:join", "method", "'os.path:join' is code outside the folder"),
+        ("method.py:Mine+argmax", "sd+argmaxx", "method", "did you mean 'argmax'?"),
+        ("method.py:Mine+argmax", "sd", "method", "allowed: MEASURE+SEARCH"),
+        ('predictions: ""', "predictions: answers.jsonl", "method", "method and predictions are both given"),
+        ("track: recorded", "track: closed_loop", "answers", "they are of the track recorded, not closed_loop"),
+        ("licence: Apache-2.0", "licence: mine, all mine", "licence", "is no SPDX name"),
+        ("2026-11-22", "22.11.2026", "date", "'22.11.2026' is no day"),
+        ('constants: ""', "constants: best.json", "constants", "best.json is not in"),
+        ("test_was_run_once: true", "test_was_run_once: false", "statements", "not vouched for: test was run once"),
+    ],
+)
+def test_what_does_not_fit_is_told(folder, old, new, check, told):
+    edit(folder, old, new)
+    assert told in errors(folder)[check]
+
+
+def test_a_file_that_is_no_python_is_told(folder):
+    (folder / "method.py").write_text("def Mine(:\n")
+    assert "is not Python" in errors(folder)["method"]
+
+
+def test_answers_to_other_sequences_are_told(folder, dataset):
+    more = [record("method.py:Mine+argmax", name, 0.2) for name in ("board", "leaf")]
+    (folder / "evaluation/records.jsonl").write_text(format_records(more))
+    assert errors(folder, dataset=dataset)["answers"] == "2 sequences, and 1 in the dataset: leaf is in one alone"
+    (folder / "evaluation/records.jsonl").write_text(format_records([record("sd+argmax", "board", 0.1)]))
+    assert "no row is of method.py:Mine+argmax, but of sd+argmax" in errors(folder)["answers"]
+
+
+@pytest.mark.parametrize(("split", "wrong"), [("test", True), ("train", False)])
+def test_constants_are_tuned_on_other_splits(folder, split, wrong):
+    tuned = TunedMethod("sd+argmax", "mine", split, "recorded", "", "target", 1, "d", "1", ())
+    (folder / "best.json").write_text(format_tuned_method(tuned))
+    edit(folder, 'constants: ""', "constants: best.json")
+    assert ("constants" in errors(folder)) is wrong
+
+
+def test_a_forged_answer_that_was_run_again_is_an_error(call, folder, dataset):
+    edit(folder, "method.py:Mine+argmax", "sd+argmax")
+    evaluation = folder / "evaluation"
+    assert call("evaluate", dataset, "--method", "sd+argmax", "--out", evaluation)[0] == 0
+    assert call("leaderboard", "verify", evaluation, "--on", dataset)[0] == 0
+    assert {f.check: f.text for f in check_submission(folder, dataset=dataset)}["verified"] == "re-run here"
+    (forged,) = (replace(one, frames_seen=one.frames_seen - 1) for one in read_records(evaluation))
+    (evaluation / "records.jsonl").write_text(format_records([forged]))
+    assert call("leaderboard", "verify", evaluation, "--on", dataset)[0] == 1
+    assert "answers differ when they are run again" in errors(folder, dataset=dataset)["verified"]
+
+
+def test_answers_of_another_program_stay_a_claim(folder):
+    edit(folder, "method: method.py:Mine+argmax", 'method: ""')
+    edit(folder, 'predictions: ""', "predictions: answers.jsonl")
+    (folder / "answers.jsonl").write_text('{"method": "my_method", "sequence": "board", "frame": 310.0}\n')
+    (folder / "evaluation/records.jsonl").write_text(format_records([record("my_method", "board", 0.2)]))
+    assert errors(folder) == {}
+
+
+def test_a_card_that_cannot_be_read_is_one_line(call, tmp_path, folder):
+    assert "there is no submission.yaml" in refusal(list, check_submission(tmp_path)).problem
+    edit(folder, "track: recorded", "track: racing")
+    code, _, err = call("submit", "check", folder)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "submission.yaml:9: track is 'racing'; allowed: recorded, closed_loop" in err
+    assert "cannot be called" in refusal(create_submission, tmp_path / "a b").problem
