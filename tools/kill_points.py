@@ -113,12 +113,12 @@ def state_of_records(folder: Path) -> Any:
 
 
 def state_of_dataset(folder: Path) -> Any:
-    """The digests that the manifest lists; each stream that is there must be whole."""
+    """The digests that the manifest lists, None before the one sequence is; each stream that is there must be whole."""
     for path in folder.glob("*/*.h5"):
         state_of_stream(path)
     if not (folder / "manifest.json").exists():
         return None
-    return {entry.id: entry.content_sha256 for entry in read_manifest(folder).sequences}
+    return {entry.id: entry.content_sha256 for entry in read_manifest(folder).sequences} or None
 
 
 def state_of_bytes(path: Path) -> Any:
@@ -355,7 +355,7 @@ def main_of_tool() -> int:
     options.add_argument("--processes", type=int, default=1, help="so many points at a time")
     given = options.parse_args()
     kept_sequences.KEEP_EVERY_S = 0.0
-    generate_run.run_generation_jobs = run_jobs_inline
+    generate_run.run_jobs = run_jobs_inline
     found: list[dict[str, Any]] = []
     chosen = [writer for writer in WRITERS if not given.only or writer.name in given.only]
     for name in itertools.chain.from_iterable(LOADED.get(writer.name, ()) for writer in chosen):
