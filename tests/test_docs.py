@@ -28,6 +28,7 @@ import yaml
 from pydantic import TypeAdapter
 from small_dataset import HERE, SCENES
 
+from saf_gen import SpikeWindows
 from saf_gen.acceptance.speed import BenchSize
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, app, main
@@ -434,6 +435,7 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     made = desk / "datasets/quickstart"
     layout = (ROOT / "docs/reference/file-layout.md").read_text(encoding="utf-8")
     folder = layout.split("## A dataset folder")[1].split("```")[1]
+    SpikeWindows(made, window=100)[0]  # counts what it reads
     for line in folder.strip().splitlines():
         pattern = re.sub(r"<\w+>", "*", line.split()[0])
         assert list(made.glob(pattern)), f"{pattern} is not there"
@@ -442,7 +444,7 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
         assert list((desk / "made").glob(ticked(row[0])[0].replace("SPLIT-SCENE", "*")))
     record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])
     keys = {key for row in table("docs/reference/records.md", "key") for key in ticked(row[0])}
-    assert keys | {"format"} == set(record)
+    assert keys | {"format", "checksum"} == set(record)
     with (desk / "made/leaderboard.csv").open() as file:
         header = next(csv.reader(file))
     lights = [f"success_1dof_light_{light}" for light in ("constant", "continuous", "sudden")]

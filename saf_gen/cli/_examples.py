@@ -38,7 +38,7 @@ EXAMPLES = {
     ),
     "plan": (
         "plan quickstart",
-        "plan recipes/quickstart.yaml recipes/sad_synthetic.yaml --workers 2 --machines 8",
+        "plan quickstart sad_synthetic --workers 2 --machines 8",
         "plan recipes/saf_bench.yaml --shard 1/8 --rates rates.json",
     ),
     "verify": ("verify datasets/quickstart",),

@@ -1,6 +1,7 @@
 """The backend is chosen without running it."""
 
 import os
+import re
 import subprocess
 import sys
 
@@ -47,7 +48,7 @@ def test_doctor_works_without_any_llvm_and_says_what_to_install(tmp_path):
     assert run.returncode == 0, run.stderr
     assert "no LLVM library was found" in run.stdout
     assert "to be faster: install LLVM 17 or newer" in run.stdout
-    assert "variant      scalar" in run.stdout
+    assert re.search(r"variant +scalar\b", run.stdout)
 
 
 def test_threads_that_wait_for_work_sleep():

@@ -100,6 +100,7 @@ PROMISED = {
         "of the first pass": None,
         "peak memory of a process that reads": 1.0,
     },
+    "rates": {"pixel_frames_per_s": None, "pixel_frames_per_core_s": None, "job_s": None, "sequence_s": None},
     "score": {"10 methods, 2 sequences of 400 frames": 30.0, "cost of a method over its measure's": None},
     "job": {
         "recipe to leaderboard": 120.0,
@@ -144,6 +145,7 @@ def test_a_plan_reads_the_rates_that_the_bench_measures(tmp_path):
     found, stages = measured("rates")
     figures = [f for f in found if isinstance(f, BenchFigure)]
     assert {"recording", "rendering", "scheduler"} == {stage for stage, _ in stages}
+    promises_kept("rates", figures)
     assert any(f.what == "20 of 20 jobs that do nothing, two workers" for f in figures)
     names = {f.what for f in figures}
     assert {"cores", "pixel_frames_per_s", "pixel_frames_per_core_s", "job_s", "sequence_s"} <= names
