@@ -412,16 +412,20 @@ def test_the_last_byte_is_filled_with_zeros():
 
 
 def test_memory_does_not_grow_with_the_recording():
+    """The least of three peaks: threads that earlier tests have left behind may allocate at the same time."""
     inputs = schedule(frames=800, shape=(50, 64))
     encoder = Encoder(get_sensor("vidar_400x250"), (50, 64), seed=1)
-    peaks = []
+
+    def find_peak(blocks):
+        tracemalloc.reset_peak()
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(blocks):
+            encoder.encode(**inputs)
+        return tracemalloc.get_traced_memory()[1] - before
+
     tracemalloc.start()
     try:
-        for blocks in (2, 20):
-            tracemalloc.reset_peak()
-            for _ in range(blocks):
-                encoder.encode(**inputs)
-            peaks.append(tracemalloc.get_traced_memory()[1])
+        peaks = [min(find_peak(blocks) for _ in range(3)) for blocks in (2, 20)]
     finally:
         tracemalloc.stop()
     assert peaks[1] < 1.1 * peaks[0] + 20_000
