@@ -30,6 +30,8 @@ out = _PlainConsole(width=None if sys.stdout.isatty() else 160, markup=False, hi
 err = _PlainConsole(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
 LOG_EVERY_S = 30.0
+LEVEL_STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
+"""How the level of a finding is shown, of a scene or of a submission."""
 RecipeName = Annotated[str, typer.Argument(help="A recipe that comes with saf_gen, by name, or a recipe file.")]
 ClusterAddress = Annotated[
     str | None, typer.Option("--cluster", help="Address of a Dask scheduler to run on, such as tcp://host:8786.")

@@ -11,7 +11,7 @@ from rich.progress import TaskID
 from rich.text import Text
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import AsJson, ClusterAddress, OutFile, err, out, print_error, progress_bars
+from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, OutFile, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from saf_gen.camera import Sensor
     from saf_gen.scene.scene_folder import Scene
 
-STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
 SENSOR = "vidar_400x250"
 SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or its YAML file.")]
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
@@ -156,7 +155,7 @@ def _check_on_cluster(
 def _print_finding(finding: dict[str, str], as_json: bool) -> None:
     if not as_json:
         level = finding["level"]
-        parts = (finding["scene"], " ", (level, STYLES[level]), f" {finding['check']}: {finding['text']}")
+        parts = (finding["scene"], " ", (level, LEVEL_STYLES[level]), f" {finding['check']}: {finding['text']}")
         out.print(Text.assemble(*parts), soft_wrap=True)
 
 

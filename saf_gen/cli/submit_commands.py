@@ -8,9 +8,7 @@ import typer
 from rich.text import Text
 
 from saf_gen.cli._tables import print_json
-from saf_gen.cli._terminal import AsJson, out
-
-STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
+from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, out
 
 
 def new(folder: Annotated[Path, typer.Argument(help="Folder of the submission; its name is the method's.")]) -> None:
@@ -34,7 +32,7 @@ def check(
     if as_json:
         print_json([asdict(finding) for finding in found])
     for finding in () if as_json else found:
-        parts = ((finding.level, STYLES[finding.level]), f" {finding.check}: {finding.text}")
+        parts = ((finding.level, LEVEL_STYLES[finding.level]), f" {finding.check}: {finding.text}")
         out.print(Text.assemble(*parts), soft_wrap=True)
     errors = sum(finding.level == "error" for finding in found)
     if not as_json:

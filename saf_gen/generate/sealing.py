@@ -106,7 +106,7 @@ def _commitment(secret: str, salt: str) -> str:
 
 def _check_secret(seed: SealedSeed, secret: str, *, where: str) -> None:
     if not re.fullmatch(rf"[0-9a-f]{{{2 * _DIGITS}}}", secret):
-        raise BadInput(f"the secret {secret!r:.20} is none", where=where, allowed="64 hexadecimal digits")
+        raise BadInput(f"{secret!r:.20} is not a secret", where=where, allowed="64 hexadecimal digits")
     if not hmac.compare_digest(_commitment(secret, seed.salt), seed.sealed):
         raise BadInput(
             f"the secret {secret:.8}… is not the one that was sealed", where=where, allowed=f"that of {seed.sealed:.8}…"

@@ -72,7 +72,7 @@ def test_the_split_that_was_sealed_has_the_digests_of_the_split_that_was_opened(
     ("secret", "told"),
     [
         ("0" * 64, "the secret 00000000… is not the one that was sealed; allowed: that of "),
-        ("my secret", "the secret 'my secret' is none; allowed: 64 hexadecimal digits"),
+        ("my secret", "'my secret' is not a secret; allowed: 64 hexadecimal digits"),
     ],
 )
 def test_another_secret_opens_nothing(call, sealed, secret, told, tmp_path):

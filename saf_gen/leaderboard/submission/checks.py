@@ -34,8 +34,8 @@ class SubmissionFinding:
 def check_submission(folder: Path, *, dataset: Path | None = None) -> Iterator[SubmissionFinding]:
     """Yield what each check found; a submission is complete where none is an error.
 
-    With ``dataset`` the answers are held against its sequences. Raises BadInput for a card that cannot be read and a
-    dataset that is none.
+    With ``dataset`` the answers are held against its sequences. Raises BadInput for a card that cannot be read, and
+    where ``dataset`` holds no sequence of the split.
     """
     card = read_submission(folder)
     yield from _check_card(card)
@@ -153,7 +153,7 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
     yield from _check_records(own, card, tasks=tasks)
     state = read_row_states(folder / EVALUATION, every).get(own[0].method)
     if state == DIFFERS:
-        yield SubmissionFinding("verified", "error", f"answers differ when they are run again: see {again}")
+        yield SubmissionFinding("verified", "error", f"answers differ when they are run again: {again}")
     elif state == HERE or card.predictions:
         yield SubmissionFinding("verified", "ok", state or "answers of another program stay a claim")
     else:
