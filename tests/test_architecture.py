@@ -43,9 +43,9 @@ DOORS = {
 """Heavy dependencies, and the only folders or modules that import them."""
 
 DIGESTED = {
-    "measures/_spectrum.py: _band",
-    "measures/structure_calibrated.py: _structure",
-    "searches/_golden_narrowing.py: _score_inclusive",
+    "plugins/measures/_spectrum.py: _band",
+    "plugins/measures/structure_calibrated.py: _structure",
+    "plugins/searches/_golden_narrowing.py: _score_inclusive",
 }
 """Functions that stay as they are: their code is part of the digest of methods in published records."""
 
@@ -72,7 +72,7 @@ def test_layers_and_circles_are_as_pyproject_states_them():
 def test_the_package_opens_on_a_few_folders():
     shown = [p.name for p in PACKAGE.iterdir() if p.name != "__pycache__"]
     loose = {name for name in shown if name.endswith(".py")} - {"__init__.py"}
-    assert len(shown) <= 24
+    assert len(shown) <= 22
     assert loose == {"__main__.py", "errors.py", "parts.py"}
 
 
@@ -109,9 +109,9 @@ def test_only_the_command_line_prints():
 def test_a_plugin_imports_core_and_numeric_libraries_alone(kind, graph):
     allowed = {"numpy", "numba", "scipy", "dataclasses", "typing", "collections", "math", "functools"}
     allowed |= {"numbers", "itertools"}
-    inside = ("saf_gen.core.", "saf_gen.errors", "saf_gen.parts", f"saf_gen.{kind}._")
-    for path in (PACKAGE / kind).glob("[!_]*.py"):
-        imported = graph.find_modules_directly_imported_by(f"saf_gen.{kind}.{path.stem}")
+    inside = ("saf_gen.core.", "saf_gen.errors", "saf_gen.parts", f"saf_gen.plugins.{kind}._")
+    for path in (PACKAGE / "plugins" / kind).glob("[!_]*.py"):
+        imported = graph.find_modules_directly_imported_by(f"saf_gen.plugins.{kind}.{path.stem}")
         strangers = {m for m in imported if m not in allowed and not m.startswith(inside)}
         assert not strangers, f"{path.name} imports {strangers}"
 

@@ -34,9 +34,9 @@ from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_met
 from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, app, main
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.lights import light_gains_at_readouts
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
+from saf_gen.plugins.lights import light_gains_at_readouts
 from saf_gen.render import backend
 from saf_gen.scene.scene_folder import SceneCard
 

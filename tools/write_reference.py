@@ -49,8 +49,8 @@ from saf_gen.generate.recipe import Recipe
 from saf_gen.generate.recipe_schema import make_recipe_schema
 from saf_gen.leaderboard.axes import AXES
 from saf_gen.leaderboard.columns import list_leaderboard_columns
-from saf_gen.lights import COMMON_KEYS
 from saf_gen.optics.actuators import actuator_names, get_actuator
+from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import make_card_schema
 from saf_gen.scene.scene_folder import SceneCard
 

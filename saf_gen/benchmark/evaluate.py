@@ -33,8 +33,8 @@ from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
-from saf_gen.measures import get_measure
 from saf_gen.parts import Measure
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.measure_input import choose_method_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 

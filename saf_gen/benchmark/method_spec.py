@@ -17,9 +17,9 @@ from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.config.source_digest import plugin_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
-from saf_gen.measures import get_measure
 from saf_gen.parts import Measure, Search, wants_measures
-from saf_gen.searches import get_search
+from saf_gen.plugins.measures import get_measure
+from saf_gen.plugins.searches import get_search
 
 DEFAULT_RECORDED_METHODS = (
     *(

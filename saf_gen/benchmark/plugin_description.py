@@ -15,8 +15,8 @@ from saf_gen.benchmark.records import Record
 from saf_gen.core.config.registry import build_plugin, is_own_plugin, plugin_class
 from saf_gen.core.config.source_digest import plugin_source_files
 from saf_gen.errors import BadInput
-from saf_gen.measures import BrightnessNormalised, IntervalTexture
 from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
+from saf_gen.plugins.measures import BrightnessNormalised, IntervalTexture
 
 UNKNOWN = "-"
 MAX_CODE_CHARACTERS = 30_000

@@ -12,7 +12,7 @@ from saf_gen.core.config import components
 from saf_gen.core.config.ranges import config_range_extremes, draw_config_range, is_config_range, is_number
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.generate.recipe import Recipe
-from saf_gen.lights import draw_light_schedule
+from saf_gen.plugins.lights import draw_light_schedule
 
 
 @dataclass(frozen=True)

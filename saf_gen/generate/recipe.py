@@ -15,7 +15,7 @@ from saf_gen.core.config.ranges import check_parameter, config_range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
 from saf_gen.generate.sealing import SealedSeed, open_sealed_seed
-from saf_gen.lights import read_light_schedule
+from saf_gen.plugins.lights import read_light_schedule
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
 

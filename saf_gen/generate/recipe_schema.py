@@ -2,7 +2,7 @@
 
 from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_component, model_to_json_schema
 from saf_gen.generate.recipe import Recipe
-from saf_gen.lights import COMMON_KEYS, UNITS
+from saf_gen.plugins.lights import COMMON_KEYS, UNITS
 
 COMMON: dict[str, Schema] = {
     "offset": {"type": "number", "minimum": 0},

@@ -10,8 +10,8 @@ import numpy as np
 
 from saf_gen.camera import Encoder, Sensor, camera_exposure_scale, draw_fixed_pattern
 from saf_gen.generate.plan import PlannedSequence
-from saf_gen.lights import light_group_gains
-from saf_gen.motions import lens_motion_at_readouts
+from saf_gen.plugins.lights import light_group_gains
+from saf_gen.plugins.motions import lens_motion_at_readouts
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.recording_grain import grain_along_recording
 from saf_gen.stack.time_resolved import PlaneSource

@@ -18,8 +18,8 @@ from saf_gen.generate.cost import MachineRates, stack_bytes, stream_bytes
 from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.generate.recordings import has_recording
-from saf_gen.lights import light_group_gains
-from saf_gen.motions import lens_motion_at_readouts
+from saf_gen.plugins.lights import light_group_gains
+from saf_gen.plugins.motions import lens_motion_at_readouts
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import (

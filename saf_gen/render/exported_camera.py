@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.lights import RESERVED_GROUP_NAMES
+from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene, xml_scene
 from saf_gen.render.render_setup import SensorGrid, make_film_dict
 from saf_gen.scene.xml import SceneXml

@@ -18,9 +18,9 @@ from saf_gen.core.config.ranges import check_parameter, draw_config_range
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
-from saf_gen.lights import check_light_groups
 from saf_gen.optics import Drive
 from saf_gen.optics.lens_card import LensCard
+from saf_gen.plugins.lights import check_light_groups
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
 from saf_gen.scene.library import find_scene_library_module

@@ -19,9 +19,9 @@ from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_metho
 from saf_gen.benchmark.view.running_camera import BudgetSpentError, RunningCamera
 from saf_gen.benchmark.view.sweep_view import SweepView
 from saf_gen.errors import BadInput
-from saf_gen.measures import get_measure
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer, View
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stream.metadata import Truth

@@ -23,10 +23,10 @@ from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.benchmark.conformance._declaration_checks import check_plugin_class
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording, conformance_bell_curve
 from saf_gen.core.config import registry
-from saf_gen.measures import measure_names
-from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.parts import commands, wants_halves
-from saf_gen.searches import search_names
+from saf_gen.plugins.measures import measure_names
+from saf_gen.plugins.motions import lens_motion_at_readouts
+from saf_gen.plugins.searches import search_names
 
 PAGES = [Path(__file__).parents[2] / "docs/how-to" / name for name in ("add-a-method.md", "add-a-search.md")]
 WARNINGS = {"sgfs_printed": ["finds a bell"]}  # the paper's algorithm to the letter stops at once

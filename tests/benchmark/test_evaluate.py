@@ -15,9 +15,9 @@ from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard import rank_methods
-from saf_gen.measures import get_measure
-from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.parts import Answer, View
+from saf_gen.plugins.measures import get_measure
+from saf_gen.plugins.motions import lens_motion_at_readouts
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 

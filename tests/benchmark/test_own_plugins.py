@@ -9,7 +9,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import parse_method, read_method_list
 from saf_gen.benchmark.tuned_method import TunedMethod, format_tuned_method
 from saf_gen.errors import BadInput
-from saf_gen.measures import get_measure
+from saf_gen.plugins.measures import get_measure
 
 
 @pytest.fixture

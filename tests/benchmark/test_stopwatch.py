@@ -14,9 +14,9 @@ from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.benchmark.view.running_camera import RunningCamera
 from saf_gen.core import stopwatch
 from saf_gen.core.stopwatch import Stopwatch
-from saf_gen.measures import get_measure
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stream import interval_texture
 
 THINKS, SCORES, LOOKS_UP, COUNTS, READS, ENCODES, DRIVES = 1.0, 16.0, 256.0, 4e3, 6e4, 1e6, 1.6e7

@@ -8,8 +8,8 @@ from itertools import pairwise
 import pytest
 
 from saf_gen.core.config import registry
-from saf_gen.measures import measure_names
 from saf_gen.parts import cite_source
+from saf_gen.plugins.measures import measure_names
 
 OWN = '''\
 """Parts of somebody."""
@@ -140,7 +140,7 @@ def test_a_measure_is_shown_in_full(call):
     assert page["degree"] == "0"
     assert page["cost"].startswith("44.5 operations per pixel")
     assert page["forms"] == "cen_tfi"
-    assert page["class"] == "saf_gen.measures.cen:SpectralCentroid"
+    assert page["class"] == "saf_gen.plugins.measures.cen:SpectralCentroid"
     assert "icml.cc/virtual/2026/poster/65044" in page["source"]
 
 

@@ -10,8 +10,8 @@ from saf_gen.benchmark.conformance import check_method_by_name
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.core.config import registry
-from saf_gen.measures import get_measure, measure_names
-from saf_gen.searches import get_search
+from saf_gen.plugins.measures import get_measure, measure_names
+from saf_gen.plugins.searches import get_search
 
 PLAIN = '''
 import numpy as np

@@ -8,8 +8,8 @@ import pytest
 
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.core.config.source_digest import plugin_source_digests
-from saf_gen.measures import get_measure
-from saf_gen.searches import get_search
+from saf_gen.plugins.measures import get_measure
+from saf_gen.plugins.searches import get_search
 
 USES = """\
 {imports}
@@ -128,6 +128,15 @@ def test_behind_our_plugins_are_the_private_modules_of_their_folder():
         "egs_code.py",
         "sd_code.py",
     ]
+
+
+def test_records_from_before_our_plugins_moved_to_a_folder_of_their_own_mix_with_later_ones(folder):
+    late = "from saf_gen{}.measures._counts import counts_as_integers"
+    digests = []
+    for name, inside in (("old", ""), ("new", ".plugins")):
+        write_files(folder, {f"{name}/src_moved.py": mine("import math", late=late.format(inside))})
+        digests += plugin_source_digests([type(get_measure(f"{folder / name / 'src_moved.py'}:Mine"))])
+    assert digests[0] == digests[1]
 
 
 def test_a_class_without_a_file_is_named_by_its_module():

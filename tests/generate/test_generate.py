@@ -23,7 +23,7 @@ from saf_gen.errors import SafGenError
 from saf_gen.generate import run
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.lights import light_group_gains
+from saf_gen.plugins.lights import light_group_gains
 from saf_gen.render import backend
 from saf_gen.stack.exr import read_planes
 from saf_gen.stack.focal_stack import StackStore

@@ -197,9 +197,9 @@ FAULTS = {
             ),
         ),
         (
-            "lights/test_lights.py::test_gains_are_means_over_readouts_however_finely_time_is_cut",
-            "lights/test_lights.py::test_a_step_within_a_readout_counts_by_its_share",
-            "lights/test_lights.py::test_a_readout_of_pwm_is_a_mean_and_not_a_point",
+            "plugins/test_lights.py::test_gains_are_means_over_readouts_however_finely_time_is_cut",
+            "plugins/test_lights.py::test_a_step_within_a_readout_counts_by_its_share",
+            "plugins/test_lights.py::test_a_readout_of_pwm_is_a_mean_and_not_a_point",
         ),
     ),
     "a group twice": Fault(
@@ -217,7 +217,7 @@ FAULTS = {
             ),
         ),
         (
-            "lights/test_lights.py::test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp",
+            "plugins/test_lights.py::test_a_lamp_that_goes_out_leaves_the_stream_of_a_scene_without_that_lamp",
             "generate/test_recorder.py::test_the_mean_rate_is_the_one_asked_for_at_best_focus",
             "stack/test_time_resolved.py::test_a_recording_of_a_moving_scene_fires_as_asked_and_keeps_its_track",
             f"{EACH_CHECK}[light_additivity]",

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from refusals import refusal
 
-from saf_gen.lights import RESERVED_GROUP_NAMES, split_schedule_by_light_group
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
+from saf_gen.plugins.lights import RESERVED_GROUP_NAMES, split_schedule_by_light_group
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.scene import library
 from saf_gen.scene.scene_folder import find_scene, scene_names

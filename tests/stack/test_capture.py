@@ -17,8 +17,8 @@ from saf_gen.benchmark.view import WindowCounts
 from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_method_view
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.motions import lens_motion_at_readouts
 from saf_gen.optics.actuators import get_actuator
+from saf_gen.plugins.motions import lens_motion_at_readouts
 from saf_gen.stack.capture import Capture
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from refusals import refusal
 from scipy.stats import binom
 
 from saf_gen.core.seeds import make_generator
-from saf_gen.measures import get_measure
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.grain import ENERGIES, correlate_grain, estimate_grain, mean_energy
 
 FACTORS = (1, 2, 24, 2, 468, 20 / 36)

@@ -14,7 +14,7 @@ from saf_gen.acceptance.speed.fresh_process import bytes_read, time_call
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.camera import get_sensor
 from saf_gen.core.execution.job import ReportProgress
-from saf_gen.measures import get_measure
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 

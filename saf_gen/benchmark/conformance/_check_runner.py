@@ -19,7 +19,7 @@ Check = Callable[[], str]
 """Returns what was seen where all is well, and raises CheckFailure or CheckWarning where it is not."""
 
 PACKAGE = Path(__file__).parents[2]
-PLUGIN_FOLDERS = (PACKAGE / "measures", PACKAGE / "searches")
+PLUGIN_FOLDERS = (PACKAGE / "plugins/measures", PACKAGE / "plugins/searches")
 NUMPY = Path(np.__file__).parent
 PYTHON = Path(traceback.__file__).parent
 

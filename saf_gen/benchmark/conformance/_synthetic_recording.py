@@ -8,8 +8,8 @@ from saf_gen.benchmark.conformance._check_runner import CheckLimits
 from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
 from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput
-from saf_gen.measures import get_measure
 from saf_gen.parts import wants_frames, wants_halves
+from saf_gen.plugins.measures import get_measure
 
 MEAN_RATE = 0.2  # spikes per pixel and readout
 SIZE = 16, 24

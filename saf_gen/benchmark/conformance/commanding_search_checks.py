@@ -23,9 +23,9 @@ from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecordin
 from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_method_statements
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.errors import BadInput
-from saf_gen.measures import get_measure
 from saf_gen.optics.actuators import actuator_names
 from saf_gen.parts import Search
+from saf_gen.plugins.measures import get_measure
 
 STEADY = "voice_coil_hall"  # its sensor sees the lens, and it rings little
 SMALL_BUDGETS = 32, 64, 160, 1000, 3000

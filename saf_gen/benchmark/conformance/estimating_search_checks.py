@@ -12,8 +12,8 @@ from saf_gen.benchmark.conformance._declaration_checks import check_plugin_descr
 from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, conformance_bell_curve
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.measures import get_measure
 from saf_gen.parts import Search, wants_measures
+from saf_gen.plugins.measures import get_measure
 
 LENGTHS = 2000, 5000, 20_000, 100_000
 """Frames of the recordings; the first that is not refused as too short is used."""

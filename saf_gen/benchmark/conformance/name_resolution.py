@@ -6,8 +6,8 @@ from typing import Any
 from saf_gen.benchmark.method_spec import Method, parse_method, parse_method_options
 from saf_gen.core.config.registry import names, plugin_class
 from saf_gen.errors import BadInput, unknown
-from saf_gen.measures import get_measure, measure_names
-from saf_gen.searches import get_search, search_names
+from saf_gen.plugins.measures import get_measure, measure_names
+from saf_gen.plugins.searches import get_search, search_names
 
 FORM_SUFFIXES = ("_n", "_tfi")
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS
-from saf_gen.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
+from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stack.grain import ENERGIES
 from saf_gen.stream.recorded_grain import read_recorded_grain
 from saf_gen.stream.stream_file import SpikeStream

@@ -7,8 +7,8 @@ import numpy as np
 
 from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.errors import BadInput
-from saf_gen.measures import get_measure
 from saf_gen.parts import wants_frames
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.measure_input import WindowSource, measure_input
 
 

@@ -1,9 +1,9 @@
 """Finds plug-ins by name: light schedules, lens motions, focus measures, searches.
 
-A plug-in is a frozen dataclass: one in a file of its own, ``saf_gen/<plug-in kind>/<name>.py``, one that a package
-offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:NAME`` or ``file.py:NAME``. A
-plain function or a plain class becomes one (:mod:`saf_gen.core.config.plain_plugins`). Its fields are the keys that a
-recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
+A plug-in is a frozen dataclass: one in a file of its own, ``saf_gen/plugins/<plug-in kind>/<name>.py``, one that a
+package offers under the entry point ``saf_gen.<plug-in kind>``, or one named as ``package.module:NAME`` or
+``file.py:NAME``. A plain function or a plain class becomes one (:mod:`saf_gen.core.config.plain_plugins`). Its fields
+are the keys that a recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
 Listing names imports nothing, so a plug-in that cannot be imported does not break the others. Names that come out of
 files are resolved by :func:`refuse_code`: only what is registered, or named on the command line too, is run.
 """
@@ -49,7 +49,7 @@ def refuse_code(where: str) -> Iterator[None]:
 
 @cache
 def _own(plugin_kind: str) -> frozenset[str]:
-    folder = Path(__file__).parents[2] / plugin_kind
+    folder = Path(__file__).parents[2] / "plugins" / plugin_kind
     return frozenset(m.name for m in pkgutil.iter_modules([str(folder)]) if not m.name.startswith("_"))
 
 
@@ -95,7 +95,7 @@ def plugin_class(plugin_kind: str, name: str) -> type:
 @cache
 def _find_plugin_class(plugin_kind: str, name: str) -> type:
     if name in _own(plugin_kind):
-        module = import_module(f"saf_gen.{plugin_kind}.{name}")
+        module = import_module(f"saf_gen.plugins.{plugin_kind}.{name}")
         classes = [v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__]
         plugins = [cls for cls in classes if is_dataclass(cls)]
         if len(plugins) != 1:

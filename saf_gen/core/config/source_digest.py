@@ -1,7 +1,8 @@
 """Digests of the source of a plug-in class, which change only when its code changes.
 
 The source is the file of the class and the private modules (``_name.py``) of the same folder that it imports, directly
-or indirectly. Comments, docstrings, formatting and the folder's location do not change a digest.
+or indirectly. Comments, docstrings, formatting and the folder's location do not change a digest; nor did the move of
+our own plug-ins into ``saf_gen.plugins``, so records from before and after it mix.
 """
 
 import ast
@@ -54,13 +55,18 @@ def _digest(source: bytes, package: str) -> tuple[str, tuple[str, ...]]:
     except (SyntaxError, ValueError):  # a helper that is imported late need not be Python of this version
         return hashlib.sha256(source).hexdigest(), ()
     helpers = tuple(sorted(_private_imports(tree, f"{package}." if package else "")))
-    return hashlib.sha256(ast.unparse(_WithoutDocstrings().visit(tree)).encode()).hexdigest(), helpers
+    return hashlib.sha256(ast.unparse(_DigestedCode().visit(tree)).encode()).hexdigest(), helpers
 
 
-class _WithoutDocstrings(ast.NodeTransformer):
+class _DigestedCode(ast.NodeTransformer):
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
         is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
         return None if is_text else node
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.ImportFrom:
+        if node.module and node.module.startswith("saf_gen.plugins."):
+            node.module = node.module.replace(".plugins", "", 1)  # their folder when records were first published
+        return node
 
 
 def _private_imports(tree: ast.AST, prefix: str) -> Iterator[str]:

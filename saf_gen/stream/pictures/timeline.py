@@ -7,8 +7,8 @@ from math import isfinite
 import numpy as np
 
 from saf_gen.core.region import Region
-from saf_gen.measures import get_measure
 from saf_gen.parts import wants_frames
+from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.interval_texture import texture_of_viewed_window
 from saf_gen.stream.measure_input import measure_input
 from saf_gen.stream.readable import ReadableStream

@@ -1,0 +1,30 @@
+"""Light schedules: how the gain of each light group of a scene changes over a recording.
+
+Each kind is one file of this folder, or a package's, offered under the entry point ``saf_gen.lights``.
+"""
+
+from saf_gen.plugins.lights._schedule import (
+    COMMON_KEYS,
+    RESERVED_GROUP_NAMES,
+    UNITS,
+    check_light_groups,
+    draw_light_schedule,
+    get_light,
+    light_gains_at_readouts,
+    light_group_gains,
+    read_light_schedule,
+    split_schedule_by_light_group,
+)
+
+__all__ = [
+    "COMMON_KEYS",
+    "RESERVED_GROUP_NAMES",
+    "UNITS",
+    "check_light_groups",
+    "draw_light_schedule",
+    "get_light",
+    "light_gains_at_readouts",
+    "light_group_gains",
+    "read_light_schedule",
+    "split_schedule_by_light_group",
+]

@@ -1,0 +1,229 @@
+"""Light schedules from a recipe to the gain of every readout: read, drawn, built, integrated.
+
+A recipe writes one schedule for all light groups of a scene, or one for each by its name; a group without a
+schedule stays at gain 1::
+
+    {kind: flicker, depth: 0.3, offset: 0.5} {lamp: {kind: flash, at_s: 0.1, peak: 20}, ...}
+
+Every kind takes the keys of its class and those of ``COMMON_KEYS``. ``offset`` is constant light added to the
+schedule, such as daylight in a room whose lamp flickers. With ``unit: lux`` all gains of the schedule, the
+offset included, are illuminances of the target in lux. They are divided by ``lux_at_gain_1``, the target's
+illuminance as the scene is built, which the scene's card tells.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from saf_gen.core.config import components, registry
+from saf_gen.core.config.components import Component
+from saf_gen.core.config.document import Document
+from saf_gen.core.config.ranges import RANGE_FORMS, is_config_range
+from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.parts import Light
+
+COMMON_KEYS = {
+    "offset": "Gain, 0 or more (0): is added to the gain: light that stays, in the same group.",
+    "unit": "ratio or lux (ratio): with lux, gains and offset are the illuminance of the target in lux.",
+    "lux_at_gain_1": "Lux, above 0 (from the scene's card): with unit lux, the illuminance at gain 1.",
+}
+"""Keys that every kind of light schedule takes beside its own, and what each means."""
+
+UNITS = ("ratio", "lux")
+GROUP = re.compile(r"[a-z0-9][a-z0-9_-]*")
+
+RESERVED_GROUP_NAMES = frozenset({"geometry", "kind", *RANGE_FORMS})
+"""Names that a light group cannot have, because a file of a stack or a key of a schedule has them."""
+
+GAIN_GRID = 2.0**-20
+"""Gains are rounded to it, so that the last digit of one machine's cosine cannot move a spike on another."""
+
+
+def check_light_groups(lights: Mapping[str, Sequence[str]], document: Document) -> None:
+    """Check the light groups of a scene's card, each with the names of its emitters.
+
+    Raises BadInput for a name that cannot be the name of a file or that a schedule could not use, for a group
+    without emitters, and for an emitter in two groups.
+    """
+    for group, emitters in lights.items():
+        where = document.locate("lights", group)
+        if not GROUP.fullmatch(group):
+            raise BadInput(
+                f"a light group is called {group!r}",
+                where=where,
+                allowed="lower-case letters, digits, - and _, a letter or digit first",
+            )
+        if group in RESERVED_GROUP_NAMES:
+            raise BadInput(
+                f"a light group is called {group!r}, which means something else in schedules and stacks",
+                where=where,
+                allowed=f"any name but {', '.join(sorted(RESERVED_GROUP_NAMES))}",
+            )
+        if not emitters:
+            raise BadInput(
+                f"light group {group!r} is empty",
+                where=where,
+                allowed="the names of at least one emitter",
+                hint="remove the group, or name the emitters that belong to it",
+            )
+    listed = [e for emitters in lights.values() for e in emitters]
+    for emitter in listed:
+        if listed.count(emitter) > 1:
+            raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.locate("lights"))
+
+
+def read_light_schedule(schedule: dict[str, Any], document: Document, *, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Return the schedule at these keys of a recipe, checked, and with the text of its files.
+
+    Raises BadInput with file and line where something does not fit.
+    """
+    by_group = split_schedule_by_light_group(schedule, where=document.locate(*keys))
+    if "" in by_group:
+        return _read(schedule, document, keys=keys)
+    return {group: _read(component, document, keys=(*keys, group)) for group, component in by_group.items()}
+
+
+def _read(component: Component, document: Document, *, keys: tuple[str, ...]) -> Component:
+    return components.read_config_component(
+        "lights", component, document=document, keys=keys, common=COMMON_KEYS, build=_build_without_scene
+    )
+
+
+def _build_without_scene(kind: str, /, **options: Any) -> Light:
+    """Build a schedule before the scene is known that tells how many lux gain 1 is."""
+    if options.get("unit") == "lux":
+        options.setdefault("lux_at_gain_1", 1.0)
+    return get_light(kind, **options)
+
+
+def split_schedule_by_light_group(schedule: dict[str, Any], *, where: str = "") -> dict[str, Component]:
+    """Return a light schedule as {light group: component}; the key '' stands for all groups at once."""
+    if "kind" in schedule or is_config_range(schedule):
+        return {"": schedule}
+    for group, component in schedule.items():
+        if not isinstance(component, dict) or not ("kind" in component or is_config_range(component)):
+            raise BadInput(
+                f"light group {group!r} has no kind",
+                where=where,
+                allowed="{kind: ..., ...}, or such a mapping for each light group",
+                hint=f"kinds: {', '.join(registry.names('lights'))}",
+            )
+    return schedule
+
+
+def draw_light_schedule(
+    schedule: dict[str, Any], name: tuple[str | int, ...], *, illuminance_lux: Mapping[str, float]
+) -> dict[str, Component]:
+    """Return the schedule of one recording by light group, with all open numbers drawn.
+
+    ``name`` names the recording's random streams. ``illuminance_lux`` is the target's illuminance at gain 1
+    by light group, from the scene's card.
+    """
+    drawn = {}
+    for group, component in split_schedule_by_light_group(schedule).items():
+        drawn[group] = one = components.draw_config_component("lights", component, name=name, purpose=("lights", group))
+        lux = illuminance_lux.get(group) if group else sum(illuminance_lux.values())
+        if lux and one.get("unit") == "lux":
+            one.setdefault("lux_at_gain_1", lux)
+    return drawn
+
+
+def get_light(
+    name: str, /, *, offset: float = 0.0, unit: str = "ratio", lux_at_gain_1: float | None = None, **options: Any
+) -> Light:
+    """Return a light schedule; its gain is 1 where the light is as the scene has it.
+
+    Parameters
+    ----------
+    name : the kind: a file of ``saf_gen/plugins/lights``, a kind that a package offers, ``package.module:Class`` or
+        ``file.py:Class``.
+    offset : constant light added to the schedule, in ``unit``, 0 or more.
+    unit : "ratio" (gains) or "lux" (illuminances of the target, divided by ``lux_at_gain_1``).
+    lux_at_gain_1 : illuminance of the target at gain 1 in lux, above 0; needed where ``unit`` is "lux".
+    **options : the fields of the kind's class.
+
+    Raises
+    ------
+    BadInput : for an unknown name or key, and for a value that is not allowed.
+    """
+    known = registry.plugin_option_fields("lights", name)
+    for key in options:
+        if key not in known:
+            raise unknown(f"key of light schedule {name!r}:", key, allowed=(*known, *COMMON_KEYS))
+    light: Light = registry.build_plugin("lights", name, **options)
+    if not (isinstance(offset, int | float) and 0 <= offset < inf):
+        raise BadInput(f"offset is {offset!r}", allowed="0 or more, added to the gain")
+    if unit not in UNITS:
+        raise BadInput(f"unit is {unit!r}", allowed=", ".join(UNITS), nearest=closest(unit, UNITS))
+    if unit == "lux" and lux_at_gain_1 is None:
+        raise BadInput(
+            "the schedule is in lux, and the illuminance at gain 1 is unknown",
+            allowed="illuminance_lux on the scene's card, or lux_at_gain_1 in the schedule",
+        )
+    if unit == "ratio" and lux_at_gain_1 is not None:
+        raise BadInput(f"lux_at_gain_1 is {lux_at_gain_1!r} in a schedule of ratios", hint="add unit: lux")
+    unit_gain = 1.0 if lux_at_gain_1 is None else lux_at_gain_1
+    if not (isinstance(unit_gain, int | float) and 0 < unit_gain < inf):
+        raise BadInput(f"lux_at_gain_1 is {unit_gain!r}", allowed="lux, above 0")
+    return light if offset == 0 and unit_gain == 1 else _ScaledLight(light, offset, unit_gain)
+
+
+@dataclass(frozen=True)
+class _ScaledLight:
+    """The schedule (``light`` + ``offset``) / ``unit_gain``."""
+
+    light: Light
+    offset: float
+    unit_gain: float
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the integral of the gain from 0 to each time, float64, gain seconds."""
+        steady = self.offset * np.asarray(seconds, dtype=np.float64)
+        return (self.light.integral(seconds, duration_s) + steady) / self.unit_gain
+
+
+def light_gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.ndarray:
+    """Return the mean gain of each readout, float32 (frames,).
+
+    It is the mean over the readout, not a sample in it: a lamp that flickers at 100 Hz then gives the same
+    sum in every window of 200 readouts at 20 kHz, as it does on a sensor that integrates.
+
+    Raises BadInput where the schedule goes below 0.
+    """
+    edges = np.arange(frames + 1) / readout_hz
+    integral = registry.sample_plugin(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
+    gains = np.diff(integral) * readout_hz
+    if not gains.min() >= -1e-9:
+        raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 and more")
+    return (np.round(np.maximum(gains, 0) / GAIN_GRID) * GAIN_GRID).astype(np.float32)
+
+
+def light_group_gains(
+    schedule: Mapping[str, Mapping[str, Any]], groups: Sequence[str], *, frames: int, readout_hz: float
+) -> np.ndarray:
+    """Return the mean gain of each readout for each light group, float32 (frame, light).
+
+    ``schedule`` is by light group, as :func:`draw_light_schedule` returns it; a group that is not in it has gain 1.
+
+    Raises BadInput for a group that the scene does not have, and for a gain that float32 cannot hold.
+    """
+    for name in schedule:
+        if name and name not in groups:
+            raise BadInput(f"the scene has no light group {name!r}", allowed=", ".join(groups))
+    gains = np.ones((frames, len(groups)), dtype=np.float32)
+    for g, group in enumerate(groups):
+        component = schedule.get("", schedule.get(group))
+        if component is not None:
+            light = get_light(component["kind"], **{k: v for k, v in component.items() if k != "kind"})
+            with np.errstate(over="ignore", invalid="ignore"):  # an overflow is an error of one line below
+                gains[:, g] = light_gains_at_readouts(light, frames, readout_hz=readout_hz)
+            if not np.isfinite(gains[:, g]).all():
+                raise BadInput(
+                    f"the gain of {light!r} is too large to be recorded",
+                    allowed=f"gains up to {np.finfo(np.float32).max:.2g}",
+                )
+    return gains

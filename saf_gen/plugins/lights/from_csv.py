@@ -1,0 +1,38 @@
+"""Light that was measured or drawn: gains in a CSV file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from saf_gen.core.csv_table import parse_table
+from saf_gen.errors import BadInput
+from saf_gen.plugins.lights._piecewise_linear import integrate_piecewise_linear_gain
+
+
+@dataclass(frozen=True)
+class FromCsv:
+    """The gain follows straight lines through the points of a table, and is level before and after it.
+
+    ``file`` is, in a recipe, the path of a CSV file in the recipe's folder or below it, with the columns
+    ``time_s`` (seconds from the beginning of the recording, rising) and ``gain`` (0 or more). The recipe
+    reads the file, so that this class gets ``{"path": ..., "text": ...}``.
+    """
+
+    file: Mapping[str, str] = field(repr=False)
+    """Path of a CSV file with ``time_s``, ``gain``: straight lines through its points."""
+
+    def __post_init__(self) -> None:
+        times, gains = parse_table(self.file, ("time_s", "gain"))
+        if gains.min() < 0:
+            worst = int(gains.argmin())
+            raise BadInput(
+                f"gain is {gains[worst]:g} at {times[worst]:g} s",
+                where=self.file["path"],
+                allowed="0 or more: light is not negative",
+            )
+
+    def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the integral of the gain from 0 to each time, in seconds."""
+        times, gains = parse_table(self.file, ("time_s", "gain"))
+        return integrate_piecewise_linear_gain(seconds, times=times, gains=gains)

@@ -1,0 +1,39 @@
+"""Vollath's F5: the variance that neighbouring pixels share."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from saf_gen.plugins.measures._counts import counts_as_integers
+
+
+@dataclass(frozen=True)
+class VollathF5:
+    """Mean of c(x)·c(x+1) along rows, less the squared mean ū²: the covariance of neighbours.
+
+    White noise adds nothing, apart from chance. The published sums run over one column less than the mean does, which
+    leaves −c² per row of a constant image; here each is a mean of its own, so a column more or less at the border
+    matters on small images. The score is 0.0 for a single column. Blur may raise the score where most power lies beyond
+    1/4 cycle per pixel.
+
+    Range: any sign, in squared counts; degree 2; cost 3: two additions and a multiplication per pixel.
+
+    References
+    ----------
+    Vollath, J. Microscopy 151(2), 1988, doi:10.1111/j.1365-2818.1988.tb04620.x.
+    """
+
+    degree: ClassVar[int] = 2
+    cost: ClassVar[float] = 3.0
+    score_range: ClassVar[str] = "any sign; 0 for constant counts"
+
+    def __call__(self, counts: np.ndarray) -> float:
+        """Return the score of counts (row, col) of any number type, in squared counts."""
+        c = counts_as_integers(counts)
+        pairs = c[:, 1:].size
+        if not pairs:
+            return 0.0
+        products = np.einsum("ij,ij->", c[:, :-1], c[:, 1:]).item()
+        # One denominator for both means, so that whole numbers go through Python integers and round once.
+        return (products * c.size**2 - c.sum().item() ** 2 * pairs) / (pairs * c.size**2)

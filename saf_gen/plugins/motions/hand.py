@@ -1,0 +1,88 @@
+"""A focus ring turned by hand, at an uneven speed."""
+
+from dataclasses import dataclass
+from math import floor, sqrt
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from saf_gen.core.seeds import make_generator
+from saf_gen.errors import BadInput
+from saf_gen.plugins.motions._option_checks import check_motion_bounds, check_motion_endpoints
+
+POINTS_PER_PERIOD = 32  # of the fastest wave; straight lines connect the points
+
+
+@dataclass(frozen=True)
+class Hand:
+    """The lens moves from ``from`` to ``to`` in the recording, at a speed that varies by ``irregularity``.
+
+    The speed divided by its mean has the standard deviation σ = ``irregularity``. It is made of noise n of
+    mean 0 and variance 1, a random sum of sines with whole periods in the recording:
+
+    - 1 + σ·n where ``reversals`` is true, with frequencies up to ``bandwidth_hz``: the lens moves back a
+      little in about Φ(-1/σ) of the time, as far as the stops at the ends of the travel allow;
+    - (1 + s·n)² over its mean where ``reversals`` is false, with frequencies up to half of that: the lens
+      never moves back. The standard deviation is σ for Gaussian n with s² = √(2/(2 - σ²)) - 1.
+
+    The default bandwidth is below that of physiological tremor, 6 to 12 Hz [1]_. ``seed`` names the noise;
+    where a recipe gives none, each sequence has its own.
+
+    References
+    ----------
+    .. [1] M. Lakie et al., The Journal of Physiology 593, 2015, doi:10.1113/JP270464.
+    """
+
+    from_: float = 0.0
+    """Fraction of the travel, 0 to 1: where the ring is turned from."""
+    to: float = 1.0
+    """Fraction of the travel, 0 to 1: where it is at the end of the recording."""
+    irregularity: float = 0.5
+    """Fraction of the mean speed, above 0, up to 1: standard deviation of the speed."""
+    bandwidth_hz: float = 5.0
+    """Hz, above 0, up to 1,000: the highest frequency of the speed; at least one period must fit into the
+    recording, or two without ``reversals``."""
+    reversals: bool = False
+    """``true``, ``false``: whether the lens may go back a little."""
+    seed: int = 0
+    """Whole number, 0 or more: the same seed moves in the same way; in a recipe each sequence has its own."""
+
+    def __post_init__(self) -> None:
+        check_motion_endpoints(self.from_, self.to)
+        check_motion_bounds("irregularity", self.irregularity, low=0, high=1, unit="of the mean speed")
+        check_motion_bounds("bandwidth_hz", self.bandwidth_hz, low=0, high=1000, unit="Hz")
+        if not isinstance(self.reversals, bool):
+            raise BadInput(f"reversals is {self.reversals!r}", allowed="true, false")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            raise BadInput(f"seed is {self.seed!r}", allowed="a whole number, 0 or more")
+
+    def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the position at each time; raises BadInput where no wave fits into the recording."""
+        times, speed = self._speed(duration_s)
+        path = make_interp_spline(times, speed, k=1).antiderivative()
+        fraction = path(np.asarray(seconds, dtype=np.float64)) / path(duration_s)
+        return np.clip(self.from_ + (self.to - self.from_) * fraction, 0.0, 1.0)
+
+    def _speed(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (s) and relative speeds over the recording, float64 (n,) each."""
+        periods = self.bandwidth_hz * duration_s
+        waves = floor(periods * (1 if self.reversals else 0.5) + 1e-9)
+        if waves < 1:
+            least = (1 if self.reversals else 2) / duration_s
+            raise BadInput(
+                f"bandwidth_hz is {self.bandwidth_hz:g} in a recording of {duration_s:g} s",
+                allowed=f"at least {least:g}: one period must fit into it",
+                hint="raise it, or record more frames",
+            )
+        points = POINTS_PER_PERIOD * max(floor(periods), 1)
+        coefficients = make_generator("hand", self.seed).standard_normal((waves, 2))
+        coefficients /= sqrt(np.square(coefficients).sum() / 2)  # variance 1 over the recording
+        spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
+        spectrum[1 : waves + 1] = (coefficients[:, 0] - 1j * coefficients[:, 1]) * points / 2
+        noise = np.fft.irfft(spectrum, points)
+        noise = np.append(noise, noise[0])
+        if self.reversals:
+            speed = 1 + self.irregularity * noise
+        else:
+            speed = (1 + sqrt(sqrt(2 / (2 - self.irregularity**2)) - 1) * noise) ** 2
+        return np.linspace(0, duration_s, points + 1), speed

@@ -1,0 +1,98 @@
+"""Exhaustive search: the best of all blocks of a recording."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from saf_gen.errors import BadInput, closest
+from saf_gen.parts import Answer, View
+from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit, score_search_windows
+
+REFINE = ("no", "parabola", "centroid")
+
+
+@dataclass(frozen=True)
+class Argmax:
+    """Scores consecutive blocks of ``window`` frames, and answers with the centre of the best.
+
+    A last, partial block is left out, and of equal blocks the first wins. One score per block.
+    ``refine`` says how the maximum is located between the blocks:
+
+    ``no``: not at all. ``parabola``: the vertex of the parabola through the best block and its neighbours, at
+    most half a block away. ``centroid``: the mean frame of the blocks around the best that score above
+    max − ``near``·(max − min) without a gap, each weighted by what it scores above that level. It averages
+    more of the curve, so noise moves it less; on a lopsided curve it leans to the flatter side.
+
+    A best block at either end has one neighbour only and is not refined. Where the blocks of the centroid
+    reach an end of the recording, the level is raised to the score there, because the other side alone would
+    pull the answer inwards. ``near``, above 0 to 1, applies to the centroid alone; its default is not tuned.
+    The trace holds the centre of the best block, a 0-based frame, before refinement.
+
+    References
+    ----------
+    .. [1] Exhaustive search. The released code of Su et al., "Intensity-Robust Autofocus for Spike Camera",
+       CVPR 2024, doi:10.1109/CVPR52733.2024.02363, has the same blocks and prints their last frame.
+    .. [2] The centroid follows "Spike Camera Autofocus via Frequency-Domain Spectral-Centroid Migration",
+       ICML 2026, icml.cc/virtual/2026/poster/65044.
+    """
+
+    window: int = 100
+    refine: str = "no"
+    near: float = 0.5
+
+    causal: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check_search_frame_count("window", self.window)
+        if self.refine not in REFINE:
+            renamed = {"True": "parabola", "False": "no"}  # refine was a switch once
+            nearest = renamed.get(str(self.refine)) or closest(self.refine, REFINE)
+            raise BadInput(f"refine is {self.refine!r}", allowed=", ".join(REFINE), nearest=nearest)
+        number = isinstance(self.near, int | float) and not isinstance(self.near, bool)
+        if not (number and 0 < self.near <= 1):
+            raise BadInput(f"near is {self.near!r}", allowed="a fraction of the curve's range, above 0, at most 1")
+
+    def __call__(self, view: View) -> Answer:
+        """Search the whole recording. Raise BadInput where it is shorter than one block."""
+        check_search_windows_fit(view, "window", frames=self.window)
+        firsts, scores = score_search_windows(view, self.window, step=self.window)
+        best = scores.index(max(scores))
+        centre = firsts[best] + (self.window - 1) / 2
+        return Answer(centre + self._offset(scores, best) * self.window, (centre,))
+
+    def _offset(self, scores: list[float], best: int) -> float:
+        """Return how far the refined maximum is from the best block, in blocks."""
+        if self.refine == "parabola" and best > 0:
+            return _parabola_vertex(scores[best - 1 : best + 2])
+        return _centroid(scores, best, near=self.near) if self.refine == "centroid" else 0.0
+
+
+def _parabola_vertex(scores: list[float]) -> float:
+    """Return the top of the parabola through three scores, in blocks from the middle one.
+
+    0.0 for fewer than three scores, and for a parabola without a top.
+    """
+    if len(scores) < 3:
+        return 0.0
+    before, here, after = scores
+    bend = before - 2 * here + after
+    return (before - after) / (2 * bend) if bend < 0 else 0.0
+
+
+def _centroid(scores: list[float], best: int, *, near: float) -> float:
+    """Return the centroid of the scores near the largest, in blocks from the best; 0.0 for an even curve."""
+    level = scores[best] - near * (scores[best] - min(scores))
+    for end in {0, len(scores) - 1} & set(_blocks_above(scores, best, level=level)):
+        level = max(level, scores[end])
+    weights = {block: scores[block] - level for block in _blocks_above(scores, best, level=level)}
+    total = sum(weights.values())
+    return sum((block - best) * weight for block, weight in weights.items()) / total if total else 0.0
+
+
+def _blocks_above(scores: list[float], best: int, *, level: float) -> range:
+    """Return the blocks around the best that score above a level without a gap."""
+    first, stop = best, best
+    while first > 0 and scores[first - 1] > level:
+        first -= 1
+    while stop < len(scores) and scores[stop] > level:
+        stop += 1
+    return range(first, stop)

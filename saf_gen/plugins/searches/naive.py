@@ -1,0 +1,39 @@
+"""Naive search: the best of overlapping windows of a fixed length."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from saf_gen.parts import Answer, View
+from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit, score_search_windows
+
+
+@dataclass(frozen=True)
+class Naive:
+    """Scores a window of ``dt`` frames every ``step`` frames, and answers with the centre of the best.
+
+    The first of the paper's three searches: the score at time t is that of t − Δt/2 ... t + Δt/2, and the
+    focus is where it is largest. Windows overlap where ``step`` is less than ``dt``; consecutive blocks are
+    ``argmax``. Only whole windows are scored, so it cannot answer within dt/2 of either end. Of equal windows
+    the first wins. It takes (frames − dt)/step + 1 scores. The trace holds the answer.
+
+    References
+    ----------
+    .. [1] Section 4.3 of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
+    .. [2] Lin et al., "Autofocus for Event Cameras", CVPR 2022, doi:10.1109/CVPR52688.2022.01586.
+    """
+
+    dt: int = 100
+    step: int = 10
+
+    causal: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check_search_frame_count("dt", self.dt)
+        check_search_frame_count("step", self.step)
+
+    def __call__(self, view: View) -> Answer:
+        """Search the whole recording. Raise BadInput where it is shorter than one window."""
+        check_search_windows_fit(view, "dt", frames=self.dt)
+        firsts, scores = score_search_windows(view, self.dt, step=self.step)
+        centre = firsts[scores.index(max(scores))] + (self.dt - 1) / 2
+        return Answer(centre, (centre,))

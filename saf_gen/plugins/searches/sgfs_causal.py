@@ -1,0 +1,59 @@
+"""Golden fast search that stops while the sweep goes on."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from saf_gen.parts import Answer, View
+from saf_gen.plugins.searches._golden_narrowing import (
+    RATIO,
+    count_search_blocks,
+    golden_search_feedback,
+    narrow_golden_interval_to_centre,
+)
+from saf_gen.plugins.searches._windows import check_search_frame_count
+
+
+@dataclass(frozen=True)
+class GoldenFastSearchCausal:
+    """Spike-based golden fast search that stops after ``falls`` consecutive blocks of falling s.
+
+    The value s is the score of the later half of the frames so far less that of the earlier half. ``sgfs_code`` stops
+    at the largest s of the whole sweep; here the sweep ends once s has fallen for ``falls`` blocks in a row, or at its
+    own end. A golden search (``egs``) then runs on the last 0.618 of the frames so far. The first s is taken after a
+    quarter of the sweep, so the answer is never before 0.0955 + 0.382·falls/blocks of the sweep. Noise and steps of the
+    light can make s fall that often before the focus; more ``falls`` make that rarer. Two scores per block, two per
+    step. The trace is that of the golden search, centres, frames from 0.
+
+    References
+    ----------
+    This project, after the released code of Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363.
+    """
+
+    dt: int = 100
+    falls: int = 3
+
+    causal: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_search_frame_count("dt", self.dt)
+        check_search_frame_count("falls", self.falls)
+
+    def __call__(self, view: View) -> Answer:
+        """Search until s falls. Raise BadInput where it is too short for blocks of ``dt`` frames."""
+        stop = self._find_stop(view)
+        begin = math.floor((1 - RATIO) * stop)
+        trace = narrow_golden_interval_to_centre(view, begin, stop=stop)
+        return Answer(trace[-1], trace, f"stopped after {stop} of {view.frames} frames")
+
+    def _find_stop(self, view: View) -> int:
+        """Return the number of frames after which s has fallen often enough, or no more blocks are left."""
+        first, blocks = count_search_blocks(view, self.dt)
+        before, fallen = math.inf, -1  # the first s, which has none before it, is no fall
+        for k in range(first, blocks + 1):
+            now = golden_search_feedback(view, k * self.dt)
+            fallen = fallen + 1 if now < before else 0
+            if fallen == self.falls:
+                return k * self.dt
+            before = now
+        return blocks * self.dt

@@ -1,0 +1,59 @@
+"""Golden fast search as the paper prints it. Kept for the record: it does not find the focus."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from saf_gen.errors import BadInput
+from saf_gen.parts import Answer, View
+from saf_gen.plugins.searches._golden_narrowing import (
+    RATIO,
+    THRESHOLD,
+    check_golden_search_options,
+    narrow_golden_interval_to_centre,
+)
+from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit
+
+
+@dataclass(frozen=True)
+class GoldenFastSearchPrinted:
+    """Algorithm 1 to the letter, T growing by ``control_period`` frames per round. Expected to fail.
+
+    A round compares the windows of αT frames at the two ends of the T frames so far (α is ``ratio``), and stops where
+    the earlier scores less than the later. On a sweep towards the focus the later window scores more from the start, so
+    it stops in the first control period. With the sign ``turned`` it stops once the earlier window scores more, at T =
+    2p for a curve symmetric about the focus p; it then searches the last αT/2 frames, 1.38p ... 2p, which do not
+    contain the focus. It abstains where the sweep ends first. Two scores per round, two per step. The trace is that of
+    the golden search (``egs``), centres, frames from 0.
+
+    References
+    ----------
+    Algorithm 1 of Su et al., "Intensity-Robust Autofocus for Spike Camera", CVPR 2024,
+    doi:10.1109/CVPR52733.2024.02363; its released code differs, see ``sgfs_code``.
+    """
+
+    control_period: int = 100
+    threshold: float = THRESHOLD
+    ratio: float = RATIO
+    turned: bool = False
+
+    causal: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_search_frame_count("control_period", self.control_period)
+        check_golden_search_options(self.threshold, self.ratio)
+        if not isinstance(self.turned, bool):
+            raise BadInput(f"turned is {self.turned!r}", allowed="true, false")
+
+    def __call__(self, view: View) -> Answer:
+        """Search until the algorithm stops. Raise BadInput where no control period fits the recording."""
+        check_search_windows_fit(view, "control_period", frames=self.control_period)
+        for so_far in range(self.control_period, view.frames + 1, self.control_period):
+            window = max(round(self.ratio * so_far), 1)
+            earlier, later = view.score(0, window), view.score(so_far - window, so_far)
+            if (earlier > later) if self.turned else (earlier < later):
+                begin = so_far - max(round(self.ratio * so_far / 2), 1)
+                trace = narrow_golden_interval_to_centre(
+                    view, begin, stop=so_far, threshold=self.threshold, ratio=self.ratio
+                )
+                return Answer(trace[-1], trace, f"stopped after {so_far} of {view.frames} frames")
+        return Answer(None, (), "the sweep ended before the algorithm stopped")

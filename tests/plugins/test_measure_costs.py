@@ -1,0 +1,184 @@
+"""What a score costs: each measure's statement against its own code, run on numbers that count operations."""
+
+import math
+import re
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from saf_gen import get_measure
+from saf_gen.core.config import registry
+from saf_gen.core.seeds import make_generator
+from saf_gen.parts import wants_halves
+from saf_gen.plugins.measures import (
+    BrightnessNormalised,
+    IntervalTexture,
+    _filters,
+    _spectrum,
+    gradient_code,
+    measure_names,
+)
+
+OWN = sorted(registry._own("measures"))
+BEYOND = {"cen", "mid_band_power", "entropy"}
+"""A Fourier transform is worked out below; a table of levels is an addition of each pixel's to its place."""
+
+
+class Tally:
+    """How many additions, subtractions, multiplications and roots there have been."""
+
+    done = 0
+
+
+numbers = {}
+"""int and float, each with its subclass that counts."""
+
+
+def counting(kind):
+    """A subclass of int or float whose sums and products are counted, and counting numbers again."""
+
+    def counted(name):
+        of = getattr(kind, name)
+
+        def method(self, other):
+            plain = of(self, kind(other) if isinstance(other, np.generic) else other)
+            if plain is NotImplemented:
+                return plain
+            Tally.done += 1
+            return numbers[type(plain)](plain)
+
+        return method
+
+    def free(name):  # a quotient is made once a window, or once a tile
+        return lambda self, *other: numbers[float](getattr(float, name)(float(self), *map(float, other)))
+
+    members = {name: counted(name) for name in ("__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul__")}
+    members |= {name: free(name) for name in ("__truediv__", "__rtruediv__")}
+    members["__abs__"] = lambda self: type(self)(kind.__abs__(self))
+    members["item"] = lambda self: self
+    return type(f"Counting{kind.__name__}", (kind,), members)
+
+
+numbers |= {kind: counting(kind) for kind in (int, float)}
+
+
+class Kept(np.ndarray):
+    """An array of counting numbers, which a measure cannot turn into plain ones."""
+
+    def astype(self, *_, **__):
+        return self
+
+
+def counts_of(shape, kind):
+    """Counts below 60 as numbers that count, any shape."""
+    values = make_generator("test_measure_costs").integers(1, 60, shape)
+    out = np.empty(shape, dtype=object)
+    out.flat = [numbers[kind](kind(v)) for v in values.flat]
+    return out.view(Kept)
+
+
+def correlated(image, down, across, stride, of=_filters.correlate_separable.py_func):
+    return of(image, down.astype(object), across.astype(object), stride)  # numpy's floats would not ask ours
+
+
+def root(value):
+    Tally.done += 1
+    return numbers[float](math.sqrt(value))
+
+
+@pytest.fixture
+def bare(monkeypatch):
+    """The measures' modules, taking arrays as they are; their kernels as plain Python."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith("saf_gen.plugins.measures."):
+            for checked in ("counts_as_integers", "counts_as_floats"):
+                if hasattr(module, checked):
+                    monkeypatch.setattr(module, checked, lambda counts, halves=False: counts)
+            if hasattr(module, "correlate_separable"):
+                monkeypatch.setattr(module, "correlate_separable", correlated)
+
+    def nothing(shape):
+        return np.full(shape, numbers[float](0.0), dtype=object)
+
+    monkeypatch.setattr(_filters, "np", SimpleNamespace(zeros=nothing, empty=nothing))
+    monkeypatch.setattr(gradient_code, "_magnitudes", gradient_code._magnitudes.py_func)
+    monkeypatch.setattr(gradient_code, "math", SimpleNamespace(sqrt=root))
+
+
+def operations(measure, shape, kind):
+    Tally.done = 0
+    measure(counts_of((2, *shape) if wants_halves(measure) else shape, kind))
+    return Tally.done
+
+
+def per_pixel(measure, kind=int):
+    """Operations per pixel, from four sizes: neither borders are in it, nor what is done once a window."""
+    rows, cols = 16, 24
+    sizes = {(i, j): operations(measure, (i * rows, j * cols), kind) for i in (1, 2) for j in (1, 2)}
+    return (sizes[2, 2] - sizes[1, 2] - sizes[2, 1] + sizes[1, 1]) / (rows * cols)
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_every_measure_of_ours_states_what_it_costs(name):
+    cost = get_measure(name).cost
+    assert isinstance(cost, float)
+    assert 0 < cost < math.inf
+
+
+@pytest.mark.parametrize("name", sorted(OWN))
+def test_a_docstring_says_the_cost_that_is_stated(name):
+    (written,) = re.findall(r"cost\s+(\d+)", re.sub(r"8K \+ 4", "60", get_measure(name).__doc__))
+    assert float(written) == round(get_measure(name).cost)
+
+
+KERNELS = {"gradient_code", "gaussian_derivative", "wavelet_ratio", "dct_energy_ratio"}
+"""Those that compute in floating point; counts are whole for the others, whose sums stay exact in them."""
+OPTIONS = [
+    *((name, {}) for name in OWN if name not in BEYOND),
+    ("gaussian_derivative", {"sigma_px": 0.5}),
+    ("dct_energy_ratio", {"highest_order": 2}),
+    ("wavelet_ratio", {"levels": 2}),
+]
+
+
+@pytest.mark.parametrize(("name", "options"), OPTIONS, ids=lambda value: value if value else "")
+def test_a_measure_costs_what_it_states(bare, name, options):
+    """Exact, but for tiles: a sum of n numbers is n - 1 additions, in each of them."""
+    measure = get_measure(name, **options)
+    found = per_pixel(measure, float if name in KERNELS else int)
+    assert found == pytest.approx(measure.cost, rel=0.02 if name == "dct_energy_ratio" else 1e-12)
+
+
+@pytest.mark.parametrize(("name", "each"), [("cen", 7), ("mid_band_power", 5)])
+def test_a_spectrum_costs_its_transform_the_mean_and_what_is_done_with_the_frequencies_kept(name, each):
+    """A real transform of N numbers takes 2.5 N log2 N operations. Then the mean is found and taken off, and
+    each frequency kept has its power (3), a weight and a place in sums.
+    """
+    measure, shape = get_measure(name), (250, 400)
+    weight, _ = _spectrum._band(shape, getattr(measure, "lowest", 0.0), highest=measure.highest)
+    worked_out = 2.5 * math.log2(250 * 400) + 2 + each * weight.size / (250 * 400)
+    assert measure.cost == pytest.approx(worked_out, abs=0.3)
+
+
+@pytest.mark.parametrize("name", [name for name in measure_names() if name.endswith("_n")])
+def test_a_normalised_measure_costs_the_sum_of_the_counts_more(bare, monkeypatch, name):
+    monkeypatch.setattr("saf_gen.plugins.measures.counts_as_integers", lambda counts, halves=False: counts)
+    measure, normalised = get_measure(name.removesuffix("_n")), get_measure(name)
+    assert normalised.cost == measure.cost + 1
+    if name.removesuffix("_n") not in BEYOND | KERNELS:
+        assert per_pixel(normalised) == normalised.cost
+
+
+def test_a_texture_costs_what_its_measure_does():
+    assert get_measure("gaussian_derivative_tfi", sigma_px=2.0).cost == 8 * 13 + 4
+    assert get_measure("tenengrad_n_tfi").cost == get_measure("tenengrad_n").cost
+
+
+def test_forms_of_a_measure_that_states_no_cost_state_none():
+    class Bare:
+        degree = 1
+
+    assert BrightnessNormalised(Bare()).cost is None
+    assert IntervalTexture(Bare()).cost is None
