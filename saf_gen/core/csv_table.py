@@ -35,6 +35,8 @@ def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
             hint="copy it there",
         )
     try:
+        if path.exists() and not path.is_file():
+            raise BadInput(f"{name!r} is a folder, a pipe or a device", where=where, allowed="a file")
         if path.stat().st_size > LARGEST_BYTES:
             raise BadInput(
                 f"{name!r} has {path.stat().st_size} bytes",

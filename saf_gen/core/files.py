@@ -21,7 +21,7 @@ from saf_gen.errors import BadInput
 
 ABANDONED_S = 86_400.0
 """Seconds without a change after which a temporary file of another machine, whose processes are unknown, is removed."""
-_TEMPORARY = re.compile(r"\..+\.[0-9a-f]{8}\.(?P<machine>[A-Za-z0-9-]+)\.(?P<pid>\d+)\.part")
+_TEMPORARY = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}\.(?P<machine>[A-Za-z0-9-]+)\.(?P<pid>\d+)\.part")
 LOCKING = "HDF5_USE_FILE_LOCKING"
 
 
@@ -159,11 +159,12 @@ def _lock_as_hdf5_does(file: int) -> None:
 
 
 def unwritable_error(path: Path, error: OSError) -> BadInput:
-    """Return the error for a file that cannot be written."""
+    """Return the error for a file that cannot be written; folders with a hidden name are told by their final one."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     hint = "free space and run the same command again: it goes on" if full else "choose another folder"
-    return BadInput(f"{path} cannot be written: {reason}", hint=hint)
+    names = (found["name"] if (found := _TEMPORARY.fullmatch(name)) else name for name in path.parts)
+    return BadInput(f"{Path(*names)} cannot be written: {reason}", hint=hint)
 
 
 def undeletable_error(path: Path, error: OSError) -> BadInput:

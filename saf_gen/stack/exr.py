@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
+from saf_gen.core.config.document import check_plain_file
 from saf_gen.errors import BadInput
 from saf_gen.stack import exr_parts
 
 BLOCK = 8  # planes that are compressed together; to read one is to read a block
+MAX_FILE_BYTES = 1 << 40
 
 
 def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str]) -> None:
@@ -80,6 +82,7 @@ def read_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[st
     Raises BadInput for a file that is missing, truncated or not an EXR, and for a missing plane.
     """
     try:
+        check_plain_file(path, most=MAX_FILE_BYTES)
         if blocks := exr_parts.read_part_headers(path, marked="planes"):
             return _read_blocks(path, blocks, names=names)
         header = exr_parts.read_flat_header(path)

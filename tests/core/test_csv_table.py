@@ -1,5 +1,7 @@
 """Tables beside a document: what is read, and what is refused with its line."""
 
+import os
+
 import numpy as np
 import pytest
 from refusals import assert_says, refusal
@@ -52,6 +54,11 @@ def test_a_path_that_leads_out_is_refused(folder, name):
     assert "secret" not in str(caught.value)
 
 
+def test_a_pipe_that_nobody_fills_is_not_waited_for(folder):
+    os.mkfifo(folder / "pipe.csv")
+    assert_says(refusal(read_text_beside, folder, "pipe.csv"), "'pipe.csv' is a folder, a pipe or a device")
+
+
 def test_a_missing_file_is_told_with_the_nearest(folder):
     assert_says(refusal(read_text_beside, folder, "lampp.csv"), "'lampp.csv' | mean 'lamp.csv")
     assert_says(refusal(read_text_beside, folder, "curves/dusc.csv"), "mean 'curves/dusk.csv")
@@ -60,7 +67,7 @@ def test_a_missing_file_is_told_with_the_nearest(folder):
 def test_a_file_that_is_no_text_or_too_large_is_refused(folder):
     (folder / "picture.csv").write_bytes(b"\x89PNG\xff\xfe")
     assert_says(refusal(read_text_beside, folder, "picture.csv"), "'picture.csv' cannot be read")
-    assert_says(refusal(read_text_beside, folder, "curves"), "'curves' cannot be read")
+    assert_says(refusal(read_text_beside, folder, "curves"), "'curves' is a folder, a pipe or a device")
     (folder / "long.csv").write_bytes(b"0" * ((4 << 20) + 1))
     assert_says(refusal(read_text_beside, folder, "long.csv"), "'long.csv' has 4194305 bytes | at most 4194304")
 

@@ -97,6 +97,18 @@ def test_a_folder_appears_when_it_is_whole_or_not_at_all(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_full_disk_is_told_with_the_name_that_a_file_gets_in_the_end(tmp_path):
+    with (
+        pytest.raises(BadInput) as raised,
+        write_folder_atomically(tmp_path / "out") as part,
+        write_atomically(part / "a.txt"),
+    ):
+        raise OSError(errno.ENOSPC, "")
+    assert raised.value.problem == f"{tmp_path}/out/a.txt cannot be written: No space left on device"
+    assert "run the same command again" in raised.value.hint
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_name_is_on_disk_before_the_next_thing_is_done(tmp_path, monkeypatch):
     """After the rename the folder itself is synced."""
     synced = []

@@ -1,5 +1,6 @@
 """OpenEXR planes come back as they went."""
 
+import os
 from contextlib import suppress
 
 import numpy as np
@@ -91,6 +92,11 @@ def test_a_file_that_is_not_ours_is_refused(tmp_path, make, problem):
     assert str(path) in error.problem
     assert problem in error.problem
     assert error.hint.startswith("delete it")
+
+
+def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.exr")
+    assert refusal(read_planes, tmp_path / "pipe.exr").problem.endswith("pipe.exr is not a file on a disk")
 
 
 def blocks_of(path, count, shape=(37, 13), seed=1):

@@ -8,7 +8,7 @@ import pytest
 from refusals import assert_says, refusal
 from scipy import io
 
-from saf_gen.stream.interop import SpikeArray, export_raw_frames
+from saf_gen.stream.interop import SpikeArray, export_raw_frames, spreadsheet
 from saf_gen.stream.interop.array_files import open_array_file
 from saf_gen.stream.interop.saf_folder import import_saf_folder, read_saf_config
 from saf_gen.stream.interop.spreadsheet import read_first_sheet
@@ -254,6 +254,13 @@ def test_a_sheet_that_is_none_or_too_much_is_refused(tmp_path, monkeypatch):
     assert_says(refusal(read_saf_config, tmp_path), "lists no recording")
     monkeypatch.setattr("saf_gen.stream.interop.spreadsheet.MAX_BYTES", 100)
     assert_says(refusal(read_saf_config, tmp_path), "is larger than")
+    with zipfile.ZipFile(tmp_path / "config.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(spreadsheet.SHEET, "x" * 100)
+    begin = 30 + len(spreadsheet.SHEET)  # of the deflated bytes
+    packed = bytearray((tmp_path / "config.xlsx").read_bytes())
+    packed[begin : begin + 4] = b"\xff" * 4
+    (tmp_path / "config.xlsx").write_bytes(packed)
+    assert_says(refusal(read_saf_config, tmp_path), "a spreadsheet (.xlsx) | while decompressing")
     (tmp_path / "config.xlsx").write_text("no zip")
     assert_says(refusal(read_saf_config, tmp_path), "a spreadsheet (.xlsx)")
     (tmp_path / "config.xlsx").unlink()

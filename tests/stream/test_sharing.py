@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import shutil
 import tarfile
 import threading
@@ -290,6 +291,19 @@ def test_the_index_must_be_the_one_that_its_publisher_states(packed, tmp_path):
     fetch_dataset(str(packed / "index.json"), tmp_path / "again", index_sha256=digest.upper())
 
 
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_an_index_without_an_end_is_not_read(copy, tmp_path, kind):
+    index = copy / "index.json"
+    index.unlink()
+    if kind == "pipe":
+        os.mkfifo(index)
+    else:
+        index.symlink_to("/dev/zero")
+    with pytest.raises(BadInput, match=r"index\.json is not a file on a disk"):
+        fetch_dataset(str(copy), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_another_dataset_is_not_overwritten(packed, tmp_path):
     (tmp_path / "again").mkdir()
     (tmp_path / "again/manifest.json").write_text("{}")
@@ -325,8 +339,10 @@ def test_a_dataset_that_is_damaged_or_has_no_licence_is_not_packed(dataset, tmp_
 
 
 def test_a_packed_dataset_is_not_packed_over(packed, dataset):
-    with pytest.raises(BadInput, match="is not empty"):
+    with pytest.raises(BadInput, match="holds this dataset, packed whole"):
         pack_dataset(dataset, packed, licences=LICENCE)
+    with pytest.raises(BadInput, match="is not empty"):
+        pack_dataset(dataset, dataset, licences=LICENCE)
 
 
 def test_packing_that_was_stopped_leaves_no_folder_and_begins_anew(dataset, packed, tmp_path, monkeypatch):

@@ -71,12 +71,7 @@ def read_text(path: Path, *, most: int = MAX_BYTES, encoding: str = "utf-8", hin
     Raises BadInput, with the nearest name, where it cannot be read, is no file on a disk, or has over ``most`` bytes.
     """
     try:
-        found = path.stat()
-        if not stat.S_ISREG(found.st_mode):
-            what = "a folder" if stat.S_ISDIR(found.st_mode) else "not a file on a disk"
-            raise BadInput(f"{path} is {what}", hint=hint)
-        if found.st_size > most:
-            raise BadInput(f"{path} has {found.st_size:,} bytes", allowed=f"at most {most:,}", hint=hint)
+        check_plain_file(path, most=most, hint=hint)
         return path.read_text(encoding=encoding)
     except FileNotFoundError:
         near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")])
@@ -84,6 +79,19 @@ def read_text(path: Path, *, most: int = MAX_BYTES, encoding: str = "utf-8", hin
         raise BadInput(f"{path} does not exist", nearest=nearest, hint=hint) from None
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
+
+
+def check_plain_file(path: Path, *, most: int = MAX_BYTES, hint: str = "") -> None:
+    """Raise BadInput for a folder, a pipe, a device, or a file of over ``most`` bytes.
+
+    Raises OSError where there is nothing.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        what = "a folder" if stat.S_ISDIR(found.st_mode) else "not a file on a disk"
+        raise BadInput(f"{path} is {what}", hint=hint)
+    if found.st_size > most:
+        raise BadInput(f"{path} has {found.st_size:,} bytes", allowed=f"at most {most:,}", hint=hint)
 
 
 def read_lines(path: Path, *, hint: str = "") -> Generator[str, None, None]:

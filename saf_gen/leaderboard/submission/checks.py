@@ -13,6 +13,7 @@ from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
 from saf_gen.benchmark.tracks.predictions import read_method_predictions
 from saf_gen.benchmark.tracks.sequence_tasks import list_sequence_tasks
 from saf_gen.benchmark.tuned_method import read_tuned_method
+from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard.submission.card import SubmissionCard, read_submission
@@ -20,6 +21,7 @@ from saf_gen.leaderboard.verification import DIFFERS, HERE, read_row_states
 
 EVALUATION = "evaluation"
 JUDGED_SPLIT = "test"
+MAX_METHOD_BYTES = 1 << 22
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,7 @@ def _check_method(method: str, folder: Path) -> None:
 
 def _check_member(file: Path, member: str) -> None:
     """Raise BadInput unless a Python file defines this class or function; the file is read, not run."""
+    check_plain_file(file, most=MAX_METHOD_BYTES)
     try:
         body = ast.parse(file.read_bytes()).body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

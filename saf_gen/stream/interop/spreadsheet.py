@@ -6,6 +6,7 @@ document type, with which XML can grow without bound, is refused.
 
 import re
 import zipfile
+import zlib
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,6 +15,10 @@ from saf_gen.errors import BadInput
 MAX_BYTES = 8 << 20
 """Largest part of the file, inflated."""
 SHEET, TEXTS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
+_DAMAGE = (
+    *(OSError, EOFError, KeyError, IndexError, ValueError, RuntimeError),  # NotImplementedError is a RuntimeError
+    *(zipfile.BadZipFile, zlib.error, ElementTree.ParseError),
+)
 _NAME = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 
 
@@ -29,7 +34,7 @@ def read_first_sheet(path: str | Path) -> list[list[str]]:
             texts = _read_part(archive, TEXTS, where=where) if TEXTS in archive.namelist() else None
             shared = [] if texts is None else ["".join(t.itertext()) for t in texts.iter(f"{_NAME}si")]
             return [_read_row(row, shared) for row in sheet.iter(f"{_NAME}row")]
-    except (OSError, zipfile.BadZipFile, KeyError, IndexError, ValueError, ElementTree.ParseError) as error:
+    except _DAMAGE as error:
         raise BadInput(f"cannot be read: {error}", where=where, allowed="a spreadsheet (.xlsx)") from error
 
 

@@ -11,6 +11,7 @@ from urllib.error import HTTPError, URLError
 from urllib.parse import quote, urlsplit, urlunsplit
 from urllib.request import Request, urlopen
 
+from saf_gen.core.config.document import check_plain_file
 from saf_gen.errors import BadInput
 from saf_gen.stream.sharing.shard_index import INDEX_NAME, PackedFile, Shard
 
@@ -55,8 +56,7 @@ class _Folder:
     def read(self, file: str, *, limit: int) -> bytes:
         path = self.folder / file
         try:
-            if path.stat().st_size > limit:
-                raise BadInput(f"has more than {limit:,} bytes", where=str(path))
+            check_plain_file(path, most=limit)
             return path.read_bytes()
         except OSError as error:
             raise BadInput(

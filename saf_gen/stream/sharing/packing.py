@@ -80,7 +80,8 @@ def pack_dataset(
     if not manifest.sequences:
         raise BadInput("has no sequence", where=str(source), hint="saf-gen generate")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise BadInput(f"{target} is not empty", hint="give another folder with --out, or remove it")
+        holds = "holds this dataset, packed whole" if _is_packed(source, target) else "is not empty"
+        raise BadInput(f"{target} {holds}", hint="give another folder with --out, or remove it")
     card = _read_card(source, manifest, licences=licences, url=url, creator=creator)
     check_writable(target)
     groups = _group_files(source, manifest, stacks=stacks)
@@ -92,6 +93,16 @@ def pack_dataset(
         )
     missing = tuple(key for key in ("url", "creator") if key not in card)
     return Packed(index, sha256_of(target / INDEX_NAME), missing)
+
+
+def _is_packed(source: Path, target: Path) -> bool:
+    """Return whether a folder holds the shards of this very dataset."""
+    try:
+        index = parse_index((target / INDEX_NAME).read_text(encoding="utf-8"), INDEX_NAME)
+        listed = [file.sha256 for file in index.files if file.file == MANIFEST_NAME]
+        return listed == [sha256_of(source / MANIFEST_NAME)]
+    except (OSError, ValueError, BadInput):
+        return False
 
 
 def _group_files(source: Path, manifest: Manifest, *, stacks: bool) -> dict[str, list[str]]:
