@@ -65,9 +65,9 @@ def format_percent(fraction: float) -> str:
 
 def _rank_columns() -> tuple[Column, ...]:
     rank = "Rank by success within 1 DoF; = marks a tie, ~ what the scenes cannot tell from the best."
-    ranks = "Ranks that the method may hold on other scenes: 95 % interval of a bootstrap over scenes."
-    level = "Whether the scenes cannot tell the method from the best."
-    behind = "Success of the best method within 1 DoF minus the method's own: 95 % interval over scenes."
+    ranks = "Ranks that the method may hold over all scenes of this kind: 95 % interval, for all rivals at once."
+    level = "Whether the scenes tell no method apart from it as a better one."
+    behind = "Success of the best method within 1 DoF minus the method's own: 95 % interval of this pair alone."
     ends = "behind_best_low", "behind_best_high"
     verified = "Who found the row's answers again by running its method: see saf-gen leaderboard verify."
     return (
@@ -85,7 +85,7 @@ def _success_columns(lights: Sequence[str]) -> tuple[Column, ...]:
     half = f"Success within ½ depth of focus: blur ≤ 1 px. {abstention} above ≤1 DoF."
     one = "Success within 1 DoF, blur ≤ 2 px: methods rank by it."
     two = f"Success within 2 DoF, blur ≤ 4 px. {abstention} below ≤1 DoF."
-    interval = "95 % interval of the success within 1 DoF, from a bootstrap over scenes."
+    interval = "95 % interval of the success within 1 DoF over all scenes of this kind."
     ends = "success_1dof_low", "success_1dof_high"
     options: dict[str, Any] = {"text": format_percent, "group": "success"}
     return (
@@ -111,7 +111,7 @@ def _light_column(light: str) -> Column:
 
 def _error_columns() -> tuple[Column, ...]:
     error = "Median |answer − truth| in depths of focus."
-    interval = "95 % interval of the median error, from a bootstrap over scenes."
+    interval = "95 % interval of the median error over all scenes of this kind."
     travel = "Median |answer − truth| as a fraction of the travel."
     frames = "Median |answer − truth| in frames of the recording."
     blur = "Median blur at the answer, pixels."
@@ -143,6 +143,8 @@ def _cost_columns() -> tuple[Column, ...]:
     travel = "Distance that the lens moves, in travels: over all frames seen, then to the answer."
     reversals = "How often the lens turned round, where the method moves it."
     until = "Seconds until the answer; on a recording without the lens's move to it."
+    mean = "95 % interval of the seconds until the answer, over all scenes of this kind."
+    ends = "time_to_focus_low_s", "time_to_focus_high_s"
     scores = "Number of scores that the search requested."
     seconds = "Seconds per sequence that search and measure computed, without the counting of spikes."
     two, three = _fixed(2), _fixed(3)
@@ -151,6 +153,7 @@ def _cost_columns() -> tuple[Column, ...]:
         _column("lens_travel", "lens", meaning=travel, text=two, group="cost"),
         _column("reversals", "turns", meaning=reversals, text=_fixed(1), group="cost", is_optional=True),
         _column("time_to_focus_s", "to focus s", meaning=until, text=three, group="cost", is_optional=True),
+        *_interval_columns(*ends, header="to focus s 95 %", meaning=mean, text=three, group="cost", detail=ALL),
         _column("windows", "scores", meaning=scores, text=_fixed(0), group="cost", **_ALL),
         _column("seconds", "s", meaning=seconds, text=three, group="cost", **_ALL),
     )

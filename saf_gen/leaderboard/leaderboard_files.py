@@ -16,7 +16,7 @@ from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_col
 from saf_gen.leaderboard.csv_output import format_csv
 from saf_gen.leaderboard.grain_tables import tabulate_grain
 from saf_gen.leaderboard.rows import LeaderboardRow
-from saf_gen.leaderboard.statistics import CONFIDENCE, RESAMPLES
+from saf_gen.leaderboard.scene_intervals import CONFIDENCE
 from saf_gen.leaderboard.table_formats import (
     compose_leaderboard_notes,
     explain_columns,
@@ -72,7 +72,7 @@ def _format_json(
         "intervals": {
             "unit": "scene",
             "confidence": CONFIDENCE,
-            "resamples": RESAMPLES,
+            "simultaneous": {"ranks": "all rivals of a row", "others": "each interval alone"},
             "unknown": next((row.missing_reason for row in rows if row.missing_reason), None),
         },
         "axes": [_axis_to_json(table) for table in axes],

@@ -1,14 +1,14 @@
 """Ranks the methods: one row each, best first."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
 
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard.averages import mean_by_scene, mean_over_scenes, median_magnitude
+from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.statistics import TIE_TOLERANCE, BootstrapIntervals, bootstrap_intervals
+from saf_gen.leaderboard.statistics import TIE_TOLERANCE, MethodIntervals, find_method_intervals
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,15 @@ class LeaderboardRow:
     success_1dof_high: float | None = None
     median_error_dof_low: float | None = None
     median_error_dof_high: float | None = None
+    time_to_focus_low_s: float | None = None
+    time_to_focus_high_s: float | None = None
     rank_best: int | None = None
     rank_worst: int | None = None
     behind_best_low: float | None = None
     behind_best_high: float | None = None
     level_with_best: bool | None = None
     missing_reason: str = ""
-    """Why there are no intervals (the nine fields above), else ''."""
+    """Why there are no intervals (the eleven fields above), else ''."""
     verified: str | None = None
     """``re-run here``, ``re-run elsewhere``, ``differs`` or ``claimed``; None where no row was verified."""
 
@@ -64,8 +66,8 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
         by_method.setdefault(record.method, []).append(record)
     lights = sorted({r.light for own in by_method.values() for r in own if r.light is not None})
     rows = [_average(method, own, lights=lights) for method, own in by_method.items()]
-    intervals = _find_intervals(by_method)
-    unknown = BootstrapIntervals()
+    intervals = find_method_intervals(by_method)
+    unknown = MethodIntervals()
     ranked = [replace(_rank(row, rows), **_interval_ends(intervals.get(row.method, unknown))) for row in rows]
     return tuple(sorted(ranked, key=_sort_key))
 
@@ -85,22 +87,12 @@ def _rank(row: LeaderboardRow, rows: Sequence[LeaderboardRow]) -> LeaderboardRow
     return replace(row, rank=rank, tied=tuple(tied))
 
 
-def _find_intervals(by_method: Mapping[str, Sequence[Record]]) -> dict[str, BootstrapIntervals]:
-    success = {method: mean_by_scene(own, lambda r: r.success_1dof) for method, own in by_method.items()}
-    return bootstrap_intervals(
-        {method: by_scene for method, by_scene in success.items() if by_scene},
-        {
-            method: [(r.scene, abs(r.error_dof)) for r in own if r.error_dof is not None]
-            for method, own in by_method.items()
-        },
-    )
-
-
-def _interval_ends(intervals: BootstrapIntervals) -> dict[str, Any]:
+def _interval_ends(intervals: MethodIntervals) -> dict[str, Any]:
     """Return the fields of a row that come from its intervals."""
     pairs = {
         ("success_1dof_low", "success_1dof_high"): intervals.success,
         ("median_error_dof_low", "median_error_dof_high"): intervals.error,
+        ("time_to_focus_low_s", "time_to_focus_high_s"): intervals.time,
         ("rank_best", "rank_worst"): intervals.rank,
         ("behind_best_low", "behind_best_high"): intervals.deficit_to_best,
     }

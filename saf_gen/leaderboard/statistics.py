@@ -1,147 +1,125 @@
-"""Confidence intervals of a ranking, from a paired bootstrap over scenes.
+"""Confidence intervals of a ranking: of success, error, time, the difference to the best, and ranks.
 
-The scene is the unit, because all sequences of a scene show the same content. Each resample draws as many
-scenes as there are, with replacement, and every method is judged on the same draw, so that what is hard for
-all cancels in a difference. Intervals are percentile intervals (Efron and Tibshirani, An Introduction to the
-Bootstrap, 1993, doi:10.1201/9780429246593, chapter 13). With few scenes they are too narrow, and where all
-scenes agree they have no width: a bootstrap cannot show what no scene has shown.
+The scene is the unit, because all sequences of a scene show the same content. Every interval but those of ranks holds
+for one method, or one pair of methods, alone. The interval of a rank counts the methods that are told apart from the
+row's among all its rivals at once, so that it does not grow falsely narrow with their number.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.core.seeds import make_generator
+from saf_gen.benchmark.records import Record
+from saf_gen.leaderboard.averages import mean_by_scene
+from saf_gen.leaderboard.outcomes import collect_outcomes
+from saf_gen.leaderboard.paired_tests import adjust_p_values
+from saf_gen.leaderboard.scene_intervals import (
+    COARSE,
+    CONFIDENCE,
+    MIN_SCENES,
+    Interval,
+    find_difference_intervals,
+    find_mean_interval,
+    find_median_interval,
+    find_rate_intervals,
+)
 
-CONFIDENCE = 0.95
-RESAMPLES = 5000
-MIN_SCENES = 3
-"""Fewest scenes for an interval: two scenes have only three different draws."""
 TIE_TOLERANCE = 1e-9
 """Largest difference between equal successes: averages of averages may differ in the last bit."""
-_MAX_NUMBERS = 2_000_000
-"""Most draws, or comparisons of methods, in memory at a time."""
-_BLOCKS = 32
-
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class BootstrapIntervals:
+class MethodIntervals:
     """Intervals of one method among the others; None means unknown, and ``missing_reason`` says why."""
 
     success: Interval | None = None
     error: Interval | None = None
     """Interval of the median error."""
+    time: Interval | None = None
+    """Interval of the mean time to focus."""
     rank: tuple[int, int] | None = None
     """Best and worst rank."""
     deficit_to_best: Interval | None = None
     """Success of the best method minus the method's own; of several best ones, the nearest counts."""
     level_with_best: bool | None = None
-    """Whether the scenes cannot tell the method from a best one: ``deficit_to_best`` reaches down to 0."""
+    """Whether no method is told apart from this one as a better one: its ``rank`` may be the first."""
     missing_reason: str = ""
 
 
-def bootstrap_intervals(
-    success: Mapping[str, Mapping[str, float]],
-    errors: Mapping[str, Sequence[tuple[str, float]]],
-    *,
-    resamples: int = RESAMPLES,
-    confidence: float = CONFIDENCE,
-) -> dict[str, BootstrapIntervals]:
-    """Return the intervals of each method.
-
-    ``success`` has by method and scene the success, 0–1; scenes that a method lacks are left out for all. ``errors``
-    has by method (scene, \\|error\\|) of every answer, in any unit; for each method, resamples that hold none of its
-    answers are left out. The draws depend only on the number of scenes (random stream ``("statistics", "bootstrap",
-    scenes)``); scenes are ordered by name.
-    """
-    methods = list(success)
-    scenes = sorted(set.intersection(*(set(by_scene) for by_scene in success.values())) if methods else set())
-    if len(scenes) < MIN_SCENES:
-        reason = f"{len(scenes)} of at least {MIN_SCENES} scenes"
-        return {method: BootstrapIntervals(missing_reason=reason) for method in methods}
-    values = np.array([[success[method][scene] for scene in scenes] for method in methods])
-    ordered = [_order_errors(errors.get(method, ()), scenes) for method in methods]
-    parts = []
-    for draws in _draw_scenes(len(scenes), resamples, at_once=_MAX_NUMBERS // max(len(scenes), len(methods) ** 2)):
-        resampled = draws @ values.T / len(scenes)  # (resamples, methods)
-        ranks = 1 + (resampled[:, None, :] > resampled[:, :, None] + TIE_TOLERANCE).sum(axis=2)
-        errors_drawn = [_find_medians(*one, draws=draws) if one else np.full(len(draws), np.nan) for one in ordered]
-        parts.append((resampled, ranks, np.stack(errors_drawn, axis=1)))
-    resampled, ranks, medians = (np.concatenate(part) for part in zip(*parts, strict=True))
-    means = values.mean(axis=1)
-    best = np.flatnonzero(means >= means.max() - TIE_TOLERANCE)
-    intervals = {}
-    for i, method in enumerate(methods):
-        deficits = [_interval(resampled[:, b] - resampled[:, i], confidence) for b in best]
-        nearest = min(deficits, key=lambda interval: interval[0])
-        intervals[method] = BootstrapIntervals(
-            success=_interval(resampled[:, i], confidence),
-            error=_interval(medians[~np.isnan(medians[:, i]), i], confidence) if ordered[i] else None,
-            rank=_rank_interval(ranks[:, i], confidence),
-            deficit_to_best=nearest,
-            level_with_best=i in best or nearest[0] <= TIE_TOLERANCE,
+def find_method_intervals(by_method: Mapping[str, Sequence[Record]]) -> dict[str, MethodIntervals]:
+    """Return the intervals of each method whose success is known, from records that merge_records has let pass."""
+    outcomes = collect_outcomes(by_method)
+    if len(outcomes.scenes) < MIN_SCENES:
+        reason = f"{len(outcomes.scenes)} of at least {MIN_SCENES} scenes"
+        return {method: MethodIntervals(missing_reason=reason) for method in outcomes.methods}
+    shares = outcomes.average_by_scene(outcomes.success)
+    success = find_rate_intervals(shares, outcomes.counts)
+    wins = outcomes.find_wins()
+    ranks = find_rank_intervals(wins, outcomes.counts)
+    deficits = _find_deficits(shares, wins, counts=outcomes.counts)
+    answered = ~np.isnan(outcomes.errors)
+    times = {
+        method: find_mean_interval(list(mean_by_scene(by_method[method], lambda r: r.time_to_focus_s).values()))
+        for method in outcomes.methods
+    }
+    return {
+        method: MethodIntervals(
+            success=(float(success[i, 0]), float(success[i, 1])),
+            error=find_median_interval(outcomes.errors[i][answered[i]], outcomes.scene_of[answered[i]]),
+            time=times[method],
+            rank=(int(ranks[i, 0]), int(ranks[i, 1])),
+            deficit_to_best=(float(deficits[i, 0]), float(deficits[i, 1])),
+            level_with_best=bool(ranks[i, 0] == 1),
         )
-    return intervals
+        for i, method in enumerate(outcomes.methods)
+    }
 
 
-def _draw_scenes(scenes: int, resamples: int, *, at_once: int) -> Iterator[np.ndarray]:
-    """Yield how often each scene is drawn: float64 (resamples, scenes), whole numbers, each row sums to ``scenes``.
+def find_rank_intervals(wins: np.ndarray, counts: np.ndarray, *, confidence: float = CONFIDENCE) -> np.ndarray:
+    """Return the best and the worst rank that each method may have: int (M, 2).
 
-    The draws are the same however many are made at once.
+    A rival is told apart where its difference is too large for chance among all rivals of the row (adjust_p_values) and
+    the interval of the difference leaves out 0, which also holds where failures are rare and come many in a scene.
+    The best rank comes after the better ones, the worst before the worse ones; confidence sets of this kind hold the
+    true rank however many methods tie, where resampled ranks do not [1]_.
+
+    Parameters
+    ----------
+    wins : float (M, M, S), the fraction of each scene's sequences that method j solves and method k does not.
+    counts : int (S,), sequences in each scene.
+
+    References
+    ----------
+    .. [1] Mogstad, Romano, Shaikh, Wilhelm, "Inference for ranks with applications to mobility across neighbourhoods
+       and academic achievement across countries", Review of Economic Studies 91(1), 2024, doi:10.1093/restud/rdad006.
     """
-    random, shares = make_generator("statistics", "bootstrap", scenes), np.full(scenes, 1 / scenes)
-    size = max(at_once, 1)
-    for first in range(0, resamples, size):
-        # Matrix products of whole numbers are exact, and as float64 they are fast.
-        yield random.multinomial(scenes, shares, size=min(size, resamples - first)).astype(np.float64)
+    methods = len(wins)
+    differences = wins - wins.transpose(1, 0, 2)
+    chance = np.stack([adjust_p_values(own) for own in differences])
+    sure = _exclude_zero(wins, counts, among=chance <= 1 - confidence, confidence=confidence)
+    worse = (sure & (differences.sum(axis=2) > 0)).sum(axis=1)
+    better = (sure & (differences.sum(axis=2) < 0)).sum(axis=1)
+    return np.stack([1 + better, methods - worse], axis=1)
 
 
-def _order_errors(errors: Sequence[tuple[str, float]], scenes: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the errors in rising order and the number of each one's scene; None for fewer than MIN_SCENES scenes."""
-    columns = {scene: i for i, scene in enumerate(scenes)}
-    known = sorted((error, columns[scene]) for scene, error in errors if scene in columns)
-    if len({column for _, column in known}) < MIN_SCENES:
-        return None
-    return np.array([error for error, _ in known]), np.array([column for _, column in known])
+def _exclude_zero(wins: np.ndarray, counts: np.ndarray, *, among: np.ndarray, confidence: float) -> np.ndarray:
+    """Return which of these pairs have a difference whose interval leaves out 0: bool (M, M)."""
+    found = np.zeros(among.shape, dtype=bool)
+    first, second = np.nonzero(np.triu(among | among.T))
+    if len(first):
+        ends = find_difference_intervals(
+            wins[first, second], wins[second, first], counts=counts, confidence=confidence, cells=COARSE
+        )
+        found[first, second] = found[second, first] = (ends[:, 0] > 0) | (ends[:, 1] < 0)
+    return found & among
 
 
-def _find_medians(values: np.ndarray, columns: np.ndarray, *, draws: np.ndarray) -> np.ndarray:
-    """Return the median of each resample (R,), NaN where it holds no value.
-
-    ``values`` (N,) rise, and each counts as often as its scene, ``columns`` (N,), in ``draws`` (R, S). The block of
-    values that holds a median is found first, so that R × N numbers are never in memory.
-    """
-    block = -(-len(values) // _BLOCKS)
-    blocks = -(-len(values) // block)
-    by_block = np.zeros((draws.shape[1], blocks))
-    np.add.at(by_block, (columns, np.arange(len(values)) // block), 1)
-    up_to = np.cumsum(draws @ by_block, axis=1)
-    total, rows = up_to[:, -1], np.arange(len(draws))
-    padded = np.pad(columns, (0, blocks * block - len(columns)))  # no median lies beyond the last value
-
-    def value_at(rank: np.ndarray) -> np.ndarray:
-        found = (up_to > rank[:, None]).argmax(axis=1)
-        before = np.where(found > 0, up_to[rows, found - 1], 0)
-        drawn = draws[rows[:, None], padded.reshape(blocks, block)[found]]
-        at: np.ndarray = (np.cumsum(drawn, axis=1) > (rank - before)[:, None]).argmax(axis=1)
-        return np.asarray(values[np.minimum(found * block + at, len(values) - 1)])
-
-    medians = (value_at((total - 1) // 2) + value_at(total // 2)) / 2
-    return np.where(total > 0, medians, np.nan)
-
-
-def _interval(values: np.ndarray, confidence: float) -> Interval:
-    tail = (1 - confidence) / 2
-    low, high = np.quantile(values, [tail, 1 - tail])
-    return float(low), float(high)
-
-
-def _rank_interval(values: np.ndarray, confidence: float) -> tuple[int, int]:
-    """Return the interval of a rank, rounded outwards to whole ranks."""
-    tail = (1 - confidence) / 2
-    low = np.quantile(values, tail, method="lower")
-    high = np.quantile(values, 1 - tail, method="higher")
-    return int(low), int(high)
+def _find_deficits(shares: np.ndarray, wins: np.ndarray, *, counts: np.ndarray) -> np.ndarray:
+    """Return the intervals of the differences to the nearest of the best methods: float (M, 2)."""
+    means = shares.mean(axis=1)
+    best = np.flatnonzero(means >= means.max() - TIE_TOLERANCE)
+    ends = np.stack([find_difference_intervals(wins[b], wins[:, b], counts=counts, cells=COARSE) for b in best])
+    nearest = ends[ends[:, :, 0].argmin(axis=0), np.arange(len(means))]
+    nearest[best] = 0
+    return nearest

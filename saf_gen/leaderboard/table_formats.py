@@ -10,7 +10,7 @@ from saf_gen.leaderboard.axes import AxisTable, BinSummary
 from saf_gen.leaderboard.columns import ALL, Column, format_percent, list_shown_columns
 from saf_gen.leaderboard.grain_tables import compose_grain_notes
 from saf_gen.leaderboard.rows import LeaderboardRow
-from saf_gen.leaderboard.statistics import MIN_SCENES
+from saf_gen.leaderboard.scene_intervals import MIN_SCENES
 
 _LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -91,8 +91,8 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
         notes.append(f"There are no intervals: {reason} with a known truth.")
     elif scenes:
         notes.append(
-            f"Intervals are 95 % of a paired bootstrap over {scenes} scenes"
-            + ("; so few make them too narrow." if scenes < 4 * MIN_SCENES else ".")
+            f"Intervals hold at 95 % over {scenes} scenes, each alone; those of ranks for all rivals of a row at once"
+            + ("; of so few scenes, hardly a rank can be told from another." if scenes < 2 * MIN_SCENES else ".")
         )
     notes += compose_grain_notes(records)
     machines = sorted({r.machine for r in records if r.machine})

@@ -208,14 +208,15 @@ def test_rows_say_which_ranks_the_scenes_can_tell_apart(twelve):
     assert (good.level_with_best, near.level_with_best, bad.level_with_best) == (True, True, False)
     assert (near.rank_best, near.rank_worst) == (1, 2)
     assert (bad.rank_best, bad.rank_worst) == (3, 3)
-    assert (good.success_1dof_low, good.success_1dof_high) == (1, 1)
+    assert good.success_1dof_low == pytest.approx(0.81, abs=0.01)
+    assert good.success_1dof_high == 1
     assert near.success_1dof_low < 11 / 12 < near.success_1dof_high
-    assert (bad.behind_best_low, bad.behind_best_high) == (1, 1)
+    assert 0.7 < bad.behind_best_low < bad.behind_best_high == 1
     assert good.median_error_dof_low < good.median_error_dof == pytest.approx(0.155)
     by_name = {c.name: c for c in list_shown_columns([good, near, bad])}
     assert [by_name["rank"].format_value(r) for r in (good, near, bad)] == ["1", "2~", "3"]
     assert by_name["rank_best"].format_value(near) == "1–2"
-    assert by_name["success_1dof_low"].format_value(good) == "100%–100%"
+    assert by_name["success_1dof_low"].format_value(good) == "81%–100%"
 
 
 def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
@@ -236,10 +237,10 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
 
 
 def test_few_scenes_and_two_machines_are_said(twelve):
-    assert any("over 12 scenes." in note for note in compose_leaderboard_notes(rank_methods(twelve), twelve))
+    assert any("over 12 scenes, each alone" in note for note in compose_leaderboard_notes(rank_methods(twelve), twelve))
     few = over("a+s", [0, 0, 0])
     assert any(
-        "over 3 scenes; so few make them too narrow." in note
+        "of so few scenes, hardly a rank can be told from another." in note
         for note in compose_leaderboard_notes(rank_methods(few), few)
     )
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
@@ -320,8 +321,8 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     assert set(row) == {*keys, "tied"}
     assert list(document["columns"]) == keys
     assert (row["success_1dof_light_low"], row["success_1dof_light_high"]) == (1, 0)
-    assert (row["success_1dof_low"], row["success_1dof_high"]) == (0.25, 0.25)  # each scene has a quarter
-    assert (told["success_1dof_light_low"], told["success_1dof_low"]) == ("1.0", "0.25")
+    assert row["success_1dof_low"] < 0.25 < row["success_1dof_high"]  # each scene has a quarter
+    assert (told["success_1dof_light_low"], told["success_1dof_low"]) == ("1.0", str(row["success_1dof_low"]))
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,7 @@ def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole
     assert "sha-camel-ramp" in text
     assert "<code>bad</code>: truncated" in text
     assert "<code>sd+" in text.split('class="lead"')[1][:60]
-    assert "Intervals are 95 % of a paired bootstrap over 3 scenes" in text
+    assert "Intervals hold at 95 % over 3 scenes, each alone" in text
 
 
 def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(whole):

@@ -1,166 +1,180 @@
 import numpy as np
 import pytest
+from handmade_records import failed, record
 from scipy import stats
 
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard import statistics
-from saf_gen.leaderboard.statistics import CONFIDENCE, MIN_SCENES, RESAMPLES, BootstrapIntervals, bootstrap_intervals
+from saf_gen.leaderboard.outcomes import collect_outcomes
+from saf_gen.leaderboard.paired_tests import adjust_p_values
+from saf_gen.leaderboard.scene_intervals import (
+    MIN_SCENES,
+    find_difference_intervals,
+    find_mean_interval,
+    find_median_interval,
+    find_rate_intervals,
+)
+from saf_gen.leaderboard.statistics import MethodIntervals, find_method_intervals, find_rank_intervals
 
 
-def cells(values):
-    """Success by scene, scenes named in their order."""
-    return {f"scene{i:03d}": float(v) for i, v in enumerate(values)}
+def solved(method, shares, *, sequences=4):
+    """Records of a method that solves this fraction of each scene's sequences."""
+    return [
+        record(method, f"{scene}-{i}", 0.5 if i < round(share * sequences) else 5.0, scene=f"scene{scene:03d}")
+        for scene, share in enumerate(shares)
+        for i in range(sequences)
+    ]
 
 
-def bernoulli(n, p, *name):
-    return (make_generator("test_statistics", *name).random(n) < p).astype(float)
+def intervals(**shares):
+    return find_method_intervals({name: solved(name, own) for name, own in shares.items()})
 
 
-def ends(successes, scenes):
-    """The bootstrap interval of a Bernoulli share in closed form: quantiles of a binomial."""
-    tail = (1 - CONFIDENCE) / 2
-    return stats.binom.ppf([tail, 1 - tail], scenes, successes / scenes) / scenes
+def test_an_interval_of_scenes_with_one_sequence_each_is_that_of_a_proportion():
+    """Nothing is then known of the correlation and nothing hangs on it: Jeffreys' interval in closed form."""
+    for successes in (3, 12, 29):
+        shares = np.r_[np.ones(successes), np.zeros(30 - successes)]
+        found = find_rate_intervals(shares[None], np.ones(30, int))[0]
+        expected = stats.beta.ppf([0.025, 0.975], successes + 0.5, 30 - successes + 0.5)
+        assert found == pytest.approx(expected, abs=0.002)
 
 
-@pytest.mark.parametrize("successes", [3, 12, 20, 29])
-def test_the_interval_of_a_share_is_that_of_the_binomial(successes):
-    """Each end is a quantile of 5000 draws of binomial(30, k/30): its level has sd √(0.025·0.975/5000).
-
-    Four of them, 0.0088, at either side; two ends and four cases: significance 5·10⁻⁴, one seed.
-    """
-    n, p = 30, successes / 30
-    found = bootstrap_intervals({"m": cells([1.0] * successes + [0.0] * (n - successes))}, {})["m"].success
-    slack = 4 * np.sqrt(0.025 * 0.975 / RESAMPLES)
-    for end, level in zip(found, (0.025, 0.975), strict=True):
-        lowest, highest = stats.binom.ppf([level - slack, level + slack], n, p) / n
-        assert lowest - 1e-9 <= end <= highest + 1e-9
+def test_scenes_that_differ_widen_the_interval_and_many_like_ones_narrow_it_to_that_of_independent_sequences():
+    counts = np.full(20, 24)
+    alike = find_rate_intervals(np.full((1, 20), 0.5), counts)[0]
+    apart = find_rate_intervals(np.r_[np.ones(10), np.zeros(10)][None], counts)[0]
+    assert np.ptp(alike) == pytest.approx(2 * 1.96 * np.sqrt(0.25 / 480), rel=0.06)
+    assert np.ptp(apart) == pytest.approx(np.ptp(stats.beta.ppf([0.025, 0.975], 10.5, 10.5)), rel=0.06)
 
 
-def test_intervals_of_bernoulli_scenes_cover_the_truth_as_often_as_they_must():
-    """40 scenes of success 0.7, 400 times: coverage against its exact value, significance 10⁻³, one seed."""
-    n, p, times = 40, 0.7, 400
-    k = np.arange(n + 1)
-    inside = [low - 1e-9 <= p <= high + 1e-9 for low, high in (ends(s, n) for s in k)]
-    exact = float(stats.binom.pmf(k, n, p)[inside].sum())
-    assert 0.9 < exact < 0.97
-    random = make_generator("test_statistics", "coverage")
-    hits = 0
-    for _ in range(times):
-        low, high = bootstrap_intervals({"m": cells(random.random(n) < p)}, {}, resamples=1000)["m"].success
-        hits += low - 1e-9 <= p <= high + 1e-9
-    # 1000 draws move an end by a step of 1/40 now and then, which costs or gives a few per cent of coverage.
-    low, high = stats.binom.ppf([5e-4, 1 - 5e-4], times, exact) / times
-    assert low - 0.03 <= hits / times <= high + 0.03
+def test_a_rate_of_1_has_a_width_and_one_failure_more_never_raises_an_end():
+    counts = np.full(20, 12)
+    rates = np.stack([np.r_[np.ones(19), k / 12] for k in range(12, -1, -1)])
+    found = find_rate_intervals(rates, counts)
+    assert found[0] == pytest.approx([0.915, 1.0], abs=0.01)
+    assert (np.diff(found, axis=0) < 0).all()
+    assert find_rate_intervals(1 - rates, counts) == pytest.approx(1 - found[:, ::-1], abs=1e-9)
+
+
+def test_an_interval_hangs_on_neither_the_order_of_scenes_nor_the_rows_beside_it_nor_the_last_bit():
+    random = make_generator("test_statistics", "order")
+    shares, counts = random.integers(0, 13, (50, 20)) / 12, np.full(20, 12)
+    whole = find_rate_intervals(shares, counts)
+    assert find_rate_intervals(shares[7:8, ::-1] + 1e-12, counts)[0] == pytest.approx(whole[7], abs=1e-9)
+
+
+def test_rates_of_more_sequences_than_the_steps_are_rounded_without_harm():
+    random = make_generator("test_statistics", "many")
+    shares = random.uniform(0.4, 0.9, (1, 20))
+    assert find_rate_intervals(shares, np.full(20, 500))[0] == pytest.approx(
+        find_rate_intervals(shares, np.full(20, 127))[0], abs=0.005
+    )
 
 
 def test_a_difference_is_as_wide_as_pairing_makes_it():
-    """Two methods that differ in 5 of 30 scenes: their difference has the spread of those scenes alone."""
-    shared = bernoulli(30, 0.5, "shared")
-    worse = shared.copy()
-    lost = np.flatnonzero(shared)[:5]
-    worse[lost] = 0
-    out = bootstrap_intervals({"good": cells(shared), "worse": cells(worse)}, {})
-    low, high = out["worse"].deficit_to_best
-    assert (low, high) == pytest.approx(ends(5, 30), abs=1 / 30 + 1e-9)
-    unpaired = 2 * 1.96 * np.sqrt(shared.var() / 30 + worse.var() / 30)
-    assert high - low < unpaired
+    """Two methods that differ in 5 of 30 scenes: the interval is that of those, not that of two samples."""
+    counts, wins = np.full(30, 4), np.r_[np.ones(5), np.zeros(25)][None]
+    low, high = find_difference_intervals(wins, 0 * wins, counts=counts)[0]
+    alone = find_rate_intervals(wins, counts)[0]
+    assert low < 1 / 6 < high == pytest.approx(alone[1])
+    assert low > alone[0] - find_rate_intervals(0 * wins, counts)[0, 1]
+    assert find_difference_intervals(0 * wins, wins, counts=counts)[0] == pytest.approx((-high, -low))
 
 
-def test_identical_methods_always_tie():
-    values = bernoulli(7, 0.6, "same") / 3
-    out = bootstrap_intervals({"a": cells(values), "b": cells(values)}, {})
-    assert out["a"] == out["b"]
-    assert out["a"].rank == (1, 1)
-    assert out["a"].deficit_to_best == (0, 0)
-    assert out["a"].level_with_best is True
+def test_two_that_agree_everywhere_have_a_difference_of_0_with_a_width():
+    low, high = find_difference_intervals(np.zeros((1, 20)), np.zeros((1, 20)), counts=np.full(20, 12))[0]
+    assert low == -high
+    assert 0.05 < high < 0.12
 
 
-def test_a_dominated_method_never_outranks():
-    """In every scene no better, in one worse: whatever is drawn, it is not before the other."""
-    good = bernoulli(9, 0.7, "good")
-    good[4] = 1.0
-    bad = np.minimum(good, bernoulli(9, 0.7, "bad"))
-    bad[4] = 0.5
-    out = bootstrap_intervals({"good": cells(good), "bad": cells(bad)}, {})
-    assert out["good"].rank == (1, 1)
-    assert out["bad"].rank[1] == 2
-    assert out["bad"].deficit_to_best[0] >= 0
+def test_the_interval_of_a_mean_is_students():
+    values = [0.1, 0.2, 0.2, 0.4, 0.7]
+    expected = stats.t.interval(0.95, 4, np.mean(values), stats.sem(values))
+    assert find_mean_interval(values) == pytest.approx(expected)
+    assert find_mean_interval(values[: MIN_SCENES - 1]) is None
 
 
-def test_one_that_fails_where_the_other_succeeds_is_told_apart_and_a_near_one_is_not():
-    everywhere, nowhere = np.ones(12), np.zeros(12)
-    near = everywhere.copy()
-    near[3] = 0.5
-    out = bootstrap_intervals({"all": cells(everywhere), "none": cells(nowhere), "near": cells(near)}, {})
-    assert [out[m].level_with_best for m in ("all", "near", "none")] == [True, True, False]
-    assert out["none"].rank == (3, 3)
-    assert out["near"].rank == (1, 2)
-    assert out["none"].deficit_to_best == (1, 1)
+def test_the_interval_of_a_median_has_the_ranks_that_the_spread_over_scenes_gives():
+    """Scenes of one value each are a plain sample: ranks n/2 ± t·√(n/4 · n/(n − 1))."""
+    values = make_generator("test_statistics", "median").permutation(np.arange(40.0))
+    half = stats.t.ppf(0.975, 39) * np.sqrt(40 / 39 * 40 / 4)
+    assert find_median_interval(values, np.arange(40)) == (np.floor(20 - half), np.ceil(20 + half) - 1)
+
+
+def test_a_median_that_the_scenes_do_not_bound_has_no_interval():
+    assert find_median_interval(np.arange(3.0), np.arange(3)) is None
+    assert find_median_interval(np.arange(40.0), np.arange(40) % 2) is None
+
+
+def test_p_values_of_a_family_are_exact_where_all_turns_are_tried():
+    """Of 2⁷ turns of the signs of equal differences two give the largest sum, whatever else is in the family."""
+    one = np.full((1, 7), 0.3)
+    assert adjust_p_values(one) == pytest.approx([2 / 2**7])
+    both = adjust_p_values(np.concatenate([one, [[1, -1, 1, -1, 1, -1, 1]]]))
+    assert 2 / 2**7 <= both[0] <= 4 / 2**7
+    assert both[1] > 0.5
+    assert adjust_p_values(np.zeros((2, 7))) == pytest.approx([1, 1])
+
+
+def test_of_methods_that_are_all_alike_none_is_told_apart_more_often_than_in_one_trial_of_twenty():
+    """150 trials of 20 pairs with 20 scenes, seed named; rejections of 5 % at a significance of 10⁻³."""
+    random = make_generator("test_statistics", "family")
+    found = sum(adjust_p_values(random.standard_normal((20, 20))).min() <= 0.05 for _ in range(150))
+    assert 1 <= found <= stats.binom.ppf(1 - 1e-3, 150, 0.05)
+
+
+def test_identical_methods_share_ranks_and_are_level():
+    found = intervals(a=[1, 0.5, 0.75, 1, 0.25, 1, 1], b=[1, 0.5, 0.75, 1, 0.25, 1, 1])
+    assert found["a"] == found["b"]
+    assert (found["a"].rank, found["a"].deficit_to_best, found["a"].level_with_best) == ((1, 2), (0, 0), True)
+
+
+def test_one_that_fails_where_the_others_succeed_is_told_apart_and_a_near_one_is_not():
+    found = intervals(all=np.ones(12), none=np.zeros(12), near=np.r_[np.ones(11), 0.5])
+    assert [found[m].level_with_best for m in ("all", "near", "none")] == [True, True, False]
+    assert [found[m].rank for m in ("all", "near", "none")] == [(1, 2), (1, 2), (3, 3)]
+    assert found["none"].deficit_to_best[0] > 0.8
+
+
+def test_with_five_scenes_no_rank_can_be_told_from_another():
+    assert intervals(all=np.ones(5), none=np.zeros(5))["none"].rank == (1, 2)
+    assert intervals(all=np.ones(7), none=np.zeros(7))["none"].rank == (2, 2)
+
+
+def test_a_method_that_fails_rarely_and_then_wholly_is_not_behind_for_all_that_these_scenes_show():
+    """One loses a sequence in every scene, the other never in these: turned signs alone would tell them apart."""
+    counts, wins = np.full(20, 24), np.zeros((2, 2, 20))
+    wins[0, 1] = 1 / 24
+    assert adjust_p_values(wins[0, 1:])[0] < 0.001
+    assert find_rank_intervals(wins, counts).tolist() == [[1, 2], [1, 2]]
 
 
 def test_among_several_best_the_nearest_counts():
-    """Half of a's scenes are c's too, and none of b's: c is behind a for sure, and perhaps not behind b."""
     scene = np.arange(20)
-    some = {"a": cells(scene < 10), "b": cells(scene >= 10), "c": cells(scene < 5)}
-    both = bootstrap_intervals(some, {})
-    assert bootstrap_intervals({m: some[m] for m in "ac"}, {})["c"].level_with_best is False
-    assert both["c"].level_with_best is True
-    assert both["c"].deficit_to_best == bootstrap_intervals({m: some[m] for m in "bc"}, {})["c"].deficit_to_best
-    assert both["a"].level_with_best is both["b"].level_with_best is True
-
-
-@pytest.mark.parametrize("count", [5, 23, 64, 65, 331])
-def test_the_median_of_a_resample_is_that_of_its_answers_each_as_often_as_its_scene_was_drawn(count):
-    random = make_generator("test_statistics", "median")
-    errors = [(f"scene{i % 5:03d}", float(e)) for i, e in enumerate(random.exponential(size=count))]
-    scenes = sorted({scene for scene, _ in errors})
-    (drawn,) = statistics._draw_scenes(len(scenes), 400, at_once=400)
-    plain = []
-    for row in drawn:
-        often = dict(zip(scenes, row, strict=True))
-        plain.append(np.median([e for scene, e in errors for _ in range(int(often[scene]))]))
-    found = statistics._find_medians(*statistics._order_errors(errors, scenes), draws=drawn)
-    assert found == pytest.approx(plain, rel=1e-12)
-
-
-def test_intervals_do_not_depend_on_how_many_draws_are_in_memory(monkeypatch):
-    random = make_generator("test_statistics", "memory")
-    success = {method: cells(random.random(9)) for method in "abc"}
-    errors = {m: [(f"scene{i % 9:03d}", float(e)) for i, e in enumerate(random.random(200))] for m in "abc"}
-    whole = bootstrap_intervals(success, errors)
-    monkeypatch.setattr(statistics, "_MAX_NUMBERS", 9 * 777)
-    parts = bootstrap_intervals(success, errors)
-    for method, found in parts.items():
-        other = whole[method]
-        assert (found.error, found.rank, found.level_with_best) == (other.error, other.rank, other.level_with_best)
-        assert found.success == pytest.approx(other.success, rel=1e-12)
-
-
-def test_answers_in_too_few_scenes_have_no_interval_of_error():
-    some = {"m": cells(np.ones(5))}
-    assert bootstrap_intervals(some, {"m": [("scene000", 0.2), ("scene001", 0.3)] * 4})["m"].error is None
-    found = bootstrap_intervals(some, {"m": [(f"scene00{i}", 0.2 + i) for i in range(3)]})["m"].error
-    assert found == pytest.approx((0.2, 2.2))
+    some = {"a": scene < 10, "b": scene >= 10, "c": scene < 5}
+    both = intervals(**some)
+    of_b = intervals(b=some["b"], c=some["c"])
+    assert both["c"].deficit_to_best == of_b["c"].deficit_to_best
+    assert both["a"].deficit_to_best == both["b"].deficit_to_best == (0, 0)
 
 
 @pytest.mark.parametrize("scenes", range(MIN_SCENES))
 def test_with_fewer_than_three_scenes_nothing_is_made_up(scenes):
-    out = bootstrap_intervals({"m": cells(np.ones(scenes)), "n": cells(np.zeros(scenes))}, {"m": [("scene000", 1.0)]})
-    assert out["m"] == out["n"] == BootstrapIntervals(missing_reason=f"{scenes} of at least 3 scenes")
+    found = intervals(m=np.ones(scenes), n=np.zeros(scenes))
+    assert all(one == MethodIntervals(missing_reason=f"{scenes} of at least 3 scenes") for one in found.values())
 
 
-def test_no_method_has_no_standing():
-    assert bootstrap_intervals({}, {}) == {}
+def test_no_method_has_no_interval():
+    assert find_method_intervals({}) == {}
 
 
-def test_a_scene_that_one_method_lacks_is_left_out_for_all():
-    out = bootstrap_intervals({"a": cells([1, 1, 1, 0]), "b": cells([1, 1, 1])}, {})
-    assert out["a"].success == out["b"].success == (1, 1)
-
-
-def test_neither_order_of_methods_nor_of_scenes_matters_and_the_seed_is_named():
-    one = {"a": cells([1, 0, 0.5, 1]), "b": cells([0, 1, 0.25, 0])}
-    other = {m: dict(reversed(list(one[m].items()))) for m in ("b", "a")}
-    assert bootstrap_intervals(one, {}) == bootstrap_intervals(other, {})
-    drawn = make_generator("statistics", "bootstrap", 4).multinomial(4, [0.25] * 4, size=RESAMPLES)
-    np.testing.assert_array_equal(np.concatenate(list(statistics._draw_scenes(4, RESAMPLES, at_once=999))), drawn)
+def test_outcomes_weigh_the_lights_of_a_scene_alike_and_count_what_is_no_answer():
+    own = [
+        *(record("m", f"a{i}", 0.2, scene="a") for i in range(3)),
+        record("m", "a3", 7.0, scene="a", light="ramp"),
+        failed("m", "b0", "abstained", scene="b"),
+        record("m", "c0", None, scene="c"),
+    ]
+    found = collect_outcomes({"m": own, "unknown": [record("unknown", r.sequence, None) for r in own]})
+    assert (found.methods, found.scenes, found.counts.tolist()) == (("m",), ("a", "b"), [4, 1])
+    assert found.average_by_scene(found.success)[0] == pytest.approx([0.5, 0])
+    assert np.isnan(found.errors[0]).tolist() == [False] * 4 + [True]
