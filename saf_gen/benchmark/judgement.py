@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saf_gen.core.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import find_focus_crossings
 
 SUCCESS_LIMITS_DOF = (0.5, 1.0, 2.0)
 """The distances from the truth, in depths of focus, within which success is judged."""

@@ -25,8 +25,8 @@ Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw 
 
 def list_(*, as_json: AsJson = False) -> None:
     """List the sensors: array, readout rate, and which of their numbers nobody has measured."""
-    from saf_gen.calibration.sensor_files import nominal_keys, read_sensor_text
     from saf_gen.camera import get_sensor, sensor_names
+    from saf_gen.camera.sensor_files import nominal_keys, read_sensor_text
 
     columns = TableColumn("sensor"), TableColumn("pixels"), TableColumn("readouts per second", folds=True)
     rows = []
@@ -39,15 +39,15 @@ def list_(*, as_json: AsJson = False) -> None:
 
 def show(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
     """Print the file of a sensor, with the source of each number beside it; a copy is a sensor of your own."""
-    from saf_gen.calibration.sensor_files import read_sensor_text
+    from saf_gen.camera.sensor_files import read_sensor_text
 
     out.file.write(escape_controls(read_sensor_text(name), keep="\n\t"))
 
 
 def check(file: Annotated[Path, typer.Argument(help="Sensor file (.yaml).")]) -> None:
     """Check a sensor file: keys, units and ranges, and one line for each number that is unlikely or has no effect."""
-    from saf_gen.calibration.sensor_files import find_implausible
     from saf_gen.camera import get_sensor
+    from saf_gen.camera.sensor_files import find_implausible
 
     sensor = get_sensor(file if is_preset_file(file) else str(file))
     found = list(find_implausible(sensor))

@@ -6,7 +6,6 @@ text. Within a page every colour is a CSS variable, so that one drawing serves l
 
 import io
 import re
-import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,19 +15,13 @@ from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_pdf import Op, PdfFile, RendererPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 COLUMN = 3.5  # inches: of a paper with two columns
-PDF_CREATOR = "saf-gen"
 WIDTH = 4.4  # inches: a figure is readable on a phone, and two or three stand side by side on a desk
 MAX_MEASURES = 8
 """Most measures in one figure; more could not be distinguished."""
-PREDICTIONS_LABEL = "predictions"
-"""Label in place of the search, for a method that has none."""
-TITLE, TITLE_LINE = 52, 0.16  # characters in a line of the title; height of each further line, inches
 INK, SOFT, BAND, GREY, PAPER = "#1f2328", "#6b7280", "#e8c547", "#d5d8dc", "#ffffff"
 # Okabe and Ito's colours differ for every kind of colour vision; dashes and markers repeat the distinction.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#111111", "#e69f00", "#8c6d31")
@@ -108,26 +101,6 @@ def assign_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
     return styles
 
 
-def describe_figure_omissions(*counts: tuple[int, int, str]) -> str:
-    """Return which items a figure shows, from (drawn, all, noun) of each kind; '' where it shows everything."""
-    parts = [f"{drawn} of {total} {noun}" for drawn, total, noun in counts if drawn < total]
-    return f"Drawn: the first {', the first '.join(parts)}" if parts else ""
-
-
-def shorten_figure_label(name: str, limit: int) -> str:
-    """Return the name, with its middle left out if it is longer than ``limit`` characters."""
-    if len(name) <= limit:
-        return name
-    end = (limit - 1) // 2
-    return f"{name[: limit - 1 - end]}…{name[len(name) - end :]}"
-
-
-def split_method_label(method: str) -> tuple[str, str]:
-    """Return the measure and the search of a method, with their options; the name and '' for predictions."""
-    measure, _, search = method.partition("+")
-    return measure, search
-
-
 @contextmanager
 def use_figure_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
     """Return a context with matplotlib's settings for our figures; it restores the earlier settings.
@@ -137,15 +110,6 @@ def use_figure_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
     with matplotlib.rc_context(style), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "(?s)Glyph .* missing from font", UserWarning)
         yield
-
-
-def create_figure(inches: float, *, title: str) -> Figure:
-    """Return an empty figure of this height and WIDTH, with its title on the left."""
-    lines = textwrap.wrap(title, TITLE) or [""]
-    figure = Figure(figsize=(WIDTH, inches + TITLE_LINE * (len(lines) - 1)), dpi=72, layout="constrained")
-    FigureCanvasSVG(figure)
-    figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=9.5, fontweight="bold")
-    return figure
 
 
 def hide_spines(axes: Axes, *sides: str) -> None:
@@ -160,32 +124,6 @@ def to_svg(figure: Figure, *, name: str) -> str:
     with use_figure_style({**STYLE, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return _DIGITS.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), buffer.getvalue())
-
-
-def to_pdf(figure: Figure) -> bytes:
-    """Return the figure as PDF, scaled as a whole to a column of a paper (3.5 inches), its fonts embedded."""
-    width, height = (72 * side for side in figure.get_size_inches())
-    scale, buffer = 72 * COLUMN / width, io.BytesIO()
-    with use_figure_style({**STYLE, "pdf.fonttype": 42}):
-        file = PdfFile(buffer, metadata={"CreationDate": None, "Creator": PDF_CREATOR})
-        try:
-            figure.set_dpi(72)
-            file.newPage(scale * width / 72, scale * height / 72)
-            file.width, file.height = width / 72, height / 72  # lines are cut off at the page as it was before scaling
-            file.output(scale, 0, 0, scale, 0, 0, Op.concat_matrix)  # matplotlib itself cannot scale text and lines
-            renderer = RendererPdf(file, 72, height / 72, width / 72)
-            figure.draw(renderer)
-            renderer.finalize()
-            file.finalize()
-        finally:
-            file.close()
-        return buffer.getvalue()
-
-
-def add_paper_background(svg: str) -> str:
-    """Return the SVG on a white background, for viewers with a dark one."""
-    end = svg.index(">", svg.index("<svg")) + 1
-    return f'{svg[:end]}\n <rect width="100%" height="100%" fill="{PAPER}"/>{svg[end:]}'
 
 
 def inline_svg(svg: str, *, label: str) -> str:

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.core.region import target_bounding_box
 from saf_gen.errors import BadInput
+from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth

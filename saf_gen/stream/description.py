@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
-from saf_gen.core.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.stream.readable import ReadableStream
 from saf_gen.stream.recorded_grain import read_recorded_grain
 

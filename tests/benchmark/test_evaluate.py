@@ -11,10 +11,10 @@ from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
-from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard import rank_methods
+from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.measures import get_measure
 from saf_gen.plugins.motions import lens_motion_at_readouts

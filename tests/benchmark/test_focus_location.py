@@ -13,9 +13,9 @@ from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.focus_location import locate_focus_in_recording, locate_focus_in_travel, truncate_truth
 from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, list_sequence_tasks
-from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import tabulate_by_axis
+from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import open_stream

@@ -18,9 +18,9 @@ from saf_gen.calibration.comparison import (
     sensor_figures,
 )
 from saf_gen.calibration.recordings import EncodedRecording
-from saf_gen.calibration.sensor_files import find_implausible, nominal_keys, read_sensor_text
 from saf_gen.calibration.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor, sensor_names
+from saf_gen.camera.sensor_files import find_implausible, nominal_keys, read_sensor_text
 
 SMALL = HERE / "small_sensor.yaml"
 

@@ -7,8 +7,8 @@ from small_dataset import DRIVE, SPEC, make_sequence
 
 import saf_gen
 from saf_gen.camera import get_sensor
-from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.generate.recorder import Recorder
+from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.plugins.motions import lens_motion_at_readouts
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource

@@ -12,7 +12,7 @@ from handmade_records import failed, record
 from PIL import Image
 
 from saf_gen.benchmark.results import FocusCurve
-from saf_gen.core.figure_style import VARIABLES, describe_figure_omissions, shorten_figure_label
+from saf_gen.core.figure_style import VARIABLES
 from saf_gen.leaderboard.figures import (
     CONDITIONS,
     MAX_MEASURES,
@@ -33,6 +33,7 @@ from saf_gen.leaderboard.figures import (
     split_method_label,
     to_svg,
 )
+from saf_gen.leaderboard.figures._figure import describe_figure_omissions, shorten_figure_label
 from saf_gen.leaderboard.figures.condition_figure import bin_sequences_for_figure
 
 pytestmark = pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import saf_gen
-from saf_gen.core.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.plugins.motions import lens_motion_at_readouts
 from saf_gen.stream.description import describe_stream_file
 from saf_gen.stream.metadata import Truth

@@ -2,17 +2,13 @@
 
 from matplotlib.figure import Figure
 
-from saf_gen.core.figure_style import (
-    MAX_MEASURES,
+from saf_gen.core.figure_style import MAX_MEASURES, PlotStyle, assign_styles, inline_svg, to_svg
+from saf_gen.leaderboard.figures._figure import (
     PDF_CREATOR,
     PREDICTIONS_LABEL,
-    PlotStyle,
     add_paper_background,
-    assign_styles,
-    inline_svg,
     split_method_label,
     to_pdf,
-    to_svg,
 )
 from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition
 from saf_gen.leaderboard.figures.depth_of_focus_figure import plot_depth_of_focus

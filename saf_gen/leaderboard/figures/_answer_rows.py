@@ -7,15 +7,8 @@ from matplotlib.axes import Axes
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.figure_style import (
-    GREY,
-    PAPER,
-    PREDICTIONS_LABEL,
-    PlotStyle,
-    hide_spines,
-    shorten_figure_label,
-    split_method_label,
-)
+from saf_gen.core.figure_style import GREY, PAPER, PlotStyle, hide_spines
+from saf_gen.leaderboard.figures._figure import PREDICTIONS_LABEL, shorten_figure_label, split_method_label
 from saf_gen.leaderboard.figures._sweep_axis import frames_to_axis
 
 LETTERS = 18

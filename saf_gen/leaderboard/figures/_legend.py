@@ -10,7 +10,8 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.textpath import TextToPath
 
-from saf_gen.core.figure_style import SOFT, STYLE, WIDTH, shorten_figure_label
+from saf_gen.core.figure_style import SOFT, STYLE, WIDTH
+from saf_gen.leaderboard.figures._figure import shorten_figure_label
 
 LINE = 0.16  # inches
 LETTERS = 52

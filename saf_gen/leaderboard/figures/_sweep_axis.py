@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from saf_gen.benchmark.judgement import position_of_method_answer
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.core.figure_style import BAND, GREY, INK, SOFT
-from saf_gen.core.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import find_focus_crossings
 
 LENS_LINE: dict[str, Any] = {"color": SOFT, "lw": 0.9, "ls": (0, (7, 2))}
 

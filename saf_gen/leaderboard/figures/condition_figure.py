@@ -10,20 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from saf_gen.benchmark.records import Record
-from saf_gen.core.figure_style import (
-    BAND,
-    GREY,
-    MAX_MEASURES,
-    PAPER,
-    PlotStyle,
-    create_figure,
-    describe_figure_omissions,
-    hide_spines,
-    split_method_label,
-    use_figure_style,
-)
+from saf_gen.core.figure_style import BAND, GREY, MAX_MEASURES, PAPER, PlotStyle, hide_spines, use_figure_style
 from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
 from saf_gen.leaderboard.axes import BLOCK_READOUTS
+from saf_gen.leaderboard.figures._figure import create_figure, describe_figure_omissions, split_method_label
 from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
 
 BINS = 6

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from saf_gen.benchmark.judgement import truth_depth_of_focus
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.core.display_tone import encode_gamma, find_white_level
-from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, create_figure, hide_spines, use_figure_style
+from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_spines, use_figure_style
+from saf_gen.leaderboard.figures._figure import create_figure
 from saf_gen.leaderboard.figures.image_strip import WHITE_QUANTILE
 
 OFFSETS_DOF = (-4.0, -1.0, 0.0, 1.0, 4.0)

@@ -12,19 +12,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from saf_gen.benchmark.records import Record
-from saf_gen.core.figure_style import (
-    BAND,
-    GREY,
-    INK,
-    PAPER,
-    SOFT,
-    assign_styles,
-    create_figure,
-    describe_figure_omissions,
-    hide_spines,
-    shorten_figure_label,
-    use_figure_style,
-)
+from saf_gen.core.figure_style import BAND, GREY, INK, PAPER, SOFT, assign_styles, hide_spines, use_figure_style
+from saf_gen.leaderboard.figures._figure import create_figure, describe_figure_omissions, shorten_figure_label
 from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
 
 NO_LIGHT = "recording"

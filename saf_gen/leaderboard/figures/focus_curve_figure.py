@@ -13,19 +13,9 @@ from matplotlib.ticker import MaxNLocator
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.figure_style import (
-    BAND,
-    GREY,
-    INK,
-    MAX_MEASURES,
-    SOFT,
-    PlotStyle,
-    create_figure,
-    describe_figure_omissions,
-    hide_spines,
-    use_figure_style,
-)
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, hide_spines, use_figure_style
 from saf_gen.leaderboard.figures._answer_rows import AnswersBySearch, draw_answer_rows, group_answers
+from saf_gen.leaderboard.figures._figure import create_figure, describe_figure_omissions
 from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
 from saf_gen.leaderboard.figures._sweep_axis import (
     LENS_LINE,

@@ -13,20 +13,13 @@ from matplotlib.ticker import MaxNLocator
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath, SweepSummary
-from saf_gen.core.figure_style import (
-    BAND,
-    GREY,
-    INK,
-    MAX_MEASURES,
-    PAPER,
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, PAPER, PlotStyle, hide_spines, use_figure_style
+from saf_gen.leaderboard.figures._figure import (
     PREDICTIONS_LABEL,
-    PlotStyle,
     create_figure,
     describe_figure_omissions,
-    hide_spines,
     shorten_figure_label,
     split_method_label,
-    use_figure_style,
 )
 from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
 from saf_gen.leaderboard.figures._sweep_axis import (

@@ -6,8 +6,8 @@ import numpy as np
 
 from saf_gen.core.config.document import read_text
 from saf_gen.core.csv_table import parse_csv_columns
-from saf_gen.core.focus_crossings import find_focus_crossings
 from saf_gen.errors import BadInput
+from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.stream.metadata import Truth
 
 TIMES = ("frame", "seconds")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saf_gen.core.focus_crossings import find_focus_crossings
+from saf_gen.optics.focus_crossings import find_focus_crossings
 
 
 def test_a_sweep_passes_every_place_of_the_travel_once_when_its_formula_says():
