@@ -19,8 +19,8 @@ import numpy as np
 from drawing import BLUE, GREY, ORANGE, log_log, panels, save, slope
 
 from saf_gen.acceptance.speed import bench_stack
-from saf_gen.acceptance.speed.fresh_process import time_call
-from saf_gen.acceptance.speed.machine_check import describe_installation
+from saf_gen.acceptance.speed.fresh_process import time_benched_call
+from saf_gen.acceptance.speed.machine_check import describe_machine_to_bench
 
 HERE = Path(__file__).resolve().parent
 
@@ -41,12 +41,12 @@ SMALL = Plan(positions=9, samples=(4, 8, 16), reference=64, batch=16)
 
 def measure(plan: Plan, scene: str) -> dict[str, Any]:
     """Return error and time of both renderers at every number of samples, as written to error.json."""
-    setup, variant = bench_stack.set_up_timed_scene(plan.sensor, scene)
+    setup, variant = bench_stack.set_up_benched_scene(plan.sensor, scene)
     positions = bench_stack.nearest_bench_positions(plan.positions)
     references = []
     for position in positions:
         references.append(
-            bench_stack.render_bench_reference(setup, position, samples=plan.reference, batch=plan.batch)[0]
+            bench_stack.render_reference_for_bench(setup, position, samples=plan.reference, batch=plan.batch)[0]
         )
         print(f"reference at {position:.2f}: noise {100 * _relative_noise(references[-1]):.3g} %", flush=True)
     found: dict[str, Any] = {"scene": scene, "variant": variant, "positions": plan.positions, "places": positions}
@@ -78,15 +78,15 @@ def _relative_noise(reference: bench_stack.ReferenceRender) -> float:
 
 def _one_pass(setup: Any, plan: Plan, *, samples: int, at: list[float]) -> tuple[list[np.ndarray], float]:
     """Return the images at these positions, and the time of the stack, after a first run that compiles."""
-    bench_stack.render_one_pass(setup, plan.positions, samples=samples)
-    whole, took = time_call(bench_stack.render_one_pass, setup, plan.positions, samples=samples)
+    bench_stack.render_one_pass_for_bench(setup, plan.positions, samples=samples)
+    whole, took = time_benched_call(bench_stack.render_one_pass_for_bench, setup, plan.positions, samples=samples)
     return [whole[round(position * (plan.positions - 1))] for position in at], took
 
 
 def _thin_lens(setup: Any, plan: Plan, *, samples: int, at: list[float]) -> tuple[list[np.ndarray], float]:
-    bench_stack.render_thin_lens(setup, at[0], samples=samples, seed=0)
-    render = bench_stack.render_thin_lens
-    timed = [time_call(render, setup, position, samples=samples, seed=0) for position in at]
+    bench_stack.render_thin_lens_for_bench(setup, at[0], samples=samples, seed=0)
+    render = bench_stack.render_thin_lens_for_bench
+    timed = [time_benched_call(render, setup, position, samples=samples, seed=0) for position in at]
     return [image for image, _ in timed], plan.positions * float(np.mean([took for _, took in timed]))
 
 
@@ -131,7 +131,7 @@ def main(argv: list[str] | None = None, *, plan: Plan | None = None) -> None:
     given = parser.parse_args(argv)
     found = measure(plan or (SMALL if given.small else Plan()), given.scene)
     given.out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"machine": describe_installation()[0], **found}, indent=1, ensure_ascii=False)
+    text = json.dumps({"machine": describe_machine_to_bench()[0], **found}, indent=1, ensure_ascii=False)
     (given.out / "error.json").write_text(text + "\n")
     draw(found, given.out / "error.png")
 

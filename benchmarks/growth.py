@@ -19,8 +19,12 @@ from typing import Any
 from drawing import BLUE, ORANGE, log_log, panels, save, slope, wide
 
 from saf_gen.acceptance.speed import bench_stack, synthetic_recording
-from saf_gen.acceptance.speed.fresh_process import peak_memory_gib, run_in_fresh_process, time_call
-from saf_gen.acceptance.speed.machine_check import describe_installation
+from saf_gen.acceptance.speed.fresh_process import (
+    peak_memory_of_bench_gib,
+    run_bench_in_fresh_process,
+    time_benched_call,
+)
+from saf_gen.acceptance.speed.machine_check import describe_machine_to_bench
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import get_sensor
 from saf_gen.core.execution import ReportProgress
@@ -64,10 +68,10 @@ SMALL = Plan(
 
 def render(sensor: str, positions: int, samples: int, *, report: ReportProgress) -> Measured:
     """Render a focal stack in one pass, after a first one that compiles."""
-    setup, _ = bench_stack.set_up_timed_scene(sensor)
-    bench_stack.render_one_pass(setup, positions, samples=samples)
-    _, took = time_call(bench_stack.render_one_pass, setup, positions, samples=samples)
-    return took, peak_memory_gib()
+    setup, _ = bench_stack.set_up_benched_scene(sensor)
+    bench_stack.render_one_pass_for_bench(setup, positions, samples=samples)
+    _, took = time_benched_call(bench_stack.render_one_pass_for_bench, setup, positions, samples=samples)
+    return took, peak_memory_of_bench_gib()
 
 
 def record(sensor: str, shape: tuple[int, int], positions: int, frames: int, *, report: ReportProgress) -> Measured:
@@ -77,8 +81,8 @@ def record(sensor: str, shape: tuple[int, int], positions: int, frames: int, *, 
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sequence.h5"
         synthetic_recording.record_bench_sweep(path, camera, charge=charge, frames=16)  # compiles
-        _, took = time_call(synthetic_recording.record_bench_sweep, path, camera, charge=charge, frames=frames)
-    return took, peak_memory_gib()
+        _, took = time_benched_call(synthetic_recording.record_bench_sweep, path, camera, charge=charge, frames=frames)
+    return took, peak_memory_of_bench_gib()
 
 
 def dataset(recipe: str, stacks: str, sequences: int, *, report: ReportProgress) -> Measured:
@@ -86,8 +90,8 @@ def dataset(recipe: str, stacks: str, sequences: int, *, report: ReportProgress)
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "dataset"
         shutil.copytree(stacks, folder / "stacks")
-        _, took = time_call(_make_dataset, recipe, sequences, folder=folder)
-    return took, peak_memory_gib()
+        _, took = time_benched_call(_make_dataset, recipe, sequences, folder=folder)
+    return took, peak_memory_of_bench_gib()
 
 
 def _make_dataset(recipe: str, sequences: int, *, folder: Path) -> None:
@@ -158,7 +162,10 @@ def draw(found: dict[str, Any], path: Path) -> None:
 
 
 def main(
-    argv: list[str] | None = None, *, plan: Plan | None = None, call: Callable[..., Measured] = run_in_fresh_process
+    argv: list[str] | None = None,
+    *,
+    plan: Plan | None = None,
+    call: Callable[..., Measured] = run_bench_in_fresh_process,
 ) -> None:
     """Measure and write; tests give another ``plan``, and a ``call`` that stays in their process."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -170,7 +177,7 @@ def main(
     curves = given.only or list(CURVES)
     found = measure(chosen, curves, call=call)
     given.out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"machine": describe_installation()[0], "curves": found}, indent=1, ensure_ascii=False)
+    text = json.dumps({"machine": describe_machine_to_bench()[0], "curves": found}, indent=1, ensure_ascii=False)
     (given.out / "growth.json").write_text(text + "\n")
     draw(found, given.out / "growth.png")
 

@@ -19,10 +19,10 @@ from scipy.special import expit
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard.scene_intervals import (
-    find_difference_intervals,
-    find_mean_interval,
-    find_median_interval,
-    find_rate_intervals,
+    find_interval_of_ranked_mean,
+    find_interval_of_ranked_median,
+    find_intervals_of_ranked_rate,
+    find_rank_difference_intervals,
 )
 from saf_gen.leaderboard.statistics import find_rank_intervals
 
@@ -87,7 +87,7 @@ def simulate_rates(scenes: int, trials: int, *, earlier: bool, law: str, rate: f
     counts = count_sequences(scenes)
     solved = random.binomial(counts, draw_rates(law, rate, shape=(trials, scenes), random=random))
     shares = solved / counts
-    yield _cover(f"{law}, {rate:.0%}", find_rate_intervals(shares, counts), rate)
+    yield _cover(f"{law}, {rate:.0%}", find_intervals_of_ranked_rate(shares, counts), rate)
     if earlier:
         yield _cover("bootstrap", _bootstrap(shares, random), rate)
 
@@ -120,7 +120,9 @@ def simulate_differences(
     wins, losses = ((solved[:, a] & ~solved[:, 1 - a]).sum(axis=-1) / counts for a in (0, 1))
     truth = rates[0] - rates[1]
     yield _cover(
-        f"{world}, {rates[0]:.0%} and {rates[1]:.0%}", find_difference_intervals(wins, losses, counts=counts), truth
+        f"{world}, {rates[0]:.0%} and {rates[1]:.0%}",
+        find_rank_difference_intervals(wins, losses, counts=counts),
+        truth,
     )
     if earlier:
         yield _cover("bootstrap", _bootstrap(wins - losses, random), truth)
@@ -156,7 +158,7 @@ def simulate_medians(scenes: int, trials: int, *, earlier: bool, law: str) -> It
     ends, drawn = [], []
     for _ in range(trials):
         errors = _draw_errors(law, of_scene, random)
-        ends.append(find_median_interval(errors, of_scene) or (0.0, np.inf))
+        ends.append(find_interval_of_ranked_median(errors, of_scene) or (0.0, np.inf))
         if earlier:
             order = np.argsort(errors)
             up_to = np.cumsum(scenes * _draw(scenes, random)[:, of_scene[order]], axis=1)
@@ -171,7 +173,7 @@ def simulate_times(scenes: int, trials: int, *, earlier: bool, law: str) -> Iter
     random = make_generator("interval_coverage", "time", law, scenes)
     sd, noise = TIMES[law], random.standard_normal((trials, scenes))
     values = 0.15 * np.exp(sd * noise - sd**2 / 2) if sd else 0.15 + 0.02 * noise
-    yield _cover(law, np.array([find_mean_interval(own) for own in values]), 0.15)
+    yield _cover(law, np.array([find_interval_of_ranked_mean(own) for own in values]), 0.15)
     if earlier:
         yield _cover("bootstrap", _bootstrap(values, random), 0.15)
 

@@ -17,12 +17,12 @@ from scipy.stats import kendalltau
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import read_method_list
-from saf_gen.benchmark.records import Record, format_records, read_records
+from saf_gen.benchmark.records import Record, format_benchmark_records, read_records
 from saf_gen.core.files import write_text_atomically
-from saf_gen.core.shipped import find_recipe
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
+from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.leaderboard import rank_methods
 
 SENSORS = "vidar_400x250", "vidar_400x250_noisy"
@@ -39,7 +39,7 @@ def record_and_judge(recipe: str, sensor: str, *, folder: Path, methods: Sequenc
         written = folder / f"{Path(sensor).stem}.yaml"
         written.write_text(json.dumps(data, indent=1))
         generate(resolve_recipe(written), folder / "dataset")
-        write_text_atomically(kept, format_records(evaluate(folder / "dataset", methods=methods).records))
+        write_text_atomically(kept, format_benchmark_records(evaluate(folder / "dataset", methods=methods).records))
     return read_records(kept)
 
 

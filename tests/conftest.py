@@ -11,7 +11,7 @@ from saf_gen.cli import main
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.execution import run_jobs
 from saf_gen.generate import run
-from saf_gen.scene.trusted_folders import register_folder
+from saf_gen.scene.trusted_folders import register_scene_folder
 
 WORKERS = 8
 """Processes that a whole run of the tests is spread over, at most; each holds about a gigabyte."""
@@ -72,7 +72,7 @@ def test_scenes(monkeypatch):
 def own_folder(tmp_path, monkeypatch):
     """A working directory with nothing in it, whose scenes/ is registered."""
     monkeypatch.chdir(tmp_path)
-    register_folder(tmp_path / "scenes")
+    register_scene_folder(tmp_path / "scenes")
     return tmp_path
 
 

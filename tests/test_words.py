@@ -61,3 +61,42 @@ def test_the_names_that_the_glossary_explains_are_in_the_package():
     explained = set(re.findall(r"\*\*(\w+)\*\*", table))
     assert len(explained) > 40
     assert explained <= defined
+
+
+def words_of_layers():
+    """The words that CONTRIBUTING's table gives each layer, the upper layers first."""
+    table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("| layer |")[1].split("\n\n")[0]
+    words = {}
+    for row in table.splitlines()[2:]:
+        layers, _, listed = (cell.strip() for cell in row.strip("|").split("|"))
+        of_each = listed.split(";") if ";" in listed else [listed]
+        for layer, some in zip(re.findall(r"`(\w+)`", layers), of_each, strict=True):
+            words[layer] = [word.strip() for word in some.split(",") if word.strip()]
+    return words
+
+
+def public_functions():
+    """Layer and name of each public function at the top of a module; a scene's own files are none."""
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE).parts
+        if not {"templates", "library"} & set(parts):
+            for node in ast.parse(path.read_text()).body:
+                if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                    yield parts[0].removesuffix(".py"), node.name
+
+
+def layer_by_name(name, words):
+    """The uppermost layer of which a word is in the name, alone or in the plural; core has the rest."""
+    for layer, own in words.items():
+        if any(re.search(f"_{word}s?_", f"_{name}_") for word in own):
+            return layer
+    return "core"
+
+
+def test_a_function_is_found_in_the_layer_whose_words_its_name_carries():
+    """Names that others rely on, such as those of saf_gen.errors, may be exceptions: one in twenty."""
+    words = words_of_layers()
+    functions = list(public_functions())
+    astray = sorted((layer, name) for layer, name in functions if layer_by_name(name, words) != layer)
+    assert len(functions) > 600
+    assert len(astray) <= len(functions) / 20, astray

@@ -42,7 +42,7 @@ from planted_sweeps import list_streams, write_sweep  # noqa: E402
 from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402
 
 from saf_gen.benchmark import kept_sequences  # noqa: E402
-from saf_gen.benchmark.records import read_records, record_to_json  # noqa: E402
+from saf_gen.benchmark.records import benchmark_record_to_json, read_records  # noqa: E402
 from saf_gen.benchmark.tuned_method import read_tuned_method  # noqa: E402
 from saf_gen.cli import main  # noqa: E402
 from saf_gen.errors import BadInput  # noqa: E402
@@ -109,7 +109,7 @@ def state_of_stream(path: Path) -> Any:
 
 def state_of_records(folder: Path) -> Any:
     """The records but for the seconds that they took."""
-    return [{k: v for k, v in record_to_json(r).items() if k not in TIMED} for r in read_records(folder)]
+    return [{k: v for k, v in benchmark_record_to_json(r).items() if k not in TIMED} for r in read_records(folder)]
 
 
 def state_of_dataset(folder: Path) -> Any:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from saf_gen.authoring.preview import save_preview_image_grid
-from saf_gen.authoring.preview.scene_sheet import render_small_images
+from saf_gen.authoring.preview.scene_sheet import render_preview_images
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import config_range_extremes, is_config_range
-from saf_gen.core.display_tone import encode_gamma, find_white_level
+from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
 from saf_gen.core.files import write_text_atomically
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
@@ -37,7 +37,7 @@ saf-gen scenes gallery
 """
 
 
-def write_gallery(
+def write_scene_gallery(
     scenes: Sequence[Scene],
     sensor: Sensor,
     *,
@@ -83,12 +83,12 @@ class _View:
         best = float(np.clip(np.nan_to_num(truth, nan=0.5), 0, 1))
         samples = SLOW_SAMPLES if renderer.is_slow else SAMPLES
         images = [renderer.render_picture(p, samples=samples) for p in (0.0, best, 1.0)]
-        white = find_white_level(images[1])
-        rows = [[encode_gamma(image, white) for image in images]]
+        white = find_display_white_level(images[1])
+        rows = [[apply_display_gamma(image, white) for image in images]]
         samples = SLOW_SAMPLES if renderer.is_slow else SMALL_SAMPLES
-        small = [image for _, image in render_small_images(renderer, best, samples=samples, count=SMALL_IMAGES)]
+        small = [image for _, image in render_preview_images(renderer, best, samples=samples, count=SMALL_IMAGES)]
         if small:
-            rows.append([encode_gamma(image, find_white_level(image)) for image in small])
+            rows.append([apply_display_gamma(image, find_display_white_level(image)) for image in small])
         return cls(rows, seen, truth)
 
 

@@ -30,7 +30,7 @@ class MeshPart:
     """Smallest and largest coordinates, float64 (2, 3), in units of the file."""
 
 
-def convert_mesh_file(path: Path) -> list[MeshPart]:
+def convert_mesh_for_new_scene(path: Path) -> list[MeshPart]:
     """Return the meshes of a glTF or STL file, placed as its scene places them.
 
     Raises BadInput where trimesh is missing, cannot read the file, or finds no face in it.

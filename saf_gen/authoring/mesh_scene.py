@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.authoring.mesh_files import CONVERTED_MESHES, MeshPart, convert_mesh_file
+from saf_gen.authoring.mesh_files import CONVERTED_MESHES, MeshPart, convert_mesh_for_new_scene
 from saf_gen.errors import BadInput
 
 MITSUBA_READS = (".obj", ".ply")
@@ -69,7 +69,7 @@ SURROUNDINGS = """\
 """
 
 
-def is_mesh_file(path: Path) -> bool:
+def is_mesh_for_new_scene(path: Path) -> bool:
     """Return whether a scene can be made round this file.
 
     Raises BadInput for a file of another program, which says how it becomes one that can be read.
@@ -85,7 +85,7 @@ def is_mesh_file(path: Path) -> bool:
     return suffix in (*MITSUBA_READS, *CONVERTED_MESHES)
 
 
-def compose_mesh_scene(path: Path, name: str) -> dict[str, bytes]:
+def compose_new_scene_of_mesh(path: Path, name: str) -> dict[str, bytes]:
     """Return the files of a scene round a mesh file, by their names.
 
     The mesh is scaled so that its largest side is SIZE_M, and its middle is the origin, 0.5 m before the lens. All its
@@ -113,11 +113,11 @@ def compose_mesh_scene(path: Path, name: str) -> dict[str, bytes]:
 
 def _read_parts(path: Path) -> Sequence[MeshPart]:
     if path.suffix.lower() in CONVERTED_MESHES:
-        return convert_mesh_file(path)
-    from saf_gen.render.mesh_extent import measure_mesh_extent  # loads Mitsuba
+        return convert_mesh_for_new_scene(path)
+    from saf_gen.render.mesh_extent import measure_mitsuba_mesh  # loads Mitsuba
 
     file = f"meshes/mesh{path.suffix.lower()}"
-    return [MeshPart("mesh", {file: path.read_bytes()}, file, "", (0.6, 0.6, 0.6), measure_mesh_extent(path))]
+    return [MeshPart("mesh", {file: path.read_bytes()}, file, "", (0.6, 0.6, 0.6), measure_mitsuba_mesh(path))]
 
 
 def _format_shape(part: MeshPart, *, scale: float, middle: np.ndarray) -> str:

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saf_gen.camera import Sensor
-from saf_gen.core.region import Region, target_bounding_box
+from saf_gen.core.region import Region, mask_bounding_box
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.stack.focal_stack import FocalStack
-from saf_gen.stack.grain import Grain, GrainFigure, correlate_grain, estimate_grain
+from saf_gen.stack.grain import Grain, GrainFigure, correlate_stack_grain, estimate_stack_grain
 from saf_gen.stack.time_resolved import SHADING_MOMENTS
 
 BEST_FOCUS, AWAY = "best focus", "a quarter away"
@@ -34,25 +34,25 @@ class PlaceGrain:
     target: Grain
 
 
-def list_grain_places(true_focus: float) -> dict[str, float]:
+def list_scene_grain_places(true_focus: float) -> dict[str, float]:
     """Return the positions (0 to 1) at which grain is measured, by name."""
     away = true_focus + QUARTER if true_focus < 0.5 else true_focus - QUARTER
     return {BEST_FOCUS: true_focus, AWAY: away, "position 0": 0.0, "position 1": 1.0}
 
 
-def crop_sensor_to_target(sensor: Sensor, target: np.ndarray) -> Sensor:
+def crop_sensor_for_scene_grain(sensor: Sensor, target: np.ndarray) -> Sensor:
     """Return the sensor without the border that a target, bool (row, col), leaves free on both sides alike.
 
     The optical axis stays in its middle, so that each pixel that is left sees what it saw.
     """
-    rows, columns = target_bounding_box(target)
+    rows, columns = mask_bounding_box(target)
     kept = []
     for span, size in ((rows, sensor.rows), (columns, sensor.columns)):
         kept.append(size - 2 * min(span.start, size - span.stop))
     return replace(sensor, rows=kept[0], columns=kept[1])
 
 
-def measure_still_grain(
+def measure_still_scene_grain(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
@@ -66,7 +66,7 @@ def measure_still_grain(
     Raises BadInput for a scene that cannot be rendered.
     """
     planes = {name: round(position * (positions - 1)) for name, position in places.items()}
-    box, kept = target_bounding_box(seen.target), []
+    box, kept = mask_bounding_box(seen.target), []
     for run in (1, 2):
         progress((run - 1) / 2)
         stack = renderer.render_stack(seen, positions=positions, samples=samples, run=run)
@@ -77,7 +77,7 @@ def measure_still_grain(
     }
 
 
-def measure_slice_grain(
+def measure_scene_grain_of_slices(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
@@ -95,10 +95,10 @@ def measure_slice_grain(
 
     Raises BadInput for a scene that cannot be rendered.
     """
-    box, found = target_bounding_box(seen.target), {}
+    box, found = mask_bounding_box(seen.target), {}
     for done, (name, position) in enumerate(places.items()):
         progress(done / len(places))
-        one, other = render_slice_pair(
+        one, other = _render_slice_pair(
             renderer, seen, position=position, positions=positions, samples=samples, time_s=time_s, step_s=step_s
         )
         found[name] = _compare(one[box], other[box], position=position, mask=seen.target[box])
@@ -106,7 +106,7 @@ def measure_slice_grain(
     return found
 
 
-def measure_slice_correlation(
+def correlate_scene_grain_of_slices(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
@@ -121,20 +121,20 @@ def measure_slice_correlation(
 
     The pixels are those of the target's box at ``time_s``. Raises BadInput for a scene that cannot be rendered.
     """
-    box = target_bounding_box(seen.target)
+    box = mask_bounding_box(seen.target)
 
     def render_box(at_s: float) -> tuple[np.ndarray, np.ndarray]:
-        pair = render_slice_pair(
+        pair = _render_slice_pair(
             renderer, seen, position=position, positions=positions, samples=samples, time_s=at_s, step_s=step_s
         )
         return pair[0][box], pair[1][box]
 
     earlier = render_box(time_s)
     for step in steps:
-        yield step, correlate_grain(earlier, render_box(time_s + step * step_s))
+        yield step, correlate_stack_grain(earlier, render_box(time_s + step * step_s))
 
 
-def render_slice_pair(
+def _render_slice_pair(
     renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
@@ -171,4 +171,4 @@ def _mix_box(stack: FocalStack, plane: int, *, box: Region) -> np.ndarray:
 
 
 def _compare(first: np.ndarray, second: np.ndarray, *, position: float, mask: np.ndarray) -> PlaceGrain:
-    return PlaceGrain(position, estimate_grain(first, second), estimate_grain(first, second, mask=mask))
+    return PlaceGrain(position, estimate_stack_grain(first, second), estimate_stack_grain(first, second, mask=mask))

@@ -8,8 +8,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from saf_gen.authoring.mesh_scene import compose_mesh_scene, is_mesh_file
-from saf_gen.core.files import rename_durably, temporary_folder, unwritable_error
+from saf_gen.authoring.mesh_scene import compose_new_scene_of_mesh, is_mesh_for_new_scene
+from saf_gen.core.files import rename_durably, temporary_folder, unwritable_file_error
 from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import load_scene_folder, scene_names
 from saf_gen.scene.xml import SceneXml, read_scene_xml
@@ -29,7 +29,7 @@ State here for each mesh and texture who made it, where it is from, its licence,
 NOT_TEXT = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML reads these otherwise
 
 
-def create_scene(name: str, root: Path, *, kind: str = "script") -> list[Path]:
+def create_scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[Path]:
     """Write a template to ``root/name``, with a geometry of this kind (scene.py or scene.xml).
 
     Returns the files. Raises BadInput for a name that no scene can have, and for one that is taken.
@@ -49,7 +49,7 @@ def create_scene(name: str, root: Path, *, kind: str = "script") -> list[Path]:
     return written
 
 
-def import_exported_scene(exported: Path, name: str, *, root: Path) -> list[Path]:
+def create_scene_from_export(exported: Path, name: str, *, root: Path) -> list[Path]:
     """Copy an exported scene and the files it names to ``root/name``, and write its card; place a mesh before the lens.
 
     Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
@@ -58,8 +58,8 @@ def import_exported_scene(exported: Path, name: str, *, root: Path) -> list[Path
     Returns the files. Raises BadInput as reading the scene does, for a scene without a camera, a lamp or a
     shape in the middle, and for a camera that no card can have. Nothing is left behind then.
     """
-    if is_mesh_file(exported):
-        files = compose_mesh_scene(exported, name)
+    if is_mesh_for_new_scene(exported):
+        files = compose_new_scene_of_mesh(exported, name)
         with _new_folder(name, root) as folder:
             for file, data in files.items():
                 (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -114,7 +114,7 @@ def _new_folder(name: str, root: Path) -> Iterator[Path]:
             yield hidden / name
             rename_durably(hidden / name, folder)
     except OSError as error:
-        raise unwritable_error(folder, error) from error
+        raise unwritable_file_error(folder, error) from error
     finally:
         if made_root:
             with suppress(OSError):  # it is not empty

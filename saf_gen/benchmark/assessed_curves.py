@@ -5,12 +5,12 @@ from math import isfinite, nan
 
 import numpy as np
 
-from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_focus_curve
-from saf_gen.benchmark.judgement import position_of_method_answer, truth_depth_of_focus
+from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality, assess_evaluated_curve
+from saf_gen.benchmark.judgement import judged_depth_of_focus, position_of_method_answer
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 
 
-def assess_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
+def assess_evaluated_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
     """Return the quality of every curve of these sweeps, in their order."""
     return [
         AssessedCurve(
@@ -20,7 +20,7 @@ def assess_curves(sweeps: Iterable[SweepSummary]) -> list[AssessedCurve]:
             sweep.scene,
             sweep.light,
             sweep.truth if isfinite(sweep.truth) else None,
-            truth_depth_of_focus(sweep.depth_of_focus),
+            judged_depth_of_focus(sweep.depth_of_focus),
             _assess(sweep, curve=curve),
         )
         for sweep in sweeps
@@ -37,9 +37,9 @@ def _assess(sweep: SweepSummary, *, curve: FocusCurve) -> CurveQuality | None:
         is_known = isfinite(truth) and np.isfinite(sweep.track).all()
         peak_frame = float(curve.frames[curve.scores.argmax()])
         truth = position_of_method_answer(peak_frame, sweep.track) if is_known else nan
-    return assess_focus_curve(
+    return assess_evaluated_curve(
         np.interp(curve.frames, np.arange(len(lens)), lens),
         curve.scores,
         truth=truth if isfinite(truth) else None,
-        depth=truth_depth_of_focus(sweep.depth_of_focus),
+        depth=judged_depth_of_focus(sweep.depth_of_focus),
     )

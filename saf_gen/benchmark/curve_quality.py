@@ -63,7 +63,7 @@ class AssessedCurve:
     quality: CurveQuality | None
 
 
-def assess_focus_curve(
+def assess_evaluated_curve(
     position: np.ndarray, scores: np.ndarray, *, truth: float | None = None, depth: float | None = None
 ) -> CurveQuality | None:
     """Return the quality of a focus curve: scores (B,) over the lens positions (B,) of their blocks.

@@ -15,27 +15,27 @@ import numpy as np
 
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS
-from saf_gen.benchmark.plugin_description import describe_methods
+from saf_gen.benchmark.plugin_description import describe_plugins_of_methods
 from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
 from saf_gen.benchmark.sequence_evaluation import (
     EvaluateJob,
     MethodGroups,
     NamedMethods,
     evaluate_sequence,
-    group_by_region,
+    group_methods_by_region,
     parse_methods,
 )
-from saf_gen.benchmark.thumbnails import select_sequences_to_show
+from saf_gen.benchmark.thumbnails import select_evaluated_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_method_predictions
-from saf_gen.benchmark.tracks.recorded_track import check_no_lens_commands
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequence_tasks
+from saf_gen.benchmark.tracks.recorded_track import check_method_leaves_lens
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences_to_evaluate
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.parts import Measure
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.measure_input import choose_method_region
+from saf_gen.stream.measure_input import choose_stream_region
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 if TYPE_CHECKING:
@@ -103,10 +103,10 @@ def evaluate(
         methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
     chosen = parse_methods(methods)
     if protocol is None:
-        check_no_lens_commands(list(chosen.values()))
-    groups = group_by_region(chosen, region)
+        check_method_leaves_lens(list(chosen.values()))
+    groups = group_methods_by_region(chosen, region)
     count = sum(len(group) for group in groups.values())
-    tasks = list_sequence_tasks(path, split=split, scene_motion=scene_motion)
+    tasks = list_sequences_to_evaluate(path, split=split, scene_motion=scene_motion)
     prediction_set = None
     if predictions is not None:
         if protocol is not None:
@@ -117,8 +117,8 @@ def evaluate(
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
         prediction_set.check_complete(tasks, beside=[method.name for group in groups.values() for method in group])
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
-    drawn: dict[int, Drawn] = dict.fromkeys(select_sequences_to_show(conditions, DRAWN_SEQUENCES), "sweep")
-    drawn |= dict.fromkeys(select_sequences_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
+    drawn: dict[int, Drawn] = dict.fromkeys(select_evaluated_to_show(conditions, DRAWN_SEQUENCES), "sweep")
+    drawn |= dict.fromkeys(select_evaluated_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
     kept = keep if keep is not None and path.is_dir() else KeptSequences()
     kept.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
     parts: dict[int, Evaluation] = {}
@@ -159,7 +159,7 @@ def evaluate(
         sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
-        plugins=describe_methods(chosen.values()),
+        plugins=describe_plugins_of_methods(chosen.values()),
         curves=tuple(curve for part in in_order for curve in part.curves),
     )
 
@@ -234,7 +234,7 @@ def _run_on_cluster(
         yield job.number, part, error
 
 
-def score_blocks(
+def score_evaluated_blocks(
     stream: SpikeStream, measure: str | Measure, *, window: int, region: str = "target"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the scores of consecutive blocks of frames; a shorter rest at the end is left out.
@@ -248,7 +248,7 @@ def score_blocks(
         raise BadInput(f"window {window}", allowed=f"1 to the stream's {frames} frames")
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    counts = WindowCounts(stream, choose_method_region(stream, region)[0])
+    counts = WindowCounts(stream, choose_stream_region(stream, region)[0])
     view = RecordingView(counts, get_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)
     return first, np.array([view.score(a, a + window) for a in first.tolist()])

@@ -51,15 +51,13 @@ def position_of_method_answer(frame: float, focus_position: np.ndarray) -> float
     return float(np.interp(frame, np.arange(len(focus_position)), focus_position))
 
 
-def truth_depth_of_focus(ends: tuple[float, float]) -> float | None:
+def judged_depth_of_focus(ends: tuple[float, float]) -> float | None:
     """Return the distance between the near and the far end, fraction of the travel; None unless above 0."""
     width = abs(ends[1] - ends[0])
     return width if math.isfinite(width) and width > 0 else None
 
 
-def find_nearest_focus_crossing(
-    frame: float | None, *, away: np.ndarray, truth_frame: float = math.nan
-) -> float | None:
+def find_judged_focus_crossing(frame: float | None, *, away: np.ndarray, truth_frame: float = math.nan) -> float | None:
     """Return the frame nearest to ``frame`` at which the lens crosses the truth; None for no crossing.
 
     ``away`` (T,) is the signed distance of the lens from the truth, in travels. A lens that comes back crosses the
@@ -76,7 +74,7 @@ def find_nearest_focus_crossing(
     return float(found[np.abs(found - frame).argmin()])
 
 
-def lens_travel_to_answer(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
+def lens_travel_to_method_answer(frames_seen: int, answer: float | None, *, focus_position: np.ndarray) -> float:
     """Return how far the lens moved, in travels: over the frames seen, and then back to the answer.
 
     A full sweep with the focus half way costs 1.5. An abstention (``answer`` None) costs the frames seen alone.
@@ -90,7 +88,7 @@ def lens_travel_to_answer(frames_seen: int, answer: float | None, *, focus_posit
     return travelled + abs(float(seen[-1]) - position_of_method_answer(answer, focus_position))
 
 
-def recorded_light_ratio(gain: np.ndarray | None) -> float | None:
+def light_ratio_for_record(gain: np.ndarray | None) -> float | None:
     """Return the brightest over the darkest gain of a light, 1 ... 1/MIN_GAIN_RATIO.
 
     ``gain`` is (T, G), for each readout and light; with several lights the largest of their ratios counts. A light that
@@ -106,7 +104,7 @@ def recorded_light_ratio(gain: np.ndarray | None) -> float | None:
     return float((brightest[on] / darkest[on]).max())
 
 
-def judge_answer(
+def judge_method_answer(
     frame: float | None,
     *,
     frames_seen: int,
@@ -148,17 +146,17 @@ def judge_answer(
         return Judgement(truth=_known(truth), truth_frame=_known(truth_frame))
     lens = np.asarray(focus_position, dtype=np.float64)
     away = lens - (truth if track is None else track)
-    crossing = find_nearest_focus_crossing(frame, away=away, truth_frame=truth_frame)
+    crossing = find_judged_focus_crossing(frame, away=away, truth_frame=truth_frame)
     position = None if frame is None else position_of_method_answer(frame, lens)
     known = Judgement(
         position=position,
         truth=_known(truth if frame is None or track is None else position_of_method_answer(frame, track)),
         truth_frame=crossing,
-        lens_travel=lens_travel_to_answer(frames_seen, frame, focus_position=lens),
+        lens_travel=lens_travel_to_method_answer(frames_seen, frame, focus_position=lens),
     )
     if known.truth is None:
         return known
-    dof = truth_depth_of_focus(ends)
+    dof = judged_depth_of_focus(ends)
     if frame is None or position is None:
         if dof is None:
             return known

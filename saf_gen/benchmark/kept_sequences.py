@@ -26,7 +26,7 @@ from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.core.files import write_atomically
-from saf_gen.core.user_folder import SIGNATURE_BYTES, is_signed, sign
+from saf_gen.core.user_folder import SIGNATURE_BYTES, is_signed_by_user, sign_as_user
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -131,7 +131,7 @@ def _write(folder: Path, results: Mapping[str, Evaluation]) -> None:
     held = BytesIO()
     np.savez(held, allow_pickle=False, **arrays)
     data = held.getvalue()
-    signature = sign(data)
+    signature = sign_as_user(data)
     if signature is not None:
         with write_atomically(folder / f"{min(results)[:32]}.npz") as part:
             part.write_bytes(signature + data)
@@ -144,7 +144,7 @@ def _read(path: Path) -> dict[str, Evaluation]:
     except OSError:
         return {}
     signature, data = held[:SIGNATURE_BYTES], held[SIGNATURE_BYTES:]
-    if not is_signed(data, signature):
+    if not is_signed_by_user(data, signature):
         return {}
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
         document = json.loads(arrays["document"].tobytes())

@@ -13,8 +13,8 @@ from typing import Any
 
 from saf_gen.benchmark.tuned_method import read_tuned_method
 from saf_gen.core.config.document import read_text
-from saf_gen.core.config.registry import refuse_code
-from saf_gen.core.config.source_digest import plugin_source_digests
+from saf_gen.core.config.registry import refuse_code_named_in_file
+from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import Measure, Search, wants_measures
@@ -106,7 +106,7 @@ def parse_method(spec: str) -> Method:
         if tuned.method.startswith("@"):
             raise BadInput(f"{spec[1:]} names {tuned.method!r}", allowed="MEASURE+SEARCH in a tuned file")
         method = f"{split_method_region(tuned.method)[0]}@{region}" if region else tuned.method
-        with refuse_code(path):
+        with refuse_code_named_in_file(path):
             return replace(parse_method(method), tuning=digest)
     text, region = split_method_region("".join(spec.split()))
     halves = text.split("+")
@@ -183,7 +183,7 @@ def _digest_code(plugins: Sequence[Measure | Search]) -> str:
     """
     written = [
         [repr(plugin) for plugin in plugins],
-        plugin_source_digests(type(nested) for plugin in plugins for nested in _find_nested(plugin)),
+        class_source_digests(type(nested) for plugin in plugins for nested in _find_nested(plugin)),
     ]
     return hashlib.sha256(json.dumps(written).encode()).hexdigest()[:12]
 
@@ -213,7 +213,7 @@ def read_method_list(path: Path) -> list[str]:
     for number, line in enumerate(text.splitlines(), 1):
         if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
             try:
-                with refuse_code(str(path)):
+                with refuse_code_named_in_file(str(path)):
                     parse_method(name)
             except BadInput as error:
                 raise BadInput(str(error), where=f"{path}:{number}") from error

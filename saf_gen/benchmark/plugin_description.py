@@ -12,8 +12,8 @@ from typing import Any
 
 from saf_gen.benchmark.method_spec import Method, parse_method, split_method_options, split_method_region
 from saf_gen.benchmark.records import Record
-from saf_gen.core.config.registry import build_plugin, is_own_plugin, plugin_class
-from saf_gen.core.config.source_digest import plugin_source_files
+from saf_gen.core.config.registry import build_plugin, is_own_registered_name, plugin_class
+from saf_gen.core.config.source_digest import class_source_files
 from saf_gen.errors import BadInput
 from saf_gen.parts import cite_source, commands, wants_halves, wants_intervals, wants_measures
 from saf_gen.plugins.measures import BrightnessNormalised, IntervalTexture
@@ -37,7 +37,7 @@ class PluginDescription:
     """Name and text of its file, and then of the private files beside it that this imports, as far as they are read."""
 
 
-def describe_plugin(name: str, plugin_kind: str, *, plug_in: Any) -> PluginDescription:
+def describe_plugin_of_method(name: str, plugin_kind: str, *, plug_in: Any) -> PluginDescription:
     """Return everything that a plug-in states about itself; ``name`` is its name as the user wrote it."""
     layers = [plug_in]
     while isinstance(layers[-1], BrightnessNormalised | IntervalTexture):
@@ -46,7 +46,7 @@ def describe_plugin(name: str, plugin_kind: str, *, plug_in: Any) -> PluginDescr
     return PluginDescription(name, plugin_kind, tuple(facts), _read_code(type(layers[-1])))
 
 
-def describe_methods(methods: Iterable[Method]) -> tuple[PluginDescription, ...]:
+def describe_plugins_of_methods(methods: Iterable[Method]) -> tuple[PluginDescription, ...]:
     """Return the measures of these methods, and then the searches, each with its options once."""
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
@@ -55,7 +55,7 @@ def describe_methods(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
             if (kind, half) in found:
                 continue
             try:
-                found[kind, half] = describe_plugin(half, kind, plug_in=plug_in)
+                found[kind, half] = describe_plugin_of_method(half, kind, plug_in=plug_in)
             except Exception as error:  # noqa: BLE001  (what anybody's plug-in states may raise anything)
                 problem = f"it cannot be described: {type(error).__name__}: {error}"
                 found[kind, half] = PluginDescription(half, kind, (("what", problem),), ())
@@ -68,7 +68,7 @@ def describe_recorded_methods(records: Iterable[Record]) -> tuple[PluginDescript
     methods = []
     for name, code in recorded.items():
         halves = [split_method_options(half)[0] for half in split_method_region(name)[0].split("+")]
-        if len(halves) != 2 or not all(map(is_own_plugin, ("measures", "searches"), halves)):
+        if len(halves) != 2 or not all(map(is_own_registered_name, ("measures", "searches"), halves)):
             continue
         try:
             method = parse_method(name)
@@ -76,10 +76,10 @@ def describe_recorded_methods(records: Iterable[Record]) -> tuple[PluginDescript
             continue
         if method.code == code:
             methods.append(method)
-    return describe_methods(methods)
+    return describe_plugins_of_methods(methods)
 
 
-def build_or_class(plugin_kind: str, name: str) -> Any:
+def build_method_plugin_or_class(plugin_kind: str, name: str) -> Any:
     """Return the plug-in ``name`` built without options, or its class where it needs some.
 
     Raises BadInput where it cannot be loaded.
@@ -90,7 +90,7 @@ def build_or_class(plugin_kind: str, name: str) -> Any:
         return plugin_class(plugin_kind, name)
 
 
-def format_plugin_attribute(plug_in: Any, key: str) -> str:
+def format_method_attribute(plug_in: Any, key: str) -> str:
     """Return what a plug-in, or its class, states as attribute ``key``; '-' if it states nothing."""
     try:
         value = getattr(plug_in, key, None)
@@ -103,19 +103,19 @@ def format_plugin_attribute(plug_in: Any, key: str) -> str:
     return UNKNOWN if value is None else str(value)
 
 
-def first_paragraph(plug_in: Any) -> str:
+def summarise_plugin_of_method(plug_in: Any) -> str:
     """Return the first paragraph of a plug-in's docstring on one line."""
     return " ".join((plug_in.__doc__ or "").split("\n\n")[0].split())
 
 
-def search_kind(plug_in: Any) -> str:
+def search_kind_of_method(plug_in: Any) -> str:
     """Return whether a search commands the lens or estimates, and whether it is causal."""
     if commands(plug_in):
         return "commands"
     return f"estimates{', causal' if getattr(plug_in, 'causal', None) is True else ''}"
 
 
-def measure_suffixes(measure: Any) -> Iterator[str]:
+def measure_suffixes_of_method(measure: Any) -> Iterator[str]:
     """Yield the suffixes of the forms that a measure has: ``_n``, ``_tfi`` and ``_n_tfi``."""
     whole = not (wants_halves(measure) or wants_intervals(measure))
     grows = isinstance(degree := getattr(measure, "degree", 0), int) and degree > 0
@@ -130,20 +130,20 @@ def measure_suffixes(measure: Any) -> Iterator[str]:
 def _state_facts(name: str, plugin_kind: str, *, layers: Sequence[Any]) -> Iterator[tuple[str, str]]:
     """Yield key and text of what a plug-in states; ``layers`` are its forms, from the outermost inwards."""
     plug_in, inner = layers[0], layers[-1]
-    yield "kind", "focus measure" if plugin_kind == "measures" else f"search, {search_kind(plug_in)}"
+    yield "kind", "focus measure" if plugin_kind == "measures" else f"search, {search_kind_of_method(plug_in)}"
     yield "what", "\n\n".join(_prose(type(layer)) for layer in reversed(layers))
     yield "options", "\n".join(_options(inner)) or "none"
     if plugin_kind == "measures":
         yield "input", _input(plug_in)
-        yield "range", format_plugin_attribute(plug_in, "score_range")
-        yield "degree", format_plugin_attribute(plug_in, "degree")
-        cost = format_plugin_attribute(plug_in, "cost")
+        yield "range", format_method_attribute(plug_in, "score_range")
+        yield "degree", format_method_attribute(plug_in, "degree")
+        cost = format_method_attribute(plug_in, "cost")
         yield ("cost", cost if cost == UNKNOWN else f"{cost} operations per pixel (additions, multiplications, roots)")
         if len(layers) == 1:
-            yield "forms", ", ".join(f"{name}{form}" for form in measure_suffixes(plug_in)) or "none"
+            yield "forms", ", ".join(f"{name}{form}" for form in measure_suffixes_of_method(plug_in)) or "none"
     elif wants_measures(plug_in):
         yield "also scores", ", ".join(wants_measures(plug_in))
-    stated = format_plugin_attribute(plug_in, "source")
+    stated = format_method_attribute(plug_in, "source")
     yield "source", cite_source(plug_in) or UNKNOWN if stated == UNKNOWN else stated
     if ":" not in name:  # otherwise the name contains it
         yield "class", f"{type(inner).__module__}:{type(inner).__qualname__}"
@@ -178,9 +178,9 @@ def _input(measure: Any) -> str:
 
 
 def _read_code(cls: type) -> tuple[tuple[str, str], ...]:
-    """Return name and text of each of plugin_source_files that can be read, up to MAX_CODE_CHARACTERS."""
+    """Return name and text of each of class_source_files that can be read, up to MAX_CODE_CHARACTERS."""
     found = []
-    for path in plugin_source_files(cls):
+    for path in class_source_files(cls):
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):

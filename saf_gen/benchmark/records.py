@@ -153,17 +153,17 @@ class Record:
     methods that look at the frame."""
 
 
-def record_to_json(record: Record) -> dict[str, Any]:
+def benchmark_record_to_json(record: Record) -> dict[str, Any]:
     """Return the record as plain JSON values: a number that is not finite is null, a tuple a list."""
     return {"format": RECORD_FORMAT, **{f.name: _to_plain(getattr(record, f.name)) for f in fields(record)}}
 
 
-def format_records(records: Iterable[Record]) -> str:
+def format_benchmark_records(records: Iterable[Record]) -> str:
     """Return the lines of a ``records.jsonl``, each with a checksum of its own."""
     return "".join(map(_format_line, records))
 
 
-def write_records(path: str | Path, records: Iterable[Record]) -> None:
+def write_benchmark_records(path: str | Path, records: Iterable[Record]) -> None:
     """Write a ``records.jsonl``, whole or not at all, without ever holding its text in memory.
 
     Raises BadInput where it cannot be written.
@@ -173,7 +173,7 @@ def write_records(path: str | Path, records: Iterable[Record]) -> None:
 
 
 def _format_line(record: Record) -> str:
-    return format_checked_json(record_to_json(record)) + "\n"
+    return format_checked_json(benchmark_record_to_json(record)) + "\n"
 
 
 def read_records(source: str | Path) -> list[Record]:
@@ -208,7 +208,7 @@ def read_records(source: str | Path) -> list[Record]:
     return records
 
 
-def pop_record_format(document: Document, expected: str, *, what: str, hint: str) -> None:
+def pop_benchmark_record_format(document: Document, expected: str, *, what: str, hint: str) -> None:
     """Remove the key ``format`` from a document; raise BadInput unless it says that this is a current ``what``."""
     data = document.data
     found = data.pop("format", "no format") if isinstance(data, dict) else data
@@ -224,7 +224,7 @@ def pop_record_format(document: Document, expected: str, *, what: str, hint: str
 def _parse_record(document: Document) -> Record:
     if isinstance(document.data, dict) and document.data.get("format") == EARLIER_FORMAT:
         document.data |= {"format": RECORD_FORMAT, **{key: document.data.get(key) for key in KEYS_SINCE_EARLIER}}
-    pop_record_format(document, RECORD_FORMAT, what="record", hint=HINT)
+    pop_benchmark_record_format(document, RECORD_FORMAT, what="record", hint=HINT)
     # Most texts stand in many records, and are then in memory once.
     document.data = {key: sys.intern(value) if type(value) is str else value for key, value in document.data.items()}
     record = validate_document(Record, document, hint=HINT)

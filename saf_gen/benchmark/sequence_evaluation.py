@@ -6,12 +6,12 @@ from contextlib import chdir
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
-from saf_gen.benchmark.assessed_curves import assess_curves
+from saf_gen.benchmark.assessed_curves import assess_evaluated_curves
 from saf_gen.benchmark.method_spec import Method, parse_method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Drawn, Evaluation, LensPath, SweepSummary
 from saf_gen.benchmark.tracks.predictions import PredictionSet
-from saf_gen.benchmark.tracks.recorded_track import run_recorded_sequence
+from saf_gen.benchmark.tracks.recorded_track import evaluate_recorded_sequence
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
 from saf_gen.core.execution import ReportProgress
 from saf_gen.core.region import REGIONS
@@ -24,7 +24,7 @@ MethodGroups = Mapping[str, Sequence[Method]]
 """Methods by the region that they look at; the evaluation's own region comes first, even if empty."""
 
 
-def group_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
+def group_methods_by_region(methods: Mapping[str, Method], region: str) -> dict[str, list[Method]]:
     """Return the methods that look at each region; raises BadInput for an unknown region."""
     if region not in (*REGIONS, "both"):
         raise unknown("region", region, allowed=(*REGIONS, "both"))
@@ -69,7 +69,7 @@ def evaluate_sequence(
             step(before + done, what)
 
         if protocol is None:
-            group_records, sweep = run_recorded_sequence(
+            group_records, sweep = evaluate_recorded_sequence(
                 task,
                 group,
                 region=region,
@@ -83,15 +83,15 @@ def evaluate_sequence(
             continue
         else:
             # Imported late, because it loads what reads OpenEXR files.
-            from saf_gen.benchmark.tracks.closed_loop_track import run_closed_loop_sequence
+            from saf_gen.benchmark.tracks.closed_loop_track import evaluate_closed_loop_sequence
 
-            group_records, group_paths = run_closed_loop_sequence(
+            group_records, group_paths = evaluate_closed_loop_sequence(
                 task, group, region=region, rate_region=usual, protocol=protocol, step=group_step
             )
             lens_paths += group_paths
         records += group_records
         before += len(group)
-    curves = tuple(assess_curves(sweeps))
+    curves = tuple(assess_evaluated_curves(sweeps))
     if not draw:
         sweeps, lens_paths = [], []
     return Evaluation(tuple(records), tuple(sweeps), (), tuple(lens_paths), curves=curves)
@@ -117,7 +117,7 @@ class NamedMethods:
     def find(self) -> dict[str, list[Method]]:
         """Return the methods; raises BadInput where one is missing here, or has other code."""
         with chdir(self.folder):
-            groups = group_by_region(parse_methods(self.specs), self.region)
+            groups = group_methods_by_region(parse_methods(self.specs), self.region)
         for (name, code), (_, found) in zip(self.codes, _codes(groups), strict=True):
             if code != found:
                 raise BadInput(f"method {name!r} has other code on a worker ({found}, not {code})")

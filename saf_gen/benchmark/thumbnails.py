@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saf_gen.core.region import Region
-from saf_gen.stream.interval_texture import texture_of_viewed_window
+from saf_gen.stream.interval_texture import texture_of_stream_window
 from saf_gen.stream.stream_file import SpikeStream
 
 THUMBNAIL_COUNT = 48
@@ -35,7 +35,7 @@ class Thumbnails:
     """Where measures look: top, left, bottom, right, as fractions of the picture."""
 
 
-def make_recording_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
+def make_evaluated_thumbnails(stream: SpikeStream, region: Region | None) -> Thumbnails:
     """Return THUMBNAIL_COUNT pictures of a recording, or one per frame where it has fewer frames.
 
     ``region`` is where measures look, None the whole frame; the part that is shown spike by spike lies round its
@@ -61,7 +61,7 @@ def make_recording_thumbnails(stream: SpikeStream, region: Region | None) -> Thu
     for first in firsts:
         middle = first + window // 2
         images.append(_bin_pixels(count(first, first + window), binning))
-        texture = texture_of_viewed_window(read, count, first=first, stop=first + window)
+        texture = texture_of_stream_window(read, count, first=first, stop=first + window)
         textures.append(_bin_pixels(texture.astype(np.float32), binning))
         spikes.append(stream.counts(middle, middle + 1, region=spikes_part).astype(np.uint8))
     return Thumbnails(
@@ -75,7 +75,7 @@ def make_recording_thumbnails(stream: SpikeStream, region: Region | None) -> Thu
     )
 
 
-def select_sequences_to_show(keys: Sequence[tuple[Hashable, Hashable]], most: int) -> list[int]:
+def select_evaluated_to_show(keys: Sequence[tuple[Hashable, Hashable]], most: int) -> list[int]:
     """Return which of (scene, condition) to show, as rising indices into ``keys``, at most ``most``.
 
     Of equal pairs the first counts. Scenes take turns, each beginning with another condition than the scene before, so

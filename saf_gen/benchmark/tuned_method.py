@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from pydantic import ConfigDict
 
-from saf_gen.benchmark.records import Count, Number, pop_record_format
+from saf_gen.benchmark.records import Count, Number, pop_benchmark_record_format
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 
@@ -62,6 +62,6 @@ def read_tuned_method(path: str | Path) -> tuple[TunedMethod, str]:
     """
     path = Path(path)
     document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
-    pop_record_format(document, FORMAT, what="tuned method", hint=HINT)
+    pop_benchmark_record_format(document, FORMAT, what="tuned method", hint=HINT)
     tuned = validate_document(TunedMethod, document, hint=HINT)
     return tuned, hashlib.sha256(path.read_bytes()).hexdigest()[:12]

@@ -7,9 +7,20 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from saf_gen.calibration.pattern_statistics import BANDS, DEGREES, PatternStatistics, measure_dark, measure_pattern
+from saf_gen.calibration.pattern_statistics import (
+    BANDS,
+    DEGREES,
+    PatternStatistics,
+    measure_dark_statistics,
+    measure_pattern_statistics,
+)
 from saf_gen.calibration.recordings import BLOCK_FRAMES, EncodedRecording, Recording
-from saf_gen.calibration.spike_statistics import SpikeStatistics, flat_areas, measure_spikes, rms_between_halves
+from saf_gen.calibration.spike_statistics import (
+    SpikeStatistics,
+    flat_areas_for_statistics,
+    measure_spike_statistics,
+    rms_statistic_between_halves,
+)
 from saf_gen.camera import Sensor, encoder_knot_weights
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput
@@ -65,7 +76,7 @@ class ComparedStatistic:
         return f"{value:.3g}" if self.key.split(".")[1] not in _PERCENT else f"{100 * value:.3g} %"
 
 
-def compare_statistics(columns: list[Figures]) -> list[ComparedStatistic]:
+def compare_recording_statistics(columns: list[Figures]) -> list[ComparedStatistic]:
     """Return the statistics of all columns side by side, in the order in which they first appear."""
     keys = list(dict.fromkeys(key for column in columns for key in column))
     values = {key: tuple(column.get(key, float("nan")) for column in columns) for key in keys}
@@ -88,18 +99,18 @@ def _describe(key: str) -> str:
     return f"{group}: {words}"
 
 
-def time_figures(statistics: SpikeStatistics, group: str) -> Figures:
+def _time_figures(statistics: SpikeStatistics, group: str) -> Figures:
     """Return the statistics in time of a recording."""
     return {
         f"{group}.rate": statistics.mean_rate,
         f"{group}.cv2": statistics.cv2,
-        f"{group}.halves_rms": rms_between_halves(statistics),
+        f"{group}.halves_rms": rms_statistic_between_halves(statistics),
         f"{group}.interval_change": statistics.interval_change,
         **{f"{group}.fano_{window}": value for window, value in statistics.fano.items()},
     }
 
 
-def pattern_figures(statistics: PatternStatistics) -> Figures:
+def _pattern_figures(statistics: PatternStatistics) -> Figures:
     """Return the statistics of a response map."""
     found: Figures = {}
     for field in fields(statistics):
@@ -119,7 +130,7 @@ def _list_figures(key: str, values: tuple[float, ...]) -> Figures:
     return {f"{stem}_{kind}_{end:g}": float(value) for end, value in zip(ends, values, strict=True)}
 
 
-def sensor_figures(
+def sensor_statistics(
     sensor: Sensor,
     *,
     shape: tuple[int, int] | None = None,
@@ -142,24 +153,24 @@ def sensor_figures(
     size = shape or (sensor.rows, sensor.columns)
 
     def measure(what: str, recording: Recording) -> SpikeStatistics:
-        return measure_spikes(recording, report=None if report is None else lambda done: report(what, done))
+        return measure_spike_statistics(recording, report=None if report is None else lambda done: report(what, done))
 
-    light = mean_light(sensor, rate)
+    light = mean_light_for_statistics(sensor, rate)
     even = np.full((1, *size), light, np.float32)
     flat = measure("flat field", EncodedRecording("flat", sensor, even, frames=FLAT_FRAMES, seed=seed, before=_SETTLE))
-    found, response = time_figures(flat, "flat"), flat.rates
+    found, response = _time_figures(flat, "flat"), flat.rates
     if sensor.mean_dark_e > 0:
         dark = measure("dark", EncodedRecording("dark", sensor, 0 * even, frames=DARK_FRAMES, seed=seed)).rates
-        found |= {f"dark.{key}": value for key, value in vars(measure_dark(dark)).items()}
+        found |= {f"dark.{key}": value for key, value in vars(measure_dark_statistics(dark)).items()}
         response = response - dark
-    found |= pattern_figures(measure_pattern(response))
+    found |= _pattern_figures(measure_pattern_statistics(response))
     moving = EncodedRecording(
-        "moving", sensor, light * moving_bars(size), frames=FLAT_FRAMES, seed=seed, knots=_knots_along(FLAT_FRAMES)
+        "moving", sensor, light * _moving_bars(size), frames=FLAT_FRAMES, seed=seed, knots=_knots_along(FLAT_FRAMES)
     )
-    return found | time_figures(measure("moving light", moving), "moving")
+    return found | _time_figures(measure("moving light", moving), "moving")
 
 
-def mean_light(sensor: Sensor, rate: float) -> float:
+def mean_light_for_statistics(sensor: Sensor, rate: float) -> float:
     """Return the photo-electrons per readout that make a sensor fire at a mean rate, dark charge taken off.
 
     Raises BadInput for a rate that the sensor's law does not reach, or below its dark rate.
@@ -174,7 +185,7 @@ def mean_light(sensor: Sensor, rate: float) -> float:
     return light
 
 
-def moving_bars(size: tuple[int, int]) -> np.ndarray:
+def _moving_bars(size: tuple[int, int]) -> np.ndarray:
     """Return soft vertical bars of light, mean 1, float32 (knots, H, W), that move by one period."""
     phase = np.arange(size[1])[None] / _BARS - np.linspace(0, 1, _KNOTS)[:, None]
     bars = 1 + 0.5 * np.sin(2 * np.pi * phase)
@@ -185,18 +196,18 @@ def _knots_along(frames: int, knots: int = _KNOTS) -> Callable[[np.ndarray], tup
     return lambda readout: encoder_knot_weights(2 * (readout + 0.5) / frames % 1, knots)
 
 
-def recording_figures(recording: Recording, *, report: Report | None = None) -> Figures:
+def recording_statistics(recording: Recording, *, report: Report | None = None) -> Figures:
     """Return the statistics of a recording of anything: those in time, and the spread against the neighbourhood."""
     name = recording.name
-    found = measure_spikes(recording, report=None if report is None else lambda done: report(name, done))
+    found = measure_spike_statistics(recording, report=None if report is None else lambda done: report(name, done))
     rates = np.where(np.isfinite(found.rates), found.rates, 0.0)
     smooth = gaussian_filter(rates, 2.0)
-    flat = flat_areas(found.rates) & (smooth > 0)
+    flat = flat_areas_for_statistics(found.rates) & (smooth > 0)
     spread = float(np.std(rates[flat] / smooth[flat])) if flat.any() else float("nan")
-    return time_figures(found, "recording") | {"recording.highpass_rms": spread}
+    return _time_figures(found, "recording") | {"recording.highpass_rms": spread}
 
 
-def encode_again(recording: Recording, sensor: Sensor, *, seed: int = 1) -> EncodedRecording:
+def encode_again_for_statistics(recording: Recording, sensor: Sensor, *, seed: int = 1) -> EncodedRecording:
     """Return a recording by a sensor of the light that another recording shows, smoothed.
 
     Rates in up to 32 windows of time, of at least 48 readouts, are smoothed by 2 pixels and by 1 window (standard
@@ -224,7 +235,7 @@ def encode_again(recording: Recording, sensor: Sensor, *, seed: int = 1) -> Enco
     return EncodedRecording(f"{sensor.name}", sensor, charge, frames=frames, seed=seed, knots=knots, before=_SETTLE)
 
 
-def published_figures() -> tuple[Figures, dict[str, str]]:
+def published_sensor_statistics() -> tuple[Figures, dict[str, str]]:
     """Return what is published of real cameras: statistics by key, and the source of each group of keys."""
     data = read_yaml(Path(__file__).with_name("published.yaml")).data
     found: Figures = {}
@@ -234,15 +245,17 @@ def published_figures() -> tuple[Figures, dict[str, str]]:
     return found, {name: part["source"] for name, part in data.items()}
 
 
-def figures_as_published(sensor: Sensor, *, seed: int = 1, report: Report | None = None) -> Figures:
-    """Return the statistics of a sensor that :func:`published_figures` has, taken as those were.
+def sensor_statistics_as_published(sensor: Sensor, *, seed: int = 1, report: Report | None = None) -> Figures:
+    """Return the statistics of a sensor that :func:`published_sensor_statistics` has, taken as those were.
 
     The stream is 200 readouts of 250 × 250 pixels at a mean rate of 0.031, of light that rises evenly along the rows
     from half its mean to one and a half times it, and stands still.
     """
     frames, *size = STREAM_SHAPE
-    ramp = np.broadcast_to(np.linspace(0.5, 1.5, size[1]), (1, *size)) * mean_light(sensor, STREAM_RATE)
+    ramp = np.broadcast_to(np.linspace(0.5, 1.5, size[1]), (1, *size)) * mean_light_for_statistics(sensor, STREAM_RATE)
     stream = EncodedRecording("stream", sensor, ramp.astype(np.float32), frames=frames, seed=seed, before=BLOCK_FRAMES)
-    found = sensor_figures(sensor, seed=seed, report=report) | time_figures(measure_spikes(stream), "stream")
-    wanted, _ = published_figures()
+    found = sensor_statistics(sensor, seed=seed, report=report) | _time_figures(
+        measure_spike_statistics(stream), "stream"
+    )
+    wanted, _ = published_sensor_statistics()
     return {key: found[key] for key in wanted if key in found}

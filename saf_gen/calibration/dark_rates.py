@@ -18,7 +18,7 @@ from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from saf_gen.calibration.estimates import Estimate, normal_estimate
+from saf_gen.calibration.estimates import Estimate, normal_estimate_of_fit
 from saf_gen.errors import BadInput
 
 _LEAST_SPIKES = 2.0
@@ -41,7 +41,7 @@ class DarkFit:
     silent: float
 
 
-def count_probabilities_of_dark(
+def dark_probabilities_to_fit(
     counts: np.ndarray, *, median: float, log_sd: float, extra: float, factor: float, exponent: float
 ) -> np.ndarray:
     """Return the probability of each of some counts.
@@ -68,7 +68,7 @@ def count_probabilities_of_dark(
     return shortfall(n + 1) - 2 * shortfall(n) + shortfall(n - 1)
 
 
-def fit_dark(counts: np.ndarray, frames: int, *, factor: float, exponent: float, where: str = "") -> DarkFit:
+def fit_dark_recording(counts: np.ndarray, frames: int, *, factor: float, exponent: float, where: str = "") -> DarkFit:
     """Return the dark of a chip from the counts of its pixels over ``frames`` readouts without light.
 
     Parameters
@@ -110,7 +110,7 @@ def fit_dark(counts: np.ndarray, frames: int, *, factor: float, exponent: float,
         }
 
     def loss(unknown: np.ndarray) -> float:
-        p = count_probabilities_of_dark(seen, **unpack(unknown))
+        p = dark_probabilities_to_fit(seen, **unpack(unknown))
         return -float(number @ np.log(np.maximum(p, 1e-300)))
 
     fit = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 4000})
@@ -131,11 +131,11 @@ def fit_dark(counts: np.ndarray, frames: int, *, factor: float, exponent: float,
 
     how = "likelihood of the counts in the dark, pixels that never fired included"
     found = hot_fraction(here)
-    tail = normal_estimate(here["exponent"], delta(lambda p: p["exponent"]), how=how, least=1)
+    tail = normal_estimate_of_fit(here["exponent"], delta(lambda p: p["exponent"]), how=how, least=1)
     low, high = _binomial_interval(round(found * counts.size), counts.size)
     return DarkFit(
-        rate=normal_estimate(rate(here), delta(rate), how=how, least=0),
-        log_sd=normal_estimate(here["log_sd"], delta(lambda p: p["log_sd"]), how=how, least=0),
+        rate=normal_estimate_of_fit(rate(here), delta(rate), how=how, least=0),
+        log_sd=normal_estimate_of_fit(here["log_sd"], delta(lambda p: p["log_sd"]), how=how, least=0),
         hot_fraction=Estimate(found, low, high, how),
         hot_exponent=tail if many else None,
         median=here["median"] / frames,

@@ -7,7 +7,7 @@ from math import floor, isfinite, log10
 from pathlib import Path
 
 from saf_gen.calibration.estimates import Estimate
-from saf_gen.calibration.fit_plots import FitPlot, draw_fit_plots
+from saf_gen.calibration.fit_plots import FitPlot, draw_sensor_fit_plots
 from saf_gen.calibration.fit_sensor import SensorFit
 from saf_gen.core.files import write_text_atomically
 
@@ -41,20 +41,20 @@ figcaption {{ font-size: 0.85rem; color: #6b7280 }} svg {{ width: 100%; height: 
 """
 
 
-def write_fit(fit: SensorFit, folder: Path) -> list[Path]:
+def write_sensor_fit(fit: SensorFit, folder: Path) -> list[Path]:
     """Write NAME.yaml, NAME.json and NAME.html into a folder, and return their paths; NAME is the sensor's."""
     stem = folder / fit.sensor.name
     texts = {
-        stem.with_suffix(".yaml"): format_fitted_sensor(fit),
-        stem.with_suffix(".json"): format_fit_json(fit),
-        stem.with_suffix(".html"): format_fit_page(fit, draw_fit_plots(fit)),
+        stem.with_suffix(".yaml"): _format_fitted_sensor(fit),
+        stem.with_suffix(".json"): _format_fit_json(fit),
+        stem.with_suffix(".html"): _format_fit_page(fit, draw_sensor_fit_plots(fit)),
     }
     for path, text in texts.items():
         write_text_atomically(path, text)
     return list(texts)
 
 
-def format_number(value: float, like: float | None = None) -> str:
+def format_fitted_number(value: float, like: float | None = None) -> str:
     """Return a number with the digits that a width of ``like`` leaves of it, three where there is none."""
     if value == 0 or not isfinite(value):
         return "0" if value == 0 else str(value)
@@ -65,27 +65,27 @@ def format_number(value: float, like: float | None = None) -> str:
     return f"{float(text):.0f}" if "e+" in text else text
 
 
-def format_interval(estimate: Estimate) -> str:
+def format_fitted_interval(estimate: Estimate) -> str:
     """Return the ends of an interval as text."""
     width = estimate.high - estimate.low
     if width == 0:
-        return "–" if not estimate.measured else format_number(estimate.value)
+        return "–" if not estimate.measured else format_fitted_number(estimate.value)
     if not isfinite(estimate.high):
-        return f"at least {format_number(estimate.low)}"
+        return f"at least {format_fitted_number(estimate.low)}"
     if estimate.low <= 0:
-        return f"at most {format_number(estimate.high)}"
-    return f"{format_number(estimate.low, width)} to {format_number(estimate.high, width)}"
+        return f"at most {format_fitted_number(estimate.high)}"
+    return f"{format_fitted_number(estimate.low, width)} to {format_fitted_number(estimate.high, width)}"
 
 
 def _yaml_number(value: float, estimate: Estimate | None) -> str:
     """Return a number as YAML reads it: 1e-5 without a point would be text."""
     wide = None if estimate is None or not estimate.measured else estimate.high - estimate.low
-    text = format_number(float(value), wide)
+    text = format_fitted_number(float(value), wide)
     mantissa, mark, exponent = text.partition("e")
     return text if not mark or "." in mantissa else f"{mantissa}.0e{exponent}"
 
 
-def format_fitted_sensor(fit: SensorFit) -> str:
+def _format_fitted_sensor(fit: SensorFit) -> str:
     """Return the fitted sensor as a sensor file, an interval of 95 % beside each number that was measured."""
     recordings = ", ".join(f"{name} ({level:.3g} spikes per readout)" for name, level in fit.levels.items())
     lines = [
@@ -118,10 +118,10 @@ def _describe(key: str, estimate: Estimate | None) -> str:
         return "that of the recordings" if key == "readout_hz" else "assumed"
     if estimate.low == estimate.high:
         return estimate.how
-    return f"{'95 %' if estimate.measured else 'not told;'} {format_interval(estimate)}; {estimate.how}"
+    return f"{'95 %' if estimate.measured else 'not told;'} {format_fitted_interval(estimate)}; {estimate.how}"
 
 
-def format_fit_json(fit: SensorFit) -> str:
+def _format_fit_json(fit: SensorFit) -> str:
     """Return every estimate with its interval, the levels and the notes, as JSON."""
 
     def finite(value: float) -> float | None:
@@ -141,11 +141,11 @@ def format_fit_json(fit: SensorFit) -> str:
     return json.dumps({**document, "notes": list(fit.notes)}, indent=1, ensure_ascii=False) + "\n"
 
 
-def format_fit_page(fit: SensorFit, plots: list[FitPlot]) -> str:
+def _format_fit_page(fit: SensorFit, plots: list[FitPlot]) -> str:
     """Return the page: what could not be told, all numbers with their intervals, and the plots."""
     rows = "".join(
-        f'<tr><td>{escape(key)}</td><td class="number">{format_number(e.value, e.high - e.low)}</td>'
-        f'<td class="number">{escape(format_interval(e))}</td>'
+        f'<tr><td>{escape(key)}</td><td class="number">{format_fitted_number(e.value, e.high - e.low)}</td>'
+        f'<td class="number">{escape(format_fitted_interval(e))}</td>'
         f"<td>{escape(e.how)}{'' if e.measured or e.low == e.high else ' (a bound)'}</td></tr>"
         for key, e in fit.estimates.items()
     )

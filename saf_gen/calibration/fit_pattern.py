@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy import stats
 
-from saf_gen.calibration.estimates import NORMAL_95, Estimate, normal_estimate, root_estimate
+from saf_gen.calibration.estimates import NORMAL_95, Estimate, normal_estimate_of_fit, root_estimate_of_fit
 from saf_gen.calibration.pattern_statistics import ROBUST
 
 DEGREE = 4
@@ -35,7 +35,7 @@ class PatternFit:
     rows: np.ndarray
 
 
-def fit_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndarray) -> PatternFit:
+def fit_sensor_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndarray) -> PatternFit:
     """Return the parts of a response map.
 
     Parameters
@@ -76,7 +76,7 @@ def fit_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndarray) ->
         ("column", profiles[0], response.shape[0]), ("row", profiles[1], response.shape[1])
     ):  # fmt: skip
         estimates |= _fit_profile(name, profile[1:], noise=whole / max(length - 1, 1), whole=profile.size)
-    estimates["response_twist_rms"] = normal_estimate(
+    estimates["response_twist_rms"] = normal_estimate_of_fit(
         abs(twist), sqrt(whole / core.sum()), how="the product of both tilts in the response map", least=0
     )
     if per_dark.how:
@@ -86,7 +86,7 @@ def fit_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndarray) ->
     edges = {"response_first_column": (profiles[0], left[1:, 0]), "response_first_row": (profiles[1], left[0, 1:])}
     for key, (profile, edge) in edges.items():
         off = edge[np.isfinite(edge)] - profile[0] + _edge(profile)
-        estimates[key] = normal_estimate(
+        estimates[key] = normal_estimate_of_fit(
             float(np.median(off)) if off.size else 0.0,
             1.2533 * sqrt(whole / max(off.size, 1) + _white_of(profile) ** 2),
             how="the edge against the profile beside it",
@@ -95,14 +95,14 @@ def fit_pattern(response: np.ndarray, error: np.ndarray, *, dark: np.ndarray) ->
     return PatternFit(estimates, np.where(known, left, np.nan), profiles[0], profiles[1])
 
 
-def unit_legendre(length: int, degree: int) -> np.ndarray:
+def legendre_basis_to_fit(length: int, degree: int) -> np.ndarray:
     """Return Legendre polynomials of degree 1 to ``degree`` at pixel centres, of mean square 1 (length, degree)."""
     centre = (2 * np.arange(length) + 1) / length - 1
     return legendre.legvander(centre, degree)[:, 1:] * np.sqrt(2 * np.arange(1, degree + 1) + 1)
 
 
 def _twist(shape: tuple[int, ...]) -> np.ndarray:
-    return unit_legendre(shape[0], 1) * unit_legendre(shape[1], 1).T
+    return legendre_basis_to_fit(shape[0], 1) * legendre_basis_to_fit(shape[1], 1).T
 
 
 def _profiles(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +127,9 @@ def _slope(rest: np.ndarray, excess: np.ndarray) -> Estimate:
         return Estimate(0.0, 0.0, 0.0, "")
     slope = float(x @ rest[use] / total)
     off = rest[use] - rest[use].mean() - slope * x
-    return normal_estimate(slope, sqrt(float((x * off) @ (x * off))) / total, how="the response against the dark rate")
+    return normal_estimate_of_fit(
+        slope, sqrt(float((x * off) @ (x * off))) / total, how="the response against the dark rate"
+    )
 
 
 def _with_dark_part(rest: Estimate, per_dark: Estimate) -> Estimate:
@@ -176,9 +178,9 @@ def _fit_white(squares: np.ndarray, dark: np.ndarray, *, noise: float, size: tup
         score = scaled * (y - x @ fit)[:, None]
         error = np.sqrt(np.diag(bread @ (score.T @ score) @ bread))
     how = "what profiles and dark leave of the response map, its own noise taken off"
-    found = {"white_and_threshold_rms": root_estimate(float(fit[0]) - noise, float(error[0]), how=how)}
+    found = {"white_and_threshold_rms": root_estimate_of_fit(float(fit[0]) - noise, float(error[0]), how=how)}
     if not flat:
-        found["per_dark_rms"] = root_estimate(
+        found["per_dark_rms"] = root_estimate_of_fit(
             float(fit[1]), float(error[1]), how="how that rest grows with the dark rate"
         )
     return found
@@ -187,7 +189,7 @@ def _fit_white(squares: np.ndarray, dark: np.ndarray, *, noise: float, size: tup
 def _fit_profile(name: str, profile: np.ndarray, *, noise: float, whole: int) -> dict[str, Estimate]:
     """Return the rms of a profile without its first pixel, and the fraction of its variance by Legendre degree."""
     length, degree = profile.size, min(DEGREE, profile.size - 2)
-    basis = np.concatenate([np.ones((length, 1)), unit_legendre(whole, degree)[1:]], axis=1)
+    basis = np.concatenate([np.ones((length, 1)), legendre_basis_to_fit(whole, degree)[1:]], axis=1)
     solve = np.linalg.pinv(basis)
     terms = solve @ profile
     off = profile - basis @ terms
@@ -197,7 +199,7 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, whole: int) ->
     squares = np.maximum(terms[1:] ** 2 - error**2, 0.0)
     square = float(squares.sum() + own)
     spread = sqrt(float((4 * terms[1:] ** 2 * error**2).sum()) + 2 * scatter**2 / max(length - degree - 1, 1))
-    rms = root_estimate(square, spread, how=f"the mean of every {name}, the noise of its pixels taken off")
+    rms = root_estimate_of_fit(square, spread, how=f"the mean of every {name}, the noise of its pixels taken off")
     free = max(length - degree - 1, 1)
     seen = (scatter, max(scatter, noise))  # less than the pixels' noise is chance, and bounds no better than none would
     ends = [
@@ -221,7 +223,7 @@ def _fit_profile(name: str, profile: np.ndarray, *, noise: float, whole: int) ->
 def _edge(profile: np.ndarray) -> float:
     """Return what a profile's Legendre fit is less at its first pixel than the profile there."""
     degree = min(DEGREE, profile.size - 2)
-    basis = np.concatenate([np.ones((profile.size, 1)), unit_legendre(profile.size, degree)], axis=1)
+    basis = np.concatenate([np.ones((profile.size, 1)), legendre_basis_to_fit(profile.size, degree)], axis=1)
     terms = np.linalg.pinv(basis[1:]) @ profile[1:]
     return float(profile[0] - basis[0] @ terms)
 

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from scipy import stats
 
-from saf_gen.calibration.dark_rates import count_probabilities_of_dark
+from saf_gen.calibration.dark_rates import dark_probabilities_to_fit
 from saf_gen.calibration.fit_sensor import SensorFit
-from saf_gen.calibration.interval_noise import second_difference_variance
+from saf_gen.calibration.interval_noise import difference_variance_to_fit
 from saf_gen.calibration.spike_kernel import LAGS
 from saf_gen.calibration.spike_statistics import SERIES_FRAMES
-from saf_gen.core.figure_style import COLOURS, STYLE, use_figure_style
+from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
 
 SEEN, LAW = COLOURS[:2]
 _STYLE: dict[Any, Any] = {**STYLE, "figure.facecolor": "white", "svg.hashsalt": "fit"}
@@ -32,7 +32,7 @@ class FitPlot:
     caption: str
 
 
-def draw_fit_plots(fit: SensorFit) -> list[FitPlot]:
+def draw_sensor_fit_plots(fit: SensorFit) -> list[FitPlot]:
     """Return the plots of a fit, in the order of a page."""
     plots: list[tuple[str, str, Callable[[Axes, SensorFit], None]]] = [
         ("Response map", "Response over threshold of each pixel, over its mean; grey: unknown.", _response),
@@ -58,7 +58,7 @@ def draw_fit_plots(fit: SensorFit) -> list[FitPlot]:
     if any(v.light is not None for v in fit.variations.values()):
         plots.append(("Light", "Mean of all pixels in time, where it varied beyond noise.", _light))
     drawn = []
-    with use_figure_style(_STYLE):
+    with use_plot_style(_STYLE):
         for title, caption, draw in plots:
             figure = Figure(figsize=(4.4, 3.0), dpi=72, layout="constrained")
             FigureCanvasSVG(figure)
@@ -121,7 +121,7 @@ def _dark(axes: Axes, fit: SensorFit) -> None:
     axes.stairs(np.histogram(counts, edges - 0.5)[0] / np.diff(edges), edges - 0.5, color=SEEN, label="pixels")
     found = fit.dark_fit
     tail = float(stats.norm.sf(np.log(fit.sensor.dark_hot_factor) / found.log_sd.value))
-    p = count_probabilities_of_dark(
+    p = dark_probabilities_to_fit(
         np.arange(edges[-1]),
         median=found.median * frames,
         log_sd=found.log_sd.value,
@@ -147,7 +147,7 @@ def _noise(axes: Axes, fit: SensorFit) -> None:
         seen = [squares[:, lag].sum() / numbers[:, lag].sum() for lag in lags]
         law = [
             np.average(
-                second_difference_variance(
+                difference_variance_to_fit(
                     found.interval[used], noise, lag=1 << lag, loss=loss, stretch=fit.variations[name].stretch
                 ),
                 weights=numbers[:, lag],

@@ -10,20 +10,20 @@ from math import floor, inf, sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.dark_rates import DarkFit, fit_dark
-from saf_gen.calibration.estimates import Estimate, root_estimate
-from saf_gen.calibration.fit_pattern import DEGREE, PatternFit, fit_pattern
+from saf_gen.calibration.dark_rates import DarkFit, fit_dark_recording
+from saf_gen.calibration.estimates import Estimate, root_estimate_of_fit
+from saf_gen.calibration.fit_pattern import DEGREE, PatternFit, fit_sensor_pattern
 from saf_gen.calibration.flat_checks import (
     LightVariation,
-    check_flat,
-    check_levels,
-    check_one_camera,
-    find_light_variation,
+    check_calibration_camera,
+    check_flat_recording,
+    check_levels_of_flats,
+    find_light_variation_of_flat,
 )
-from saf_gen.calibration.interval_noise import START_NOISE, NoiseOfLevels, combine_noise, fit_interval_noise
-from saf_gen.calibration.linearity import ResponseFit, fit_response, tell_saturation
+from saf_gen.calibration.interval_noise import START_NOISE, NoiseOfLevels, combine_fitted_noise, fit_interval_noise
+from saf_gen.calibration.linearity import ResponseFit, fit_sensor_response, tell_fitted_saturation
 from saf_gen.calibration.recordings import Recording
-from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
+from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spike_statistics
 from saf_gen.camera import Sensor
 from saf_gen.core.config.presets import change_preset_fields
 from saf_gen.errors import BadInput
@@ -89,27 +89,27 @@ def fit_sensor(
     recordings = [*flats, dark]
     if len({r.name for r in recordings}) < len(recordings):
         raise BadInput("a recording is given twice", allowed="flat fields and a dark recording of different files")
-    check_one_camera({r.name: (r.shape, r.readout_hz) for r in recordings})
+    check_calibration_camera({r.name: (r.shape, r.readout_hz) for r in recordings})
 
     def measure(recording: Recording, light: np.ndarray | None = None) -> SpikeStatistics:
         name, again = recording.name, "" if light is None else ", its light divided out"
         told = None if report is None else lambda done: report(f"{name}{again}", done)
-        return measure_spikes(recording, light=light, report=told)
+        return measure_spike_statistics(recording, light=light, report=told)
 
     unlit = measure(dark)
     measured, variations = {}, {}
     for flat in flats:
         found = measure(flat)
         rough, _ = fit_interval_noise(found)
-        variation = find_light_variation(
+        variation = find_light_variation_of_flat(
             found, noise=rough if np.isfinite(rough) else START_NOISE, readout_hz=flat.readout_hz
         )
-        check_flat(flat.name, found, dark=unlit.rates, variation=variation)
+        check_flat_recording(flat.name, found, dark=unlit.rates, variation=variation)
         if variation.light is not None:
             found = measure(flat, variation.light)
         measured[flat.name], variations[flat.name] = found, variation
     names = list(measured)
-    check_levels(names, np.array([measured[n].mean_rate - unlit.mean_rate for n in names]))
+    check_levels_of_flats(names, np.array([measured[n].mean_rate - unlit.mean_rate for n in names]))
     return _fit(
         measured, unlit, variations=variations, base=base, name=name, threshold_e=threshold_e,
         dark_name=dark.name, readout_hz=dark.readout_hz,
@@ -134,12 +134,12 @@ def _fit(
     loss, noise = base.post_spike_loss if len(lit) == 1 else 0.0, START_NOISE
     for _ in range(3):
         dark_rates = unlit.rates / (1 - loss * np.minimum(unlit.rates, 0.5))
-        response = fit_response(lit, dark_rates, dark_error=dark_error, noise=noise, loss=loss)
+        response = fit_sensor_response(lit, dark_rates, dark_error=dark_error, noise=noise, loss=loss)
         told = response.loss is not None and response.loss.measured
         loss = response.loss.value if told and response.loss is not None else base.post_spike_loss
         joint = _noise_of_levels(flats, variations, loss=loss)
         noise = joint.value
-    dark_fit = fit_dark(
+    dark_fit = fit_dark_recording(
         _counts_without_loss(unlit.counts[~dead], unlit.shape[0], loss=loss),
         unlit.shape[0],
         factor=base.dark_hot_factor,
@@ -147,7 +147,7 @@ def _fit(
         where=dark_name,
     )
     how = "second differences of spike times in the flat fields"
-    estimates: dict[str, Estimate] = {"interval_noise": root_estimate(noise, joint.error, how=how)}
+    estimates: dict[str, Estimate] = {"interval_noise": root_estimate_of_fit(noise, joint.error, how=how)}
     if joint.jitter is not None:
         estimates["reset_jitter"] = joint.jitter
     if not joint.agree:
@@ -156,7 +156,7 @@ def _fit(
     changes["readout_hz"] = readout_hz
     changes |= _saturation(response, estimates, notes=notes, base=base)
     changes |= _threshold(estimates, notes, noise=(noise, joint.error), base=base, threshold_e=threshold_e)
-    pattern = fit_pattern(response.response, response.error, dark=dark_rates / dark_fit.rate.value)
+    pattern = fit_sensor_pattern(response.response, response.error, dark=dark_rates / dark_fit.rate.value)
     estimates |= pattern.estimates
     estimates |= _shared_white(estimates, notes)
     estimates |= {
@@ -206,7 +206,7 @@ def _noise_of_levels(
 ) -> NoiseOfLevels:
     found = [fit_interval_noise(f, loss=loss, stretch=variations[n].stretch) for n, f in flats.items()]
     lengths = [float(np.nanmedian(f.interval)) - loss for f in flats.values()]
-    return combine_noise(found, lengths)
+    return combine_fitted_noise(found, lengths)
 
 
 def _saturation(
@@ -214,7 +214,7 @@ def _saturation(
 ) -> dict[str, object]:
     if response.loss is not None:
         estimates["loss"] = response.loss
-    told = tell_saturation(response.loss)
+    told = tell_fitted_saturation(response.loss)
     if told is None:
         why = "with one level" if response.loss is None else "at these levels"
         notes.append(
@@ -251,7 +251,7 @@ def _threshold(
                 f"--threshold-e {threshold_e:g} has more shot noise than the intervals have noise",
                 allowed=f"at least {1 / value:.4g} electrons",
             )
-        estimates["threshold_noise_rms"] = root_estimate(value - 1 / threshold_e, error, how=how)
+        estimates["threshold_noise_rms"] = root_estimate_of_fit(value - 1 / threshold_e, error, how=how)
         estimates["threshold_e"] = Estimate(threshold_e, threshold_e, threshold_e, "given", measured=False)
         return {}
     theta = float(base.threshold_e) if 1 / base.threshold_e < value else 2 / value
@@ -315,6 +315,6 @@ def _legendre(estimates: dict[str, Estimate]) -> dict[str, object]:
     return out
 
 
-def fitted_values(fit: SensorFit) -> dict[str, object]:
+def _fitted_values(fit: SensorFit) -> dict[str, object]:
     """Return the keys of the fitted sensor and their values, in the order of a sensor file."""
     return asdict(fit.sensor)

@@ -7,8 +7,8 @@ from math import sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.fit_pattern import unit_legendre
-from saf_gen.calibration.pattern_statistics import ROBUST, split_pattern
+from saf_gen.calibration.fit_pattern import legendre_basis_to_fit
+from saf_gen.calibration.pattern_statistics import ROBUST, split_pattern_for_statistics
 from saf_gen.calibration.spike_statistics import SERIES_FRAMES, SpikeStatistics
 from saf_gen.errors import BadInput
 
@@ -41,7 +41,7 @@ class LightVariation:
         return 1.0 if self.light is None else float(np.mean(self.light**3))
 
 
-def check_one_camera(named: dict[str, tuple[tuple[int, int, int], float]]) -> None:
+def check_calibration_camera(named: dict[str, tuple[tuple[int, int, int], float]]) -> None:
     """Raise BadInput unless all recordings, (T, H, W) and readouts per second by name, can be of one camera."""
     (first, (shape, readout_hz)), *others = named.items()
     for name, (other, hz) in others:
@@ -59,7 +59,7 @@ def check_one_camera(named: dict[str, tuple[tuple[int, int, int], float]]) -> No
             )
 
 
-def find_light_variation(statistics: SpikeStatistics, *, noise: float, readout_hz: float) -> LightVariation:
+def find_light_variation_of_flat(statistics: SpikeStatistics, *, noise: float, readout_hz: float) -> LightVariation:
     """Return how the light varied, from the mean of all pixels, which share the light and not the noise.
 
     Two tests at a significance of 1e-4: flicker by the variance of means over 8 readouts, drift by that of 16 long
@@ -86,7 +86,9 @@ def find_light_variation(statistics: SpikeStatistics, *, noise: float, readout_h
     return LightVariation(series / mean, rms, hz if strongest > _SLOW else 0.0)
 
 
-def check_flat(name: str, statistics: SpikeStatistics, *, dark: np.ndarray, variation: LightVariation) -> None:
+def check_flat_recording(
+    name: str, statistics: SpikeStatistics, *, dark: np.ndarray, variation: LightVariation
+) -> None:
     """Raise BadInput unless a recording can be a flat field; ``dark`` is the dark rate of each pixel (H, W)."""
     frames, rates = statistics.shape[0], statistics.rates
     saturated = float(np.mean(statistics.counts / frames > SATURATED_RATE))
@@ -134,7 +136,7 @@ def check_flat(name: str, statistics: SpikeStatistics, *, dark: np.ndarray, vari
 
 
 def _check_even(name: str, response: np.ndarray) -> None:
-    columns, rows, rest = split_pattern(response)
+    columns, rows, rest = split_pattern_for_statistics(response)
     for words, profile in (("columns", columns), ("rows", rows)):
         if profile[1:].std() > PICTURE_PROFILE:
             raise BadInput(
@@ -142,7 +144,7 @@ def _check_even(name: str, response: np.ndarray) -> None:
                 where=name,
                 allowed=f"even light, within {PICTURE_PROFILE:.0%}",
             )
-    correlation, rms = neighbourly(_without_bow(rest))
+    correlation, rms = _neighbourly(_without_bow(rest))
     if correlation > max(PICTURE_CORRELATION, 6 / sqrt(response.size)) and rms * sqrt(correlation) > PICTURE_RMS:
         raise BadInput(
             f"shows a picture, or uneven light: pixels {rms:.1%} rms off their column and row agree with their "
@@ -157,7 +159,7 @@ def _check_still(name: str, statistics: SpikeStatistics) -> None:
     first, second = statistics.half_rates
     with np.errstate(invalid="ignore"):
         change = 2 * (second - first) / (first + second)
-    correlation, rms = neighbourly(np.where(np.isfinite(change), change, 0.0))
+    correlation, rms = _neighbourly(np.where(np.isfinite(change), change, 0.0))
     if correlation > max(PICTURE_CORRELATION, 6 / sqrt(change.size)) and rms * sqrt(correlation) > PICTURE_RMS:
         raise BadInput(
             f"something moves: neighbouring pixels change together by {rms:.1%} rms from one half to the other",
@@ -180,7 +182,7 @@ def _check_steps(name: str, statistics: SpikeStatistics) -> None:
         )
 
 
-def check_levels(names: list[str], levels: np.ndarray) -> None:
+def check_levels_of_flats(names: list[str], levels: np.ndarray) -> None:
     """Raise BadInput where two flat fields have about the same level."""
     order = np.argsort(levels)
     for a, b in pairwise(order.tolist()):
@@ -193,7 +195,7 @@ def check_levels(names: list[str], levels: np.ndarray) -> None:
             )
 
 
-def neighbourly(map_: np.ndarray) -> tuple[float, float]:
+def _neighbourly(map_: np.ndarray) -> tuple[float, float]:
     """Return how pixels of a map agree with those next to them, as a correlation over both directions, and their rms.
 
     Values beyond 5 robust standard deviations are cut to that, so that single pixels do not count.
@@ -210,7 +212,7 @@ def neighbourly(map_: np.ndarray) -> tuple[float, float]:
 
 def _without_bow(rest: np.ndarray) -> np.ndarray:
     """Return a map without products of tilts and bows of columns and rows, which lenses and lamps leave."""
-    rows, columns = (unit_legendre(n, 2) for n in rest.shape)
+    rows, columns = (legendre_basis_to_fit(n, 2) for n in rest.shape)
     for i in range(2):
         for j in range(2):
             shape = rows[:, i : i + 1] * columns[:, j]

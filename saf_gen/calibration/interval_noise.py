@@ -17,10 +17,10 @@ from math import inf, sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.estimates import NORMAL_95, Estimate, root_estimate
+from saf_gen.calibration.estimates import NORMAL_95, Estimate, root_estimate_of_fit
 from saf_gen.calibration.spike_kernel import LAGS
 from saf_gen.calibration.spike_statistics import SpikeStatistics
-from saf_gen.camera.counting_law import oscillation
+from saf_gen.camera.counting_law import pixel_count_oscillation
 
 START_NOISE = 1e-4
 """v where nothing is known of it yet, and where a recording does not tell it."""
@@ -29,7 +29,7 @@ _SIGNIFICANCE = 1e-3
 _ROUNDS = 4
 
 
-def second_difference_variance(
+def difference_variance_to_fit(
     interval: np.ndarray, noise: float, *, lag: int, loss: float = 0.0, stretch: float = 1.0
 ) -> np.ndarray:
     """Return the variance, in readouts², of second differences at a lag of so many spikes.
@@ -43,14 +43,18 @@ def second_difference_variance(
     stretch : mean square of the length of a readout, where times are stretched by the light; 1 in steady light.
     """
     grown = noise * (interval - loss) ** 2
-    phases = 0.5 - 4 * oscillation(lag * interval, lag * grown) + oscillation(2 * lag * interval, 2 * lag * grown)
+    phases = (
+        0.5
+        - 4 * pixel_count_oscillation(lag * interval, lag * grown)
+        + pixel_count_oscillation(2 * lag * interval, 2 * lag * grown)
+    )
     return 2 * lag * grown + stretch * phases
 
 
-def second_difference_law(
+def interpolated_variance_to_fit(
     interval: np.ndarray, noise: float, *, lag: int, loss: float = 0.0, stretch: float = 1.0
 ) -> np.ndarray:
-    """Return :func:`second_difference_variance` of many pixels, interpolated between intervals.
+    """Return :func:`difference_variance_to_fit` of many pixels, interpolated between intervals.
 
     The law is smooth over √(lag·noise)·(m − ℓ)/lag of an interval m: steps are a 64th of that, which leaves less
     than 10⁻⁴ of a readout². With as many steps as pixels it is taken pixel by pixel.
@@ -58,9 +62,9 @@ def second_difference_law(
     least, most = (max(float(end) - loss, 1e-3) for end in (interval.min(), interval.max()))
     steps = int(np.log(most / least) / np.sqrt(noise / lag) * 64) + 2
     if steps >= interval.size:
-        return second_difference_variance(interval, noise, lag=lag, loss=loss, stretch=stretch)
+        return difference_variance_to_fit(interval, noise, lag=lag, loss=loss, stretch=stretch)
     places = loss + np.geomspace(least, most, steps)
-    law = second_difference_variance(places, noise, lag=lag, loss=loss, stretch=stretch)
+    law = difference_variance_to_fit(places, noise, lag=lag, loss=loss, stretch=stretch)
     return np.interp(interval, places, law)
 
 
@@ -116,7 +120,8 @@ def _moments(
     off, slope = np.empty((interval.size, len(usable))), np.empty(len(usable))
     for at, lag in enumerate(usable):
         law, more = (
-            second_difference_law(interval, v, lag=1 << lag, loss=loss, stretch=stretch) for v in (noise, 1.02 * noise)
+            interpolated_variance_to_fit(interval, v, lag=1 << lag, loss=loss, stretch=stretch)
+            for v in (noise, 1.02 * noise)
         )
         off[:, at] = squares[:, lag] - numbers[:, lag] * law
         slope[at] = np.mean(numbers[:, lag] * (more - law)) / (0.02 * noise)
@@ -145,7 +150,7 @@ class NoiseOfLevels:
     agree: bool
 
 
-def combine_noise(found: list[tuple[float, float]], lengths: list[float]) -> NoiseOfLevels:
+def combine_fitted_noise(found: list[tuple[float, float]], lengths: list[float]) -> NoiseOfLevels:
     """Return the noise of several levels from (v, standard error) of each, and the mean intervals (m − ℓ) there.
 
     A jitter of j readouts makes v at a level v + j²/(m − ℓ)². Where the levels do not show it, it is 0, with a bound.
@@ -168,7 +173,7 @@ def combine_noise(found: list[tuple[float, float]], lengths: list[float]) -> Noi
         rest = float(((values / errors - design @ both) ** 2).sum())
         agree = len(known) < 3 or stats.chi2.sf(rest, len(known) - 2) > _SIGNIFICANCE
         return NoiseOfLevels(
-            float(both[0]), sqrt(spread[0, 0]), root_estimate(float(both[1]), wide, how=how), bool(agree)
+            float(both[0]), sqrt(spread[0, 0]), root_estimate_of_fit(float(both[1]), wide, how=how), bool(agree)
         )
     agree = stats.chi2.sf(off, len(known) - 1) > _SIGNIFICANCE
     bound = Estimate(0.0, 0.0, sqrt(max(both[1] + NORMAL_95 * wide, 0.0)), how)

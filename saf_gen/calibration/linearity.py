@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from saf_gen.calibration.estimates import Estimate, normal_estimate
+from saf_gen.calibration.estimates import Estimate, normal_estimate_of_fit
 from saf_gen.calibration.spike_statistics import SpikeStatistics
 
 _NEWTON = 3
@@ -43,7 +43,7 @@ class ResponseFit:
     misfit_rms: float
 
 
-def fit_response(
+def fit_sensor_response(
     flats: list[SpikeStatistics], dark: np.ndarray, *, dark_error: np.ndarray, noise: float, loss: float = 0.0
 ) -> ResponseFit:
     """Return the response of the pixels, the levels, and the loss after a spike.
@@ -83,7 +83,9 @@ def fit_response(
         score = np.einsum("kp,kpu->pu", off, fit.jac.reshape(*off.shape, -1))
         bread = np.linalg.inv(fit.jac.T @ fit.jac)
         error = float(np.sqrt((bread @ (score.T @ score) @ bread)[-1, -1]))
-        found = normal_estimate(float(fit.x[-1]), error, how="the line of intervals of one level against another")
+        found = normal_estimate_of_fit(
+            float(fit.x[-1]), error, how="the line of intervals of one level against another"
+        )
         if _reliability(m, variance) < _LEAST_RELIABILITY:
             found = Estimate(loss, -np.inf, np.inf, "pixels differ too little from each other", measured=False)
         else:
@@ -136,7 +138,7 @@ def _spread(values: np.ndarray, use: Any, *, shape: tuple[int, ...]) -> np.ndarr
     return out.reshape(shape)
 
 
-def tell_saturation(loss: Estimate | None) -> tuple[str, Estimate] | None:
+def tell_fitted_saturation(loss: Estimate | None) -> tuple[str, Estimate] | None:
     """Return the law of saturation and the reset loss that a loss after a spike means; None where it tells neither."""
     if loss is None or loss.high - loss.low > 0.6:
         return None

@@ -61,7 +61,7 @@ class DarkStatistics:
     silent_fraction: float
 
 
-def split_pattern(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def split_pattern_for_statistics(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the profile of columns (W,), that of rows (H,) and the rest (H, W) of a map over its mean, each of mean 0.
 
     Pixels that are not finite count as 1.
@@ -72,7 +72,7 @@ def split_pattern(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return columns, rows, relative - relative.mean() - columns - rows[:, None]
 
 
-def band_fractions(profile: np.ndarray) -> tuple[float, ...]:
+def band_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
     """Return the fraction of a profile's variance in each of :data:`BANDS`, from its periodogram."""
     power = np.abs(np.fft.rfft(profile - profile.mean())) ** 2
     if profile.size % 2 == 0:
@@ -84,7 +84,7 @@ def band_fractions(profile: np.ndarray) -> tuple[float, ...]:
     return tuple(float(power[band].sum() / total) if total > 0 else float("nan") for band in inside)
 
 
-def legendre_fractions(profile: np.ndarray) -> tuple[float, ...]:
+def legendre_statistics_of_pattern(profile: np.ndarray) -> tuple[float, ...]:
     """Return the fraction of a profile's variance that Legendre fits of each of :data:`DEGREES` hold."""
     place = np.linspace(-1, 1, profile.size)
     variance = profile.var()
@@ -94,9 +94,9 @@ def legendre_fractions(profile: np.ndarray) -> tuple[float, ...]:
     return tuple(float(1 - (profile - fit).var() / variance) for fit in fits)
 
 
-def measure_pattern(map_: np.ndarray) -> PatternStatistics:
+def measure_pattern_statistics(map_: np.ndarray) -> PatternStatistics:
     """Return the statistics of a map (H, W), such as the rates of a flat field."""
-    columns, rows, white = split_pattern(map_)
+    columns, rows, white = split_pattern_for_statistics(map_)
     deviation = white - np.median(white)
     robust = float(ROBUST * np.median(np.abs(deviation)))
     beyond = [float(np.mean(np.abs(deviation) > n * robust)) if robust > 0 else float("nan") for n in (5, 10)]
@@ -116,14 +116,14 @@ def measure_pattern(map_: np.ndarray) -> PatternStatistics:
         beyond_5=beyond[0],
         beyond_10=beyond[1],
         neighbour_correlation=float(pairs / held.var()) if robust > 0 else float("nan"),
-        column_bands=band_fractions(columns),
-        row_bands=band_fractions(rows),
-        column_degrees=legendre_fractions(columns),
-        row_degrees=legendre_fractions(rows),
+        column_bands=band_statistics_of_pattern(columns),
+        row_bands=band_statistics_of_pattern(rows),
+        column_degrees=legendre_statistics_of_pattern(columns),
+        row_degrees=legendre_statistics_of_pattern(rows),
     )
 
 
-def measure_dark(rates: np.ndarray) -> DarkStatistics:
+def measure_dark_statistics(rates: np.ndarray) -> DarkStatistics:
     """Return the statistics of the rates of a dark recording, (H, W), spikes per readout."""
     median = float(np.median(rates))
     fired = rates[rates > 0]

@@ -14,7 +14,7 @@ import numpy as np
 
 from saf_gen.camera import Encoder, Sensor
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop import import_raw_frames, sniff_raw_layout
+from saf_gen.stream.interop import import_raw_frames, sniff_imported_layout
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
@@ -113,7 +113,9 @@ class EncodedRecording:
 
 
 @contextmanager
-def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float = 20_000) -> Iterator[StreamRecording]:
+def open_calibration_recording(
+    path: str | Path, *, layout: str = "auto", readout_hz: float = 20_000
+) -> Iterator[StreamRecording]:
     """Yield the recording in a file: a stream (.h5), or raw frames (any other ending) in a layout of other software.
 
     Raw frames are converted to a temporary stream first. Raises BadInput for a file that is neither.
@@ -135,7 +137,7 @@ def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float 
         raise BadInput("there is no such file", where=str(path), allowed="a stream (.h5) or raw frames (.dat)")
     with TemporaryDirectory(prefix="saf-gen-") as folder:
         converted = Path(folder) / "recording.h5"
-        kind = sniff_raw_layout(path) if layout == "auto" else layout
+        kind = sniff_imported_layout(path) if layout == "auto" else layout
         import_raw_frames(path, converted, layout=kind, readout_hz=readout_hz)
         with open_stream(converted) as stream:
             yield StreamRecording(stream, path.name)

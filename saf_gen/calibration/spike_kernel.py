@@ -27,7 +27,7 @@ WINDOW_INDEX, WINDOW_COUNT, WINDOW_SUM, WINDOW_SQUARES = 0, 1, 2, 3
 
 
 @compiled
-def accumulate_spikes(
+def accumulate_spike_statistics(
     packed: Any, frames: Any, start: Any, middle: Any, whole: Any, times: Any, band: Any,
     state: Any, sums: Any, windows: Any, anchors: Any, squares: Any, numbers: Any
 ) -> Any:  # fmt: skip
@@ -94,7 +94,7 @@ def accumulate_spikes(
         state[p, LATEST], state[p, INTERVAL], state[p, NUMBER] = latest, interval, number
 
 
-def finish_windows(windows: np.ndarray) -> None:
+def finish_spike_statistics(windows: np.ndarray) -> None:
     """Close the last window of every pixel, in place."""
     windows[:, :, WINDOW_SQUARES] += windows[:, :, WINDOW_COUNT] ** 2
     windows[:, :, WINDOW_COUNT] = 0

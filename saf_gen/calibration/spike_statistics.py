@@ -66,7 +66,7 @@ class SpikeStatistics:
             return np.where(self.counts >= 20, 1 / self.interval, self.counts / self.shape[0])
 
 
-def measure_spikes(
+def measure_spike_statistics(
     recording: Recording, *, light: np.ndarray | None = None, report: Progress | None = None
 ) -> SpikeStatistics:
     """Return the statistics of a recording.
@@ -91,7 +91,7 @@ def measure_spikes(
     anchors, squares = np.zeros((pixels, kernel.LAGS, 2)), np.zeros((pixels, kernel.LAGS))
     numbers = np.zeros((pixels, kernel.LAGS), np.int64)
     whole = np.array([frames // w * w for w in kernel.WINDOWS])
-    times = stretched_times(light, frames)
+    times = _stretched_times(light, frames)
     series = np.zeros(-(-frames // SERIES_FRAMES))
     threads = min(usable_cores(), height)
     cuts = np.linspace(0, pixels, threads + 1).astype(int).tolist()
@@ -102,7 +102,7 @@ def measure_spikes(
             count = min(BLOCK_FRAMES, frames - start)
             jobs = [
                 pool.submit(
-                    kernel.accumulate_spikes, packed[a:b], count, start, frames // 2, whole,
+                    kernel.accumulate_spike_statistics, packed[a:b], count, start, frames // 2, whole,
                     times[start : start + count], np.array(CHANGE_BAND), state[a:b], sums[a:b], windows[a:b],
                     anchors[a:b], squares[a:b], numbers[a:b],
                 )
@@ -115,11 +115,11 @@ def measure_spikes(
             start += count
             if report is not None:
                 report(start / frames)
-    kernel.finish_windows(windows)
+    kernel.finish_spike_statistics(windows)
     return _summarise(recording.shape, state, sums=sums, windows=windows, series=series, lags=(squares, numbers))
 
 
-def stretched_times(light: np.ndarray | None, frames: int) -> np.ndarray:
+def _stretched_times(light: np.ndarray | None, frames: int) -> np.ndarray:
     """Return the time of the end of each readout, in readouts of mean light, float64 (frames,)."""
     if light is None:
         return np.arange(1.0, frames + 1)
@@ -175,7 +175,7 @@ def _summarise(
     )
 
 
-def flat_areas(rates: np.ndarray) -> np.ndarray:
+def flat_areas_for_statistics(rates: np.ndarray) -> np.ndarray:
     """Return the quarter of the pixels, bool (H, W), where smoothed rates have the smallest gradient over their value.
 
     The rates are smoothed over 3 pixels (standard deviation), so that a pixel's own noise does not choose it.
@@ -186,7 +186,7 @@ def flat_areas(rates: np.ndarray) -> np.ndarray:
     return slope <= np.quantile(slope, 0.25)
 
 
-def rms_between_halves(statistics: SpikeStatistics) -> float:
+def rms_statistic_between_halves(statistics: SpikeStatistics) -> float:
     """Return the temporal rms of a half's rate over its mean, from the difference of two halves, in flat areas.
 
     The median difference, a change of the light from half to half, is left out.
@@ -194,7 +194,7 @@ def rms_between_halves(statistics: SpikeStatistics) -> float:
     first, second = statistics.half_rates
     with np.errstate(invalid="ignore"):
         relative = 2 * (second - first) / (first + second)
-    known = relative[np.isfinite(relative) & flat_areas(statistics.rates)]
+    known = relative[np.isfinite(relative) & flat_areas_for_statistics(statistics.rates)]
     if known.size < 2:
         return float("nan")
     return float(np.std(known - np.median(known)) / np.sqrt(2))

@@ -1,8 +1,8 @@
 """The spike camera: sensors, the charge they collect from light, and the spikes they fire."""
 
 from saf_gen.camera.encoder import Encoder, encode, encoder_knot_weights
-from saf_gen.camera.exposure import camera_exposure_scale, photoelectrons_per_irradiance, sensor_charge_of_stack
-from saf_gen.camera.fixed_pattern import draw_fixed_pattern
+from saf_gen.camera.exposure import camera_exposure_scale, sensor_charge_of_images, sensor_electrons_per_irradiance
+from saf_gen.camera.fixed_pattern import draw_sensor_fixed_pattern
 from saf_gen.camera.noise_table import LANES
 from saf_gen.camera.sensor import Sensor, get_sensor, parse_sensor, sensor_names
 
@@ -11,12 +11,12 @@ __all__ = [
     "Encoder",
     "Sensor",
     "camera_exposure_scale",
-    "draw_fixed_pattern",
+    "draw_sensor_fixed_pattern",
     "encode",
     "encoder_knot_weights",
     "get_sensor",
     "parse_sensor",
-    "photoelectrons_per_irradiance",
-    "sensor_charge_of_stack",
+    "sensor_charge_of_images",
+    "sensor_electrons_per_irradiance",
     "sensor_names",
 ]

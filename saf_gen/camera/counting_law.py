@@ -28,7 +28,7 @@ TERMS = 4000
 """Terms of the series; what is left out is below 1/(π²·TERMS) = 2.5·10⁻⁵, and nothing where s exceeds 0.0004."""
 
 
-def noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
+def pixel_noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
     """Return 1/θ + σ², the relative variance of the charge of one interval, of the noise that is switched on.
 
     A reset that jitters by j readouts adds (j·rate)²: j² to the variance of an interval in readouts, at any rate.
@@ -38,7 +38,7 @@ def noise_per_spike(sensor: Sensor, *, rate: float = 0.0) -> float:
     return shot + threshold + (sensor.reset_jitter * sensor.noise.reset_jitter * rate) ** 2
 
 
-def oscillation(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
+def pixel_count_oscillation(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
     """Return the last term of the law, from −1/12 to 1/6: what the average over ``mean`` does not know.
 
     ``mean`` and ``variance`` are those of X, numbers or arrays that fit each other.
@@ -52,12 +52,12 @@ def oscillation(mean: np.ndarray | float, variance: np.ndarray | float) -> np.nd
     return out / np.pi**2
 
 
-def count_variance(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
+def pixel_count_variance(mean: np.ndarray | float, variance: np.ndarray | float) -> np.ndarray:
     """Return the variance of N for X of this mean and variance."""
-    return np.asarray(variance) + 1 / 6 - oscillation(mean, variance)
+    return np.asarray(variance) + 1 / 6 - pixel_count_oscillation(mean, variance)
 
 
-def count_probabilities(mean: float, variance: float) -> tuple[np.ndarray, np.ndarray]:
+def pixel_count_probabilities(mean: float, variance: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the whole numbers that N may be, and the probability of each, for a normal X of positive variance.
 
     P(N = n) is the mean of max(0, 1 − |X − n|), a second difference of G(x), the mean of max(0, x − X).
@@ -69,7 +69,7 @@ def count_probabilities(mean: float, variance: float) -> tuple[np.ndarray, np.nd
     return n, np.maximum(np.diff(g, 2), 0)
 
 
-def chi_squared_of_counts(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) -> tuple[float, int]:
+def pixel_count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) -> tuple[float, int]:
     """Return Pearson's χ² of whole numbers against a law, and its degrees of freedom.
 
     Cells that expect below 10 are merged into one, and that one into its neighbour if it still does.
@@ -77,7 +77,7 @@ def chi_squared_of_counts(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) 
     Parameters
     ----------
     seen : whole numbers, any shape; what lies beyond the numbers of the law counts at their ends.
-    law : consecutive numbers and the probability of each, (n,) and (n,), as :func:`count_probabilities` returns.
+    law : consecutive numbers and the probability of each, (n,) and (n,), as :func:`pixel_count_probabilities` returns.
     """
     numbers, probabilities = law
     seen = np.asarray(seen).ravel()
@@ -91,17 +91,17 @@ def chi_squared_of_counts(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) 
     return float(((found - expected) ** 2 / expected).sum()), expected.size - 1
 
 
-def chi_squared(seen: np.ndarray, mean: float, *, variance: float) -> float:
+def pixel_count_p_value(seen: np.ndarray, mean: float, *, variance: float) -> float:
     """Return the p value of Pearson's test of whole numbers against the law for X of this mean and variance."""
-    return float(stats.chi2.sf(*chi_squared_of_counts(seen, count_probabilities(mean, variance))))
+    return float(stats.chi2.sf(*pixel_count_chi_squared(seen, pixel_count_probabilities(mean, variance))))
 
 
-def standard_deviations_off(seen: np.ndarray, mean: float, *, variance: float) -> float:
+def pixel_count_deviations(seen: np.ndarray, mean: float, *, variance: float) -> float:
     """Return how far the variance of ``seen`` about the law's mean lies from the law's, in its standard deviations.
 
     The variance of such a mean of squares is (μ₄ − μ₂²)/n, with the law's own moments.
     """
-    n, p = count_probabilities(mean, variance)
-    expected = count_variance(mean, variance)
+    n, p = pixel_count_probabilities(mean, variance)
+    expected = pixel_count_variance(mean, variance)
     fourth = (p * (n - mean) ** 4).sum()
     return float((np.mean((seen - mean) ** 2) - expected) / np.sqrt((fourth - expected**2) / np.size(seen)))

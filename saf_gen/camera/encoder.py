@@ -29,8 +29,8 @@ from math import gcd
 
 import numpy as np
 
-from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, advance_spiking_pixels
-from saf_gen.camera.fixed_pattern import FixedPattern, draw_fixed_pattern
+from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, advance_encoder_pixels
+from saf_gen.camera.fixed_pattern import FixedPattern, draw_sensor_fixed_pattern
 from saf_gen.camera.noise_table import LANES, NOISE_TABLE_SIZE, make_sensor_noise_table
 from saf_gen.camera.sensor import Sensor, get_sensor
 from saf_gen.core.cores import usable_cores
@@ -103,7 +103,7 @@ class Encoder:
         if len(shape) != 2 or min(shape) < 1:
             raise BadInput(f"the array's shape is {tuple(shape)}", allowed="(rows, columns), each at least 1")
         self.sensor, self.shape = sensor, (int(shape[0]), int(shape[1]))
-        self.pattern = draw_fixed_pattern(sensor, self.shape, seed=seed if device_seed is None else device_seed)
+        self.pattern = draw_sensor_fixed_pattern(sensor, self.shape, seed=seed if device_seed is None else device_seed)
         self._frames = 0
         self._key = np.uint64(derive_seed("encoder", seed, "noise"))
         self._response = self.pattern.response.ravel()
@@ -189,7 +189,7 @@ class Encoder:
         with ThreadPoolExecutor(self._threads) as pool:  # the kernel releases the interpreter's lock
             jobs = [
                 pool.submit(
-                    advance_spiking_pixels, first, stop, flat, index, low, high, self._key, self._frames,
+                    advance_encoder_pixels, first, stop, flat, index, low, high, self._key, self._frames,
                     make_sensor_noise_table(), self._response, self._constants, weight, jitter, self._lead,
                     self._before, self._state, out,
                 )

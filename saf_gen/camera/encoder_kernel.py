@@ -83,7 +83,7 @@ def _store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> An
 
 
 @compiled
-def advance_spiking_pixels(
+def advance_encoder_pixels(
     first: Any, stop: Any, stack: Any, index: Any, low_weight: Any, high_weight: Any, key: Any, done: Any,
     table: Any, response: Any, fixed: Any, weight_after: Any, jitter: Any, lead: Any, before: Any, state: Any, out: Any
 ) -> Any:  # fmt: skip

@@ -34,7 +34,7 @@ class ExposingLens(Protocol):
         ...
 
 
-def sensor_irradiance_per_radiance(
+def sensor_irradiance_ratio(
     shape: tuple[int, int],
     image_distance: np.ndarray,
     *,
@@ -55,13 +55,13 @@ def sensor_irradiance_per_radiance(
     return transmission * pi * aperture_radius_m**2 / v2 * cos2 * cos2
 
 
-def photoelectrons_per_irradiance(sensor: Sensor) -> float:
+def sensor_electrons_per_irradiance(sensor: Sensor) -> float:
     """Return the photo-electrons per readout for 1 W m⁻² on the sensor."""
     energy = sensor.pitch_m**2 * sensor.fill_factor / sensor.readout_hz
     return energy * sensor.quantum_efficiency * sensor.wavelength_m / (h * c)
 
 
-def sensor_charge_of_stack(
+def sensor_charge_of_images(
     radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray
 ) -> np.ndarray:
     """Return the photo-electrons per readout that a focal stack leaves on a sensor.
@@ -93,10 +93,10 @@ def sensor_charge_of_stack(
         raise BadInput(f"the aperture radius is {aperture_radius_m:g} m", allowed="metres, above 0")
     if not 0 < transmission <= 1:
         raise BadInput(f"the transmission of the lens is {transmission:g}", allowed="above 0, at most 1")
-    electrons = photoelectrons_per_irradiance(sensor)
+    electrons = sensor_electrons_per_irradiance(sensor)
     out = np.empty(radiance.shape, np.float32)
     for k, distance in enumerate(image_distance):  # one position at a time: the stack may be large
-        factor = sensor_irradiance_per_radiance(
+        factor = sensor_irradiance_ratio(
             (radiance.shape[2], radiance.shape[3]),
             distance[None],
             pitch_m=sensor.pitch_m,

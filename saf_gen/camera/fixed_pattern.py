@@ -34,7 +34,7 @@ class FixedPattern:
     threshold: np.ndarray
 
 
-def draw_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> FixedPattern:
+def draw_sensor_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> FixedPattern:
     """Return the maps of the device ``seed`` for any array shape; what is switched off is flat.
 
     The profiles span the array that is drawn, whatever its size, so that their spread is the sensor's; the first column

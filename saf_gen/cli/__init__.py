@@ -33,7 +33,7 @@ from saf_gen.cli import (
     validate_commands,
     view_command,
 )
-from saf_gen.cli._examples import help_ending
+from saf_gen.cli._examples import help_ending_of_command
 from saf_gen.cli._terminal import out, print_error
 from saf_gen.core.cores import check_address_space
 from saf_gen.errors import SafGenError
@@ -43,73 +43,73 @@ __all__ = ["app", "main"]
 STOPPED_EXIT_CODE = 130
 
 COMMANDS: dict[str, Callable[..., None]] = {
-    "generate": dataset_commands.generate,
-    "evaluate": evaluate_commands.evaluate,
-    "tune": tune_commands.tune,
-    "score": evaluate_commands.score,
-    "import": stream_commands.import_,
-    "encode": stream_commands.encode,
-    "export": stream_commands.export,
-    "inspect": stream_commands.inspect,
-    "view": view_command.view,
-    "plan": plan_command.plan,
-    "verify": dataset_commands.verify,
-    "pack": sharing_commands.pack,
-    "fetch": sharing_commands.fetch,
-    "validate": validate_commands.validate,
-    "init": machine_commands.init,
-    "bench": machine_commands.bench,
-    "doctor": machine_commands.doctor,
+    "generate": dataset_commands.generate_command,
+    "evaluate": evaluate_commands.evaluate_command,
+    "tune": tune_commands.tune_command,
+    "score": evaluate_commands.score_command,
+    "import": stream_commands.import_command,
+    "encode": stream_commands.encode_command,
+    "export": stream_commands.export_command,
+    "inspect": stream_commands.inspect_command,
+    "view": view_command.view_command,
+    "plan": plan_command.plan_command,
+    "verify": dataset_commands.verify_command,
+    "pack": sharing_commands.pack_command,
+    "fetch": sharing_commands.fetch_command,
+    "validate": validate_commands.validate_command,
+    "init": machine_commands.init_command,
+    "bench": machine_commands.bench_command,
+    "doctor": machine_commands.doctor_command,
 }
 GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "scenes": (
         "List, create, check and draw scenes.",
         {
-            "list": scene_commands.list_,
-            "new": scene_commands.new,
-            "check": scene_commands.check,
-            "preview": scene_commands.preview,
-            "gallery": scene_commands.gallery,
-            "schema": scene_commands.schema,
+            "list": scene_commands.list_scenes_command,
+            "new": scene_commands.new_scene_command,
+            "check": scene_commands.check_scenes_command,
+            "preview": scene_commands.preview_command,
+            "gallery": scene_commands.gallery_command,
+            "schema": scene_commands.scene_schema_command,
         },
     ),
-    "dataset": ("Make a dataset of streams that are there.", {"index": stream_commands.index}),
+    "dataset": ("Make a dataset of streams that are there.", {"index": stream_commands.index_command}),
     "recipes": (
         "List and check recipes, and seal a test split until everybody has submitted.",
         {
-            "list": recipe_commands.list_,
-            "check": recipe_commands.check,
-            "schema": recipe_commands.schema,
-            "seal": recipe_commands.seal,
-            "unseal": recipe_commands.unseal,
+            "list": recipe_commands.list_recipes_command,
+            "check": recipe_commands.check_recipe_command,
+            "schema": recipe_commands.recipe_schema_command,
+            "seal": recipe_commands.seal_command,
+            "unseal": recipe_commands.unseal_command,
         },
     ),
     "sensors": (
         "List, show and check sensors, compare them with recordings, and fit one to your camera.",
         {
-            "list": sensor_commands.list_,
-            "show": sensor_commands.show,
-            "check": sensor_commands.check,
-            "compare": sensor_commands.compare,
-            "fit": sensor_commands.fit,
+            "list": sensor_commands.list_sensors_command,
+            "show": sensor_commands.show_sensor_command,
+            "check": sensor_commands.check_sensor_command,
+            "compare": sensor_commands.compare_command,
+            "fit": sensor_commands.fit_command,
         },
     ),
     "leaderboard": (
         "Rank the methods of several evaluations in one table, or run their rows again.",
-        {"merge": leaderboard_commands.merge, "verify": leaderboard_commands.verify},
+        {"merge": leaderboard_commands.merge_command, "verify": leaderboard_commands.verify_evaluation_command},
     ),
     "submit": (
         "Hand in a method: begin a submission, or check one.",
-        {"new": submit_commands.new, "check": submit_commands.check},
+        {"new": submit_commands.new_submission_command, "check": submit_commands.check_submission_command},
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",
-        {"show": method_commands.show, "check": method_commands.check},
+        {"show": method_commands.show_method_command, "check": method_commands.check_method_command},
     ),
 }
 GROUPS_THAT_TAKE_ARGUMENTS = {"leaderboard": "merge"}
 """The command of a group that its arguments belong to where they name none: ``leaderboard A B`` merges A and B."""
-GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.list_}
+GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.list_methods_command}
 """The function of a group that is named without a command; other groups show their help."""
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
@@ -153,7 +153,7 @@ def _hide_type_of_flags(params: list[Any]) -> list[Any]:
 
 app = typer.Typer(
     help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
-    epilog=help_ending(""),
+    epilog=help_ending_of_command(""),
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -178,11 +178,11 @@ def _options(*, version: Version = False) -> None:
 
 
 for name, command in COMMANDS.items():
-    app.command(name, cls=_Command, epilog=help_ending(name))(command)
+    app.command(name, cls=_Command, epilog=help_ending_of_command(name))(command)
 for group, (words, commands) in GROUPS.items():
     under = typer.Typer(
         help=words,
-        epilog=help_ending(group),
+        epilog=help_ending_of_command(group),
         no_args_is_help=group not in GROUP_DEFAULTS,
         invoke_without_command=group in GROUP_DEFAULTS,
         cls=_GroupThatTakesArguments if group in GROUPS_THAT_TAKE_ARGUMENTS else _Group,
@@ -190,7 +190,7 @@ for group, (words, commands) in GROUPS.items():
     if group in GROUP_DEFAULTS:
         under.callback()(GROUP_DEFAULTS[group])
     for name, command in commands.items():
-        under.command(name, cls=_Command, epilog=help_ending(f"{group} {name}"))(command)
+        under.command(name, cls=_Command, epilog=help_ending_of_command(f"{group} {name}"))(command)
     app.add_typer(under, name=group)
 
 

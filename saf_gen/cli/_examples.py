@@ -78,7 +78,7 @@ EXAMPLES = {
 """By command, without the word saf-gen; "" stands for the program itself."""
 
 
-def help_ending(command: str) -> str:
+def help_ending_of_command(command: str) -> str:
     """Return the examples of a command, or of the commands of a group, as the end of its help."""
     lines = list(EXAMPLES.get(command, ()))
     lines += [found[0] for name, found in EXAMPLES.items() if command and name.startswith(f"{command} ")]

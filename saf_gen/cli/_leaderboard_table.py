@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()) -> None:
     """Print the columns that there is room for, and the notes that ``records`` call for."""
-    from saf_gen.leaderboard import compose_leaderboard_notes, list_shown_columns
+    from saf_gen.leaderboard import compose_leaderboard_notes, list_shown_leaderboard_columns
 
-    shown = list_shown_columns(rows)
+    shown = list_shown_leaderboard_columns(rows)
     print_table(
         [TableColumn(c.header, detail=c.detail, justify=c.justify, together=c.group if c.light else "") for c in shown],
         [[column.format_value(row) for column in shown] for row in rows],

@@ -44,10 +44,11 @@ def print_table(
 ) -> None:
     """Print a table as wide as it is into a pipe or file, and to a terminal so that it fits.
 
-    ``elsewhere`` says where the columns stand that had to be left out. ``as_json`` prints :func:`list_objects` instead.
+    ``elsewhere`` says where the columns stand that had to be left out. ``as_json`` prints
+    :func:`list_objects_to_print` instead.
     """
     if as_json:
-        print_json(list_objects(columns, rows))
+        print_json(list_objects_to_print(columns, rows))
         return
     cells = [[escape_controls(cell, keep="\n") if isinstance(cell, str) else cell for cell in row] for row in rows]
 
@@ -84,7 +85,9 @@ def _choose_columns(
     return shown
 
 
-def list_objects(columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]]) -> list[dict[str, str]] | dict:
+def list_objects_to_print(
+    columns: Sequence[TableColumn], rows: Iterable[Sequence[str | Text]]
+) -> list[dict[str, str]] | dict:
     """Return a table for JSON: an object per row, its keys the headings with _ for blanks.
 
     Two columns without headings are one object.

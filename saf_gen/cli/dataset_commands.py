@@ -7,7 +7,7 @@ import typer
 from rich.progress import TaskID
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, progress_bars
+from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, print_progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from saf_gen.generate.resolve import ResolvedRecipe
 
 
-def generate(
+def generate_command(
     recipe: RecipeName,
     *,
     folder: OutFolder = None,
@@ -31,22 +31,22 @@ def generate(
 ) -> None:
     """Generate a dataset from a recipe, or resume one that was stopped."""
     with defer_interrupts():
-        from saf_gen.generate.coarse_sampling import find_coarse_sampling
-        from saf_gen.generate.job_order import validate_keep_slices
+        from saf_gen.generate.coarse_sampling import find_coarse_recipe_sampling
+        from saf_gen.generate.job_order import validate_generated_slices_kept
         from saf_gen.generate.resolve import resolve_recipe
         from saf_gen.generate.run import generate as make
 
-    validate_keep_slices(keep_slices)
-    work = resolve_recipe(recipe, part=parse_shard(shard), split=split)
+    validate_generated_slices_kept(keep_slices)
+    work = resolve_recipe(recipe, part=parse_shard_of_command(shard), split=split)
     target = folder or Path("datasets") / work.recipe.name
     if work.stacks_to_render(target, keep_slices) and not cluster:
         _look_for_renderer(variant, dry_run=dry_run)
-    for line in find_coarse_sampling(work):
+    for line in find_coarse_recipe_sampling(work):
         err.print(f"warning: {line}")
     if dry_run:
         _print_plan(work, target, keep_slices=keep_slices)
         return
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
         finished: set[str] = set()
 
@@ -102,7 +102,7 @@ def _look_for_renderer(variant: str, *, dry_run: bool) -> None:
         err.print(f"scenes are rendered by variant scalar here, slowly and without diffraction; {backend.ADVICE}")
 
 
-def parse_shard(text: str) -> tuple[int, int]:
+def parse_shard_of_command(text: str) -> tuple[int, int]:
     """Return (I, N) of "I/N"; raise BadInput where it is not that."""
     index, _, count = text.partition("/")
     if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
@@ -131,11 +131,11 @@ def _print_plan(work: "ResolvedRecipe", target: Path, *, keep_slices: str) -> No
     out.print(f"disk still needed: about {needed / 1e9:.2f} GB; time: about {seconds:.0f} s on two cores with LLVM")
 
 
-def verify(dataset: Annotated[Path, typer.Argument(help="Dataset folder.")]) -> None:
+def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder.")]) -> None:
     """Check every file of a dataset against the digest in its manifest."""
-    from saf_gen.stream.inspection import verify_dataset
+    from saf_gen.stream.inspection import verify_streams_of_dataset
 
-    count, problems = verify_dataset(dataset)
+    count, problems = verify_streams_of_dataset(dataset)
     for name, problem in problems.items():
         print_error(f"{name}: {problem}", 1)
     out.print(f"{count - len(problems)} of {count} sequences are whole")

@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
-from saf_gen.cli._terminal import ClusterAddress, OutFolder, err, make_step_reporter, out, print_error, progress_bars
+from saf_gen.cli._terminal import (
+    ClusterAddress,
+    OutFolder,
+    err,
+    make_terminal_reporter,
+    out,
+    print_error,
+    print_progress_bars,
+)
 from saf_gen.errors import BadInput, unknown
 
 if TYPE_CHECKING:
@@ -20,7 +28,7 @@ BudgetMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds 
 SweepMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds per sweep (default: half the budget).")]
 
 
-def evaluate(
+def evaluate_command(
     source: Annotated[Path, typer.Argument(help="Dataset folder or stream file.")],
     *,
     split: Annotated[str | None, typer.Option(help="Evaluate only this split.")] = None,
@@ -51,19 +59,19 @@ def evaluate(
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import parse_method, read_method_list
-    from saf_gen.core.files import check_writable
+    from saf_gen.core.files import check_folder_writable
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.report import write_evaluation_report
 
     for one in method or ():
         parse_method(one)  # code that is named here may be named by a list and by tuned files too
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
-    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
+    protocol = protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
     target = folder or (source / name if source.is_dir() else source.with_name(f"{source.stem}-{name}"))
-    check_writable(target)
+    check_folder_writable(target)
     kept = KeptSequences(target / ".evaluation.unfinished")
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         result = run(
             source,
             methods=named or None,
@@ -72,12 +80,12 @@ def evaluate(
             region=region,
             protocol=protocol,
             predictions=predictions,
-            progress=make_step_reporter("evaluate", bars),
+            progress=make_terminal_reporter("evaluate", bars),
             keep=kept,
             cluster=cluster,
             tell=err.print,
         )
-    tell_what_was_kept(kept)
+    print_what_was_kept(kept)
     rows = rank_methods(result.records)
     sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
@@ -95,13 +103,13 @@ def evaluate(
         raise typer.Exit(1)
 
 
-def tell_what_was_kept(kept: "KeptSequences") -> None:
+def print_what_was_kept(kept: "KeptSequences") -> None:
     """Say how many sequences an earlier run, which was stopped, had evaluated."""
     if kept.taken:
         err.print(f"{kept.taken} sequence{'' if kept.taken == 1 else 's'} had been evaluated by a run that was stopped")
 
 
-def protocol_from_options(
+def protocol_from_command_options(
     track: str, *, actuator: str | None, budget: float | None, sweep: float | None
 ) -> "ClosedLoopProtocol | None":
     """Return the closed-loop protocol, times given in milliseconds; None for the recorded track."""
@@ -122,7 +130,7 @@ def protocol_from_options(
     )
 
 
-def score(
+def score_command(
     stream: Annotated[Path, typer.Argument(help="Stream file.")],
     measure: Annotated[str, typer.Option(help="Focus measure; saf-gen methods lists them.")],
     *,
@@ -131,12 +139,12 @@ def score(
     region: Annotated[str, typer.Option(help="Where to look: frame, or target (its bounding box).")] = "frame",
 ) -> None:
     """Score consecutive blocks of a stream, as CSV with the first frame of each block and its score."""
-    from saf_gen.benchmark.evaluate import score_blocks
+    from saf_gen.benchmark.evaluate import score_evaluated_blocks
     from saf_gen.core.files import write_text_atomically
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
-        frames, scores = score_blocks(opened, measure, window=window, region=region)
+        frames, scores = score_evaluated_blocks(opened, measure, window=window, region=region)
     text = "frame,score\n" + "".join(f"{f},{s!r}\n" for f, s in zip(frames.tolist(), scores.tolist(), strict=True))
     if csv is None:
         out.file.write(text)

@@ -7,19 +7,19 @@ import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import AsJson, OutFolder, make_step_reporter, out, progress_bars
-from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_options
+from saf_gen.cli._terminal import AsJson, OutFolder, make_terminal_reporter, out, print_progress_bars
+from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_command_options
 from saf_gen.errors import BadInput
 
 
-def merge(
+def merge_command(
     runs: Annotated[list[Path], typer.Argument(help="Evaluation folders, or their records.jsonl.")],
     folder: OutFolder = None,
 ) -> None:
     """Rank the methods of several evaluations in one table, if their data and code agree."""
     from saf_gen.benchmark.plugin_description import describe_recorded_methods
     from saf_gen.benchmark.results import Evaluation
-    from saf_gen.core.files import check_writable
+    from saf_gen.core.files import check_folder_writable
     from saf_gen.leaderboard import read_leaderboard
     from saf_gen.leaderboard.report import write_evaluation_report
 
@@ -30,7 +30,7 @@ def merge(
                     f"--out {str(folder)!r} is one of the evaluations",
                     allowed="a folder of its own: what is read stays as it is",
                 )
-        check_writable(folder)
+        check_folder_writable(folder)
     board = read_leaderboard(*runs)
     print_leaderboard(board, records=board.records, title=f"{board.size}, {len(runs)} evaluations")
     if folder is not None:
@@ -42,7 +42,7 @@ def merge(
         )
 
 
-def verify(
+def verify_evaluation_command(
     folder: Annotated[Path, typer.Argument(help="Evaluation folder.")],
     source: Annotated[
         Path | None, typer.Option("--on", help="Its dataset or stream (default: the folder above).")
@@ -63,23 +63,23 @@ def verify(
     re-run elsewhere, differs or claimed. Options of a closed loop are those it was evaluated with.
     """
     from saf_gen.benchmark.records import read_records
-    from saf_gen.core.files import check_writable
-    from saf_gen.leaderboard.rerun import verify_evaluation
-    from saf_gen.leaderboard.verification import DIFFERS, write_verification
+    from saf_gen.core.files import check_folder_writable
+    from saf_gen.leaderboard.rerun import verify_leaderboard_rows
+    from saf_gen.leaderboard.verification import DIFFERS, write_leaderboard_verification
 
     track = read_records(folder)[0].track
-    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
+    protocol = protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep)
     folder = folder if folder.is_dir() else folder.parent
-    check_writable(folder)
-    with progress_bars() as bars:
-        found = verify_evaluation(
+    check_folder_writable(folder)
+    with print_progress_bars() as bars:
+        found = verify_leaderboard_rows(
             folder,
             source or folder.resolve().parent,
             methods=method or (),
             protocol=protocol,
-            progress=make_step_reporter("verify", bars),
+            progress=make_terminal_reporter("verify", bars),
         )
-    path = write_verification(folder, found)
+    path = write_leaderboard_verification(folder, found)
     print_table(
         [TableColumn("method"), TableColumn("row"), TableColumn("why", folds=True)],
         [(verdict.method, verdict.state, verdict.reason) for verdict in found.verdicts],

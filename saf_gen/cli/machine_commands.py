@@ -11,11 +11,11 @@ from rich.progress import TaskID
 import saf_gen
 from saf_gen.cli._bench_table import print_figures, print_scene_grain
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import AsJson, err, out, print_error, progress_bars
+from saf_gen.cli._terminal import AsJson, err, out, print_error, print_progress_bars
 from saf_gen.errors import BadInput
 
 
-def init(
+def init_command(
     folder: Annotated[Path, typer.Argument(help="Folder to work in; it is made if it is missing.")] = Path(),
     *,
     forget: Annotated[bool, typer.Option("--forget", help="Trust its scenes no longer; no file is removed.")] = False,
@@ -25,28 +25,28 @@ def init(
     A scene of its own then stands in for one of the same name that comes with saf_gen. Until a folder is registered,
     no script in its scenes/ runs: read what somebody else sent you first.
     """
-    from saf_gen.core.files import unwritable_error
+    from saf_gen.core.files import unwritable_file_error
     from saf_gen.scene.scene_folder import CARD_FILE
-    from saf_gen.scene.trusted_folders import forget_folder, register_folder
+    from saf_gen.scene.trusted_folders import forget_scene_folder, register_scene_folder
 
     scenes = folder / "scenes"
     shown = scenes.resolve()
     if forget:
-        gone = forget_folder(scenes)
+        gone = forget_scene_folder(scenes)
         out.print(f"{shown} is {'no longer' if gone else 'not'} registered; its files are as they were", soft_wrap=True)
         return
     try:
         scenes.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise unwritable_error(scenes, error) from error
-    new = register_folder(scenes)
+        raise unwritable_file_error(scenes, error) from error
+    new = register_scene_folder(scenes)
     out.print(f"{shown} {'is' if new else 'was'} registered{'' if new else ' already'}", soft_wrap=True)
     if own := sorted(card.parent.name for card in scenes.glob(f"*/{CARD_FILE}")):
         out.print(f"scenes found by name in {folder.resolve()}: {', '.join(own)}", soft_wrap=True)
     out.print("next: saf-gen scenes new my_scene; saf-gen generate quickstart")
 
 
-def bench(
+def bench_command(
     names: Annotated[
         list[str] | None,
         typer.Argument(help="stack, grain, encode, stream, windows, score, rates, job (default: all)."),
@@ -70,7 +70,7 @@ def bench(
 
     for scene in scenes or ():
         find_scene(scene)
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
 
         def report(stage: str, done: float) -> None:
@@ -111,11 +111,11 @@ def _finite(figure: dict[str, Any]) -> dict[str, Any]:
     return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in figure.items()}
 
 
-def doctor(*, as_json: AsJson = False) -> None:
+def doctor_command(*, as_json: AsJson = False) -> None:
     """Show what this machine renders with, and what would make it faster."""
-    from saf_gen.acceptance.speed.machine_check import describe_installation
+    from saf_gen.acceptance.speed.machine_check import describe_machine_to_bench
 
-    described, advice = describe_installation()
+    described, advice = describe_machine_to_bench()
     print_table(
         [TableColumn(""), TableColumn("", folds=True)],
         described.items(),

@@ -8,7 +8,7 @@ import typer
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import AsJson, out
-from saf_gen.cli.dataset_commands import parse_shard
+from saf_gen.cli.dataset_commands import parse_shard_of_command
 
 if TYPE_CHECKING:
     from saf_gen.generate.work_plan import WorkPlan
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 ADDED = ("sequences", "stacks", "jobs", "render_s", "record_s", "seconds", "scheduler_s", "peak_bytes", "disk_bytes")
 
 
-def plan(
+def plan_command(
     recipes: Annotated[list[str], typer.Argument(help="Recipes that come with saf_gen, by name, or recipe files.")],
     *,
     split: Annotated[str | None, typer.Option(help="Plan only this split.")] = None,
@@ -32,13 +32,13 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Tell the jobs, hours and disk that recipes take from nothing; nothing is made."""
-    from saf_gen.generate.cost import MachineRates, read_machine_rates
-    from saf_gen.generate.work_plan import plan_work
+    from saf_gen.generate.cost import MachineRates, read_rates_for_plan
+    from saf_gen.generate.work_plan import plan_recipe_work
 
-    known = read_machine_rates(rates) if rates else MachineRates()
-    part = parse_shard(shard)
+    known = read_rates_for_plan(rates) if rates else MachineRates()
+    part = parse_shard_of_command(shard)
     plans = [
-        plan_work(
+        plan_recipe_work(
             recipe, part=part, split=split, workers=workers, machines=machines, keep_slices=keep_slices, rates=known
         )
         for recipe in recipes

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from saf_gen.generate.recipe import Recipe
 
 
-def list_(*, as_json: AsJson = False) -> None:
+def list_recipes_command(*, as_json: AsJson = False) -> None:
     """List the recipes that come with saf_gen: ``saf-gen generate NAME`` makes one."""
-    from saf_gen.core.shipped import find_recipe, recipe_names
     from saf_gen.generate.recipe import read_recipe
+    from saf_gen.generate.shipped_recipes import find_recipe, recipe_names
 
     recipes = [read_recipe(find_recipe(name)) for name in recipe_names()]
     columns = TableColumn("recipe"), TableColumn("frames", justify="right")
@@ -30,25 +30,25 @@ def _format_splits(recipe: "Recipe") -> str:
     return "; ".join(f"{split}: {', '.join(settings.scenes)}" for split, settings in recipe.splits.items())
 
 
-def check(recipe: RecipeName) -> None:
+def check_recipe_command(recipe: RecipeName) -> None:
     """Check a recipe and the scenes, sensor and files that it names; nothing is generated."""
-    from saf_gen.generate.coarse_sampling import find_coarse_sampling
+    from saf_gen.generate.coarse_sampling import find_coarse_recipe_sampling
     from saf_gen.generate.resolve import resolve_recipe
 
     work = resolve_recipe(recipe)
-    for line in find_coarse_sampling(work):
+    for line in find_coarse_recipe_sampling(work):
         out.print(f"warning: {line}")
     out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}")
 
 
-def schema(*, path: OutFile = None) -> None:
+def recipe_schema_command(*, path: OutFile = None) -> None:
     """Print the JSON Schema of recipes, with which an editor completes keys and marks mistakes."""
     from saf_gen.generate.recipe_schema import make_recipe_schema
 
     print_json(make_recipe_schema(), path)
 
 
-def seal(
+def seal_command(
     recipe: Annotated[Path, typer.Argument(help="A recipe file.")],
     *,
     path: Annotated[Path | None, typer.Option("--out", help="File to write (default: RECIPE-sealed.yaml).")] = None,
@@ -66,7 +66,7 @@ def seal(
     out.print(f"{kept}   (the secret, which stands for a new seed: show nobody, lose no copy)", soft_wrap=True)
 
 
-def unseal(
+def unseal_command(
     recipe: Annotated[Path, typer.Argument(help="A sealed recipe file.")],
     secret: Annotated[str, typer.Option(help="The secret, 64 hexadecimal digits, or the file that holds it.")],
     *,

@@ -11,7 +11,16 @@ from rich.progress import TaskID
 from rich.text import Text
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, OutFile, err, out, print_error, progress_bars
+from saf_gen.cli._terminal import (
+    LEVEL_STYLES,
+    AsJson,
+    ClusterAddress,
+    OutFile,
+    err,
+    out,
+    print_error,
+    print_progress_bars,
+)
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.errors import BadInput
 
@@ -25,7 +34,7 @@ SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or it
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
 
-def list_(*, as_json: AsJson = False) -> None:
+def list_scenes_command(*, as_json: AsJson = False) -> None:
     """List the scenes that can be found."""
     from saf_gen.scene.scene_folder import find_scene, scene_names
 
@@ -40,7 +49,7 @@ def list_(*, as_json: AsJson = False) -> None:
     )
 
 
-def new(
+def new_scene_command(
     name: Annotated[str, typer.Argument(help="Name of the scene: lower-case letters, digits and _.")],
     *,
     xml: Annotated[bool, typer.Option("--xml", help="Write the geometry as XML instead of a Python script.")] = False,
@@ -56,9 +65,9 @@ def new(
 
     A ./scenes that holds no scene yet is registered, as by `saf-gen init`.
     """
-    from saf_gen.authoring.template import create_scene, import_exported_scene
+    from saf_gen.authoring.template import create_scene_from_export, create_scene_from_template
     from saf_gen.scene.scene_folder import scene_roots
-    from saf_gen.scene.trusted_folders import register_folder
+    from saf_gen.scene.trusted_folders import register_scene_folder
 
     root = Path("scenes")
     trusted = root.resolve() in scene_roots()
@@ -66,20 +75,20 @@ def new(
     if exported is not None:
         if xml:
             raise BadInput("--xml and --from are both given", hint="keep one: --from takes XML anyway")
-        written = import_exported_scene(exported, name, root=root)
+        written = create_scene_from_export(exported, name, root=root)
     else:
-        written = create_scene(name, root, kind="xml" if xml else "script")
+        written = create_scene_from_template(name, root, kind="xml" if xml else "script")
     for path in written:
         out.print(str(path), soft_wrap=True)
     if empty and not trusted:
-        register_folder(root)
+        register_scene_folder(root)
         out.print(f"registered: {root.resolve()}; saf-gen init --forget undoes it", soft_wrap=True)
     elif not trusted:
         out.print("next: saf-gen init, if you trust the code of all scenes in ./scenes")
     out.print(f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}; and its licence in scene.yaml")
 
 
-def check(
+def check_scenes_command(
     names: Annotated[list[str] | None, typer.Argument(help="Names or folders of scenes (default: all).")] = None,
     *,
     sensor: SensorName = SENSOR,
@@ -121,7 +130,7 @@ def _check_here(scenes: "list[Scene]", camera: "Sensor", *, variant: str) -> "It
     from saf_gen.authoring.checks import check_scene
 
     for scene in scenes:
-        with progress_bars() as bars:
+        with print_progress_bars() as bars:
             task = bars.add_task(f"check {scene.id}", total=1.0)
 
             def advance(done: float, task: TaskID = task) -> None:
@@ -143,7 +152,7 @@ def _check_on_cluster(
         return
     machines = Cluster(address, scenes[0].folder / "scene.yaml")
     jobs = [CheckSceneJob(scene, camera, variant) for scene in scenes]
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         task = bars.add_task("check", total=len(jobs))
         for job, result, error in run_jobs(
             jobs, workers=1, report=lambda name, done: bars.update(task, advance=1), cluster=machines, tell=err.print
@@ -159,7 +168,7 @@ def _print_finding(finding: dict[str, str], as_json: bool) -> None:
         out.print(Text.assemble(*parts), soft_wrap=True)
 
 
-def preview(
+def preview_command(
     name: Annotated[str, typer.Argument(help="Name of a scene, or its folder.")],
     *,
     target: Annotated[
@@ -179,7 +188,7 @@ def preview(
     out.print(str(path), soft_wrap=True)
 
 
-def gallery(
+def gallery_command(
     names: Annotated[list[str] | None, typer.Argument(help="Names of scenes (default: all).")] = None,
     *,
     folder: Annotated[Path, typer.Option("--out", help="Folder for scenes.md and its pictures.")] = Path("docs"),
@@ -188,14 +197,14 @@ def gallery(
 ) -> None:
     """Write scenes.md, a page with a picture and the numbers of each scene."""
     with defer_interrupts():
-        from saf_gen.authoring.gallery import write_gallery
+        from saf_gen.authoring.gallery import write_scene_gallery
         from saf_gen.camera import get_sensor
     from saf_gen.scene.scene_folder import scene_names
 
     scenes = [_scene(name) for name in names or scene_names()]
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         task = bars.add_task("gallery", total=len(scenes))
-        page, failed = write_gallery(
+        page, failed = write_scene_gallery(
             scenes,
             get_sensor(sensor),
             folder=folder,
@@ -217,8 +226,8 @@ def _scene(name: str) -> "Scene":
     return load_scene_folder(folder) if folder.name != name and folder.is_dir() else find_scene(name)
 
 
-def schema(*, path: OutFile = None) -> None:
+def scene_schema_command(*, path: OutFile = None) -> None:
     """Print the JSON Schema of scene cards, with which an editor completes keys and marks mistakes."""
-    from saf_gen.scene.card_schema import make_card_schema
+    from saf_gen.scene.card_schema import make_scene_card_schema
 
-    print_json(make_card_schema(), path)
+    print_json(make_scene_card_schema(), path)

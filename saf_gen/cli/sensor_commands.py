@@ -10,7 +10,7 @@ import typer
 from rich.progress import Progress, TaskID
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars
+from saf_gen.cli._terminal import AsJson, OutFolder, err, out, print_progress_bars
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.errors import BadInput, escape_controls
 
@@ -23,40 +23,40 @@ Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense, sps1
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not record it.")]
 
 
-def list_(*, as_json: AsJson = False) -> None:
+def list_sensors_command(*, as_json: AsJson = False) -> None:
     """List the sensors: array, readout rate, and which of their numbers nobody has measured."""
     from saf_gen.camera import get_sensor, sensor_names
-    from saf_gen.camera.sensor_files import nominal_keys, read_sensor_text
+    from saf_gen.camera.sensor_files import nominal_sensor_keys, read_sensor_file_text
 
     columns = TableColumn("sensor"), TableColumn("pixels"), TableColumn("readouts per second", folds=True)
     rows = []
     for name in sensor_names():
         sensor = get_sensor(name)
-        nominal = ", ".join(nominal_keys(read_sensor_text(name))) or "nothing"
+        nominal = ", ".join(nominal_sensor_keys(read_sensor_file_text(name))) or "nothing"
         rows.append((name, f"{sensor.columns}×{sensor.rows}", f"{sensor.readout_hz:,.0f}", nominal))
     print_table([*columns, TableColumn("assumed or derived", folds=True)], rows, as_json=as_json)
 
 
-def show(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
+def show_sensor_command(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
     """Print the file of a sensor, with the source of each number beside it; a copy is a sensor of your own."""
-    from saf_gen.camera.sensor_files import read_sensor_text
+    from saf_gen.camera.sensor_files import read_sensor_file_text
 
-    out.file.write(escape_controls(read_sensor_text(name), keep="\n\t"))
+    out.file.write(escape_controls(read_sensor_file_text(name), keep="\n\t"))
 
 
-def check(file: Annotated[Path, typer.Argument(help="Sensor file (.yaml).")]) -> None:
+def check_sensor_command(file: Annotated[Path, typer.Argument(help="Sensor file (.yaml).")]) -> None:
     """Check a sensor file: keys, units and ranges, and one line for each number that is unlikely or has no effect."""
     from saf_gen.camera import get_sensor
-    from saf_gen.camera.sensor_files import find_implausible
+    from saf_gen.camera.sensor_files import find_implausible_sensor_keys
 
     sensor = get_sensor(file if is_preset_file(file) else str(file))
-    found = list(find_implausible(sensor))
+    found = list(find_implausible_sensor_keys(sensor))
     for line in found:
         out.print(f"unlikely: {line}", style="yellow", soft_wrap=True)
     out.print(f"{sensor.name} is a sensor" + (f", with {len(found)} unlikely numbers" if found else ""))
 
 
-def compare(
+def compare_command(
     names: Annotated[
         list[str] | None, typer.Argument(help="Two of: name of a sensor, sensor file, stream (.h5), raw frames.")
     ] = None,
@@ -76,7 +76,11 @@ def compare(
 
     Beside a recording a sensor is given the light that the recording shows, smoothed.
     """
-    from saf_gen.calibration.comparison import compare_statistics, figures_as_published, published_figures
+    from saf_gen.calibration.comparison import (
+        compare_recording_statistics,
+        published_sensor_statistics,
+        sensor_statistics_as_published,
+    )
 
     given = names or []
     if len(given) != (0 if published is not None else 2):
@@ -84,17 +88,17 @@ def compare(
             f"{len(given)} {'name is' if len(given) == 1 else 'names are'} given",
             allowed="two to compare, or none with --published SENSOR",
         )
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         if published is not None:
             from saf_gen.camera import get_sensor
 
-            real, sources = published_figures()
-            ours = figures_as_published(get_sensor(published), seed=seed, report=_reporter(bars, published))
+            real, sources = published_sensor_statistics()
+            ours = sensor_statistics_as_published(get_sensor(published), seed=seed, report=_reporter(bars, published))
             columns, heads = [real, ours], ["published", Path(published).stem]
         else:
             columns = _columns(given, bars, mean_rate=mean_rate, layout=layout, rate=rate, seed=seed)
             heads, sources = [Path(name).name for name in given], {}
-    rows = compare_statistics(columns)
+    rows = compare_recording_statistics(columns)
     if as_json:
         named = dict(zip(("a", "b"), heads, strict=True))
         values = [
@@ -112,7 +116,7 @@ def compare(
         out.print(f"published, {part}: {source}", soft_wrap=True)
 
 
-def fit(
+def fit_command(
     flats: Annotated[
         list[Path], typer.Argument(help="Flat fields at two or more levels: streams (.h5) or raw frames.")
     ],
@@ -132,14 +136,14 @@ def fit(
 
     One recording of anything, without --dark, gives bounds and no file.
     """
-    from saf_gen.calibration.fit_files import write_fit
+    from saf_gen.calibration.fit_files import write_sensor_fit
     from saf_gen.calibration.fit_sensor import fit_sensor
-    from saf_gen.calibration.recordings import open_recording
+    from saf_gen.calibration.recordings import open_calibration_recording
     from saf_gen.camera import get_sensor
-    from saf_gen.core.files import check_writable
+    from saf_gen.core.files import check_folder_writable
 
     lender, target = get_sensor(base), folder or Path()
-    check_writable(target)
+    check_folder_writable(target)
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name):
         raise BadInput(f"--name is {name!r}", allowed="letters, digits, _, . and -: it names files")
     if threshold_e is not None and not threshold_e >= 25:
@@ -150,17 +154,17 @@ def fit(
             allowed="--dark FILE",
             hint="cover the lens and record; one recording alone gives bounds",
         )
-    with ExitStack() as stack, progress_bars() as bars:
-        opened = [stack.enter_context(open_recording(f, layout=layout, readout_hz=rate)) for f in flats]
+    with ExitStack() as stack, print_progress_bars() as bars:
+        opened = [stack.enter_context(open_calibration_recording(f, layout=layout, readout_hz=rate)) for f in flats]
         if dark is None:
             _print_bounds(opened[0], _reporter(bars, "fit"))
             return
-        unlit = stack.enter_context(open_recording(dark, layout=layout, readout_hz=rate))
+        unlit = stack.enter_context(open_calibration_recording(dark, layout=layout, readout_hz=rate))
         found = fit_sensor(
             list(opened), unlit, base=lender, name=name, threshold_e=threshold_e, report=_reporter(bars, "fit")
         )
-        written = write_fit(found, target)
-    print_estimates(found.estimates, f"sensor {name}")
+        written = write_sensor_fit(found, target)
+    _print_estimates(found.estimates, f"sensor {name}")
     for note in found.notes:
         out.print(f"note: {note}", soft_wrap=True)
     for path in written:
@@ -172,25 +176,25 @@ def fit(
 
 def _print_bounds(recording: "Recording", report: "Report") -> None:
     """Print what one recording of anything bounds."""
-    from saf_gen.calibration.bounds import bound_sensor
-    from saf_gen.calibration.spike_statistics import measure_spikes
+    from saf_gen.calibration.bounds import fit_bounds_of_sensor
+    from saf_gen.calibration.spike_statistics import measure_spike_statistics
 
-    measured = measure_spikes(recording, report=lambda done: report(recording.name, done))
-    print_estimates(bound_sensor(measured, where=recording.name), f"bounds from {recording.name}")
+    measured = measure_spike_statistics(recording, report=lambda done: report(recording.name, done))
+    _print_estimates(fit_bounds_of_sensor(measured, where=recording.name), f"bounds from {recording.name}")
     out.print(
         "note: without a dark recording and flat fields of two levels there are bounds only, and no file is written"
     )
 
 
-def print_estimates(estimates: "dict[str, Estimate]", title: str) -> None:
+def _print_estimates(estimates: "dict[str, Estimate]", title: str) -> None:
     """Print numbers with their intervals as a table."""
-    from saf_gen.calibration.fit_files import format_interval, format_number
+    from saf_gen.calibration.fit_files import format_fitted_interval, format_fitted_number
 
     rows = [
         [
             key,
-            format_number(found.value, found.high - found.low) if found.measured else "–",
-            format_interval(found),
+            format_fitted_number(found.value, found.high - found.low) if found.measured else "–",
+            format_fitted_interval(found),
             found.how,
         ]
         for key, found in estimates.items()
@@ -203,8 +207,8 @@ def _columns(
     names: list[str], bars: Progress, *, mean_rate: float, layout: str, rate: float, seed: int
 ) -> list["Figures"]:
     """Return the statistics of two things, each a sensor or a recording."""
-    from saf_gen.calibration.comparison import encode_again, recording_figures, sensor_figures
-    from saf_gen.calibration.recordings import open_recording
+    from saf_gen.calibration.comparison import encode_again_for_statistics, recording_statistics, sensor_statistics
+    from saf_gen.calibration.recordings import open_calibration_recording
     from saf_gen.camera import get_sensor, sensor_names
 
     sensors = {name: get_sensor(name) for name in names if is_preset_file(name) or name in sensor_names()}
@@ -213,18 +217,20 @@ def _columns(
             get_sensor(name)  # no file is meant: the error names the sensors there are
     if len(sensors) == len(set(names)):
         return [
-            sensor_figures(sensors[name], rate=mean_rate, seed=seed, report=_reporter(bars, name)) for name in names
+            sensor_statistics(sensors[name], rate=mean_rate, seed=seed, report=_reporter(bars, name)) for name in names
         ]
     with ExitStack() as stack:
         recordings = {
-            name: stack.enter_context(open_recording(name, layout=layout, readout_hz=rate))
+            name: stack.enter_context(open_calibration_recording(name, layout=layout, readout_hz=rate))
             for name in names
             if name not in sensors
         }
         shown = next(iter(recordings.values()))
         return [
-            recording_figures(
-                recordings[name] if name in recordings else encode_again(shown, sensors[name], seed=seed),
+            recording_statistics(
+                recordings[name]
+                if name in recordings
+                else encode_again_for_statistics(shown, sensors[name], seed=seed),
                 report=_reporter(bars, name),
             )
             for name in names

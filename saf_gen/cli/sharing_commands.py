@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from saf_gen.cli._terminal import OutFolder, err, out, progress_bars
+from saf_gen.cli._terminal import OutFolder, err, out, print_progress_bars
 
 
-def pack(
+def pack_command(
     dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
     folder: Annotated[Path, typer.Option("--out", help="Folder for shards, index and cards; empty or new.")],
     *,
@@ -25,7 +25,7 @@ def pack(
     """Pack a dataset into tar shards with an index of digests, to be published."""
     from saf_gen.stream.sharing import pack_dataset
 
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         task = bars.add_task("pack", total=1.0)
         packed = pack_dataset(
             dataset,
@@ -45,7 +45,7 @@ def pack(
         err.print(f"its card has no {' and no '.join(packed.missing)}: --{', --'.join(packed.missing)}")
 
 
-def fetch(
+def fetch_command(
     source: Annotated[str, typer.Argument(help="Address (http or https) or folder of a packed dataset.")],
     *,
     folder: OutFolder = None,
@@ -54,7 +54,7 @@ def fetch(
     """Fetch a packed dataset, check every file, and unpack it; the same command goes on after a stop."""
     from saf_gen.stream.sharing import fetch_dataset
 
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         task = bars.add_task("fetch", total=1.0)
         target, index = fetch_dataset(
             source,

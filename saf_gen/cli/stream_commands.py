@@ -23,7 +23,7 @@ DepthOfFocus = Annotated[
 ]
 
 
-def import_(
+def import_command(
     file: Annotated[Path, typer.Argument(help="Raw frames, a .npy, .npz or .mat file, or SAF's folder of recordings.")],
     target: Annotated[Path, typer.Option("--out", help="Stream file to write; of a folder the folder to write.")],
     *,
@@ -59,7 +59,7 @@ def import_(
         if key is not None:
             raise BadInput(f"--key {key} of a raw file", where=str(file), allowed="with .npz and .mat files")
         looks = _looks_like(file)
-        kind = (looks or interop.sniff_raw_layout(file)) if layout == "auto" else layout
+        kind = (looks or interop.sniff_imported_layout(file)) if layout == "auto" else layout
         count = interop.count_raw_frames(file, kind, frames=frames)
         known = _read_known(count, rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
         known |= _read_light(light, count, rate=rate)
@@ -96,39 +96,39 @@ def _read_known(
     frames: int, *, rate: float, focus: Path | None, truth: str | None, depth_of_focus: tuple[float, float] | None
 ) -> dict[str, Any]:
     """Return the fields of a stream that a lens log and a truth give."""
-    from saf_gen.stream.interop import read_lens_log, truth_from_text
+    from saf_gen.stream.interop import import_lens_log, import_truth_from_text
 
     known: dict[str, Any] = {}
     if focus is not None:
-        known["focus_position"] = read_lens_log(focus, frames=frames, readout_hz=rate)
+        known["focus_position"] = import_lens_log(focus, frames=frames, readout_hz=rate)
     if truth is not None:
         lens = known.get("focus_position")
-        known["truth"] = truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
+        known["truth"] = import_truth_from_text(truth, focus_position=lens, depth_of_focus=depth_of_focus)
     elif depth_of_focus is not None:
         raise BadInput("--depth-of-focus is given without --truth", hint="add the position of best focus")
     return known
 
 
 def _read_light(light: Path | None, frames: int, *, rate: float) -> dict[str, Any]:
-    from saf_gen.stream.interop import read_light_log
+    from saf_gen.stream.interop import import_light_log
 
     if light is None:
         return {}
-    gains = read_light_log(light, frames=frames, readout_hz=rate)
+    gains = import_light_log(light, frames=frames, readout_hz=rate)
     return {"gain": np.stack(list(gains.values()), axis=1), "light_names": tuple(gains)}
 
 
 def _looks_like(file: Path) -> str | None:
     """Return the layout that a file seems to have; None where it cannot be told, or the import says what is wrong."""
-    from saf_gen.stream.interop import sniff_raw_layout
+    from saf_gen.stream.interop import sniff_imported_layout
 
     try:
-        return sniff_raw_layout(file)
+        return sniff_imported_layout(file)
     except BadInput:
         return None
 
 
-def encode(
+def encode_command(
     pictures: Annotated[Path, typer.Argument(help="Folder of images, a video, or a .npy, .npz or .mat file.")],
     target: Annotated[Path, typer.Option("--out", help="Stream file to write.")],
     *,
@@ -147,11 +147,11 @@ def encode(
 ) -> None:
     """Turn pictures into spikes by the model of the sensor; between two pictures light is a cross-fade of both."""
     from saf_gen.camera import get_sensor
-    from saf_gen.stream.interop.encode_pictures import SLOW, encode_pictures, plan_encoding
-    from saf_gen.stream.interop.picture_frames import open_pictures
+    from saf_gen.stream.interop.encode_pictures import SLOW, encode_pictures_as_stream, prepare_stream_of_pictures
+    from saf_gen.stream.interop.picture_frames import open_imported_pictures
 
-    source = open_pictures(pictures, linear=linear, key=key)
-    plan = plan_encoding(source, get_sensor(sensor), rate_hz=rate, mean_rate=mean_rate, frames=frames)
+    source = open_imported_pictures(pictures, linear=linear, key=key)
+    plan = prepare_stream_of_pictures(source, get_sensor(sensor), rate_hz=rate, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
     known = _read_known(plan.frames, rate=hz, focus=focus, truth=truth, depth_of_focus=depth_of_focus)
     if plan.count > 1 and plan.readouts_per_picture > SLOW:
@@ -159,12 +159,12 @@ def encode(
             f"{plan.readouts_per_picture:.0f} readouts to a picture: what moves is faded from one place to the next, "
             "and a focus between two is a mix of both, not physics"
         )
-    encode_pictures(plan, target, seed=seed, **known)
+    encode_pictures_as_stream(plan, target, seed=seed, **known)
     values = "linear light" if linear else "sRGB decoded"
     _print_made(target, f"from {plan.count} pictures at {plan.rate_hz:g} Hz, {values}")
 
 
-def export(
+def export_command(
     stream: Annotated[Path, typer.Argument(help="Stream file.")],
     target: Annotated[Path, typer.Option("--out", help="Raw file to write.")],
     *,
@@ -190,25 +190,25 @@ def export(
     out.print(f"{export_raw_frames(stream, target, layout=layout, flip=flip)} bytes in {target}, layout {layout}")
 
 
-def index(
+def index_command(
     folder: Annotated[Path, typer.Argument(help="Folder of streams (.h5), in it or in folders of splits.")],
     *,
     split: Annotated[str, typer.Option(help="Split of the streams that lie in the folder itself.")] = "test",
 ) -> None:
     """Make a folder of streams a dataset, which evaluate takes: write its manifest."""
-    from saf_gen.stream.dataset_index import index_folder
+    from saf_gen.stream.dataset_index import index_streams_of_folder
 
-    manifest = index_folder(folder, split=split)
+    manifest = index_streams_of_folder(folder, split=split)
     out.print(f"{len(manifest.sequences)} sequences in splits {', '.join(manifest.splits)}: saf-gen evaluate {folder}")
 
 
-def inspect(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
+def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
     """Describe a stream: what is in it (length, rates, light, lens, true focus), and how it was made."""
-    from saf_gen.stream.description import describe_content, describe_making
+    from saf_gen.stream.description import describe_stream_content, describe_stream_making
     from saf_gen.stream.stream_file import open_stream
 
     with open_stream(stream) as opened:
-        content, making = describe_content(opened), describe_making(opened)
+        content, making = describe_stream_content(opened), describe_stream_making(opened)
     columns = TableColumn(""), TableColumn("", folds=True)
     if as_json:
         print_table(columns, [*content.items(), *making.items()], as_json=True)

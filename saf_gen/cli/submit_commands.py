@@ -11,7 +11,9 @@ from saf_gen.cli._tables import print_json
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, out
 
 
-def new(folder: Annotated[Path, typer.Argument(help="Folder of the submission; its name is the method's.")]) -> None:
+def new_submission_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of the submission; its name is the method's.")],
+) -> None:
     """Write submission.yaml, in which a line explains each key."""
     from saf_gen.leaderboard.submission import create_submission
 
@@ -19,7 +21,7 @@ def new(folder: Annotated[Path, typer.Argument(help="Folder of the submission; i
     out.print(f"next: fill it in, put your method beside it, and saf-gen submit check {folder}", soft_wrap=True)
 
 
-def check(
+def check_submission_command(
     folder: Annotated[Path, typer.Argument(help="Folder of the submission.")],
     *,
     dataset: Annotated[Path | None, typer.Option("--on", help="The dataset whose split test was judged.")] = None,

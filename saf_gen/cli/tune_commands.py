@@ -6,19 +6,19 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard
-from saf_gen.cli._terminal import ClusterAddress, err, make_step_reporter, out, progress_bars
+from saf_gen.cli._terminal import ClusterAddress, err, make_terminal_reporter, out, print_progress_bars
 from saf_gen.cli.evaluate_commands import (
     ActuatorName,
     BudgetMs,
     SweepMs,
     Track,
-    protocol_from_options,
-    tell_what_was_kept,
+    print_what_was_kept,
+    protocol_from_command_options,
 )
 from saf_gen.errors import BadInput
 
 
-def tune(
+def tune_command(
     dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
     method: Annotated[str, typer.Option(help="MEASURE+SEARCH; options given after a colon are kept.")],
     *,
@@ -37,7 +37,7 @@ def tune(
     """Try every combination of values on a split, and write the best; `@FILE` then names the method."""
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.tuned_method import format_tuned_method
-    from saf_gen.core.files import check_writable, write_atomically
+    from saf_gen.core.files import check_folder_writable, write_atomically
     from saf_gen.leaderboard.tuning import tune_method as run
 
     values: dict[str, list[str]] = {}
@@ -46,22 +46,22 @@ def tune(
         if not equals or key in values:
             raise BadInput(f"--try {given!r}", allowed="KEY=VALUE,VALUE,... and each key once")
         values[key] = rest.split(",")
-    check_writable(file.parent)
+    check_folder_writable(file.parent)
     kept = KeptSequences(file.with_name(f".{file.name}.unfinished"))
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         tuned, rows = run(
             dataset,
             method,
             values=values,
             split=split,
             region=region,
-            protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep),
-            progress=make_step_reporter("tune", bars),
+            protocol=protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep),
+            progress=make_terminal_reporter("tune", bars),
             keep=kept,
             cluster=cluster,
             tell=err.print,
         )
-    tell_what_was_kept(kept)
+    print_what_was_kept(kept)
     print_leaderboard(rows[:20], title=f"{len(rows)} combinations, {tuned.sequences} sequences of {split}")
     with write_atomically(file) as part:
         part.write_text(format_tuned_method(tuned), encoding="utf-8")

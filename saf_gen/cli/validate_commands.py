@@ -6,12 +6,12 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import make_step_reporter, out, print_error, progress_bars
+from saf_gen.cli._terminal import make_terminal_reporter, out, print_error, print_progress_bars
 
 WIDTH = 80
 
 
-def validate(
+def validate_command(
     *,
     quick: Annotated[bool, typer.Option("--quick", help="Run small sizes, in about a minute.")] = False,
     only: Annotated[
@@ -24,16 +24,16 @@ def validate(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Hold the product against theory, other code and itself (eleven minutes), and write a page of what came out."""
-    from saf_gen.acceptance.validation import choose_checks
-    from saf_gen.acceptance.validation.page import tolerance_used, write_page
-    from saf_gen.acceptance.validation.runner import run_checks
+    from saf_gen.acceptance.validation import choose_validation_checks
+    from saf_gen.acceptance.validation.page import tolerance_used_in_validation, write_validation_page
+    from saf_gen.acceptance.validation.runner import run_validation_checks
     from saf_gen.core.extras import RENDERER, require_extra
 
-    checks = choose_checks(only or [])
+    checks = choose_validation_checks(only or [])
     require_extra("render", *RENDERER, of="rendering")
-    with progress_bars() as bars:
-        verdicts = run_checks(checks, folder, quick=quick, report=make_step_reporter("validate", bars))
-    page = write_page(checks, verdicts, folder=folder, quick=quick)
+    with print_progress_bars() as bars:
+        verdicts = run_validation_checks(checks, folder, quick=quick, report=make_terminal_reporter("validate", bars))
+    page = write_validation_page(checks, verdicts, folder=folder, quick=quick)
     if as_json:
         print_json([v.as_dict() for v in verdicts])
     else:
@@ -41,7 +41,14 @@ def validate(
         for verdict in verdicts:
             figures = verdict.comparisons
             number = f"{sum(one.passed for one in figures)} of {len(figures)}" if figures else ""
-            rows.append((verdict.name, verdict.outcome, number, f"{tolerance_used(verdict):.2f}" if figures else ""))
+            rows.append(
+                (
+                    verdict.name,
+                    verdict.outcome,
+                    number,
+                    f"{tolerance_used_in_validation(verdict):.2f}" if figures else "",
+                )
+            )
         columns = TableColumn("check", folds=True), TableColumn("outcome"), TableColumn("figures", justify="right")
         print_table([*columns, TableColumn("tolerance used", justify="right")], rows)
         out.print(f"page: {page}")

@@ -8,7 +8,7 @@ import typer
 from saf_gen.cli._terminal import out
 
 
-def view(
+def view_command(
     stream: Annotated[Path, typer.Argument(help="Stream file.")],
     target: Annotated[Path, typer.Option("--out", help="File to write: .png, .pdf, .svg, .gif, .mp4 or .html.")],
     *,

@@ -28,7 +28,7 @@ def _add_counts(planes, first, stop, counts):
                 counts[y, x] += np.uint32((v + (v >> np.uint8(4))) & np.uint8(0x0F))
 
 
-def add_bit_counts(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: int) -> None:
+def sum_bits_of_planes(planes: np.ndarray, counts: np.ndarray, *, first: int, stop: int) -> None:
     """Add the spikes in frames ``first <= t < stop`` of ``planes`` (bytes, h, w) to uint32 ``counts``."""
     if stop > first:
         _add_counts(planes, first, stop, counts)
@@ -56,7 +56,7 @@ def _add_train_counts(words, width, firsts, stops, counts):
                 counts[k, y, x] += total
 
 
-def add_train_counts(trains: np.ndarray, counts: np.ndarray, *, firsts: np.ndarray, stops: np.ndarray) -> None:
+def sum_bits_of_trains(trains: np.ndarray, counts: np.ndarray, *, firsts: np.ndarray, stops: np.ndarray) -> None:
     """Add the spikes of windows of time-packed ``trains`` uint8 (h, w, bytes) to ``counts`` (windows, h, w).
 
     Window k is ``firsts[k] <= t < stops[k]``, int64, not empty. Pixel goes by pixel, while its train is in the cache.

@@ -71,7 +71,7 @@ def defer_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def finish_before_stopping() -> Iterator[None]:
+def defer_termination() -> Iterator[None]:
     """Delay Ctrl-C and SIGTERM until the end of the block, whichever thread they reach.
 
     For a block that starts no process. In another thread than the main one signals are not handled, nor delayed.

@@ -53,7 +53,7 @@ def read_text_beside(folder: str | Path, name: str, *, where: str = "") -> str:
         raise BadInput(f"{name!r} cannot be read: {error}", where=where) from error
 
 
-def parse_table(file: object, names: tuple[str, ...]) -> tuple[np.ndarray, ...]:
+def parse_csv_table(file: object, names: tuple[str, ...]) -> tuple[np.ndarray, ...]:
     """Return the columns of a table as a recipe hands it over, ``{"path": ..., "text": ...}``.
 
     Raises BadInput where ``file`` is something else, and as :func:`parse_csv_columns` does.

@@ -92,7 +92,7 @@ class PlotStyle:
         return Line2D([], [], **{**line, "ms": 5, "mec": PAPER, "mew": 0.5, **options})
 
 
-def assign_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
+def assign_plot_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
     """Return a style for each name, by its rank: MAX_MEASURES colours, and MAX_MEASURES² styles in all."""
     styles = {}
     for i, name in enumerate(dict.fromkeys(names)):
@@ -102,7 +102,7 @@ def assign_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
 
 
 @contextmanager
-def use_figure_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
+def use_plot_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
     """Return a context with matplotlib's settings for our figures; it restores the earlier settings.
 
     A name may be in letters that the font lacks: an SVG holds it as text, in the reader's font, so no warning is given.
@@ -112,16 +112,16 @@ def use_figure_style(style: dict[Any, Any] = STYLE) -> Iterator[None]:
         yield
 
 
-def hide_spines(axes: Axes, *sides: str) -> None:
+def hide_plot_spines(axes: Axes, *sides: str) -> None:
     """Hide these sides of the frame of the axes."""
     for side in sides:
         axes.spines[side].set_visible(False)
 
 
-def to_svg(figure: Figure, *, name: str) -> str:
+def plot_to_svg(figure: Figure, *, name: str) -> str:
     """Return the text of an SVG file; the same figure and name give the same text."""
     buffer = io.StringIO()
-    with use_figure_style({**STYLE, "svg.hashsalt": name}):
+    with use_plot_style({**STYLE, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return _DIGITS.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), buffer.getvalue())
 

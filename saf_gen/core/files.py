@@ -35,7 +35,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises BadInput when the disk is full or the folder cannot be written.
     """
     final = Path(path)
-    part = temporary_name(final)
+    part = temporary_file_name(final)
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers_once(final.parent)
@@ -44,13 +44,13 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             os.fsync(written.fileno())
         rename_durably(part, final)
     except OSError as error:
-        raise unwritable_error(final, error) from error
+        raise unwritable_file_error(final, error) from error
     finally:
         with suppress(OSError):  # removed already, or its folder is not a folder
             part.unlink(missing_ok=True)
 
 
-def name_as_text(name: str) -> str:
+def file_name_as_text(name: str) -> str:
     """Return the name of a file as text that files can hold: bytes that are no UTF-8 become escapes."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
@@ -73,15 +73,15 @@ def write_folder_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             yield part
             rename_durably(part, final)
     except OSError as error:
-        raise unwritable_error(final, error) from error
+        raise unwritable_file_error(final, error) from error
 
 
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
     """Yield a new folder under a temporary name beside ``path``; it is removed at the end."""
-    part = temporary_name(path)
+    part = temporary_file_name(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(path.parent)
+    remove_leftover_files(path.parent)
     part.mkdir()
     try:
         yield part
@@ -105,13 +105,13 @@ def sync_folder(folder: Path) -> None:
             os.close(opened)
 
 
-def check_writable(folder: Path) -> None:
+def check_folder_writable(folder: Path) -> None:
     """Raise BadInput where ``folder`` could not be made or written to; nothing is made."""
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     if not there.is_dir():
-        raise unwritable_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))
+        raise unwritable_file_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))
     if not os.access(there, os.W_OK):
-        raise unwritable_error(folder, PermissionError(errno.EACCES, "", str(there)))
+        raise unwritable_file_error(folder, PermissionError(errno.EACCES, "", str(there)))
 
 
 def check_file_system(folder: Path) -> None:
@@ -120,7 +120,7 @@ def check_file_system(folder: Path) -> None:
     Some file systems over a network or an object store cannot; half-written files would be taken for whole. Two small
     files are written and removed.
     """
-    new, old = temporary_name(folder / "new"), temporary_name(folder / "old")
+    new, old = temporary_file_name(folder / "new"), temporary_file_name(folder / "old")
     step = ""
     try:
         old.write_bytes(b"old")
@@ -138,7 +138,7 @@ def check_file_system(folder: Path) -> None:
             raise OSError(errno.EIO, "")
     except OSError as error:
         if not step:
-            raise unwritable_error(folder, error) from error
+            raise unwritable_file_error(folder, error) from error
         raise BadInput(
             f"the file system of {folder} cannot {step}: {os.strerror(error.errno or errno.EIO)}",
             allowed="one with atomic renaming, such as ext4, XFS, NFS, Lustre or BeeGFS",
@@ -158,7 +158,7 @@ def _lock_as_hdf5_does(file: int) -> None:
             raise
 
 
-def unwritable_error(path: Path, error: OSError) -> BadInput:
+def unwritable_file_error(path: Path, error: OSError) -> BadInput:
     """Return the error for a file that cannot be written; folders with a hidden name are told by their final one."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
@@ -167,13 +167,13 @@ def unwritable_error(path: Path, error: OSError) -> BadInput:
     return BadInput(f"{Path(*names)} cannot be written: {reason}", hint=hint)
 
 
-def undeletable_error(path: Path, error: OSError) -> BadInput:
+def undeletable_file_error(path: Path, error: OSError) -> BadInput:
     """Return the error for a file, or something in a folder, that cannot be deleted."""
     reason = os.strerror(error.errno) if error.errno else str(error)
     return BadInput(f"{path}: nothing can be deleted there: {reason}", hint="change its permissions")
 
 
-def remove_leftovers(folder: Path, *, below: bool = False) -> None:
+def remove_leftover_files(folder: Path, *, below: bool = False) -> None:
     """Remove the temporary files and folders in ``folder`` whose process has ended; with ``below`` in its folders too.
 
     Of those that another machine wrote the age decides.
@@ -190,7 +190,7 @@ def remove_leftovers(folder: Path, *, below: bool = False) -> None:
 
 @cache
 def _remove_leftovers_once(folder: Path) -> None:
-    remove_leftovers(folder)
+    remove_leftover_files(folder)
 
 
 def _is_left_behind(part: Path) -> bool:
@@ -202,7 +202,7 @@ def _is_left_behind(part: Path) -> bool:
     return not _is_running(int(found["pid"]))
 
 
-def temporary_name(final: Path) -> Path:
+def temporary_file_name(final: Path) -> Path:
     """Return a new name beside ``final``, which says what process writes it; what is left there is removed later."""
     # The token keeps apart containers with equal names and processes, and shards that render the same stack.
     return final.with_name(f".{final.name}.{secrets.token_hex(4)}.{_machine()}.{os.getpid()}.part")

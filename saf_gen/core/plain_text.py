@@ -14,7 +14,7 @@ def escape_markdown(text: str) -> str:
     return "".join(_ESCAPES.get(sign, sign) for sign in escape_controls(" ".join(text.split())))
 
 
-def escape_names(item: Any) -> Any:
+def escape_all_text(item: Any) -> Any:
     """Return a text, a tuple or a dataclass with every text in it written by :func:`saf_gen.errors.escape_controls`.
 
     What has nothing to escape is returned itself. Mappings and lists stay as they are.
@@ -22,10 +22,10 @@ def escape_names(item: Any) -> Any:
     if isinstance(item, str):
         return escape_controls(item)
     if type(item) is tuple:
-        new = tuple(map(escape_names, item))
+        new = tuple(map(escape_all_text, item))
         return item if all(one is other for one, other in zip(item, new, strict=True)) else new
     if is_dataclass(item) and not isinstance(item, type):
         held = {field.name: getattr(item, field.name) for field in fields(item) if field.init}
-        changed = {name: new for name, old in held.items() if (new := escape_names(old)) is not old}
+        changed = {name: new for name, old in held.items() if (new := escape_all_text(old)) is not old}
         return replace(item, **changed) if changed else item
     return item

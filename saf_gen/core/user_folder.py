@@ -22,15 +22,15 @@ def user_folder() -> Path | None:
     return base / "saf_gen" if base.is_absolute() else None
 
 
-def sign(data: bytes) -> bytes | None:
+def sign_as_user(data: bytes) -> bytes | None:
     """Return SIGNATURE_BYTES that only this user can make of the data (HMAC-SHA-256); None without a folder for it."""
     secret = _secret()
     return None if secret is None else hmac.digest(secret, data, "sha256")
 
 
-def is_signed(data: bytes, signature: bytes) -> bool:
+def is_signed_by_user(data: bytes, signature: bytes) -> bool:
     """Return whether this user has signed the data."""
-    expected = sign(data)
+    expected = sign_as_user(data)
     return expected is not None and hmac.compare_digest(expected, signature)
 
 

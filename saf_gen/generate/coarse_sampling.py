@@ -11,7 +11,7 @@ FEWEST = 2.0
 is always within a quarter of it. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 
-def find_coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
+def find_coarse_recipe_sampling(resolved: ResolvedRecipe) -> list[str]:
     """Return a line for each scene with too few focus positions, and for each with fewer time slices than its card."""
     return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved)]
 

@@ -56,7 +56,7 @@ class MachineRates:
         return len(spec.groups) * (self.load_s + pixels * (spec.samples * sample + planes))
 
 
-def read_machine_rates(path: str | Path) -> MachineRates:
+def read_rates_for_plan(path: str | Path) -> MachineRates:
     """Return the rates in the output of ``saf-gen bench rates --json``; what it does not measure has its default.
 
     Raises BadInput for a file that is not that.
@@ -78,12 +78,12 @@ def read_machine_rates(path: str | Path) -> MachineRates:
     return MachineRates(**rates)
 
 
-def stack_bytes(specs: Iterable[StackSpec]) -> int:
+def plan_stack_bytes(specs: Iterable[StackSpec]) -> int:
     """Return about how many bytes of disk stacks take, depth and target with them."""
     return sum(map(_stored_bytes, specs))
 
 
-def stream_bytes(pixel_frames: float) -> int:
+def plan_stream_bytes(pixel_frames: float) -> int:
     """Return about how many bytes of disk streams of so many pixels times frames take."""
     return int(pixel_frames * STREAM_BITS_PER_PIXEL_FRAME / 8)
 

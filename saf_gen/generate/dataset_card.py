@@ -12,7 +12,13 @@ from saf_gen.core.plain_text import escape_markdown
 from saf_gen.generate.recipe import Recipe
 from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stream.manifest import Manifest
-from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, front_matter, read_licences, write_croissant
+from saf_gen.stream.sharing.croissant import (
+    SYNTHETIC,
+    DatasetFacts,
+    front_matter_for_sharing,
+    read_licences_for_croissant,
+    write_croissant,
+)
 
 PAGE = Template("""# $name: spike-camera autofocus data
 
@@ -70,10 +76,12 @@ def _describe_scene(card: SceneCard) -> str:
     return f"- `{card.id}`: {escape_markdown(f'{card.title}. Licence {licence}.')}"
 
 
-def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]) -> None:
+def write_generated_dataset_card(
+    folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard]
+) -> None:
     """Write README.md and croissant.json into a dataset folder that has its manifest, each whole or not at all."""
     cards = list(scenes)
-    licences = read_licences(card.licence for card in cards)
+    licences = read_licences_for_croissant(card.licence for card in cards)
     splits = Counter(entry.split for entry in manifest.sequences)
     text = PAGE.substitute(
         name=recipe.name,
@@ -89,7 +97,7 @@ def write_dataset_card(folder: Path, recipe: Recipe, *, manifest: Manifest, scen
         scenes="\n".join(map(_describe_scene, cards)),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
-    matter = front_matter(manifest, licences, pattern="{split}/*.h5")
+    matter = front_matter_for_sharing(manifest, licences, pattern="{split}/*.h5")
     write_text_atomically(folder / "README.md", matter + text)
     described = (
         f"Spike-camera autofocus data, rendered and simulated: {len(manifest.sequences)} sequences of "

@@ -18,14 +18,14 @@ KEEP_SLICES = ("all", "closed-loop", "none")
 """Which time slices stay: all; those that a closed-loop run needs; none, and none are rendered for the closed loop."""
 
 
-def validate_keep_slices(keep_slices: str) -> str:
+def validate_generated_slices_kept(keep_slices: str) -> str:
     """Return the choice; raise BadInput where there is no such."""
     if keep_slices not in KEEP_SLICES:
         raise unknown("choice of time slices to keep:", keep_slices, allowed=KEEP_SLICES)
     return keep_slices
 
 
-def find_stacks_to_render(
+def find_stacks_to_generate(
     resolved: ResolvedRecipe, folder: Path, *, keep_slices: str
 ) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
     """Return the stacks that lack a piece, or their grain where they are to be recorded from, with their sequences."""
@@ -49,7 +49,7 @@ class JobOrder:
     deleted is read first: only if its file is damaged are they rendered again. Slices that ``keep_slices`` does not
     keep are deleted when the last recording that needs them, of the whole recipe, is made.
 
-    ``to_render`` is what :func:`find_stacks_to_render` found. ``choose_backend`` returns the backend to render with;
+    ``to_render`` is what :func:`find_stacks_to_generate` found. ``choose_backend`` returns the backend to render with;
     it is called once, where something must be rendered.
     """
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from saf_gen.core.cores import defer_interrupts, usable_cores
 from saf_gen.core.execution import ReportProgress
-from saf_gen.core.files import undeletable_error, unwritable_error
+from saf_gen.core.files import undeletable_file_error, unwritable_file_error
 from saf_gen.generate.plan import PlannedSequence
 from saf_gen.generate.recorder import Recorder
-from saf_gen.generate.recordings import verified_recording_digest
+from saf_gen.generate.recordings import digest_generated_recording
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
@@ -47,7 +47,7 @@ class RenderJob:
 
     def run(self, report: ReportProgress) -> list[str]:
         from saf_gen.render import render_missing_stacks  # only a process that renders pays for loading Mitsuba
-        from saf_gen.render.second_render import measure_missing_grain
+        from saf_gen.render.second_render import measure_grain_by_second_render
 
         told: set[str] = set()
 
@@ -64,11 +64,11 @@ class RenderJob:
             pieces = render_missing_stacks(self.scene, self.time_stack.specs, **options, progress=progress)
             tell_done()
             if self.measure_grain:
-                measure_missing_grain(self.scene, self.time_stack.specs, **options, progress=progress)
+                measure_grain_by_second_render(self.scene, self.time_stack.specs, **options, progress=progress)
                 tell_done()
             return pieces
         except OSError as error:
-            raise unwritable_error(self.stacks, error) from error
+            raise unwritable_file_error(self.stacks, error) from error
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class RecordJob:
 
     def run(self, report: ReportProgress) -> RecordResult:
         report(self.name, 0.0)
-        digest = verified_recording_digest(self.path, self.fingerprint)
+        digest = digest_generated_recording(self.path, self.fingerprint)
         kept = digest is not None
         if digest is None:
             if self.time_stack.is_moving and self.time_stack.find_missing(self.stacks):
@@ -125,7 +125,7 @@ class RecordJob:
                     progress=lambda done: report(self.name, ALMOST * done),
                 )
             except OSError as error:
-                raise unwritable_error(self.path, error) from error
+                raise unwritable_file_error(self.path, error) from error
         report(self.name, 1.0)
         return RecordResult(digest, kept)
 
@@ -156,11 +156,11 @@ class DeleteJob:
     def run(self, report: ReportProgress) -> int:
         report(self.name, 0.0)
         freed, stores = 0, [StackStore(self.stacks, spec) for spec in self.specs]
-        if all(verified_recording_digest(path, fingerprint) for path, fingerprint in self.needed_by):
+        if all(digest_generated_recording(path, fingerprint) for path, fingerprint in self.needed_by):
             try:
                 freed = sum(store.delete_pictures() if self.needed_by else store.delete() for store in stores)
             except OSError as error:
-                raise undeletable_error(self.stacks, error) from error
+                raise undeletable_file_error(self.stacks, error) from error
         report(self.name, 1.0)
         return freed
 

@@ -75,7 +75,7 @@ class PlannedSequence:
         return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
 
 
-def make_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
+def make_recipe_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None = None) -> list[PlannedSequence]:
     """Return the recipe's sequences in the order of splits, scenes, static and dynamic, lights, repeats.
 
     ``families`` are by scene; a scene without one has no parameters, does not move, and has no illuminance.

@@ -11,10 +11,10 @@ from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from saf_gen.core.config import components
 from saf_gen.core.config.document import FrozenModel, validate_document
-from saf_gen.core.config.ranges import check_parameter, config_range_extremes
+from saf_gen.core.config.ranges import check_config_parameter, config_range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput, unknown
-from saf_gen.generate.sealing import SealedSeed, open_sealed_seed
+from saf_gen.generate.sealing import SealedSeed, open_sealed_recipe_seed
 from saf_gen.plugins.lights import read_light_schedule
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
@@ -224,7 +224,7 @@ def read_recipe(path: str | Path) -> Recipe:
     Raises BadInput with file and line where something does not fit.
     """
     document = read_yaml(path)
-    open_sealed_seed(document)
+    open_sealed_recipe_seed(document)
     recipe = validate_document(Recipe, document)
     lights = {}
     for name, schedule in recipe.lights.items():
@@ -258,7 +258,7 @@ def read_recipe(path: str | Path) -> Recipe:
             raise unknown("scene of scene_params", scene, allowed=owners, where=where)
         for key, value in params.items():
             where = document.locate("scene_params", scene, key)
-            check_parameter(value, what=f"scene_params.{scene}.{key}", where=where)
+            check_config_parameter(value, what=f"scene_params.{scene}.{key}", where=where)
     return recipe
 
 

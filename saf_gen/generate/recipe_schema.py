@@ -1,6 +1,6 @@
 """The JSON Schema of a recipe."""
 
-from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_component, model_to_json_schema
+from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_config_schema, model_to_json_schema
 from saf_gen.generate.recipe import Recipe
 from saf_gen.plugins.lights import COMMON_KEYS, UNITS
 
@@ -16,7 +16,7 @@ def make_recipe_schema() -> Schema:
     """Return the JSON Schema (draft 2020-12) of a recipe, with every light schedule and lens motion there is."""
     schema = model_to_json_schema(Recipe, "saf_gen recipe")
     common = {key: {"anyOf": [COMMON[key], OPEN], "description": said} for key, said in COMMON_KEYS.items()}
-    light = define_component(schema, "lights", common=common)
+    light = define_config_schema(schema, "lights", common=common)
     by_group = {
         "type": "object",
         "description": "A schedule for each light group by its name; a group that is not named stays at gain 1.",
@@ -26,7 +26,7 @@ def make_recipe_schema() -> Schema:
     schema["properties"]["lights"]["additionalProperties"] = {"anyOf": [light, by_group]}
     schema["properties"]["scene_params"]["additionalProperties"] = {"type": "object", "additionalProperties": PARAMETER}
     focus, exposure = schema["$defs"]["FocusSettings"]["properties"], schema["$defs"]["ExposureSettings"]["properties"]
-    focus["motion"] = {**define_component(schema, "motions"), "description": focus["motion"]["description"]}
+    focus["motion"] = {**define_config_schema(schema, "motions"), "description": focus["motion"]["description"]}
     rate = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
     exposure["mean_rate"]["anyOf"] = [rate, OPEN, {"type": "null"}]
     return schema

@@ -6,12 +6,12 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
 
 
-def has_recording(path: Path, fingerprint: str) -> bool:
+def has_generated_recording(path: Path, fingerprint: str) -> bool:
     """Return whether ``path`` is a stream of this fingerprint; its spikes are not read."""
     return _stored_digest(path, fingerprint, verify=False) is not None
 
 
-def verified_recording_digest(path: Path, fingerprint: str) -> str | None:
+def digest_generated_recording(path: Path, fingerprint: str) -> str | None:
     """Return the content_sha256 of a stream of this fingerprint that was read and is whole, else None."""
     return _stored_digest(path, fingerprint, verify=True)
 

@@ -12,21 +12,21 @@ from typing import Any
 
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.config.presets import is_preset_file
-from saf_gen.core.shipped import find_recipe
 from saf_gen.errors import BadInput, located, unknown
-from saf_gen.generate.cost import MachineRates, stack_bytes, stream_bytes
-from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_plan
+from saf_gen.generate.cost import MachineRates, plan_stack_bytes, plan_stream_bytes
+from saf_gen.generate.plan import PlannedSequence, SceneFamily, make_recipe_plan
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.recordings import has_recording
+from saf_gen.generate.recordings import has_generated_recording
+from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.plugins.lights import light_group_gains
-from saf_gen.plugins.motions import lens_motion_at_readouts
+from saf_gen.plugins.motions import motion_positions_at_readouts
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import (
     TimeResolvedStack,
     focus_windows_of_stack_slices,
     frames_of_stack_slices,
-    moments_that_tell_shading,
+    moments_that_shade_stack_slices,
 )
 
 MODEL = 4
@@ -141,7 +141,7 @@ class ResolvedRecipe:
         if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
             return False
         digest = stack.digest(folder / "stacks")
-        return all(has_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
+        return all(has_generated_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
 
     def kept_slice_bytes(self, keep_slices: str) -> int:
         """Return about how many bytes the time slices of these sequences take that ``keep_slices`` keeps in the end."""
@@ -151,12 +151,12 @@ class ResolvedRecipe:
                 kept |= set(sequence.time_stack.specs)
             if keep_slices != "none" and sequence.closed_loop_slices is not None:
                 kept |= set(sequence.closed_loop_slices.specs)
-        return stack_bytes(kept)
+        return plan_stack_bytes(kept)
 
     def estimate_bytes(self, folder: Path, keep_slices: str = "all") -> int:
         """Return about how many bytes of disk the work still to do takes while it is done, rounded up."""
         missing = self._missing_stacks(folder, keep_slices)
-        return stack_bytes(missing) + stream_bytes(self._missing_pixel_frames(folder))
+        return plan_stack_bytes(missing) + plan_stream_bytes(self._missing_pixel_frames(folder))
 
     def estimate_seconds(self, folder: Path, keep_slices: str = "all") -> float:
         """Return roughly how many seconds the work still to do takes on two cores with LLVM."""
@@ -213,7 +213,7 @@ def resolve_recipe(
         for name, scene in scenes.items()
     }
     with located(where):
-        planned = make_plan(recipe, families)
+        planned = make_recipe_plan(recipe, families)
     # This takes milliseconds, and finds what does not fit before hours of rendering.
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
@@ -221,7 +221,7 @@ def resolve_recipe(
             light_group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
     for s in _distinct(planned, lambda s: s.motion):
         with located(where, prefix=f"the lens motion of {s.id}: "):
-            lens_motion_at_readouts(s.motion, frames, readout_hz=hz)
+            motion_positions_at_readouts(s.motion, frames, readout_hz=hz)
     with located(where):
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
     wanted = [sequence for sequence in resolved if split in (None, sequence.planned.split)]
@@ -269,12 +269,12 @@ def _resolve_stacks(
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = recipe.render.slices_per_s or card.slices_per_s or 0.0
-    position = lens_motion_at_readouts(sequence.motion, frames, readout_hz=hz)
+    position = motion_positions_at_readouts(sequence.motion, frames, readout_hz=hz)
     starts = frames_of_stack_slices(frames, readout_hz=hz, slices_per_s=slices_per_s)
     windows = focus_windows_of_stack_slices(position, starts, positions=spec.positions)
     times = [start / hz for start in starts]
     filtered = recipe.render.estimator == "filtered"
-    moments = moments_that_tell_shading(times) if filtered else [()] * len(times)
+    moments = moments_that_shade_stack_slices(times) if filtered else [()] * len(times)
     slices = (
         replace(spec, samples=recipe.render.samples_per_slice, time_s=time_s, window=window, moments_s=told)
         for time_s, window, told in zip(times, windows, moments, strict=True)

@@ -14,10 +14,10 @@ import saf_gen
 from saf_gen.core import seeds
 from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
 from saf_gen.core.extras import RESULT_PACKAGES, installed_version
-from saf_gen.core.files import check_file_system, check_writable, remove_leftovers
+from saf_gen.core.files import check_file_system, check_folder_writable, remove_leftover_files
 from saf_gen.errors import BadInput, SafGenError, unknown
-from saf_gen.generate.dataset_card import write_dataset_card
-from saf_gen.generate.job_order import JobOrder, find_stacks_to_render, validate_keep_slices
+from saf_gen.generate.dataset_card import write_generated_dataset_card
+from saf_gen.generate.job_order import JobOrder, find_stacks_to_generate, validate_generated_slices_kept
 from saf_gen.generate.jobs import ChooseBackendJob, RecordJob, RenderJob
 from saf_gen.generate.plan import recipe_fingerprint
 from saf_gen.generate.recorder import Recorder
@@ -93,9 +93,9 @@ def generate(
     """
     if variant not in BACKENDS:
         raise unknown("variant", variant, allowed=BACKENDS)
-    validate_keep_slices(keep_slices)
+    validate_generated_slices_kept(keep_slices)
     folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
-    to_render = find_stacks_to_render(resolved, folder, keep_slices=keep_slices)
+    to_render = find_stacks_to_generate(resolved, folder, keep_slices=keep_slices)
     machines = None if cluster is None else Cluster(cluster, folder, writes=True)
 
     def choose_backend() -> tuple[str, bool]:
@@ -107,9 +107,9 @@ def generate(
         if resolved.recipe.render.diffraction:
             raise _no_waves_error(backend_name, "the recipe asks for")
         resolved = resolved.without_diffraction()
-        to_render = find_stacks_to_render(resolved, folder, keep_slices=keep_slices)
+        to_render = find_stacks_to_generate(resolved, folder, keep_slices=keep_slices)
     _check_folder(resolved, folder, keep_slices=keep_slices)
-    remove_leftovers(folder, below=True)
+    remove_leftover_files(folder, below=True)
     recorder = Recorder(
         sensor=resolved.sensor,
         frames=resolved.recipe.camera.frames,
@@ -204,7 +204,7 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
                 f"{folder} holds the dataset {name!r}, the recipe makes {resolved.recipe.name!r}",
                 hint="give another folder with --out",
             )
-    check_writable(folder)
+    check_folder_writable(folder)
     folder.mkdir(parents=True, exist_ok=True)
     check_file_system(folder)
     needed, free = resolved.estimate_bytes(folder, keep_slices), shutil.disk_usage(folder).free
@@ -217,14 +217,14 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
 
 def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
     """Write a contact sheet of every still scene whose focal stack is whole and that has none yet."""
-    from saf_gen.authoring.preview import write_preview  # loads matplotlib, which a dry run does without
+    from saf_gen.authoring.preview import write_scene_preview  # loads matplotlib, which a dry run does without
 
     for stack in resolved.sequences_by_stack():
         spec = stack.specs[0]
         sheet = folder / "preview" / f"{spec.key}.png"
         store = StackStore(folder / "stacks", spec)
         if not (stack.is_moving or sheet.exists() or store.missing_pieces()):
-            write_preview(store.load(), resolved.sensor, path=sheet)
+            write_scene_preview(store.load(), resolved.sensor, path=sheet)
 
 
 def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
@@ -250,7 +250,9 @@ def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
         sequences=tuple(entry for entry in entries if entry is not None),
     )
     write_manifest(folder, manifest)
-    write_dataset_card(folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()])
+    write_generated_dataset_card(
+        folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()]
+    )
     return manifest
 
 

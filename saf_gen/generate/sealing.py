@@ -39,7 +39,7 @@ class _WithSealedSeed(FrozenModel):
     seed: SealedSeed
 
 
-def open_sealed_seed(document: Document) -> None:
+def open_sealed_recipe_seed(document: Document) -> None:
     """Replace the sealed ``seed`` of a recipe by the number that its secret stands for; other recipes stay as they are.
 
     Raises BadInput, with the line, for a seed without its secret, and for a secret that does not fit.

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from saf_gen.core.shipped import find_recipe
-from saf_gen.generate.cost import MachineRates, stack_bytes, stream_bytes
-from saf_gen.generate.job_order import validate_keep_slices
+from saf_gen.generate.cost import MachineRates, plan_stack_bytes, plan_stream_bytes
+from saf_gen.generate.job_order import validate_generated_slices_kept
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, resolve_recipe
+from saf_gen.generate.shipped_recipes import find_recipe
 
 MOST_DRAWN = 5_000
 """Most sequences that a plan draws one by one."""
@@ -63,7 +63,7 @@ class WorkPlan:
     drawn: int
 
 
-def plan_work(
+def plan_recipe_work(
     recipe_path: str | Path,
     *,
     part: tuple[int, int] = (1, 1),
@@ -87,7 +87,7 @@ def plan_work(
     ------
     BadInput : for whatever does not fit, as ``generate`` would.
     """
-    validate_keep_slices(keep_slices)
+    validate_generated_slices_kept(keep_slices)
     rates = rates or MachineRates()
     few = resolve_recipe(recipe_path, split=split, most_repeats=REPEATS_THAT_STAND_FOR_ALL)
     recipe = read_recipe(find_recipe(recipe_path))
@@ -100,7 +100,7 @@ def plan_work(
     pixel_frames = few.sensor.rows * few.sensor.columns * recipe.camera.frames
     record_s = pixel_frames / rates.recorded_per_s(workers)
     sequences, stacks = sum(work.recordings for work in works), sum(work.stacks for work in works)
-    streams = stream_bytes(pixel_frames * sequences)
+    streams = plan_stream_bytes(pixel_frames * sequences)
     return WorkPlan(
         name=recipe.name,
         sequences=sequences,
@@ -108,7 +108,7 @@ def plan_work(
         jobs=stacks + sequences,
         render_s=sum(work.stacks * work.render_s for work in works),
         record_s=sequences * record_s,
-        seconds=simulate_machines(works, record_s=record_s, machines=machines, rates=rates),
+        seconds=simulate_plan_on_machines(works, record_s=record_s, machines=machines, rates=rates),
         scheduler_s=(stacks + sequences) * rates.job_s + sequences * rates.sequence_s,
         peak_bytes=streams + sum(work.stack_bytes for work in works),
         disk_bytes=streams + sum(work.kept_bytes for work in works),
@@ -116,7 +116,9 @@ def plan_work(
     )
 
 
-def simulate_machines(works: Sequence[StackWork], *, record_s: float, machines: int, rates: MachineRates) -> float:
+def simulate_plan_on_machines(
+    works: Sequence[StackWork], *, record_s: float, machines: int, rates: MachineRates
+) -> float:
     """Return the seconds from start to end where ``machines`` take their jobs from one scheduler, in their order.
 
     Stacks come first, and what is recorded from each waits until it is rendered. The scheduler hands out one job after
@@ -160,7 +162,7 @@ def _add_up(own: Sequence[ResolvedSequence], *, rates: MachineRates, keep_slices
     specs, kept_specs = ({spec for stack in some for spec in stack.specs} for some in (recorded | whole, kept))
     stacks = len(recorded | whole)
     seconds = sum(map(rates.render_seconds, specs))
-    return StackWork(stacks, seconds / stacks, stack_bytes(specs), stack_bytes(kept_specs), len(own))
+    return StackWork(stacks, seconds / stacks, plan_stack_bytes(specs), plan_stack_bytes(kept_specs), len(own))
 
 
 def _scale(

@@ -9,18 +9,22 @@ from saf_gen.leaderboard.axes import (
     AXES,
     Axis,
     AxisTable,
-    group_by_bin,
-    keep_shown_bins,
-    list_shown_bins,
-    tabulate_by_axis,
+    group_by_leaderboard_bin,
+    keep_leaderboard_bins,
+    list_leaderboard_bins,
+    tabulate_leaderboard_by_axis,
 )
-from saf_gen.leaderboard.columns import Column, list_leaderboard_columns, list_shown_columns
-from saf_gen.leaderboard.curve_tables import summarise_measures, write_leaderboard_curves
+from saf_gen.leaderboard.columns import Column, list_leaderboard_columns, list_shown_leaderboard_columns
+from saf_gen.leaderboard.curve_tables import rank_measures_by_curves, write_leaderboard_curves
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
-from saf_gen.leaderboard.merging import merge_records
+from saf_gen.leaderboard.merging import merge_leaderboard_records
 from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.table_formats import compose_leaderboard_notes, format_latex, format_markdown
+from saf_gen.leaderboard.table_formats import (
+    compose_leaderboard_notes,
+    format_leaderboard_latex,
+    format_leaderboard_markdown,
+)
 
 __all__ = [
     "AXES",
@@ -30,18 +34,18 @@ __all__ = [
     "Leaderboard",
     "LeaderboardRow",
     "compose_leaderboard_notes",
-    "format_latex",
-    "format_markdown",
-    "group_by_bin",
-    "keep_shown_bins",
+    "format_leaderboard_latex",
+    "format_leaderboard_markdown",
+    "group_by_leaderboard_bin",
+    "keep_leaderboard_bins",
+    "list_leaderboard_bins",
     "list_leaderboard_columns",
-    "list_shown_bins",
-    "list_shown_columns",
-    "merge_records",
+    "list_shown_leaderboard_columns",
+    "merge_leaderboard_records",
+    "rank_measures_by_curves",
     "rank_methods",
     "read_leaderboard",
-    "summarise_measures",
-    "tabulate_by_axis",
+    "tabulate_leaderboard_by_axis",
     "write_leaderboard",
     "write_leaderboard_curves",
 ]

@@ -9,7 +9,7 @@ from saf_gen.benchmark.records import Record
 RecordValue = Callable[[Record], float | None]
 
 
-def mean_by_scene(records: Sequence[Record], value: RecordValue) -> dict[str, float]:
+def mean_by_scene_for_ranking(records: Sequence[Record], value: RecordValue) -> dict[str, float]:
     """Return by scene the mean over its lights, each being the mean of its sequences' known values."""
     scenes: dict[str, dict[str | None, list[float]]] = {}
     for record in records:
@@ -20,13 +20,13 @@ def mean_by_scene(records: Sequence[Record], value: RecordValue) -> dict[str, fl
     }
 
 
-def mean_over_scenes(records: Sequence[Record], value: RecordValue) -> float | None:
-    """Return the mean of mean_by_scene; None where every value is unknown."""
-    scenes = mean_by_scene(records, value)
+def mean_over_scenes_for_ranking(records: Sequence[Record], value: RecordValue) -> float | None:
+    """Return the mean of mean_by_scene_for_ranking; None where every value is unknown."""
+    scenes = mean_by_scene_for_ranking(records, value)
     return float(np.mean(list(scenes.values()))) if scenes else None
 
 
-def median_magnitude(numbers: Iterable[float | None]) -> float | None:
+def median_magnitude_for_ranking(numbers: Iterable[float | None]) -> float | None:
     """Return the median of the absolute values that are known; None if all are unknown."""
     known = [abs(number) for number in numbers if number is not None]
     return float(np.median(known)) if known else None

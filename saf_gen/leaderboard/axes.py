@@ -10,7 +10,7 @@ from typing import Any
 
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
+from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_magnitude_for_ranking
 
 MAX_SHOWN_BINS = 40
 """Most bins of an axis in tables for people, such as scenes."""
@@ -51,20 +51,20 @@ class AxisTable:
     cells: Mapping[str, tuple[BinSummary, ...]]
 
 
-def tabulate_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
+def tabulate_leaderboard_by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisTable, ...]:
     """Return one table per axis whose bin is known for at least one sequence; methods stay in order."""
     return tuple(table for table in (_tabulate(axis, records, methods=methods) for axis in AXES) if table.bins)
 
 
-def list_shown_bins(sequences: Mapping[str, int]) -> list[str]:
+def list_leaderboard_bins(sequences: Mapping[str, int]) -> list[str]:
     """Return the bins for tables that people read, in their order: at most MAX_SHOWN_BINS, those of most sequences."""
     shown = sorted(sequences, key=lambda name: -sequences[name])[:MAX_SHOWN_BINS]
     return [name for name in sequences if name in shown]
 
 
-def keep_shown_bins(table: AxisTable) -> AxisTable:
-    """Return the table without the bins that list_shown_bins leaves out; its axis then says so."""
-    shown = set(list_shown_bins(dict(zip(table.bins, table.sequences, strict=True))))
+def keep_leaderboard_bins(table: AxisTable) -> AxisTable:
+    """Return the table without the bins that list_leaderboard_bins leaves out; its axis then says so."""
+    shown = set(list_leaderboard_bins(dict(zip(table.bins, table.sequences, strict=True))))
     if len(shown) == len(table.bins):
         return table
     said = f"Here are {len(shown)} of {len(table.bins):,}, those of most sequences; axes.csv has all."
@@ -81,7 +81,7 @@ def keep_shown_bins(table: AxisTable) -> AxisTable:
     )
 
 
-def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record]]:
+def group_by_leaderboard_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record]]:
     """Return the records of each bin, bins in the axis's order; records of unknown bin are left out."""
     members: dict[str, list[Record]] = {}
     for record in records:
@@ -91,7 +91,7 @@ def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record
 
 
 def _tabulate(axis: Axis, records: Sequence[Record], *, methods: Sequence[str]) -> AxisTable:
-    bins = group_by_bin(records, axis)
+    bins = group_by_leaderboard_bin(records, axis)
     by_method: dict[str, dict[str, list[Record]]] = {name: {} for name in bins}
     for name, members in bins.items():
         for record in members:
@@ -107,8 +107,8 @@ def _tabulate(axis: Axis, records: Sequence[Record], *, methods: Sequence[str]) 
 
 def _summarise(records: Sequence[Record]) -> BinSummary:
     return BinSummary(
-        mean_over_scenes(records, lambda r: r.success_1dof),
-        median_magnitude(r.error_dof for r in records),
+        mean_over_scenes_for_ranking(records, lambda r: r.success_1dof),
+        median_magnitude_for_ranking(r.error_dof for r in records),
         abstained=sum(r.status == "abstained" for r in records),
         failed=sum(r.status == "failed" for r in records),
     )

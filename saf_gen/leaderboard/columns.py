@@ -43,7 +43,7 @@ class Column:
         return f"success_1dof_light_{self.light}" if self.light else self.name
 
 
-def list_shown_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
+def list_shown_leaderboard_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ...]:
     """Return the columns of these rows for people, in order, with one per light schedule."""
     return tuple(
         c
@@ -58,7 +58,7 @@ def list_leaderboard_columns(rows: Sequence[LeaderboardRow]) -> tuple[Column, ..
     return (*_rank_columns(), *_success_columns(lights), *_error_columns(), *_count_columns(), *_cost_columns())
 
 
-def format_percent(fraction: float) -> str:
+def format_leaderboard_percent(fraction: float) -> str:
     """Return a fraction as a whole percentage; halves are rounded up."""
     return f"{fraction + TIE_TOLERANCE:.0%}"  # 0.375 is 38 %, whatever its last bit
 
@@ -76,7 +76,7 @@ def _rank_columns() -> tuple[Column, ...]:
         _column("method", "method", meaning="Focus measure + search.", text=str, justify="left", **_ESSENTIAL),
         _column("verified", "verified", meaning=verified, text=str, justify="left", is_optional=True),
         _column("level_with_best", "", meaning=level, text=str, machine_only=True),
-        *_interval_columns(*ends, header="", meaning=behind, text=format_percent, machine_only=True),
+        *_interval_columns(*ends, header="", meaning=behind, text=format_leaderboard_percent, machine_only=True),
     )
 
 
@@ -87,7 +87,7 @@ def _success_columns(lights: Sequence[str]) -> tuple[Column, ...]:
     two = f"Success within 2 DoF, blur ≤ 4 px. {abstention} below ≤1 DoF."
     interval = "95 % interval of the success within 1 DoF over all scenes of this kind."
     ends = "success_1dof_low", "success_1dof_high"
-    options: dict[str, Any] = {"text": format_percent, "group": "success"}
+    options: dict[str, Any] = {"text": format_leaderboard_percent, "group": "success"}
     return (
         _column("success_half_dof", "≤½ DoF", meaning=half, is_fraction=True, **options, **_ALL),
         _column("success_1dof", "≤1 DoF", meaning=one, is_fraction=True, **options, **_ESSENTIAL),
@@ -102,7 +102,7 @@ def _light_column(light: str) -> Column:
         return dict(row.success_by_light).get(light)
 
     def text(row: LeaderboardRow) -> str:
-        return "–" if (fraction := value(row)) is None else format_percent(fraction)
+        return "–" if (fraction := value(row)) is None else format_leaderboard_percent(fraction)
 
     meaning = f"Success within 1 DoF under the light {light}."
     group = "≤1 DoF by light"
@@ -149,7 +149,7 @@ def _cost_columns() -> tuple[Column, ...]:
     seconds = "Seconds per sequence that search and measure computed, without the counting of spikes."
     two, three = _fixed(2), _fixed(3)
     return (
-        _column("frames_seen", "seen", meaning=seen, text=format_percent, group="cost", **_ALL),
+        _column("frames_seen", "seen", meaning=seen, text=format_leaderboard_percent, group="cost", **_ALL),
         _column("lens_travel", "lens", meaning=travel, text=two, group="cost"),
         _column("reversals", "turns", meaning=reversals, text=_fixed(1), group="cost", is_optional=True),
         _column("time_to_focus_s", "to focus s", meaning=until, text=three, group="cost", is_optional=True),

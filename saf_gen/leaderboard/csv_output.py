@@ -9,7 +9,7 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """What a spreadsheet takes for the beginning of a formula, which may read files and call addresses."""
 
 
-def format_csv(header: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
+def format_leaderboard_csv(header: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
     """Return a CSV text with one header line; None becomes an empty field.
 
     A text that a spreadsheet would run gets an apostrophe before it.

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
 from saf_gen.core.files import write_text_atomically
-from saf_gen.leaderboard.averages import median_magnitude
-from saf_gen.leaderboard.csv_output import format_csv
+from saf_gen.leaderboard.averages import median_magnitude_for_ranking
+from saf_gen.leaderboard.csv_output import format_leaderboard_csv
 
 _NAMES = tuple(f.name for f in fields(CurveQuality))
 QUALITY_MEANINGS = {
@@ -39,7 +39,7 @@ class MeasureRow:
     medians: dict[str, float | None]
 
 
-def summarise_measures(curves: Sequence[AssessedCurve]) -> list[MeasureRow]:
+def rank_measures_by_curves(curves: Sequence[AssessedCurve]) -> list[MeasureRow]:
     """Return a row per measure, the most accurate first; those of unknown accuracy last, by name."""
     by_measure: dict[str, list[AssessedCurve]] = {}
     for row in curves:
@@ -47,7 +47,7 @@ def summarise_measures(curves: Sequence[AssessedCurve]) -> list[MeasureRow]:
     rows = []
     for measure, own in by_measure.items():
         known = [row.quality for row in own if row.quality is not None]
-        medians = {name: median_magnitude(getattr(q, name) for q in known) for name in QUALITY_MEANINGS}
+        medians = {name: median_magnitude_for_ranking(getattr(q, name) for q in known) for name in QUALITY_MEANINGS}
         rows.append(MeasureRow(measure, len(own), len(own) - len(known), medians))
     return sorted(rows, key=_sort_key)
 
@@ -74,11 +74,11 @@ def write_leaderboard_curves(folder: str | Path, curves: Sequence[AssessedCurve]
         for row in curves
     ]
     measures = [
-        [row.measure, row.curves, row.without_quality, *row.medians.values()] for row in summarise_measures(curves)
+        [row.measure, row.curves, row.without_quality, *row.medians.values()] for row in rank_measures_by_curves(curves)
     ]
     texts = {
-        "curves.csv": format_csv(header, lines),
-        "measures.csv": format_csv(["measure", "curves", "without", *QUALITY_MEANINGS], measures),
+        "curves.csv": format_leaderboard_csv(header, lines),
+        "measures.csv": format_leaderboard_csv(["measure", "curves", "without", *QUALITY_MEANINGS], measures),
     }
     for name, text in texts.items():
         write_text_atomically(Path(folder) / name, text)

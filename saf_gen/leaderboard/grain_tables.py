@@ -27,7 +27,7 @@ class SceneGrain:
     of_curve: dict[str, float]
 
 
-def tabulate_grain(records: Iterable[Record]) -> list[SceneGrain]:
+def tabulate_leaderboard_grain(records: Iterable[Record]) -> list[SceneGrain]:
     """Return the grain of each scene at rest and of each moving one, in order of appearance, if any is known."""
     groups: dict[tuple[str, str | None], list[Record]] = {}
     for record in records:
@@ -46,7 +46,7 @@ def tabulate_grain(records: Iterable[Record]) -> list[SceneGrain]:
     return tables if any(table.rms for table in tables) else []
 
 
-def compose_grain_notes(records: Sequence[Record]) -> list[str]:
+def compose_leaderboard_grain_notes(records: Sequence[Record]) -> list[str]:
     """Return a warning where grain is large against the focus curves of some measures, else nothing."""
     known = sorted(
         ((r.grain_of_curve, _measure(r), r.sequence) for r in records if r.grain_of_curve is not None), reverse=True

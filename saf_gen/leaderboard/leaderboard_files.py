@@ -7,22 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen import __version__
-from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
+from saf_gen.benchmark.records import RECORDS_FILE, Record, write_benchmark_records
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.core.files import write_text_atomically
 from saf_gen.core.plain_text import escape_markdown
-from saf_gen.leaderboard.axes import AxisTable, BinSummary, keep_shown_bins, tabulate_by_axis
-from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_columns
-from saf_gen.leaderboard.csv_output import format_csv
-from saf_gen.leaderboard.grain_tables import tabulate_grain
+from saf_gen.leaderboard.axes import AxisTable, BinSummary, keep_leaderboard_bins, tabulate_leaderboard_by_axis
+from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_leaderboard_columns
+from saf_gen.leaderboard.csv_output import format_leaderboard_csv
+from saf_gen.leaderboard.grain_tables import tabulate_leaderboard_grain
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.scene_intervals import CONFIDENCE
 from saf_gen.leaderboard.table_formats import (
     compose_leaderboard_notes,
-    explain_columns,
-    format_axis_markdown,
-    format_latex,
-    format_markdown,
+    explain_leaderboard_columns,
+    format_leaderboard_axis,
+    format_leaderboard_latex,
+    format_leaderboard_markdown,
 )
 
 
@@ -38,18 +38,20 @@ def write_leaderboard(
     Each file is replaced at once, never seen half written. None becomes null, or an empty field of a CSV.
     Raises BadInput where a file cannot be written.
     """
-    axes = tabulate_by_axis(records, [row.method for row in rows])
+    axes = tabulate_leaderboard_by_axis(records, [row.method for row in rows])
     columns = list_leaderboard_columns(rows)
     texts = {
         "leaderboard.json": _format_json(rows, records=records, failures=failures, axes=axes),
-        "leaderboard.csv": format_csv([c.key for c in columns], [[c.value(row) for c in columns] for row in rows]),
+        "leaderboard.csv": format_leaderboard_csv(
+            [c.key for c in columns], [[c.value(row) for c in columns] for row in rows]
+        ),
         "leaderboard.md": _format_page(rows, records=records, failures=failures, axes=axes),
-        "leaderboard.tex": format_latex(rows),
+        "leaderboard.tex": format_leaderboard_latex(rows),
         "axes.csv": _format_axes(axes),
     }
     for name, text in texts.items():
         write_text_atomically(Path(folder) / name, text)
-    write_records(Path(folder) / RECORDS_FILE, records)
+    write_benchmark_records(Path(folder) / RECORDS_FILE, records)
     return [Path(folder) / name for name in (*texts, RECORDS_FILE)]
 
 
@@ -77,7 +79,7 @@ def _format_json(
         },
         "axes": [_axis_to_json(table) for table in axes],
         "notes": compose_leaderboard_notes(rows, records),
-        "grain": [asdict(table) for table in tabulate_grain(records)],
+        "grain": [asdict(table) for table in tabulate_leaderboard_grain(records)],
         "data": {r.sequence: r.data for r in records},
         "code": {r.method: r.code for r in records},
         "tuning": {r.method: r.tuning for r in records if r.tuning},
@@ -108,7 +110,7 @@ def _format_axes(axes: Sequence[AxisTable]) -> str:
         for method, cells in table.cells.items()
         for *counts, cell in zip(table.bins, table.scenes, table.sequences, cells, strict=True)
     ]
-    return format_csv(header, lines)
+    return format_leaderboard_csv(header, lines)
 
 
 def _format_page(
@@ -120,9 +122,9 @@ def _format_page(
 ) -> str:
     parts = [
         "# Leaderboard\n",
-        format_markdown(rows),
+        format_leaderboard_markdown(rows),
         escape_markdown(" ".join(compose_leaderboard_notes(rows, records))) + "\n",
-        explain_columns(list_shown_columns(rows)),
+        explain_leaderboard_columns(list_shown_leaderboard_columns(rows)),
     ]
     if failures:
         parts.append(
@@ -130,8 +132,8 @@ def _format_page(
         )
     parts += [
         f"## {table.axis.title}\n\n{table.axis.meaning} Success within 1 DoF (median error in DoF).\n\n"
-        + format_axis_markdown(table)
-        for table in map(keep_shown_bins, axes)
+        + format_leaderboard_axis(table)
+        for table in map(keep_leaderboard_bins, axes)
         if len(table.bins) > 1
     ]
     return "\n".join(parts)

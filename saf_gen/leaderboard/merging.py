@@ -31,7 +31,7 @@ _SEQUENCE_KEYS = {
 """Keys of a record that describe its sequence, and their names: tables weigh and sort by them."""
 
 
-def merge_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
+def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
     """Return the records of all runs as one list, sequences and methods in the order of first appearance.
 
     ``runs`` are by name; with a single run, messages name methods instead. Where several runs hold the same method on

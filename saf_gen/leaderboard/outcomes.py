@@ -50,10 +50,10 @@ class Outcomes:
         return wins
 
 
-def collect_outcomes(by_method: Mapping[str, Sequence[Record]]) -> Outcomes:
+def collect_outcomes_to_rank(by_method: Mapping[str, Sequence[Record]]) -> Outcomes:
     """Return the outcomes of the methods for which any success is known, scenes in the order of their names.
 
-    Every method has a record of every sequence (see merge_records).
+    Every method has a record of every sequence (see merge_leaderboard_records).
     """
     known = {name: own for name, own in by_method.items() if any(r.success_1dof is not None for r in own)}
     unknown = {r.sequence for own in known.values() for r in own if r.success_1dof is None}

@@ -16,7 +16,7 @@ TURNS = 4096
 _MAX_NUMBERS = 8_000_000
 
 
-def adjust_p_values(differences: np.ndarray) -> np.ndarray:
+def adjust_p_values_of_ranks(differences: np.ndarray) -> np.ndarray:
     """Return the p-values of the mean differences of a family, adjusted for all of them: float (P,), 0–1.
 
     Parameters

@@ -8,10 +8,10 @@ from typing import overload
 
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.errors import BadInput, escape_controls
-from saf_gen.leaderboard.columns import ALL, list_leaderboard_columns, list_shown_columns
-from saf_gen.leaderboard.merging import merge_records
+from saf_gen.leaderboard.columns import ALL, list_leaderboard_columns, list_shown_leaderboard_columns
+from saf_gen.leaderboard.merging import merge_leaderboard_records
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, ELSEWHERE, HERE, read_row_states
+from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, ELSEWHERE, HERE, read_leaderboard_row_states
 
 WEIGHT_OF_STATE = (CLAIMED, ELSEWHERE, HERE, DIFFERS)
 """Of several verdicts on a row, which stand with the same answers in several evaluations, the last of these counts."""
@@ -58,7 +58,7 @@ class Leaderboard(Sequence[LeaderboardRow]):
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook, without the most detailed columns; a heading explains itself when held."""
-        shown = [column for column in list_shown_columns(self.rows) if column.detail < ALL]
+        shown = [column for column in list_shown_leaderboard_columns(self.rows) if column.detail < ALL]
         head = "".join(f'<th title="{escape(c.meaning)}">{escape(c.header)}</th>' for c in shown)
         body = "".join(
             "<tr>"
@@ -90,9 +90,9 @@ def read_leaderboard(*evaluations: str | Path) -> Leaderboard:
     runs = {str(one): read_records(Path(one)) for one in evaluations}
     states: dict[str, str] = {}
     for run, own in runs.items():
-        for method, state in read_row_states(Path(run), own).items():
+        for method, state in read_leaderboard_row_states(Path(run), own).items():
             states[method] = max(state, states.get(method, state), key=WEIGHT_OF_STATE.index)
-    records = merge_records(runs)
+    records = merge_leaderboard_records(runs)
     rows = rank_methods(records)
     if states:
         rows = tuple(replace(row, verified=states.get(row.method, CLAIMED)) for row in rows)

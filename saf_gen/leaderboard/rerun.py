@@ -11,10 +11,10 @@ from saf_gen import __version__
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
 from saf_gen.benchmark.method_spec import Method, parse_method, split_method_region
 from saf_gen.benchmark.records import Record, read_records
-from saf_gen.core.config.registry import refuse_code
+from saf_gen.core.config.registry import refuse_code_named_in_file
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_answers
+from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_leaderboard_answers
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -23,7 +23,7 @@ TOLERANCE = 1e-9
 """Relative difference of two numbers that are taken for equal: other processors round sums otherwise."""
 
 
-def verify_evaluation(
+def verify_leaderboard_rows(
     folder: Path,
     source: Path,
     *,
@@ -82,7 +82,9 @@ def verify_evaluation(
                 rows[label], {s: r for (m, s), r in again.items() if m == method.name}, unread=unread
             )
     verdicts = (
-        RowVerdict(label, _state(reasons[label], was_run=label in runs), reasons[label], digest_answers(own))
+        RowVerdict(
+            label, _state(reasons[label], was_run=label in runs), reasons[label], digest_leaderboard_answers(own)
+        )
         for label, own in rows.items()
     )
     return Verification(tuple(verdicts), source.resolve().name, socket.gethostname(), describe_machine(), __version__)
@@ -94,7 +96,7 @@ def _find_method(label: str, code: str, *, given: Mapping[str, Method], where: s
         region = split_method_region(label)[1]
         return parse_method(f"{split_method_region(given[code].name)[0]}@{region}") if region else given[code]
     try:
-        with refuse_code(where):
+        with refuse_code_named_in_file(where):
             method = parse_method(label)
     except BadInput as error:
         return f"no method here gives this row: {error.problem}"

@@ -6,9 +6,9 @@ from math import inf
 from typing import Any
 
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
-from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.statistics import TIE_TOLERANCE, MethodIntervals, find_method_intervals
+from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_magnitude_for_ranking
+from saf_gen.leaderboard.merging import merge_leaderboard_records
+from saf_gen.leaderboard.statistics import TIE_TOLERANCE, MethodIntervals, find_intervals_of_ranking
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
     Methods rank by success within one depth of focus. Within a rank, rows are ordered by median error in
     depths of focus, then by name. Methods for which no success is known come last, without a rank.
 
-    Raises BadInput where records cannot be compared: see merge_records.
+    Raises BadInput where records cannot be compared: see merge_leaderboard_records.
     """
     by_method: dict[str, list[Record]] = {}
-    for record in merge_records({"": list(records)}):
+    for record in merge_leaderboard_records({"": list(records)}):
         by_method.setdefault(record.method, []).append(record)
     lights = sorted({r.light for own in by_method.values() for r in own if r.light is not None})
     rows = [_average(method, own, lights=lights) for method, own in by_method.items()]
-    intervals = find_method_intervals(by_method)
+    intervals = find_intervals_of_ranking(by_method)
     unknown = MethodIntervals()
     ranked = [replace(_rank(row, rows), **_interval_ends(intervals.get(row.method, unknown))) for row in rows]
     return tuple(sorted(ranked, key=_sort_key))
@@ -110,24 +110,24 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
         rank=None,
         tied=(),
         method=method,
-        success_half_dof=mean_over_scenes(records, lambda r: r.success_half_dof),
-        success_1dof=mean_over_scenes(records, lambda r: r.success_1dof),
-        success_2dof=mean_over_scenes(records, lambda r: r.success_2dof),
-        median_error_dof=median_magnitude(r.error_dof for r in records),
-        median_error_travel=median_magnitude(r.error for r in records),
-        median_error_frames=median_magnitude(r.error_frames for r in records),
-        median_blur_px=median_magnitude(r.blur_px for r in records),
+        success_half_dof=mean_over_scenes_for_ranking(records, lambda r: r.success_half_dof),
+        success_1dof=mean_over_scenes_for_ranking(records, lambda r: r.success_1dof),
+        success_2dof=mean_over_scenes_for_ranking(records, lambda r: r.success_2dof),
+        median_error_dof=median_magnitude_for_ranking(r.error_dof for r in records),
+        median_error_travel=median_magnitude_for_ranking(r.error for r in records),
+        median_error_frames=median_magnitude_for_ranking(r.error_frames for r in records),
+        median_blur_px=median_magnitude_for_ranking(r.blur_px for r in records),
         success_by_light=tuple(
-            (light, mean_over_scenes([r for r in records if r.light == light], lambda r: r.success_1dof))
+            (light, mean_over_scenes_for_ranking([r for r in records if r.light == light], lambda r: r.success_1dof))
             for light in lights
         ),
         abstained=sum(r.status == "abstained" for r in records),
         failed=sum(r.status == "failed" for r in records),
         sequences=len(records),
-        frames_seen=mean_over_scenes(records, lambda r: r.frames_seen / r.frames),
-        lens_travel=mean_over_scenes(records, lambda r: r.lens_travel),
-        time_to_focus_s=mean_over_scenes(records, lambda r: r.time_to_focus_s),
-        reversals=mean_over_scenes(records, lambda r: r.reversals),
-        windows=mean_over_scenes(records, lambda r: r.windows),
-        seconds=mean_over_scenes(records, lambda r: r.seconds),
+        frames_seen=mean_over_scenes_for_ranking(records, lambda r: r.frames_seen / r.frames),
+        lens_travel=mean_over_scenes_for_ranking(records, lambda r: r.lens_travel),
+        time_to_focus_s=mean_over_scenes_for_ranking(records, lambda r: r.time_to_focus_s),
+        reversals=mean_over_scenes_for_ranking(records, lambda r: r.reversals),
+        windows=mean_over_scenes_for_ranking(records, lambda r: r.windows),
+        seconds=mean_over_scenes_for_ranking(records, lambda r: r.seconds),
     )

@@ -24,7 +24,7 @@ _MAX_NUMBERS = 4_000_000
 Interval = tuple[float, float]
 
 
-def find_rate_intervals(
+def find_intervals_of_ranked_rate(
     shares: np.ndarray, counts: np.ndarray, *, confidence: float = CONFIDENCE, cells: tuple[int, int] = FINE
 ) -> np.ndarray:
     """Return the intervals of mean rates over scenes, such as success rates: float64 (R, 2), each within 0...1.
@@ -72,15 +72,16 @@ def find_rate_intervals(
     return ends
 
 
-def find_difference_intervals(
+def find_rank_difference_intervals(
     wins: np.ndarray, losses: np.ndarray, *, counts: np.ndarray, confidence: float = CONFIDENCE,
     cells: tuple[int, int] = FINE,
 ) -> np.ndarray:  # fmt: skip
     """Return the intervals of differences of two success rates on the same sequences: float64 (R, 2), −1...1.
 
     The difference is the rate of sequences that only the first solves less that of those that only the second solves.
-    Both have an interval by find_rate_intervals, and the distances of its ends from the estimates combine as the
-    squares of standard deviations do, with the correlation over scenes (method of variance estimates recovery [1]_).
+    Both have an interval by find_intervals_of_ranked_rate, and the distances of its ends from the estimates combine as
+    the squares of standard deviations do, with the correlation over scenes (method of variance estimates recovery
+    [1]_).
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def find_difference_intervals(
        doi:10.1002/(SICI)1097-0258(19981130)17:22<2635::AID-SIM954>3.0.CO;2-C.
     """
     first, second = wins.mean(axis=1), losses.mean(axis=1)
-    ends = find_rate_intervals(np.concatenate([wins, losses]), counts, confidence=confidence, cells=cells)
+    ends = find_intervals_of_ranked_rate(np.concatenate([wins, losses]), counts, confidence=confidence, cells=cells)
     below = np.abs(np.stack([first, second]) - ends[:, 0].reshape(2, -1))
     above = np.abs(ends[:, 1].reshape(2, -1) - np.stack([first, second]))
     spread = wins.std(axis=1) * losses.std(axis=1)
@@ -108,7 +109,7 @@ def find_difference_intervals(
     return np.clip(np.stack([difference - reach[0], difference + reach[1]], axis=1), -1, 1)
 
 
-def find_mean_interval(values: Sequence[float], *, confidence: float = CONFIDENCE) -> Interval | None:
+def find_interval_of_ranked_mean(values: Sequence[float], *, confidence: float = CONFIDENCE) -> Interval | None:
     """Return the interval of the mean over scenes by Student's t; None for fewer than MIN_SCENES values."""
     if len(values) < MIN_SCENES:
         return None
@@ -116,7 +117,9 @@ def find_mean_interval(values: Sequence[float], *, confidence: float = CONFIDENC
     return float(np.mean(values) - half), float(np.mean(values) + half)
 
 
-def find_median_interval(values: np.ndarray, scenes: np.ndarray, *, confidence: float = CONFIDENCE) -> Interval | None:
+def find_interval_of_ranked_median(
+    values: np.ndarray, scenes: np.ndarray, *, confidence: float = CONFIDENCE
+) -> Interval | None:
     """Return the interval of the median of values of several scenes; None where the scenes do not bound it.
 
     The fraction of values up to the median has a variance over scenes (of a ratio, as answers are counted too) and an

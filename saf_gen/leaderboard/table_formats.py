@@ -7,8 +7,8 @@ from saf_gen.benchmark.records import Record
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import escape_controls
 from saf_gen.leaderboard.axes import AxisTable, BinSummary
-from saf_gen.leaderboard.columns import ALL, Column, format_percent, list_shown_columns
-from saf_gen.leaderboard.grain_tables import compose_grain_notes
+from saf_gen.leaderboard.columns import ALL, Column, format_leaderboard_percent, list_shown_leaderboard_columns
+from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.scene_intervals import MIN_SCENES
 
@@ -30,30 +30,31 @@ _LATEX = {
 }
 
 
-def format_markdown(rows: Sequence[LeaderboardRow]) -> str:
+def format_leaderboard_markdown(rows: Sequence[LeaderboardRow]) -> str:
     """Return the table as GitHub-flavoured Markdown."""
-    shown = list_shown_columns(rows)
+    shown = list_shown_leaderboard_columns(rows)
     body = [[escape_markdown(c.format_value(row)) for c in shown] for row in rows]
     return _format_grid([escape_markdown(c.header) for c in shown], body, is_left=[c.justify == "left" for c in shown])
 
 
-def format_axis_markdown(table: AxisTable) -> str:
+def format_leaderboard_axis(table: AxisTable) -> str:
     """Return the table of one axis as Markdown: success within 1 DoF, and the median error in brackets."""
     headers = [
-        f"{escape_markdown(name)}<br>{count_noun(scenes, 'scene')}, {count_noun(sequences, 'sequence')}"
+        f"{escape_markdown(name)}<br>{count_noun_in_leaderboard(scenes, 'scene')}, "
+        f"{count_noun_in_leaderboard(sequences, 'sequence')}"
         for name, scenes, sequences in zip(table.bins, table.scenes, table.sequences, strict=True)
     ]
-    body = [[escape_markdown(method), *map(format_bin, cells)] for method, cells in table.cells.items()]
+    body = [[escape_markdown(method), *map(format_leaderboard_bin, cells)] for method, cells in table.cells.items()]
     return _format_grid(["method", *headers], body, is_left=[True] + [False] * len(headers))
 
 
-def format_latex(rows: Sequence[LeaderboardRow]) -> str:
+def format_leaderboard_latex(rows: Sequence[LeaderboardRow]) -> str:
     """Return all but the most detailed columns as a LaTeX ``tabular`` with rules of the package booktabs."""
-    shown = [c for c in list_shown_columns(rows) if c.detail < ALL]
+    shown = [c for c in list_shown_leaderboard_columns(rows) if c.detail < ALL]
     headers, rules, first = [], [], 1
     for group, columns in groupby(shown, key=lambda c: c.group):
         span = len(list(columns))
-        headers.append(rf"\multicolumn{{{span}}}{{c}}{{{escape_latex(group)}}}")
+        headers.append(rf"\multicolumn{{{span}}}{{c}}{{{escape_leaderboard_latex(group)}}}")
         if group:
             rules.append(rf"\cmidrule(lr){{{first}-{first + span - 1}}}")
         first += span
@@ -63,21 +64,21 @@ def format_latex(rows: Sequence[LeaderboardRow]) -> str:
         r"\toprule",
         " & ".join(headers) + r" \\",
         "".join(rules),
-        " & ".join(escape_latex(c.header) for c in shown) + r" \\",
+        " & ".join(escape_leaderboard_latex(c.header) for c in shown) + r" \\",
         r"\midrule",
-        *(" & ".join(escape_latex(c.format_value(row)) for c in shown) + r" \\" for row in rows),
+        *(" & ".join(escape_leaderboard_latex(c.format_value(row)) for c in shown) + r" \\" for row in rows),
         r"\bottomrule",
         r"\end{tabular}",
     ]
     return "\n".join(line for line in lines if line) + "\n"
 
 
-def escape_latex(text: str) -> str:
+def escape_leaderboard_latex(text: str) -> str:
     """Return the text on one line, with LaTeX's special characters escaped."""
     return "".join(_LATEX.get(character, character) for character in escape_controls(" ".join(text.split())))
 
 
-def explain_columns(shown: Sequence[Column]) -> str:
+def explain_leaderboard_columns(shown: Sequence[Column]) -> str:
     """Return the meanings of the columns, a line of Markdown each."""
     return "".join(f"- **{escape_markdown(c.header)}**: {escape_markdown(c.meaning)}\n" for c in shown)
 
@@ -94,22 +95,22 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
             f"Intervals hold at 95 % over {scenes} scenes, each alone; those of ranks for all rivals of a row at once"
             + ("; of so few scenes, hardly a rank can be told from another." if scenes < 2 * MIN_SCENES else ".")
         )
-    notes += compose_grain_notes(records)
+    notes += compose_leaderboard_grain_notes(records)
     machines = sorted({r.machine for r in records if r.machine})
     if len(machines) > 1:
         notes.append(f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}.")
     return notes
 
 
-def format_bin(summary: BinSummary) -> str:
+def format_leaderboard_bin(summary: BinSummary) -> str:
     """Return one method in one bin as text: success within 1 DoF, and the median error in brackets."""
     if summary.success_1dof is None:
         return "–"
     error = "" if summary.median_error_dof is None else f" ({summary.median_error_dof:.2f})"
-    return format_percent(summary.success_1dof) + error
+    return format_leaderboard_percent(summary.success_1dof) + error
 
 
-def count_noun(count: int, noun: str) -> str:
+def count_noun_in_leaderboard(count: int, noun: str) -> str:
     """Return a number with its noun, in the plural unless it is 1."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 

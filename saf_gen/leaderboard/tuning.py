@@ -15,7 +15,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import parse_method, split_method_options, split_method_region
 from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial
-from saf_gen.core.files import name_as_text
+from saf_gen.core.files import file_name_as_text
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
@@ -29,7 +29,7 @@ MAX_COMBINATIONS = 1000
 ParameterGrid = Mapping[str, Sequence[str]]
 
 
-def expand_parameter_grid(method: str, values: ParameterGrid) -> list[str]:
+def expand_tuning_grid(method: str, values: ParameterGrid) -> list[str]:
     """Return the method (a name, or ``@FILE`` of a tuned one) with every combination of the values, in order.
 
     ``values`` are by ``measure.KEY`` or ``search.KEY`` and replace the one in the method's name. Raises BadInput for
@@ -74,14 +74,14 @@ def tune_method(
     cluster: str | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
-    """Find the best of ``expand_parameter_grid(method, values)`` on a split of a dataset.
+    """Find the best of ``expand_tuning_grid(method, values)`` on a split of a dataset.
 
     The best method has the largest success within one depth of focus, and among equals the smallest median error.
 
     Parameters
     ----------
     dataset : folder of the dataset.
-    method, values : see expand_parameter_grid.
+    method, values : see expand_tuning_grid.
     split : any split but ``test``.
     region : where measures look: ``target`` or ``frame``.
     protocol : rules of the closed loop; None judges on the recordings.
@@ -95,7 +95,7 @@ def tune_method(
 
     Raises
     ------
-    BadInput : the split ``test``, an unknown split or region, or what expand_parameter_grid and evaluate refuse.
+    BadInput : the split ``test``, an unknown split or region, or what expand_tuning_grid and evaluate refuse.
     SafGenError : a sequence cannot be read.
     """
     if split == "test":
@@ -106,7 +106,7 @@ def tune_method(
         )
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    specs = expand_parameter_grid(method, values)
+    specs = expand_tuning_grid(method, values)
     splits = {entry.split for entry in read_manifest(dataset).sequences}
     if split not in splits:
         raise unknown("split", split, allowed=splits, where=str(dataset))
@@ -128,7 +128,7 @@ def tune_method(
     first = result.records[0]
     tuned = TunedMethod(
         method=rows[0].method,
-        dataset=name_as_text(Path(dataset).resolve().name),
+        dataset=file_name_as_text(Path(dataset).resolve().name),
         split=split,
         track=first.track,
         terms=first.terms,

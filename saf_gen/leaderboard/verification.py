@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import ConfigDict
 
-from saf_gen.benchmark.records import Record, pop_record_format, record_to_json
+from saf_gen.benchmark.records import Record, benchmark_record_to_json, pop_benchmark_record_format
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.cores import describe_machine
@@ -57,14 +57,14 @@ class Verification:
     version: str
 
 
-def write_verification(folder: Path, verification: Verification) -> Path:
+def write_leaderboard_verification(folder: Path, verification: Verification) -> Path:
     """Write ``verification.json`` beside the records that it speaks of; return its path."""
     path = folder / VERIFICATION_FILE
     write_text_atomically(path, format_checked_json({"format": FORMAT, **asdict(verification)}, indent=1) + "\n")
     return path
 
 
-def read_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
+def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
     """Return what the ``verification.json`` of an evaluation says of each of its rows; empty where there is none.
 
     A verdict on other answers than those of ``records`` does not count. Raises BadInput for a damaged file.
@@ -73,7 +73,7 @@ def read_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
     if not path.is_file():
         return {}
     document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
-    pop_record_format(document, FORMAT, what="verification", hint=HINT)
+    pop_benchmark_record_format(document, FORMAT, what="verification", hint=HINT)
     verification = validate_document(Verification, document, hint=HINT)
     here = (verification.host, verification.machine) == (socket.gethostname(), describe_machine())
     rows: dict[str, list[Record]] = {}
@@ -83,15 +83,15 @@ def read_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
     return {
         method: found[method].state if here or found[method].state != HERE else ELSEWHERE
         for method, own in rows.items()
-        if method in found and found[method].answers == digest_answers(own)
+        if method in found and found[method].answers == digest_leaderboard_answers(own)
     }
 
 
-def digest_answers(records: Iterable[Record]) -> str:
+def digest_leaderboard_answers(records: Iterable[Record]) -> str:
     """Return 16 digits of a SHA-256 over what records say of their answers, in any order of the sequences."""
     lines = sorted(json.dumps(_answer(record), ensure_ascii=False) for record in records)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
 def _answer(record: Record) -> dict[str, Any]:
-    return {key: value for key, value in record_to_json(record).items() if key not in COST_AND_MACHINE}
+    return {key: value for key, value in benchmark_record_to_json(record).items() if key not in COST_AND_MACHINE}

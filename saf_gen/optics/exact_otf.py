@@ -7,7 +7,7 @@ wavelengths.
 import numpy as np
 
 
-def exact_otf(fraction: np.ndarray | float, defocus_waves: float, *, points: int = 4000) -> np.ndarray:
+def exact_lens_otf(fraction: np.ndarray | float, defocus_waves: float, *, points: int = 4000) -> np.ndarray:
     """Return the pupil's overlap with itself, shifted by the frequency (Hopkins 1955, doi:10.1098/rspa.1955.0158).
 
     In units of R, with the two copies at ±s for the fraction s: a strip at x is 2·√(1 - (|x| + s)²) high, and its

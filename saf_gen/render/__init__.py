@@ -57,7 +57,7 @@ def render_missing_stacks(
     if not todo:
         return []
     backend.activate_render_backend(backend_name, threads=threads)
-    described = mitsuba_scene.build_scene_dict(scene)
+    described = mitsuba_scene.build_mitsuba_scene_dict(scene)
     motions = mitsuba_scene.mitsuba_shape_motions(scene, described)
     emitting = mitsuba_scene.mitsuba_emitter_names(described)
     # Moments of one scene share their camera rays: what noise is left in them does not flicker where nothing moves.
@@ -81,7 +81,7 @@ def render_missing_stacks(
             report("geometry", 1.0)
             continue
         shading = None
-        if estimators.shares_shading(spec.estimator, backend_name=backend_name):
+        if estimators.renders_with_shared_shading(spec.estimator, backend_name=backend_name):
             shading = paths.estimate(
                 spec.moments_s or (spec.time_s,), samples=spec.samples, progress=lambda done: report("light", done / 2)
             )
@@ -117,7 +117,7 @@ class _ShownScene:
         self, scene: Scene, spec: StackSpec, *, described: dict[str, Any], motions: dict[str, RigidMotion]
     ) -> None:
         self._scene, self._spec, self._described, self._motions = scene, spec, described, motions
-        self._camera = mitsuba_scene.camera_to_world(scene)
+        self._camera = mitsuba_scene.mitsuba_camera_to_world(scene)
         self._time_s: float | None = None
         self._setups: dict[str, RenderSetup] = {}
 
@@ -129,8 +129,8 @@ class _ShownScene:
         # part of a kernel's code, and find their kernels in the cache: this saves 0.2 to 0.6 s each.
         self._setups.clear()
         card, spec = self._scene.card, self._spec
-        moment = posed_shapes.pose_shapes(self._described, self._motions, time_s=time_s, unit_m=card.unit_m)
-        moved = posed_shapes.find_moved_shapes(self._motions, time_s=time_s, still_s=card.still_s)
+        moment = posed_shapes.pose_rendered_shapes(self._described, self._motions, time_s=time_s, unit_m=card.unit_m)
+        moved = posed_shapes.find_moved_rendered_shapes(self._motions, time_s=time_s, still_s=card.still_s)
         for group in spec.groups:
             loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
                 moment, card.lights[group], max_depth=spec.max_depth

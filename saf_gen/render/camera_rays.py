@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.diffraction import find_aperture_waves, place_bend_samples
+from saf_gen.render.diffraction import find_waves_of_rays, place_bends_of_rays
 from saf_gen.render.host_splat import NEVER, TracedPaths
 from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
 from saf_gen.render.render_setup import RenderSetup
@@ -60,22 +60,22 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
     drive, grid, units = setup.drive, setup.grid, 1 / setup.unit_m
     middle = float(focus[0] + focus[-1]) / 2
     ends = float(focus[0]), float(focus[-1])
-    waves = find_aperture_waves(drive, grid, wavelength_m=setup.wavelength_m, ends=ends)
+    waves = find_waves_of_rays(drive, grid, wavelength_m=setup.wavelength_m, ends=ends)
     covered = compute_ray_coverage(drive, grid, ends=ends, bend_reach_m=waves.reach_m if waves else 0.0)
     # Each position still gets the requested samples through the part of the lens disc that is its aperture.
     requested, samples = samples, math.ceil(samples * (covered.radius_m / drive.aperture_radius_m) ** 2 - 1e-9)
     rows, columns = grid.rows + 2 * covered.rows, grid.columns + 2 * covered.columns
     rows_per_pass = max(1, RAYS_PER_PASS // (columns * samples))
     inverse_v, inverse_u = (
-        opaque_number(np.float32(1) / np.float32(distance(middle)))
+        opaque_number_for_rays(np.float32(1) / np.float32(distance(middle)))
         for distance in (drive.image_distance, drive.object_distance)
     )
     # Rays start where the lens is farthest from the scene; trace_depth_and_target() has made sure that no
     # surface lies between.
     farthest = float(drive.shift(focus).min())
-    ahead = opaque_number(farthest - float(drive.shift(middle)))
-    farthest, radius = opaque_number(farthest), opaque_number(covered.radius_m)
-    half_rows, half_columns = opaque_number(rows / 2), opaque_number(columns / 2)
+    ahead = opaque_number_for_rays(farthest - float(drive.shift(middle)))
+    farthest, radius = opaque_number_for_rays(farthest), opaque_number_for_rays(covered.radius_m)
+    half_rows, half_columns = opaque_number_for_rays(rows / 2), opaque_number_for_rays(columns / 2)
     samples_word, row_length = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, columns)
     transform = mi.Transform4f(setup.to_world)
     for begin in range(0, rows, rows_per_pass):
@@ -98,7 +98,7 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
         yield CameraRays(done, begin, first, samples, pixel, sample, x, y, a, slope_x, slope_y, ray)
 
 
-def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:
+def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, seed: int) -> TracedPaths:
     """Return the lines on which rays cross the sensor from position to position, without radiance, not yet evaluated.
 
     ``focus`` and ``seed`` are those that the rays were cast with.
@@ -109,12 +109,14 @@ def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, s
     passed, window = rays.lens, []
     if float(drive.shift(focus).min()) != float(drive.shift(float(focus[0] + focus[-1]) / 2)):
         first_lens, step_lens = mi.Point2f(first_a, first_b), mi.Vector2f(step_a, step_b)
-        window = positions_through_aperture(first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size)
+        window = ray_positions_through_aperture(
+            first_lens, step_lens, radius=drive.aperture_radius_m, positions=focus.size
+        )
         middle_of_window = mi.Float(window[0] + window[1] - 1) / 2
         passed = mi.Point2f(first_a + step_a * middle_of_window, first_b + step_b * middle_of_window)
-    waves = find_aperture_waves(drive, grid, wavelength_m=setup.wavelength_m, ends=(float(focus[0]), float(focus[-1])))
+    waves = find_waves_of_rays(drive, grid, wavelength_m=setup.wavelength_m, ends=(float(focus[0]), float(focus[-1])))
     if waves:
-        angle = waves.bend(passed, place_bend_samples(rays.pixel, rays.sample, seed=seed))
+        angle = waves.bend(passed, place_bends_of_rays(rays.pixel, rays.sample, seed=seed))
         first_v, step_v = _image_distance_line(setup, focus)
         first_x, first_y = first_x + first_v * angle.x, first_y + first_v * angle.y
         step_x, step_y = step_x + step_v * angle.x, step_y + step_v * angle.y
@@ -129,7 +131,7 @@ def land_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarray, s
     )
 
 
-def opaque_number(value: Any) -> Any:
+def opaque_number_for_rays(value: Any) -> Any:
     """Return a number that the kernel reads; as a constant, every value would need a kernel of its own."""
     return dr.opaque(mi.Float, float(value))
 
@@ -144,17 +146,17 @@ def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: A
     """
     first, last = setup.drive.ray_transfer(focus[[0, -1]], float(focus[0] + focus[-1]) / 2)
     step = (last - first) / (focus.size - 1)
-    xx, xa, ax, aa, dxx, dxa, dax, daa = map(opaque_number, (*first.ravel(), *step.ravel()))
+    xx, xa, ax, aa, dxx, dxa, dax, daa = map(opaque_number_for_rays, (*first.ravel(), *step.ravel()))
     return x * xx + a * xa, x * dxx + a * dxa, x * ax + a * aa, x * dax + a * daa
 
 
 def _image_distance_line(setup: RenderSetup, focus: np.ndarray) -> tuple[Any, Any]:
     """Return v (m) at the first position and its step per position: by what an angle moves a path on the sensor."""
     first, last = setup.drive.image_distance(focus[[0, -1]])
-    return opaque_number(first), opaque_number((last - first) / (focus.size - 1))
+    return opaque_number_for_rays(first), opaque_number_for_rays((last - first) / (focus.size - 1))
 
 
-def positions_through_aperture(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:
+def ray_positions_through_aperture(first: Any, step: Any, *, radius: float, positions: int) -> list[Any]:
     """Return begin and end, int32: first + k·step (m) lies in the aperture for begin <= k < end.
 
     |first + k·step|² = R² is a quadratic in k. The root for which the textbook formula subtracts nearly equal
@@ -166,7 +168,7 @@ def positions_through_aperture(first: Any, step: Any, *, radius: float, position
     far = root + dr.abs(b)  # 0 for a ray that does not move across the lens: it is always inside, or never
     one = dr.select(far > 0, q / far, dr.copysign(float(NEVER), q))
     other = dr.select(c > 0, far / c, float(NEVER))
-    last = opaque_number(positions - 1)
+    last = opaque_number_for_rays(positions - 1)
     leaves = dr.select(b > 0, one, other)
     enters = dr.select(b > 0, -other, -one)
     begin = mi.Int32(dr.ceil(dr.clip(enters, 0, last + 1)))

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.render.render_setup import RenderSetup, SensorGrid, make_camera_dict, make_film_dict
+from saf_gen.render.render_setup import RenderSetup, SensorGrid, make_mitsuba_camera_dict, make_mitsuba_film_dict
 
 BESIDE_PX = 1 / 256  # how far from a pixel's centre a second and a third ray go, either way
 BESIDE_DIRECTION = 0.554  # rad: along no line that a mesh has by design
@@ -43,11 +43,11 @@ def trace_depth_and_target(
     drive = setup.drive
     _check_lens_travel(setup)
     # Lazy: the ends are rarely needed. These only tell where to look.
-    glances = ((end, trace_at(setup, target_shapes, position=end, rays=1)) for end in (0.5, 0.0, 1.0))
+    glances = ((end, trace_depth_at(setup, target_shapes, position=end, rays=1)) for end in (0.5, 0.0, 1.0))
     place, sight = next(((end, seen) for end, seen in glances if seen.target.any()), (0.5, None))
     if sight is None:
         if allow_unseen_target:
-            return trace_at(setup, target_shapes, position=0.5)
+            return trace_depth_at(setup, target_shapes, position=0.5)
         raise _out_of_sight_error(setup, target_shapes)
     depths = sight.depth[sight.target]
     best = drive.true_focus(depths)
@@ -58,11 +58,11 @@ def trace_depth_and_target(
             allowed=f"{near:g} to {far:g} m ({drive.travel_key} in scene.yaml)",
             hint="move the target, or give the lens a longer travel",
         )
-    focused = trace_at(setup, target_shapes, position=min(max(best, 0.0), 1.0))
+    focused = trace_depth_at(setup, target_shapes, position=min(max(best, 0.0), 1.0))
     if focused.target.any() or (allow_unseen_target and place == 0.5):
         return focused
     if allow_unseen_target:
-        return trace_at(setup, target_shapes, position=0.5)
+        return trace_depth_at(setup, target_shapes, position=0.5)
     raise BadInput(
         f"the target ({', '.join(target_shapes)}) is out of the frame where it is in focus, at {best:.3f} of "
         "the travel: the scale of the image changes over it",
@@ -82,7 +82,9 @@ def _out_of_sight_error(setup: RenderSetup, target_shapes: tuple[str, ...]) -> B
     )
 
 
-def trace_at(setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, rays: int = 3) -> DepthAndTarget:
+def trace_depth_at(
+    setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, rays: int = 3
+) -> DepthAndTarget:
     """Return what the camera sees through each pixel's centre at one focus position.
 
     The edge that two triangles share is not watertight: a ray that meets it exactly may slip through, and where a seam
@@ -110,7 +112,7 @@ def _aimed_beside_centres(setup: RenderSetup, position: float, *, beside_px: flo
     across, down = beside_px * np.cos(BESIDE_DIRECTION), beside_px * np.sin(BESIDE_DIRECTION)
     return {
         "type": "perspective",
-        **make_camera_dict(setup, position),
+        **make_mitsuba_camera_dict(setup, position),
         "principal_point_offset_x": float(across) / setup.grid.columns,
         "principal_point_offset_y": float(down) / setup.grid.rows,
     }
@@ -127,7 +129,7 @@ def _check_lens_travel(setup: RenderSetup) -> None:
         "type": "orthographic",
         "to_world": setup.to_world_at(start) @ mi.ScalarTransform4f().scale([radius / setup.unit_m] * 2 + [1]),
         "near_clip": 1e-4 * radius / setup.unit_m,
-        "film": make_film_dict(SensorGrid(APERTURE_RAYS, APERTURE_RAYS, 1.0)),
+        "film": make_mitsuba_film_dict(SensorGrid(APERTURE_RAYS, APERTURE_RAYS, 1.0)),
     }
     nearest = float(_first_surfaces(setup, sensor, forward_m=start)[0].min()) + start
     if nearest <= end:

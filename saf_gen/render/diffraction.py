@@ -38,7 +38,7 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.optics import Drive
-from saf_gen.render.ray_sampling import place_on_kronecker_sequence
+from saf_gen.render.ray_sampling import place_rays_by_kronecker
 from saf_gen.stack.focal_stack import PixelGrid
 
 NEAREST_EDGE = 0.05  # of the radius: paths that pass nearer to the edge are bent as if they passed there
@@ -86,7 +86,7 @@ class ApertureWaves:
         return mi.Vector2f(outward.x * radial - outward.y * tangential, outward.y * radial + outward.x * tangential)
 
 
-def find_aperture_waves(
+def find_waves_of_rays(
     drive: Drive, grid: PixelGrid, *, wavelength_m: float, ends: tuple[float, float] = (0.0, 1.0)
 ) -> ApertureWaves | None:
     """Return the waves at a lens between two positions; None for the wavelength 0, which leaves them out."""
@@ -99,11 +99,11 @@ def find_aperture_waves(
     return ApertureWaves(wavelength_m, radius, nearest, wavelength_m * farthest / (2 * math.pi * nearest))
 
 
-def place_bend_samples(pixel: Any, sample: Any, *, seed: int) -> Any:
+def place_bends_of_rays(pixel: Any, sample: Any, *, seed: int) -> Any:
     """Return each sample's point of the unit square (mi.Point2f) that its bend is drawn with.
 
     It depends on pixel, sample and seed alone, and fills the square evenly together with the sample's places in the
     pixel and on the lens.
     """
-    across, down = place_on_kronecker_sequence(pixel, sample, steps=BEND_STEPS, seed=seed + FIRST_DIMENSION)
+    across, down = place_rays_by_kronecker(pixel, sample, steps=BEND_STEPS, seed=seed + FIRST_DIMENSION)
     return mi.Point2f(across, down)

@@ -10,7 +10,7 @@ from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import ShadingField
 
 
-def shares_shading(estimator: str, *, backend_name: str) -> bool:
+def renders_with_shared_shading(estimator: str, *, backend_name: str) -> bool:
     """Return whether an estimator needs the shading of surfaces: 'filtered' does, but with scalar all are plain."""
     return estimator == "filtered" and backend_name != "scalar"
 

@@ -12,7 +12,7 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene, xml_scene
-from saf_gen.render.render_setup import SensorGrid, make_film_dict
+from saf_gen.render.render_setup import SensorGrid, make_mitsuba_film_dict
 from saf_gen.scene.xml import SceneXml
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
@@ -111,7 +111,7 @@ def _field_of_view(props: Any, path: Path) -> float:
     """
     properties = {key: props[key] for key in ("fov", "fov_axis", "focal_length") if key in props}
     try:
-        camera = mi.load_dict({"type": "perspective", **properties, "film": make_film_dict(REFERENCE_GRID)})
+        camera = mi.load_dict({"type": "perspective", **properties, "film": make_mitsuba_film_dict(REFERENCE_GRID)})
     except (RuntimeError, ValueError, TypeError) as error:
         message = re.split(r"\[[\w.]+:\d+\] ", str(error))[-1]
         raise BadInput(f"the camera's field of view: {message}", where=str(path)) from error

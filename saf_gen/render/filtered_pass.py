@@ -30,12 +30,12 @@ import numpy as np
 
 from saf_gen.core import seeds
 from saf_gen.render import one_pass
-from saf_gen.render.camera_rays import CameraRays, cast_camera_rays, land_on_sensor
+from saf_gen.render.camera_rays import CameraRays, cast_camera_rays, land_rays_on_sensor
 from saf_gen.render.layered_splat import MOST_POSITIONS, BlurScale, LayeredSums
 from saf_gen.render.render_setup import RenderSetup, positions_to_render
 from saf_gen.render.shading_cells import CellTable, ShadingCells, ShadingField, SurfaceHits
 from saf_gen.render.surface_hits import Distances, Sight, SurfaceFinder
-from saf_gen.render.traced_light import pick_rays, read_light, trace, trace_thrown_back
+from saf_gen.render.traced_light import pick_rays, read_radiance_of_lamps, trace_radiance, trace_radiance_thrown_back
 
 PRIMARY_RAYS = 6  # per light path
 RAYS_INTO_LIGHT = 3  # the same in layers where most rays end straight in light: only texture is left to chance
@@ -136,7 +136,7 @@ def render_with_shading(
                 if sight.factor is not None:
                     values[n] *= sight.factor
                 for end in sight.lights:
-                    values[n, end.rays] += read_light(setup, pick_rays(end.ray, end.rays)) * end.clearness
+                    values[n, end.rays] += read_radiance_of_lamps(setup, pick_rays(end.ray, end.rays)) * end.clearness
             yield LitRays(rays, sight.distances, values, weight)
 
     bands = bring_light(samples, seed)
@@ -208,7 +208,7 @@ def _trace_on(setup: RenderSetup, sight: Sight, *, chosen: np.ndarray, seed: int
     """Return the radiance of the surfaces whose light some of the rays bring, traced on, float32 (chosen,)."""
     back = np.zeros(chosen.size, dtype=bool) if sight.thrown_back is None else sight.thrown_back[chosen]
     radiance = np.empty(chosen.size, dtype=np.float32)
-    for which, bring in ((~back, trace), (back, trace_thrown_back)):
+    for which, bring in ((~back, trace_radiance), (back, trace_radiance_thrown_back)):
         if which.any():
             radiance[which] = bring(setup, pick_rays(sight.segment, chosen[which]), seed=seed)
     return radiance
@@ -259,12 +259,16 @@ class _Sums:
         shape = (focus.size, grid.rows, grid.columns)
         self._layers = None
         if LayeredSums.has_room(shape, len(setups)):
-            scale = np.array([one_pass.fixed_point_scale(self._setup, focus, samples=samples, most=m) for m in most])
+            scale = np.array(
+                [one_pass.fixed_point_scale_of_splat(self._setup, focus, samples=samples, most=m) for m in most]
+            )
             blur = BlurScale.from_drive(drive, focus, pitch_m=grid.pitch_m)
             self._layers = LayeredSums(shape, blur=blur, scale=scale, most=most)
         else:
             self._single = [
-                one_pass.start_sums(setup, focus, samples=samples, most=m, stacks=len(setups), on_device=on_device)
+                one_pass.start_radiance_sums(
+                    setup, focus, samples=samples, most=m, stacks=len(setups), on_device=on_device
+                )
                 for setup, m in zip(setups.values(), most, strict=True)
             ]
 
@@ -272,7 +276,7 @@ class _Sums:
         self, rays: CameraRays, radiance: np.ndarray, *, distances: Distances, seed: int, weight: np.ndarray | None
     ) -> None:
         """Add rays, cast with this seed, with the radiance that they bring under each group, float32 (light, ray)."""
-        line = land_on_sensor(rays, self._setup, focus=self._focus, seed=seed)
+        line = land_rays_on_sensor(rays, self._setup, focus=self._focus, seed=seed)
         radius = self._setup.drive.aperture_radius_m
         lens = rays.lens.x / radius, rays.lens.y / radius
         dr.eval(*(array for array in line if array is not None), *lens)

@@ -58,7 +58,7 @@ class HostAccumulator:
     def __init__(
         self, shape: tuple[int, int, int], band: tuple[int, int], *, scale: float, most: float, stacks: int = 1
     ) -> None:
-        self.sums = allocate_path_accumulators(nb.get_num_threads(), shape, stacks=stacks)
+        self.sums = allocate_splat_accumulators(nb.get_num_threads(), shape, stacks=stacks)
         self.scale, self.most = scale, most
 
     @staticmethod
@@ -78,7 +78,7 @@ class HostAccumulator:
         return mean_radiance_of_paths(self.sums, self.scale)
 
 
-def allocate_path_accumulators(workers: int, shape: tuple[int, int, int], *, stacks: int = 1) -> np.ndarray:
+def allocate_splat_accumulators(workers: int, shape: tuple[int, int, int], *, stacks: int = 1) -> np.ndarray:
     """Return empty accumulators, one per worker: int64 (worker, row, col, focus).
 
     There are fewer than ``workers`` where those of ``stacks`` stacks would take more than ACCUMULATOR_BYTES, but at

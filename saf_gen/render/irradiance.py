@@ -6,13 +6,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.render_setup import RenderSetup, make_camera_dict
+from saf_gen.render.render_setup import RenderSetup, make_mitsuba_camera_dict
 
 RUNS = 4  # independent estimates, whose scatter gives the standard error
 JIT_SAMPLING, SCALAR_SAMPLING = (4096, 32), (256, 8)  # most points of the target; samples per point and run
 
 
-def estimate_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
+def render_target_irradiance(setup: RenderSetup, *, position: float, target: np.ndarray) -> tuple[float, float]:
     """Estimate the irradiance of the target by Monte Carlo: its mean over the pixels (W m⁻²), and the standard error.
 
     The side that faces the camera counts, and both sides where the surface lets light through. Direct light is sampled
@@ -25,7 +25,7 @@ def estimate_irradiance(setup: RenderSetup, *, position: float, target: np.ndarr
     chosen = np.linspace(0, rows.size - 1, min(points, rows.size)).astype(int)
     x = (columns[chosen] + 0.5) / setup.grid.columns
     y = (rows[chosen] + 0.5) / setup.grid.rows
-    sensor = mi.load_dict({"type": "perspective", **make_camera_dict(setup, position)})
+    sensor = mi.load_dict({"type": "perspective", **make_mitsuba_camera_dict(setup, position)})
     sampler = mi.load_dict({"type": "independent"})
     if vectors:
         sampler.seed(0, RUNS * x.size * samples)

@@ -195,7 +195,7 @@ def _add_paths(sums, line, values, units, begin, end, weight, points, nearest, f
         _add_some(sums[worker], a, b, line, values, units, begin, end, weight, points, nearest, farthest, blurs)
 
 
-def gaussian_taps(sigma: float) -> np.ndarray:
+def gaussian_splat_taps(sigma: float) -> np.ndarray:
     """Return a Gaussian's weights over pixels, from the middle outwards, that add up to 1 on both sides together.
 
     Each weight is the integral over its pixel, as of samples spread over theirs; below half a pixel of standard
@@ -221,7 +221,7 @@ def _compose(sums: np.ndarray, scale: np.ndarray, *, out: np.ndarray) -> None:
     counts = planes[:, -1]
     rest = np.cumsum(counts[::-1], axis=0)[::-1]  # samples of a layer and of all behind it
     planes = np.concatenate([planes, rest[:, None]], axis=1)
-    kernels = [gaussian_taps(GAUSSIANS[abs(layer - SIDE)]) for layer in layers]
+    kernels = [gaussian_splat_taps(GAUSSIANS[abs(layer - SIDE)]) for layer in layers]
     taps = np.zeros((layers.size, max((kernel.size for kernel in kernels), default=1)), np.float32)
     for n, kernel in enumerate(kernels):
         taps[n, : kernel.size] = kernel

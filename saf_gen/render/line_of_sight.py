@@ -76,7 +76,7 @@ class ClearSurfaces:
 
     def does_to_line(self, hit: Any, valid: Any) -> Any:
         """Return OPAQUE, STRAIGHT or BENDING for the surfaces that rays hit, UInt32 (ray,)."""
-        return dr.gather(mi.UInt32, self._does, number_of_shape(hit), valid)
+        return dr.gather(mi.UInt32, self._does, number_shapes_that_rays_hit(hit), valid)
 
     def mirrors(self, hit: Any, active: Any) -> Any:
         """Return whether surfaces that are lit straight through reflect some light as a mirror does, Bool (ray,)."""
@@ -86,12 +86,12 @@ class ClearSurfaces:
     def thrown_back(self, hit: Any, through: Any, *, active: Any) -> Any:
         """Return how much light surfaces throw back at most, of which ``through`` goes straight on, (ray,)."""
         matt = dr.select(active, hit.bsdf().eval_diffuse_reflectance(hit, active).x, 0)
-        rough = dr.gather(mi.UInt32, self._rough, number_of_shape(hit), active) > 0
+        rough = dr.gather(mi.UInt32, self._rough, number_shapes_that_rays_hit(hit), active) > 0
         return dr.clip(dr.select(rough, 1, matt + self._mirrored(hit, through, active=active)), 0, 1 - through)
 
     def _mirrored(self, hit: Any, through: Any, *, active: Any) -> Any:
         """Return the fraction of light that surfaces reflect as a mirror does, (ray,); of a mask at most."""
-        index = dr.gather(mi.UInt32, self._mirror, number_of_shape(hit), active)
+        index = dr.gather(mi.UInt32, self._mirror, number_shapes_that_rays_hit(hit), active)
         bsdf, share = hit.bsdf(), mi.Float(0)
         for number in self._mirrors:
             context = mi.BSDFContext()
@@ -102,13 +102,15 @@ class ClearSurfaces:
         return dr.minimum(share, 1 - through)
 
 
-def number_of_shape(hit: Any) -> Any:
+def number_shapes_that_rays_hit(hit: Any) -> Any:
     """Return the numbers in Dr.Jit's registry of the shapes that rays hit, UInt32 (ray,)."""
     return dr.reinterpret_array(mi.UInt32, hit.shape)
 
 
 @dr.syntax
-def follow_lines(scene: Any, ray: Any, clear: ClearSurfaces, *, axial: Any, seed: int, first: int) -> LineOfSight:
+def follow_rays_through_glass(
+    scene: Any, ray: Any, clear: ClearSurfaces, *, axial: Any, seed: int, first: int
+) -> LineOfSight:
     """Follow rays through the clear surfaces of a scene.
 
     Parameters

@@ -12,7 +12,7 @@ MITSUBA_MESHES = {".obj": "obj", ".ply": "ply"}
 """Plug-in of Mitsuba by the ending of a file."""
 
 
-def measure_mesh_extent(path: Path) -> np.ndarray:
+def measure_mitsuba_mesh(path: Path) -> np.ndarray:
     """Return the smallest and largest coordinates, float64 (2, 3), in units of the file.
 
     Raises BadInput for a file that Mitsuba does not read, and for one without a face.

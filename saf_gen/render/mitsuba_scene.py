@@ -8,13 +8,13 @@ import mitsuba as mi
 from saf_gen.errors import BadInput, unknown
 from saf_gen.render import xml_scene
 from saf_gen.render.posed_shapes import validate_rendered_motions
-from saf_gen.render.scene_script import call_script
+from saf_gen.render.scene_script import call_mitsuba_scene_script
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
 
 
-def build_scene_dict(scene: Scene) -> dict[str, Any]:
+def build_mitsuba_scene_dict(scene: Scene) -> dict[str, Any]:
     """Return the Mitsuba dictionary of a scene, with all its emitters, checked against the card.
 
     It is read from ``scene.xml``, or built by ``build(params)`` of ``scene.py``.
@@ -47,13 +47,13 @@ def mitsuba_emitter_names(described: Mapping[str, Any]) -> list[str]:
 def mitsuba_shape_motions(scene: Scene, described: Mapping[str, Any]) -> dict[str, RigidMotion]:
     """Return the motions of a scene's shapes, from the card and from ``motion(params)`` of its script.
 
-    ``described`` is what :func:`build_scene_dict` returned. A scene that stands still has no motions.
+    ``described`` is what :func:`build_mitsuba_scene_dict` returned. A scene that stands still has no motions.
 
     Raises BadInput where the script fails, a shape has two motions, or an entry does not exist.
     """
     card, script = str(scene.folder / "scene.yaml"), str(scene.folder / "scene.py")
     moving = {name: (motion, card) for name, motion in scene.card.motion.items()}
-    own = call_script(scene, "motion", default={}) if scene.has_script else {}
+    own = call_mitsuba_scene_script(scene, "motion", default={}) if scene.has_script else {}
     for name, motion in validate_rendered_motions(own, script).items():
         if name in moving:
             raise BadInput(f"{name!r} moves by the card and by motion()", where=script, hint="keep one of the two")
@@ -87,7 +87,7 @@ def load_lit_mitsuba_scene(
     return loaded, integrator
 
 
-def camera_to_world(scene: Scene) -> Any:
+def mitsuba_camera_to_world(scene: Scene) -> Any:
     """Return the transform of camera space (looking along +z, x to the left) to the world, in scene units."""
     pose, unit = scene.card.camera, scene.card.unit_m
     origin, target = ([x / unit for x in point] for point in (pose.origin_m, pose.look_at_m))
@@ -98,7 +98,7 @@ def _read_geometry(scene: Scene) -> dict[str, Any]:
     if not scene.has_script:
         path = scene.folder / "scene.xml"
         return xml_scene.parse_mitsuba_scene_dict(read_scene_xml(path, scene.params).text, path)
-    described = call_script(scene, "build")
+    described = call_mitsuba_scene_script(scene, "build")
     if not isinstance(described, dict):
         script = scene.folder / "scene.py"
         raise BadInput(f"build() of {script} gave {type(described).__name__}", allowed="a Mitsuba dictionary")

@@ -38,12 +38,12 @@ def validate_rendered_motions(document: Any, where: str) -> dict[str, RigidMotio
     return motions
 
 
-def pose_shapes(
+def pose_rendered_shapes(
     described: Mapping[str, Any], motions: Mapping[str, RigidMotion], *, time_s: float, unit_m: float = 1.0
 ) -> dict[str, Any]:
     """Return the scene at a time, with every top-level entry that has a motion moved from where it was built.
 
-    ``described`` is what :func:`saf_gen.render.mitsuba_scene.build_scene_dict` returned, and is not changed;
+    ``described`` is what :func:`saf_gen.render.mitsuba_scene.build_mitsuba_scene_dict` returned, and is not changed;
     ``unit_m`` is metres per unit of the scene. A moving shape or lamp may be a dictionary, a shape also an
     ``mi.Mesh``, which is copied.
 
@@ -60,7 +60,9 @@ def pose_shapes(
     return moved
 
 
-def find_moved_shapes(motions: Mapping[str, RigidMotion], *, time_s: float, still_s: float) -> dict[str, np.ndarray]:
+def find_moved_rendered_shapes(
+    motions: Mapping[str, RigidMotion], *, time_s: float, still_s: float
+) -> dict[str, np.ndarray]:
     """Return by how much each shape has moved at a time since ``still_s``, its turning left out: float64 (3,) m."""
     return {name: motion.shift_at(time_s) - motion.shift_at(still_s) for name, motion in motions.items()}
 

@@ -92,7 +92,7 @@ def _fraction(fixed: Any) -> Any:
     return mi.Float(fixed >> 8) * 2.0**-24
 
 
-def place_on_kronecker_sequence(pixel: Any, sample: Any, *, steps: Iterable[int], seed: int) -> Iterator[Any]:
+def place_rays_by_kronecker(pixel: Any, sample: Any, *, steps: Iterable[int], seed: int) -> Iterator[Any]:
     """Yield each sample's coordinate (0...1) for each step of a Kronecker sequence, shifted by an offset of its pixel.
 
     ``steps`` are in 0.32 fixed point. Dimension j takes its offsets from the seed ``seed`` + j.

@@ -55,7 +55,7 @@ def positions_to_render(positions: int, window: tuple[int, int] | None) -> np.nd
     return np.linspace(0, 1, positions)[first : last + 1]
 
 
-def make_film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, Any]:
+def make_mitsuba_film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, Any]:
     """Return Mitsuba's film for a sensor, or for a region of its rows and columns.
 
     Its box filter keeps pixels apart, where the default Gaussian mixes neighbours.
@@ -75,7 +75,7 @@ def make_film_dict(grid: PixelGrid, region: Region | None = None) -> dict[str, A
     }
 
 
-def make_camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
+def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
     """Return what every Mitsuba camera must know at a focus position: pose, field of view, film, clips.
 
     The clips lie at a ten-thousandth of the distance in focus and at a hundred thousand times it. Mitsuba's own, 0.01
@@ -90,5 +90,5 @@ def make_camera_dict(setup: RenderSetup, position: float) -> dict[str, Any]:
         "far_clip": 1e5 * distance,
         "fov_axis": "x",
         "fov": math.degrees(2 * math.atan(half / float(drive.image_distance(position)))),
-        "film": make_film_dict(grid),
+        "film": make_mitsuba_film_dict(grid),
     }

@@ -40,7 +40,7 @@ class SceneRenderer:
         self.backend_name = backend.choose_render_backend(backend_name)
         self.wavelength_m = wavelength_m if backend.can_render_waves(self.backend_name) else 0.0
         backend.activate_render_backend(self.backend_name)
-        self._described = mitsuba_scene.build_scene_dict(scene)
+        self._described = mitsuba_scene.build_mitsuba_scene_dict(scene)
         self.motions = mitsuba_scene.mitsuba_shape_motions(scene, self._described)
         self._loaded = lru_cache(maxsize=4)(self._load)
         self._shadings: dict[tuple[tuple[float, ...], int, int], ShadingField] = {}
@@ -64,9 +64,9 @@ class SceneRenderer:
         """
         lit = tuple(self.scene.card.lights if groups is None else groups)
         loaded, integrator = self._loaded(lit, self._moment(time_s))
-        to_world, unit_m = mitsuba_scene.camera_to_world(self.scene), self.scene.card.unit_m
+        to_world, unit_m = mitsuba_scene.mitsuba_camera_to_world(self.scene), self.scene.card.unit_m
         drive = self.scene.build_drive(f_number)
-        moved = posed_shapes.find_moved_shapes(
+        moved = posed_shapes.find_moved_rendered_shapes(
             self.motions, time_s=self._moment(time_s), still_s=self.scene.card.still_s
         )
         return RenderSetup(loaded, integrator, to_world, drive, grid or self.grid, unit_m, self.wavelength_m, moved)
@@ -127,7 +127,7 @@ class SceneRenderer:
         seed = seeds.derive_seed("studio", replace(spec, time_s=0.0, window=None).key, run)
         emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
         shading = None
-        if estimators.shares_shading(spec.estimator, backend_name=self.backend_name):
+        if estimators.renders_with_shared_shading(spec.estimator, backend_name=self.backend_name):
 
             def show(at_s: float) -> dict[str, RenderSetup]:
                 return setups if at_s == spec.time_s else {n: self.prepare(g, time_s=at_s) for n, g in groups.items()}
@@ -177,7 +177,7 @@ class SceneRenderer:
 
     def _render_picture(self, setup: RenderSetup, position: float, *, samples: int) -> np.ndarray:
         seed = seeds.derive_seed("whole picture", self.scene.digest)
-        if not estimators.shares_shading("filtered", backend_name=self.backend_name):
+        if not estimators.renders_with_shared_shading("filtered", backend_name=self.backend_name):
             return thin_lens.render_position(setup, position=position, samples=samples, seed=seed)
         emitting = mitsuba_scene.mitsuba_emitter_names(self._described)
         nearest = round(position * STEPS)
@@ -208,11 +208,13 @@ class SceneRenderer:
 
     def estimate_irradiance(self, group: str, *, position: float, target: np.ndarray) -> tuple[float, float]:
         """Return the irradiance (W m⁻²) of the target by a light group, and its standard error."""
-        return irradiance.estimate_irradiance(self.prepare((group,)), position=position, target=target)
+        return irradiance.render_target_irradiance(self.prepare((group,)), position=position, target=target)
 
     def texel_footprints(self, position: float, target: np.ndarray) -> np.ndarray:
-        """Measure the target's texels; see :func:`saf_gen.render.texel_footprints.texel_footprints`."""
-        return texels.texel_footprints(self.prepare(), self.scene.card.target, position=position, target=target)
+        """Measure the target's texels; see :func:`saf_gen.render.texel_footprints.rendered_texel_footprints`."""
+        return texels.rendered_texel_footprints(
+            self.prepare(), self.scene.card.target, position=position, target=target
+        )
 
     def _moment(self, time_s: float | None) -> float:
         return self.scene.card.still_s if time_s is None and self.motions else time_s or 0.0
@@ -221,7 +223,7 @@ class SceneRenderer:
         """Load the scene at a time, or with every shape where its geometry places it (None)."""
         card, moment = self.scene.card, self._described
         if time_s is not None:
-            moment = posed_shapes.pose_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
+            moment = posed_shapes.pose_rendered_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)
         emitters = tuple(emitter for group in groups for emitter in card.lights[group])
         return mitsuba_scene.load_lit_mitsuba_scene(moment, emitters, max_depth=self.max_depth)
 

@@ -15,7 +15,7 @@ from saf_gen.errors import BadInput
 from saf_gen.scene.scene_folder import Scene
 
 
-def call_script(scene: Scene, function: str, *, default: Any = None) -> Any:
+def call_mitsuba_scene_script(scene: Scene, function: str, *, default: Any = None) -> Any:
     """Return what a function of the scene's script gives for its parameters.
 
     A function that the script lacks gives ``default``, where that is not None.

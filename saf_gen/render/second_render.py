@@ -28,7 +28,7 @@ POSITIONS = 33  # of a stack
 EVENLY, ONE_IN = 6, 12  # time slices: at most so many, and at most one in so many
 
 
-def measure_missing_grain(
+def measure_grain_by_second_render(
     scene: Scene,
     specs: Sequence[StackSpec],
     *,
@@ -43,7 +43,7 @@ def measure_missing_grain(
     to measure. The other arguments are those of :func:`saf_gen.render.render_missing_stacks`, which also says what is
     raised.
     """
-    chosen = list_grain_stacks(specs, root)
+    chosen = list_stacks_to_render_again(specs, root)
     todo = [spec for spec in chosen if read_stack_grain(root, spec) is None]
     if not todo:
         return
@@ -71,7 +71,7 @@ def measure_missing_grain(
             write_stack_grain(root, spec, grain=grain)
 
 
-def list_grain_stacks(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:
+def list_stacks_to_render_again(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:
     """Return the stored stacks whose grain is measured: of a moving scene a few slices that see the target."""
     seen = []
     for spec in specs:

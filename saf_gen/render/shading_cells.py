@@ -76,10 +76,10 @@ class CellTable:
         """Add paths by their first surfaces; ``radiance`` is float32 (light, path). Split calls give the same bits."""
         for begin in range(0, hits.shape.size, PATHS_AT_ONCE):
             part = slice(begin, begin + PATHS_AT_ONCE)
-            keys = kernels.cell_keys(*(array[part] for array in hits[:6]))
+            keys = kernels.keys_of_shading_cells(*(array[part] for array in hits[:6]))
             self._make_room(self.count + keys.size)
             arrays = self._slots, self._keys, self._surface, self._light
-            self.count = kernels.add_paths(*arrays, self.count, keys, hits.reflectance[part], radiance[:, part])
+            self.count = kernels.add_shading_paths(*arrays, self.count, keys, hits.reflectance[part], radiance[:, part])
 
     def count_rays(self, rays: int, *, unshared: int, in_light: int) -> None:
         """Count rays that were cast, of them those that met a surface which cannot share shading, and those that went
@@ -89,7 +89,7 @@ class CellTable:
 
     def by_tile(self) -> "ShadingCells":
         """Return what the paths added so far told."""
-        order, begin = kernels.order_by_tile(self._keys[: self.count])
+        order, begin = kernels.order_shading_by_tile(self._keys[: self.count])
         return ShadingCells(begin, self._keys[order], self._surface[order], self._light[order], self._rays)
 
     def _make_room(self, cells: int) -> None:
@@ -102,7 +102,7 @@ class CellTable:
             )
         if 2 * cells > self._slots.size:
             self._slots = np.full(1 << (2 * cells - 1).bit_length(), -1, dtype=np.int32)
-            kernels.fill_slots(self._slots, self._keys[: self.count])
+            kernels.fill_shading_slots(self._slots, self._keys[: self.count])
 
 
 @dataclass(frozen=True)
@@ -142,13 +142,13 @@ class ShadingCells:
         tiles = np.flatnonzero(np.sum([np.diff(begin) for begin in begins], axis=0))
         index = np.empty(sum(array.size for array in keys), dtype=np.int32)
         sizes = np.zeros(kernels.TILES + 1, dtype=np.int32)
-        sizes[tiles + 1] = estimate.number_cells(tiles, begins, keys, index)
+        sizes[tiles + 1] = estimate.number_shading_cells(tiles, begins, keys, index)
         begin = np.cumsum(sizes, dtype=np.int32)
         count = begin[-1]
         arrays = np.empty(count, np.uint64), np.empty((count, 3)), np.empty((count, *lights[0].shape[1:]))
         whole = cls(begin, *arrays, np.sum([m.rays for m in moments], axis=0))
         out = whole.keys, whole.surface, whole.light
-        estimate.add_moments(tiles, begins, keys, surfaces, lights, index, begin, *out)
+        estimate.add_shading_moments(tiles, begins, keys, surfaces, lights, index, begin, *out)
         return whole
 
     def estimate(self, around: "ShadingField | None" = None) -> "ShadingField":
@@ -160,14 +160,14 @@ class ShadingCells:
         """
         light, told = self.light, (0, 0.0)
         if around is not None:
-            light = estimate.light_beside(self.surface, light, self.keys, *around.content)
+            light = estimate.light_beside_shading(self.surface, light, self.keys, *around.content)
             told = SIGNIFICANT_LEVEL, SIGNIFICANT
-        room, tables = kernels.LEVELS * self.keys.size, estimate.begin_of_tables(self.begin)
+        room, tables = kernels.LEVELS * self.keys.size, estimate.begin_of_shading_tables(self.begin)
         slots, keys = np.empty(tables[-1], np.int32), np.zeros(room, np.uint64)
         shading = np.zeros((room, light.shape[1], 2), np.float32)
         cells = self.tiles, self.begin, self.keys, self.surface, light
         known = around.content if around is not None else (tables, slots, keys, shading)
-        estimate.estimate_tiles(*cells, known, tables, slots, keys, shading, *told)
+        estimate.estimate_shading_tiles(*cells, known, tables, slots, keys, shading, *told)
         _, unshared, in_light = (float(count) for count in self.rays / max(self.rays[0], 1))
         field = ShadingField(self.tiles, self.begin, tables, slots, keys, shading, unshared, in_light)
         return field if around is None else around.plus(field)
@@ -203,7 +203,7 @@ class ShadingField:
     def plus(self, other: "ShadingField") -> "ShadingField":
         """Return the sum with what another field has in the same cells or round them, where it is above 0."""
         cells = self.tiles, self.begin, self.keys, self.shading
-        return replace(self, shading=estimate.add_found(*cells, *other.content))
+        return replace(self, shading=estimate.add_found_shading(*cells, *other.content))
 
     def reflect(self, hits: SurfaceHits, *, first: int, seed: int) -> np.ndarray:
         """Return the radiance that surfaces reflect to rays, float32 (light, ray); 0 where nothing is known.
@@ -212,5 +212,5 @@ class ShadingField:
         each other. ``first`` is the number of the first ray among all; it and ``seed`` name the random numbers.
         """
         out = np.zeros((self.shading.shape[1], hits.shape.size), dtype=np.float32)
-        kernels.reflect(*self.content, out, np.uint64(first), np.uint64(seed & 0xFFFFFFFF), *hits)
+        kernels.reflect_shading(*self.content, out, np.uint64(first), np.uint64(seed & 0xFFFFFFFF), *hits)
         return out

@@ -7,7 +7,15 @@ added in the order in which they came, so that neither the number of cores nor t
 import numba as nb
 import numpy as np
 
-from saf_gen.render.shading_kernels import LEVELS, TILES, find_round, find_slot, is_glossy, parent_key, tile_of
+from saf_gen.render.shading_kernels import (
+    LEVELS,
+    TILES,
+    find_cell_round_shading,
+    find_shading_slot,
+    is_glossy_shading_cell,
+    parent_of_shading_cell,
+    tile_of_shading_cell,
+)
 
 MIN_REFLECTANCE = 1e-4  # a cell that reflects less on average is black whatever its light
 SAME_REFLECTANCE = 1e-6  # of the mean square of ρ: a cell in which ρ varies by less tells nothing of its gloss
@@ -24,7 +32,7 @@ def _table_size(cells):
 
 
 @nb.njit(parallel=True, cache=True)
-def number_cells(tiles, begins, keys, index):
+def number_shading_cells(tiles, begins, keys, index):
     """Number the distinct cells of some moments in each tile, as they come, and return how many there are, (tile,).
 
     Parameters
@@ -42,7 +50,7 @@ def number_cells(tiles, begins, keys, index):
         count, before = 0, 0
         for m in range(len(keys)):
             for i in range(begins[m][tile], begins[m][tile + 1]):
-                slot = find_slot(slots, 0, slots.size, found, keys[m][i])
+                slot = find_shading_slot(slots, 0, slots.size, found, keys[m][i])
                 if slots[slot] < 0:
                     slots[slot] = count
                     found[count] = keys[m][i]
@@ -54,7 +62,7 @@ def number_cells(tiles, begins, keys, index):
 
 
 @nb.njit(parallel=True, cache=True)
-def add_moments(tiles, begins, keys, surfaces, lights, index, begin, out_keys, out_surface, out_light):
+def add_shading_moments(tiles, begins, keys, surfaces, lights, index, begin, out_keys, out_surface, out_light):
     """Add the sums of some moments up, whose cells are numbered by ``index`` in each tile."""
     groups = out_light.shape[1]
     for n in nb.prange(tiles.size):
@@ -75,7 +83,7 @@ def add_moments(tiles, begins, keys, surfaces, lights, index, begin, out_keys, o
 
 
 @nb.njit(cache=True)
-def begin_of_tables(begin):
+def begin_of_shading_tables(begin):
     """Return where the table of each tile begins, for its cells and all larger ones round them, int32 (TILES + 1,)."""
     tables = np.zeros(TILES + 1, dtype=np.int32)
     for tile in range(TILES):
@@ -86,12 +94,12 @@ def begin_of_tables(begin):
 
 
 @nb.njit(parallel=True, cache=True)
-def light_beside(surface, light, keys, tables, slots, known_keys, shading):
+def light_beside_shading(surface, light, keys, tables, slots, known_keys, shading):
     """Return the sums of cells for the radiance beyond the shading known there, L - matt·ρ - gloss, in place of L."""
     out = np.empty_like(light)
     for i in nb.prange(light.shape[0]):
-        tile = tile_of(keys[i])
-        cell = find_round(slots, tables[tile], tables[tile + 1] - tables[tile], known_keys, keys[i])
+        tile = tile_of_shading_cell(keys[i])
+        cell = find_cell_round_shading(slots, tables[tile], tables[tile + 1] - tables[tile], known_keys, keys[i])
         for g in range(light.shape[1]):
             matt = np.float64(shading[cell, g, 0]) if cell >= 0 else 0.0
             gloss = np.float64(shading[cell, g, 1]) if cell >= 0 else 0.0
@@ -109,7 +117,7 @@ def _squares_beside(surface, light, matt, gloss):
 
 
 @nb.njit(parallel=True, cache=True)
-def add_found(tiles, begin, keys, shading, tables, slots, found_keys, found):
+def add_found_shading(tiles, begin, keys, shading, tables, slots, found_keys, found):
     """Return shading plus what was found for each cell, or for the smallest known one round it, but not below 0."""
     out = np.zeros_like(shading)
     for n in nb.prange(tiles.size):
@@ -117,7 +125,7 @@ def add_found(tiles, begin, keys, shading, tables, slots, found_keys, found):
         for i in range(LEVELS * np.int64(begin[tile]), LEVELS * np.int64(begin[tile + 1])):
             if keys[i] == 0:
                 break
-            cell = find_round(slots, tables[tile], tables[tile + 1] - tables[tile], found_keys, keys[i])
+            cell = find_cell_round_shading(slots, tables[tile], tables[tile + 1] - tables[tile], found_keys, keys[i])
             for g in range(shading.shape[1]):
                 for j in range(2):
                     beyond = found[cell, g, j] if cell >= 0 else np.float32(0)
@@ -126,7 +134,9 @@ def add_found(tiles, begin, keys, shading, tables, slots, found_keys, found):
 
 
 @nb.njit(parallel=True, cache=True)
-def estimate_tiles(tiles, begin, keys, surface, light, around, tables, slots, out_keys, out_shading, finest, sigmas):
+def estimate_shading_tiles(
+    tiles, begin, keys, surface, light, around, tables, slots, out_keys, out_shading, finest, sigmas
+):
     """Estimate the shading of the cells of each tile and of all larger ones round them.
 
     Parameters
@@ -160,7 +170,7 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
     shading, gloss = np.empty((room, groups)), np.zeros((room, groups))
     ends[1] = cells
     for i in range(cells):
-        slots[find_slot(slots, begin, size, out_keys, keys[i])] = first + i
+        slots[find_shading_slot(slots, begin, size, out_keys, keys[i])] = first + i
         out_keys[first + i] = keys[i]
         for j in range(3):
             sums[i, j] = surface[i, j]
@@ -174,8 +184,8 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
     for level in range(1, LEVELS):
         end = ends[level]
         for i in range(ends[level - 1], ends[level]):
-            key = parent_key(out_keys[first + i])
-            slot = find_slot(slots, begin, size, out_keys, key)
+            key = parent_of_shading_cell(out_keys[first + i])
+            slot = find_shading_slot(slots, begin, size, out_keys, key)
             if slots[slot] < 0:
                 slots[slot] = first + end
                 out_keys[first + end] = key
@@ -193,9 +203,9 @@ def _estimate_tile(keys, surface, light, known, table, first, out_keys, out_shad
         ends[level + 1] = end
     glossy = np.empty(ends[LEVELS], dtype=np.bool_)
     for i in range(ends[LEVELS]):
-        glossy[i] = is_glossy(out_keys[first + i])
+        glossy[i] = is_glossy_shading_cell(out_keys[first + i])
     for i in range(ends[LEVELS] if sigmas > 0 else 0):
-        cell = find_round(known[2], known[0], known[1], known[3], out_keys[first + i])
+        cell = find_cell_round_shading(known[2], known[0], known[1], known[3], out_keys[first + i])
         for g in range(groups):
             if cell >= 0 and known[4][cell, g, 1] > 0:
                 gloss[i, g] = known[4][cell, g, 1] / (known[4][cell, g, 0] + known[4][cell, g, 1])

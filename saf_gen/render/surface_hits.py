@@ -13,8 +13,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.camera_rays import CameraRays, opaque_number
-from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, follow_lines, number_of_shape
+from saf_gen.render.camera_rays import CameraRays, opaque_number_for_rays
+from saf_gen.render.line_of_sight import OPAQUE, ClearSurfaces, follow_rays_through_glass, number_shapes_that_rays_hit
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.shading_cells import SurfaceHits
 
@@ -113,7 +113,7 @@ class SurfaceFinder:
         """Follow rays, cast for these positions, to what they see; ``seed`` names the random numbers on the way."""
         setup, scene = self._setup, self._setup.mitsuba_scene
         to_camera = mi.Transform4f(setup.to_world).inverse()
-        begin = opaque_number(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
+        begin = opaque_number_for_rays(setup.drive.shift(float(focus[0] + focus[-1]) / 2))
 
         def axial(point: Any) -> Any:
             return (to_camera @ point).z * setup.unit_m - begin
@@ -121,7 +121,7 @@ class SurfaceFinder:
         line = None
         last = segment = mi.Ray3f(rays.ray)
         if self._clear.any:
-            line = follow_lines(scene, last, self._clear, axial=axial, seed=seed, first=rays.first)
+            line = follow_rays_through_glass(scene, last, self._clear, axial=axial, seed=seed, first=rays.first)
             dr.eval(*line)  # one by one: a named tuple as such is left as it is
             last = line.last
         hit = scene.ray_intersect(last)
@@ -154,10 +154,12 @@ class SurfaceFinder:
             clear = self._clear.does_to_line(hit, counts) != OPAQUE
             shape = dr.select(clear & (~is_clear | self._clear.mirrors(hit, counts & is_clear)), 0, shape)
         # Light keeps its place on a shape that moves along, not where the shape was.
-        moved = dr.gather(mi.Vector3f, self._moved, number_of_shape(hit), valid)
+        moved = dr.gather(mi.Vector3f, self._moved, number_shapes_that_rays_hit(hit), valid)
         point = (to_camera @ mi.Point3f(hit.p - moved)) * setup.unit_m
-        depth = point.z - opaque_number(self._middle)  # from the lens at the middle of its travel, for all rays alike
-        scale = opaque_number(self._pixels_per_slope)
+        depth = point.z - opaque_number_for_rays(
+            self._middle
+        )  # from the lens at the middle of its travel, for all rays alike
+        scale = opaque_number_for_rays(self._pixels_per_slope)
         column = -point.x / depth * scale + setup.grid.columns / 2
         row = -point.y / depth * scale + setup.grid.rows / 2
         beside = dr.maximum(dr.abs(column), dr.abs(row)) > PIXELS_BESIDE  # or behind: seen in a mirror
@@ -170,7 +172,7 @@ class SurfaceFinder:
             shape,
             column,
             row,
-            dr.log(dr.maximum(depth, 1e-9)) * opaque_number(self._pixels_per_slope / CELL_DEPTH),
+            dr.log(dr.maximum(depth, 1e-9)) * opaque_number_for_rays(self._pixels_per_slope / CELL_DEPTH),
             u,
             v,
             dr.select(textured, _reflectance(hit, textured), 1.0),
@@ -199,7 +201,7 @@ class SurfaceFinder:
 
     def _look_up(self, table: Any, hit: Any, *, valid: Any) -> Any:
         """Return a number of the shapes that rays hit, UInt32 (ray,)."""
-        return dr.gather(mi.UInt32, table, number_of_shape(hit), valid)
+        return dr.gather(mi.UInt32, table, number_shapes_that_rays_hit(hit), valid)
 
 
 def _ends_in_light(in_light: Any, ray: Any, *, clearness: Any) -> EndsInLight:

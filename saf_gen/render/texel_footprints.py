@@ -5,10 +5,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.render_setup import RenderSetup, make_camera_dict
+from saf_gen.render.render_setup import RenderSetup, make_mitsuba_camera_dict
 
 
-def texel_footprints(
+def rendered_texel_footprints(
     setup: RenderSetup, target_shapes: tuple[str, ...], *, position: float, target: np.ndarray
 ) -> np.ndarray:
     """Return the size (m) of a texel at each target pixel, from the finest bitmap of its shape, float64 (pixel,).
@@ -19,7 +19,7 @@ def texel_footprints(
     are left out, because geometry and formulas are sharp at any size.
     """
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
-    sensor = mi.load_dict({"type": "perspective", **make_camera_dict(setup, position), "sampler": sampler})
+    sensor = mi.load_dict({"type": "perspective", **make_mitsuba_camera_dict(setup, position), "sampler": sampler})
     sizes = []
     for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes):
         density = _texel_density(shape.bsdf())

@@ -12,7 +12,12 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.core.region import Region
-from saf_gen.render.render_setup import RenderSetup, make_camera_dict, make_film_dict, positions_to_render
+from saf_gen.render.render_setup import (
+    RenderSetup,
+    make_mitsuba_camera_dict,
+    make_mitsuba_film_dict,
+    positions_to_render,
+)
 
 
 def render_position(
@@ -20,11 +25,11 @@ def render_position(
 ) -> np.ndarray:
     """Render the mean radiance at one focus position, of all pixels or of a region: float32 (row, col)."""
     drive = setup.drive
-    film = make_film_dict(setup.grid, region)
+    film = make_mitsuba_film_dict(setup.grid, region)
     sensor = mi.load_dict(
         {
             "type": "thinlens",
-            **make_camera_dict(setup, position),
+            **make_mitsuba_camera_dict(setup, position),
             "film": film,
             "aperture_radius": drive.aperture_radius_m / setup.unit_m,
             "focus_distance": float(drive.object_distance(position)) / setup.unit_m,

@@ -18,13 +18,13 @@ def pick_rays(ray: Any, chosen: np.ndarray) -> Any:
     return dr.gather(type(ray), ray, index)
 
 
-def trace(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
+def trace_radiance(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
     """Return the radiance along rays, each traced as a whole light path, float32 (ray,)."""
     traced, _, _ = setup.integrator.sample(setup.mitsuba_scene, _random(seed, ray), ray)
     return _to_host(traced)
 
 
-def trace_thrown_back(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
+def trace_radiance_thrown_back(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
     """Return the radiance that the clear surfaces that rays meet throw back, float32 (ray,).
 
     All that they scatter or reflect, but not what comes straight through. A path to a lamp is found both by aiming at
@@ -55,7 +55,7 @@ def trace_thrown_back(setup: RenderSetup, ray: Any, *, seed: int) -> np.ndarray:
     return _to_host(aimed + dr.select(found, weight * (traced + straight * (share - 1)), 0))
 
 
-def read_light(setup: RenderSetup, ray: Any) -> np.ndarray:
+def read_radiance_of_lamps(setup: RenderSetup, ray: Any) -> np.ndarray:
     """Return the radiance of the lamps that rays meet, or of the sky, float32 (ray,)."""
     hit = setup.mitsuba_scene.ray_intersect(ray)
     emitter = hit.emitter(setup.mitsuba_scene)

@@ -62,7 +62,7 @@ class RigidMotion(FrozenModel):
         return np.array([np.interp(time_s, times, [k.translate_m[j] for k in self.keyframes]) for j in range(3)])
 
 
-def motion_end_s(motions: Mapping[str, RigidMotion], *, recording_s: float) -> float:
+def scene_motion_end_s(motions: Mapping[str, RigidMotion], *, recording_s: float) -> float:
     """Return the last moment (s) of a recording at which one of these shapes still moves.
 
     Where all keyframes lie before the recording, the end of the recording is returned.

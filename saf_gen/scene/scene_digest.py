@@ -11,7 +11,7 @@ MAX_FILES = 100_000  # files and folders of a scene; a link to a whole disk woul
 PROSE, OWN_PREVIEW = (".md", "preview.png")  # files without effect on a rendered pixel; the preview at the top only
 
 
-def folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_links: bool) -> str:
+def scene_folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_links: bool) -> str:
     """Return the SHA-256 (hex) over names and bytes of a folder's files, without Markdown and the preview at the top.
 
     ``contents`` gives by name the bytes that count in place of a file's own, or for a file that is not in the

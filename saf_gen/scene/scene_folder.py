@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from saf_gen.core import seeds
 from saf_gen.core.config.document import FrozenModel, validate_document
-from saf_gen.core.config.ranges import check_parameter, draw_config_range
+from saf_gen.core.config.ranges import check_config_parameter, draw_config_range
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
@@ -24,7 +24,7 @@ from saf_gen.plugins.lights import check_light_groups
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
 from saf_gen.scene.library import find_scene_library_module
-from saf_gen.scene.scene_digest import folder_digest
+from saf_gen.scene.scene_digest import scene_folder_digest
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
@@ -167,10 +167,10 @@ class Scene:
 def scene_roots() -> list[Path]:
     """Return the folders whose scenes have a name; the first that has a name wins.
 
-    They are those of :func:`~saf_gen.scene.trusted_folders.trusted_folders` that the command stands in or names, and
-    the scenes that come with saf_gen.
+    They are those of :func:`~saf_gen.scene.trusted_folders.trusted_scene_folders` that the command stands in or names,
+    and the scenes that come with saf_gen.
     """
-    return [*trusted_folders.folders_in_use(), shipped_folder("scenes")]
+    return [*trusted_folders.scene_folders_in_use(), shipped_folder("scenes")]
 
 
 def scene_names() -> list[str]:
@@ -202,7 +202,7 @@ def load_scene_folder(folder: Path) -> Scene:
     named by ``SAF_GEN_SCENES``, nor one that comes with saf_gen.
     """
     folder = folder.resolve()
-    trusted = {root.resolve() for root in (*trusted_folders.trusted_folders(), shipped_folder("scenes"))}
+    trusted = {root.resolve() for root in (*trusted_folders.trusted_scene_folders(), shipped_folder("scenes"))}
     if (folder / SCRIPT_FILE).exists() and folder.parent not in trusted:
         raise _untrusted(folder, f"{folder / SCRIPT_FILE} is code, and would be run")
     return _read(folder)
@@ -233,7 +233,7 @@ def _read(folder: Path) -> Scene:
         raise BadInput(f"{folder} has scene.py and scene.xml", hint="keep one of the two")
     check_light_groups(card.lights, document)
     for key, value in card.params.items():
-        check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
+        check_config_parameter(value, what=f"params.{key}", where=document.locate("params", key))
     for name, module in card.library.items():
         where = document.locate("library", name)
         find_scene_library_module(module, where=where)
@@ -262,4 +262,4 @@ def _digest(folder: Path, card: SceneCard) -> str:
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
     contents |= {f"{name}.py": find_scene_library_module(module).read_bytes() for name, module in card.library.items()}
     # Only a script can read files outside of its folder: those that an XML scene names must lie within.
-    return folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
+    return scene_folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())

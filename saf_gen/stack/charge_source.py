@@ -6,7 +6,7 @@ lens visits are read, and by default those of at most three stacks are held in m
 
 import numpy as np
 
-from saf_gen.camera import Sensor, encoder_knot_weights, sensor_charge_of_stack
+from saf_gen.camera import Sensor, encoder_knot_weights, sensor_charge_of_images
 from saf_gen.stack.time_resolved import FrameRun, PlaneSource
 
 
@@ -114,5 +114,5 @@ class ChargeSource:
         spec = self.time_stack.specs[j]
         first, stop = positions.start - spec.first_index, positions.stop - spec.first_index
         radiance = self._plane_source.load_planes(j, first, stop)
-        charge = sensor_charge_of_stack(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
+        charge = sensor_charge_of_images(radiance, self.sensor, lens=spec.drive, position=spec.focus[first:stop])
         return charge if self._rows is None else charge[:, :, self._rows].copy()

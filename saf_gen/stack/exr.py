@@ -20,7 +20,7 @@ BLOCK = 8  # planes that are compressed together; to read one is to read a block
 MAX_FILE_BYTES = 1 << 40
 
 
-def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str]) -> None:
+def write_stack_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str]) -> None:
     """Write planes (row, col) of one shape as channels of a scan-line image, as float16 or else float32.
 
     The file is not compressed: ZIP saves 1 % of a render and takes nine times as long, and single
@@ -34,7 +34,7 @@ def write_planes(path: Path, planes: Mapping[str, np.ndarray], *, attributes: Ma
     _write(OpenEXR.File(header, channels), path)
 
 
-def write_plane_blocks(
+def write_stack_plane_blocks(
     path: Path, planes: Mapping[str, np.ndarray], *, attributes: Mapping[str, str], together: int = BLOCK
 ) -> None:
     """Write planes (row, col) of one shape and type, compressed without loss, that can still be read a few at a time.
@@ -74,7 +74,7 @@ def _write(file: Any, path: Path) -> None:
         raise OSError(str(error)) from error
 
 
-def read_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+def read_stack_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Return the planes and the text attributes, by name, of a file of planes or of plane blocks.
 
     With ``names`` only these planes are read, and little else of the file: of blocks, those that hold them.
@@ -83,9 +83,9 @@ def read_planes(path: Path, names: Iterable[str] | None = None) -> tuple[dict[st
     """
     try:
         check_plain_file(path, most=MAX_FILE_BYTES)
-        if blocks := exr_parts.read_part_headers(path, marked="planes"):
+        if blocks := exr_parts.read_exr_part_headers(path, marked="planes"):
             return _read_blocks(path, blocks, names=names)
-        header = exr_parts.read_flat_header(path)
+        header = exr_parts.read_exr_flat_header(path)
         rows = _rows(path, header)
         held = header.line.names[2:] if header.line.names else ()
         planes = {name: np.array(rows[name]) for name in (held if names is None else names)}
@@ -113,7 +113,7 @@ def _read_blocks(
     for name in places if names is None else names:
         part, place = places[name]
         if part.number not in pictures:
-            pictures[part.number] = exr_parts.read_picture(path, part)
+            pictures[part.number] = exr_parts.read_exr_picture(path, part)
         planes[name] = pictures[part.number][:, place::width].copy()
     attributes = {key: text for key, text in blocks[0].texts.items() if key not in ("planes", "name", "type")}
     return planes, attributes

@@ -59,8 +59,8 @@ class FlatHeader:
     texts: dict[str, str]
 
 
-def read_flat_header(path: Path) -> FlatHeader:
-    """Return the header of a file of one uncompressed part, as :func:`saf_gen.stack.exr.write_planes` writes it.
+def read_exr_flat_header(path: Path) -> FlatHeader:
+    """Return the header of a file of one uncompressed part, as :func:`saf_gen.stack.exr.write_stack_planes` writes it.
 
     Raises OSError, ValueError, LookupError or struct.error for any other.
     """
@@ -81,7 +81,7 @@ def read_flat_header(path: Path) -> FlatHeader:
     return FlatHeader(np.dtype(fields), top, bottom - top + 1, _texts(one))
 
 
-def read_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
+def read_exr_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
     """Return the headers of all parts; none where the first part has no text attribute of the name ``marked``.
 
     Raises OSError, ValueError or struct.error for what is no whole EXR file, and ValueError where a part with that
@@ -108,7 +108,7 @@ def read_part_headers(path: Path, *, marked: str) -> list[PartHeader]:
     return parts
 
 
-def read_picture(path: Path, part: PartHeader) -> np.ndarray:
+def read_exr_picture(path: Path, part: PartHeader) -> np.ndarray:
     """Return the picture of a part, (row, col) of its type.
 
     Raises OSError, ValueError, struct.error or zlib.error where the file is damaged or truncated.

@@ -77,7 +77,7 @@ class Grain:
     noise_over_signal: Mapping[str, GrainFigure]
 
 
-def estimate_grain(
+def estimate_stack_grain(
     first: np.ndarray, second: np.ndarray, *, mask: np.ndarray | None = None, ratio: float = 1.0
 ) -> Grain:
     """Estimate the grain of the first of two renders of one picture.
@@ -105,7 +105,7 @@ def estimate_grain(
     found = {}
     for energy in ENERGIES:
         responses = zip(
-            filter_responses(first, energy, mask=mask), filter_responses(second, energy, mask=mask), strict=True
+            filter_stack_grain(first, energy, mask=mask), filter_stack_grain(second, energy, mask=mask), strict=True
         )
         pairs = [(a, b, valid) for (a, valid), (b, _) in responses]
         noise_energy = _sum_blocks([((a - b) ** 2 / (1 + ratio), valid) for a, b, valid in pairs], blocks)
@@ -120,27 +120,31 @@ def estimate_grain(
     return Grain(mean, _relative_rms(noise, mean), found)
 
 
-def mean_energy(first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.ndarray | None = None) -> float:
+def mean_energy_of_stack_grain(
+    first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.ndarray | None = None
+) -> float:
     """Return the mean product of two pictures (row, col) behind the filters of an energy, one of ENERGIES.
 
     Of a picture and itself it is the focus measure of that name, ``variance`` for ``contrast``. Of two renders with
-    independent noise it is that of the picture without noise. Raises BadInput as :func:`estimate_grain` does.
+    independent noise it is that of the picture without noise. Raises BadInput as :func:`estimate_stack_grain` does.
     """
     first, second, mask = _checked(first, second, mask=mask)
-    pairs = zip(filter_responses(first, energy, mask=mask), filter_responses(second, energy, mask=mask), strict=True)
+    pairs = zip(
+        filter_stack_grain(first, energy, mask=mask), filter_stack_grain(second, energy, mask=mask), strict=True
+    )
     products = [((a * b)[valid], valid.sum()) for (a, valid), (b, _) in pairs]
     count = int(products[0][1]) if products else 0  # the filters of one energy count at the same places
     return float(sum(product.sum() for product, _ in products) / count) if count else 0.0
 
 
-def correlate_grain(
+def correlate_stack_grain(
     earlier: tuple[np.ndarray, np.ndarray], later: tuple[np.ndarray, np.ndarray], *, mask: np.ndarray | None = None
 ) -> GrainFigure:
     """Return the correlation of the grain of two moments, each given as two renders (row, col) of independent noise.
 
     It is that of the differences of the two renders, pixel by pixel: 1 for grain that stands still, 0 for grain drawn
     anew. The interval is a jackknife's over blocks, on Fisher's scale. NaN where a moment has no noise. Raises BadInput
-    as :func:`estimate_grain` does.
+    as :func:`estimate_stack_grain` does.
     """
     first, second, inside = _checked(*earlier, mask=mask)
     one = first - second
@@ -212,7 +216,7 @@ def _quantile(blocks: int) -> float:
     return float(stdtrit(max(blocks - 1, 1), (1 + CONFIDENCE) / 2))
 
 
-def filter_responses(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def filter_stack_grain(image: np.ndarray, energy: str, *, mask: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield what each filter of an energy makes of an image (row, col), and where all its pixels lie in the mask.
 
     An image smaller than the filter yields nothing.

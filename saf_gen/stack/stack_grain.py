@@ -18,10 +18,10 @@ import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import write_text_atomically
-from saf_gen.core.region import target_bounding_box
+from saf_gen.core.region import mask_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import StackSpec, StackStore
-from saf_gen.stack.grain import ENERGIES, filter_responses
+from saf_gen.stack.grain import ENERGIES, filter_stack_grain
 
 FILE, FORMAT = "stack.grain.json", "saf-gen grain 1"  # a light group may be called grain, and none has a dot
 DIGITS = 7
@@ -91,7 +91,7 @@ def measure_stack_grain(
         raise BadInput(
             f"the renders have the shapes {first.shape} and {second.shape}", allowed="(light, focus, row, col), twice"
         )
-    rows, columns = target_bounding_box(target)
+    rows, columns = mask_bounding_box(target)
     indices = np.arange(first.shape[1]) if indices is None else np.asarray(indices)
     lights, positions = first.shape[0], indices.size
     mean, square = np.empty((positions, lights)), np.empty((positions, lights, lights))
@@ -114,14 +114,14 @@ def measure_stack_grain(
 def _responses(images: np.ndarray, energy: str) -> np.ndarray:
     """Return what all filters of an energy make of images (light, row, col), float64 (light, response)."""
     whole = np.ones(images.shape[1:], bool)
-    found = [[r.ravel() for r, _ in filter_responses(image, energy, mask=whole)] for image in images]
+    found = [[r.ravel() for r, _ in filter_stack_grain(image, energy, mask=whole)] for image in images]
     return np.array([np.concatenate(one) if one else np.full(1, np.nan) for one in found])
 
 
 def _count_places(shape: tuple[int, int], energy: str) -> int:
     """Return at how many places of an image the filters of an energy count, at least 1."""
     whole = np.ones(shape)
-    return max((int(valid.sum()) for _, valid in filter_responses(whole, energy, mask=whole > 0)), default=1)
+    return max((int(valid.sum()) for _, valid in filter_stack_grain(whole, energy, mask=whole > 0)), default=1)
 
 
 def write_stack_grain(root: Path, spec: StackSpec, *, grain: StackGrain) -> None:

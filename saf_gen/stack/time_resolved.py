@@ -154,7 +154,7 @@ def frames_of_stack_slices(frames: int, *, readout_hz: float, slices_per_s: floa
     return tuple(range(0, frames + step, step))
 
 
-def moments_that_tell_shading(times_s: Sequence[float]) -> list[tuple[float, ...]]:
+def moments_that_shade_stack_slices(times_s: Sequence[float]) -> list[tuple[float, ...]]:
     """Return for each time slice the moments (s) whose light paths tell its shading: its own and those before it.
 
     Before the first there are none: it stands in for them, and tells as much with other paths.

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from saf_gen.core.region import target_bounding_box
+from saf_gen.core.region import mask_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.stack.charge_source import ChargeSource
@@ -12,7 +12,7 @@ from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
 
 
-def find_true_focus(plane_source: PlaneSource, position: np.ndarray) -> Truth:
+def find_true_focus_of_stack(plane_source: PlaneSource, position: np.ndarray) -> Truth:
     """Return the true focus for a lens at these positions (T,), without the sharpness.
 
     In a moving scene the best focus may move too. ``track`` then follows it, linearly between the rendered moments that
@@ -82,7 +82,7 @@ def noise_free_stack_sharpness(charge_source: ChargeSource, truth: Truth, *, pos
     The result is float64 (focus,), at gain 1. ``position`` (T,) is where the lens is. In a moving scene the value at a
     position is that of the moment at which the lens first reaches it, NaN where it never does.
     """
-    rows, columns = target_bounding_box(np.asarray(truth.target))
+    rows, columns = mask_bounding_box(np.asarray(truth.target))
     positions = charge_source.time_stack.specs[0].positions
     lowest, highest = float(position.min()), float(position.max())
     stride = float(np.abs(np.diff(position)).max(initial=0.0))  # readouts see the ends only to within that

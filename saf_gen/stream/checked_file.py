@@ -32,7 +32,7 @@ _REFERENCE_BYTES = 16
 """What a text of any length takes in its dataset: four bytes of length, and where the text lies."""
 
 
-def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
+def read_stream_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
     """Return one attribute, a number or text; None where it is missing, an array, or another type."""
     if name not in item.attrs:
         return None
@@ -43,7 +43,7 @@ def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
     return value if isinstance(value, str | np.integer | np.floating) else None
 
 
-def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
+def open_stream_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     """Return ``/spikes``; raises BadInput for a link, storage outside the file, other filters, and too many pixels."""
     spikes = _open_dataset(file, "spikes", where=where)
     if spikes.dtype != np.uint8 or spikes.ndim != 3 or 0 in spikes.shape:
@@ -60,7 +60,7 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     return spikes
 
 
-def read_small_datasets(file: h5py.File, where: str) -> Iterator[tuple[str, Any]]:
+def read_small_stream_datasets(file: h5py.File, where: str) -> Iterator[tuple[str, Any]]:
     """Yield name and value of every dataset but ``/spikes``; text as str.
 
     Raises BadInput for whatever a stream does not hold, before it is read.

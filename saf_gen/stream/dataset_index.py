@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from saf_gen.core.files import name_as_text
+from saf_gen.core.files import file_name_as_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.stream_file import open_stream
@@ -12,7 +12,7 @@ OWN_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)
 """How this package names a sequence; of other names scene and light are taken to be the name itself and one."""
 
 
-def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
+def index_streams_of_folder(folder: str | Path, *, split: str = "test") -> Manifest:
     """Write ``manifest.json`` for all streams (.h5) in a folder and below it, and return it.
 
     A sequence is named by its path, its folders joined by "-". A folder below is a split of its name, and what lies in
@@ -31,7 +31,7 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
             "has no stream", where=str(folder), allowed="files *.h5, in it or below it", hint="saf-gen import"
         )
     manifest = Manifest(
-        name_as_text(root.resolve().name), "", "recorded", tuple(_entry(root, file, split=split) for file in files)
+        file_name_as_text(root.resolve().name), "", "recorded", tuple(_entry(root, file, split=split) for file in files)
     )
     write_manifest(root, manifest)
     return manifest
@@ -39,7 +39,7 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
 
 def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
     inside = file.relative_to(root)
-    if name_as_text(str(inside)) != str(inside):
+    if file_name_as_text(str(inside)) != str(inside):
         raise BadInput(f"the name of {file} is no UTF-8", allowed="names that a manifest can hold", hint="rename it")
     with open_stream(file) as stream:
         frames, content = stream.shape[0], stream.content_sha256

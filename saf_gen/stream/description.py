@@ -10,13 +10,13 @@ import numpy as np
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.stream.readable import ReadableStream
-from saf_gen.stream.recorded_grain import read_recorded_grain
+from saf_gen.stream.recorded_grain import read_grain_of_stream
 
 RATE_BLOCKS = 50
 """Parts of a recording whose mean rates are compared, at most."""
 
 
-def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict[str, str]:
+def describe_stream_content(stream: ReadableStream, *, with_rates: bool = True) -> dict[str, str]:
     """Return what is in a stream as text, by name: length, rates, light, lens, truth.
 
     Without the rates no spike is read, with them all are.
@@ -55,7 +55,7 @@ def describe_content(stream: ReadableStream, *, with_rates: bool = True) -> dict
     return facts
 
 
-def describe_making(stream: ReadableStream) -> dict[str, str]:
+def describe_stream_making(stream: ReadableStream) -> dict[str, str]:
     """Return how a stream was made as text, by name: size on the disk, versions, seeds, digests."""
     facts = {"size": f"{Path(stream.path).stat().st_size * 8 / math.prod(stream.shape):.3f} bit per pixel and frame"}
     for name, text in stream.metadata.provenance.items():
@@ -69,7 +69,7 @@ def describe_making(stream: ReadableStream) -> dict[str, str]:
 
 def describe_stream_file(stream: ReadableStream) -> dict[str, str]:
     """Return facts about a stream as text, by name: what is in it, then how it was made."""
-    return {**describe_content(stream), **describe_making(stream)}
+    return {**describe_stream_content(stream), **describe_stream_making(stream)}
 
 
 def _read_json(stream: ReadableStream, name: str) -> dict[str, Any]:
@@ -125,7 +125,7 @@ def _describe_range(values: np.ndarray | None, unit: str) -> str:
 
 def _describe_grain(stream: ReadableStream) -> str:
     """Return how much noise of the renderer is in the pictures behind a stream, as text."""
-    grain = read_recorded_grain(stream.metadata.provenance)
+    grain = read_grain_of_stream(stream.metadata.provenance)
     if grain is None or not math.isfinite(grain.rms_in_focus):
         return "unknown"
     low, high = grain.rms_range

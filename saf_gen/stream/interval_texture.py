@@ -59,7 +59,7 @@ def _look_ahead(packed, base, first, stop, found):
     return still_open
 
 
-def texture_of_viewed_window(read: Read, count: Read, *, first: int, stop: int) -> np.ndarray:
+def texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) -> np.ndarray:
     """Return the texture from intervals of the n frames ``first <= t < stop``.
 
     A pixel gets n over the interval from its last spike at or before the middle frame, (first + stop − 1)//2,
@@ -101,22 +101,22 @@ def texture_of_viewed_window(read: Read, count: Read, *, first: int, stop: int) 
     return np.divide(stop - first, after - before, out=np.zeros(known.shape), where=known)
 
 
-def time_texture_of_viewed_window(read: Read, count: Read, *, first: int, stop: int) -> tuple[np.ndarray, float]:
-    """Return texture_of_viewed_window and its seconds, without those spent in ``read`` and ``count``.
+def time_texture_of_stream_window(read: Read, count: Read, *, first: int, stop: int) -> tuple[np.ndarray, float]:
+    """Return texture_of_stream_window and its seconds, without those spent in ``read`` and ``count``.
 
     Where a loop had to be compiled or loaded on the way, the texture is computed once more.
     """
     compiled = _count_compiled_loops()
     whole, camera = Stopwatch(), Stopwatch()
     image = whole.time(
-        texture_of_viewed_window,
+        texture_of_stream_window,
         lambda first_byte, stop_byte: camera.time(read, first_byte, stop_byte),
         lambda begin, end: camera.time(count, begin, end),
         first=first,
         stop=stop,
     )
     if _count_compiled_loops() > compiled:
-        return time_texture_of_viewed_window(read, count, first=first, stop=stop)
+        return time_texture_of_stream_window(read, count, first=first, stop=stop)
     return image, whole.seconds - camera.seconds
 
 

@@ -4,7 +4,7 @@ from typing import Protocol
 
 import numpy as np
 
-from saf_gen.core.region import Region, target_bounding_box
+from saf_gen.core.region import Region, mask_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
 from saf_gen.stream.readable import ReadableStream
@@ -18,7 +18,7 @@ class WindowSource(Protocol):
     def intervals(self, first: int, stop: int) -> np.ndarray: ...
 
 
-def measure_input(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
+def stream_input_for_measure(source: WindowSource, measure: object, *, first: int, stop: int) -> np.ndarray:
     """Return what a measure is given of a window of n frames.
 
     It is counts (h, w); or (2, h, w), the counts of the first n // 2 frames and of the rest; or interval texture (h,
@@ -35,9 +35,9 @@ def measure_input(source: WindowSource, measure: object, *, first: int, stop: in
     return np.stack([source.window(first, middle), source.window(middle, stop)])
 
 
-def choose_method_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
+def choose_stream_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
     """Return the box of a region and its name; the box is None for the frame, also where there is no target."""
     target = stream.truth.target
     if region == "target" and target is not None and np.any(target):
-        return target_bounding_box(target), "target"
+        return mask_bounding_box(target), "target"
     return None, "frame"

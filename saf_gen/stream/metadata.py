@@ -136,7 +136,7 @@ def _check_finite(name: str, array: np.ndarray) -> None:
         )
 
 
-def metadata_to_datasets(
+def stream_metadata_to_datasets(
     metadata: Metadata, shape: tuple[int, int, int]
 ) -> dict[str, np.ndarray | tuple[str, ...] | str]:
     """Return every dataset except /spikes, checked, by name.
@@ -181,7 +181,7 @@ def _checked_text(name: str, text: object) -> str:
     return text
 
 
-def stream_digest_line(name: str, value: Any) -> str:
+def _stream_digest_line(name: str, value: Any) -> str:
     """Return the line of the digest for a small dataset."""
     array = np.asarray(value)
     if array.dtype.kind in "OSU":
@@ -189,21 +189,21 @@ def stream_digest_line(name: str, value: Any) -> str:
         dtype, data = "text", b"".join(s + b"\0" for s in strings)
     else:
         dtype, data = array.dtype.name, array.astype(array.dtype.newbyteorder("<"), order="C").tobytes()
-    return format_digest_line(name, dtype, shape=array.shape, sha256=hashlib.sha256(data).hexdigest())
+    return _format_digest_line(name, dtype, shape=array.shape, sha256=hashlib.sha256(data).hexdigest())
 
 
-def format_digest_line(name: str, dtype: str, *, shape: tuple[int, ...], sha256: str) -> str:
+def _format_digest_line(name: str, dtype: str, *, shape: tuple[int, ...], sha256: str) -> str:
     """Return a line of the digest from its parts."""
     return f"{name} {dtype} {'x'.join(map(str, shape)) or 'scalar'} {sha256}"
 
 
-def stream_content_digest(lines: list[str], *, readout_hz: float, frames: int) -> str:
+def _stream_content_digest(lines: list[str], *, readout_hz: float, frames: int) -> str:
     """Return ``content_sha256`` from the lines of all datasets."""
     text = "\n".join([f"readout_hz {float(readout_hz)!r}", f"frames {frames}", *sorted(lines)])
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def stream_provenance_digest(lines: Iterable[str]) -> str:
+def _stream_provenance_digest(lines: Iterable[str]) -> str:
     """Return ``provenance_sha256`` from the lines of all datasets in ``/provenance``."""
     return hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()
 
@@ -215,13 +215,13 @@ def stream_digests(
 
     ``datasets`` are all but ``/spikes``, by name; ``shape`` and ``spikes`` the shape and SHA-256 of that.
     """
-    spikes_line = format_digest_line("/spikes", "uint8", shape=shape, sha256=spikes)
-    lines = [stream_digest_line(name, value) for name, value in datasets]
+    spikes_line = _format_digest_line("/spikes", "uint8", shape=shape, sha256=spikes)
+    lines = [_stream_digest_line(name, value) for name, value in datasets]
     of_provenance = [line for line in lines if line.startswith("/provenance/")]
     content = [line for line in lines if not line.startswith("/provenance/")]
     return (
-        stream_content_digest([*content, spikes_line], readout_hz=readout_hz, frames=frames),
-        stream_provenance_digest(of_provenance),
+        _stream_content_digest([*content, spikes_line], readout_hz=readout_hz, frames=frames),
+        _stream_provenance_digest(of_provenance),
     )
 
 
@@ -243,7 +243,7 @@ def _check_names(what: str, names: Iterable[str], *, known: type) -> None:
 
 
 def stream_metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
-    """Return metadata from the small datasets of a file: the inverse of :func:`metadata_to_datasets`.
+    """Return metadata from the small datasets of a file: the inverse of :func:`stream_metadata_to_datasets`.
 
     Raises BadInput, naming the field, for a shape that does not fit (T, H, W).
     """

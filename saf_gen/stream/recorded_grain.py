@@ -77,7 +77,7 @@ class RecordedGrain:
         return json.dumps(_rounded(asdict(self)), indent=1)
 
 
-def read_recorded_grain(provenance: Mapping[str, str]) -> RecordedGrain | None:
+def read_grain_of_stream(provenance: Mapping[str, str]) -> RecordedGrain | None:
     """Return the grain that a stream's provenance states; None where it states none, or none that can be read."""
     try:
         data = load_plain_json(provenance[PROVENANCE_KEY])

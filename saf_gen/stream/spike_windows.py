@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.core.region import Region, region_shape, target_bounding_box
+from saf_gen.core.region import Region, mask_bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
-from saf_gen.stream.window_counts import KeptCounts, count_type, keep_counts
+from saf_gen.stream.window_counts import KeptCounts, keep_stream_counts, type_of_stream_counts
 
 COUNTS_FOLDER = "counts"
 TARGETS = ("error", "position")
@@ -140,7 +140,7 @@ class SpikeWindows:
 
     def _keep_counts(self, stream: SpikeStream, name: str, *, firsts: np.ndarray) -> KeptCounts:
         box = self._box(stream)
-        shape, dtype = (len(firsts), *region_shape(box)), count_type(self.window)
+        shape, dtype = (len(firsts), *region_shape(box)), type_of_stream_counts(self.window)
         sides = [[side.start, side.stop] for side in box]
         key = json.dumps([stream.content_sha256, self.window, self.stride, sides])
         path = self.counts / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
@@ -149,7 +149,7 @@ class SpikeWindows:
             if (kept.shape, kept.dtype) == (shape, dtype):
                 return kept
         pieces = stream.counts_of_windows(firsts, self.window, region=box)
-        return keep_counts(path, pieces, shape=shape, dtype=dtype)
+        return keep_stream_counts(path, pieces, shape=shape, dtype=dtype)
 
     def _box(self, stream: SpikeStream) -> Region:
         frame = stream.shape[1:]
@@ -159,7 +159,7 @@ class SpikeWindows:
             raise BadInput(f"crop is {self.crop}", where=str(stream.path), allowed=f"(1, 1) to {frame}")
         mask = stream.truth.target
         whole = slice(0, frame[0]), slice(0, frame[1])
-        box = target_bounding_box(mask) if mask is not None and np.any(mask) else whole
+        box = mask_bounding_box(mask) if mask is not None and np.any(mask) else whole
         begins = [
             min(max((side.start + side.stop - n) // 2, 0), most - n)
             for side, n, most in zip(box, self.crop, frame, strict=True)

@@ -25,10 +25,10 @@ from saf_gen.core import bits
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
-from saf_gen.stream.checked_file import open_spikes, read_attribute, read_small_datasets
+from saf_gen.stream.checked_file import open_stream_spikes, read_small_stream_datasets, read_stream_attribute
 from saf_gen.stream.metadata import FORMAT, LAYOUT, stream_digests, stream_metadata_from_datasets
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
-from saf_gen.stream.window_counts import count_windows
+from saf_gen.stream.window_counts import count_stream_windows
 
 
 def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
@@ -101,19 +101,19 @@ class SpikeStream:
     def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
         self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
         where = str(path)
-        kind, layout = (read_attribute(file, name) for name in ("format", "layout"))
+        kind, layout = (read_stream_attribute(file, name) for name in ("format", "layout"))
         if kind != FORMAT:
             raise BadInput("is HDF5, but not a saf-gen stream", where=where, allowed=f"attribute format = {FORMAT!r}")
         if layout != LAYOUT:
             raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
-        self._spikes = open_spikes(file, where)
+        self._spikes = open_stream_spikes(file, where)
         rows, columns, length = self._spikes.shape
-        frames, hz = (read_attribute(self._spikes, name) for name in ("frames", "readout_hz"))
+        frames, hz = (read_stream_attribute(self._spikes, name) for name in ("frames", "readout_hz"))
         if None in (frames, hz) or not (float(hz) > 0 and math.isfinite(hz)):
             raise BadInput("/spikes does not say frames and readout_hz", where=where, hint="make it again")
         frames, self.readout_hz = int(frames), float(hz)
-        self.content_sha256 = str(read_attribute(file, "content_sha256"))
-        small = dict(read_small_datasets(file, where))
+        self.content_sha256 = str(read_stream_attribute(file, "content_sha256"))
+        small = dict(read_small_stream_datasets(file, where))
         self.metadata = stream_metadata_from_datasets(small, (frames, rows, columns))
         if length != -(-frames // 8) or frames < 1:
             raise BadInput(
@@ -122,7 +122,7 @@ class SpikeStream:
                 allowed="uint8 (H, W, ceil(T/8))",
             )
         self.shape = (frames, rows, columns)
-        if (spikes := read_attribute(file, "spikes_sha256")) is not None:  # streams made before had none
+        if (spikes := read_stream_attribute(file, "spikes_sha256")) is not None:  # streams made before had none
             self._check_digests(small.items(), str(spikes))
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
@@ -181,7 +181,7 @@ class SpikeStream:
         window, part = self._validated(first, stop, region=region)
         out = np.zeros(region_shape(part), np.uint32)
         for start, low, high in self._time_blocks.split_frames(window.start, window.stop):
-            bits.add_bit_counts(self._planes(start, part), out, first=low, stop=high)
+            bits.sum_bits_of_planes(self._planes(start, part), out, first=low, stop=high)
         return out
 
     def counts_of_windows(
@@ -203,7 +203,7 @@ class SpikeStream:
 
     def _count_windows(self, firsts: np.ndarray, window: int, *, region: Region) -> Iterator[np.ndarray]:
         with self._report_damage():
-            yield from count_windows(self._time_blocks, firsts, window=window, region=region)
+            yield from count_stream_windows(self._time_blocks, firsts, window=window, region=region)
 
     def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> np.ndarray:
         """Return bytes ``first_byte <= i < stop_byte`` along time, uint8 (h, w, bytes); BadInput outside."""
@@ -222,13 +222,13 @@ class SpikeStream:
             with self._report_damage():
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)
-        self._check_digests(read_small_datasets(self._file, str(self.path)), sha.hexdigest())
+        self._check_digests(read_small_stream_datasets(self._file, str(self.path)), sha.hexdigest())
 
     def _check_digests(self, datasets: Iterable[tuple[str, Any]], spikes: str) -> None:
         """Raise BadInput unless the small datasets and spikes of this SHA-256 are what the file was made with."""
         shape, hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
         found = stream_digests(datasets, shape, spikes=spikes, readout_hz=hz, frames=frames)
-        stored = self.content_sha256, read_attribute(self._file, "provenance_sha256")
+        stored = self.content_sha256, read_stream_attribute(self._file, "provenance_sha256")
         for what, mine, listed in zip(("content", "provenance"), found, stored, strict=True):
             if listed not in (mine, None):
                 raise BadInput(
@@ -258,7 +258,7 @@ class SpikeStream:
 
     def _has_own_chunks(self) -> bool:
         """Return whether chunks can be read as stored: our shape, only deflate, none missing."""
-        chunk = time_blocks.chunk_shape(self._spikes.shape)
+        chunk = time_blocks.stream_chunk_shape(self._spikes.shape)
         grid = math.prod(-(-n // c) for n, c in zip(self._spikes.shape, chunk, strict=True))
         filters = self._spikes.id.get_create_plist()
         return (
@@ -275,7 +275,7 @@ class SpikeStream:
 
     def _read_any_chunk(self, top: int, start: int) -> np.ndarray:
         """Return the same part of a file that somebody else wrote, in chunks of any shape or in none."""
-        ends = zip((top, 0, start), time_blocks.chunk_shape(self._spikes.shape), self._spikes.shape, strict=True)
+        ends = zip((top, 0, start), time_blocks.stream_chunk_shape(self._spikes.shape), self._spikes.shape, strict=True)
         window = [slice(first, min(first + size, total)) for first, size, total in ends]
         if (chunk := self._spikes.chunks) is None:
             return self._spikes[tuple(window)]
@@ -299,5 +299,5 @@ class SpikeStream:
         filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
         deflate = h5py.h5z.FILTER_DEFLATE  # shuffling leaves single bytes where they are
         if deflate in filters and not skipped >> filters.index(deflate) & 1:
-            return time_blocks.inflate_chunk(data, chunk)
+            return time_blocks.inflate_stream_chunk(data, chunk)
         return np.frombuffer(data, np.uint8).reshape(chunk)

@@ -14,18 +14,18 @@ import h5py
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import unwritable_error, write_atomically
+from saf_gen.core.files import unwritable_file_error, write_atomically
 from saf_gen.errors import BadInput
 from saf_gen.stream import time_blocks
 from saf_gen.stream.block_memory import make_stream_thread_pool
-from saf_gen.stream.checked_file import read_small_datasets
+from saf_gen.stream.checked_file import read_small_stream_datasets
 from saf_gen.stream.metadata import (
     FORMAT,
     LAYOUT,
     Metadata,
-    metadata_to_datasets,
     stream_digests,
     stream_metadata_from_options,
+    stream_metadata_to_datasets,
 )
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
@@ -122,9 +122,9 @@ class StreamWriter:
         frames, self._rows, self._columns = (operator.index(n) for n in shape)
         self.shape, self.readout_hz = (frames, self._rows, self._columns), float(readout_hz)
         self.content_sha256 = ""
-        self._datasets = metadata_to_datasets(metadata or Metadata(), self.shape)
+        self._datasets = stream_metadata_to_datasets(metadata or Metadata(), self.shape)
         self._length = -(-frames // 8)
-        self._chunk = time_blocks.chunk_shape((self._rows, self._columns, self._length))
+        self._chunk = time_blocks.stream_chunk_shape((self._rows, self._columns, self._length))
         self._sha, self._crcs = hashlib.sha256(), dict[tuple[int, int], int]()
         self._assembler = time_blocks.TimeBlockAssembler(self.shape, where=str(path))
         self._done = 0  # bytes along time in the file
@@ -165,7 +165,7 @@ class StreamWriter:
         starts = range(0, self._rows, height)
 
         def deflate(row: int) -> bytes:
-            return time_blocks.deflate_chunk(time_block[row : row + height], self._chunk)
+            return time_blocks.deflate_stream_chunk(time_block[row : row + height], self._chunk)
 
         def hash_block() -> None:
             for row in starts:
@@ -178,7 +178,7 @@ class StreamWriter:
                 self._spikes.id.write_direct_chunk((row, 0, self._done), data)
                 self._held.check()
         except OSError as error:
-            raise unwritable_error(self.path, error) from error
+            raise unwritable_file_error(self.path, error) from error
         finally:
             hashing.result()
         self._done += time_block.shape[2]
@@ -205,7 +205,7 @@ class StreamWriter:
             self._file.close()
         self._held.check()
         with h5py.File(self._part, "r") as file:
-            stored = digest(read_small_datasets(file, str(self.path)), shape)
+            stored = digest(read_small_stream_datasets(file, str(self.path)), shape)
             chunks = file["spikes"].id
             same = all(
                 time_blocks.checksum(chunks.read_direct_chunk((row, 0, at))[1]) == crc

@@ -30,14 +30,14 @@ class DamagedChunk(ValueError):
     """Stored bytes that do not inflate to a chunk."""
 
 
-def chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+def stream_chunk_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     """Return the chunk shape for packed spikes of ``shape`` (H, W, bytes): all columns, about 1 MB."""
     rows, columns, length = shape
     time_block = min(TIME_BLOCK_BYTES, length)
     return min(rows, max(1, _CHUNK_BYTES // (columns * time_block))), columns, time_block
 
 
-def deflate_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
+def deflate_stream_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
     """Return ``block`` (rows, W, bytes) as a stored chunk, filled with zeros at the edges."""
     if block.shape != chunk:
         whole = np.zeros(chunk, np.uint8)
@@ -46,7 +46,7 @@ def deflate_chunk(block: np.ndarray, chunk: tuple[int, int, int]) -> bytes:
     return isal_zlib.compress(np.ascontiguousarray(block), 1, isal_zlib.MAX_WBITS)
 
 
-def inflate_chunk(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
+def inflate_stream_chunk(data: bytes | np.ndarray, chunk: tuple[int, int, int]) -> np.ndarray:
     """Return a stored chunk, uint8 of the shape ``chunk``; an array is given back as it is.
 
     Raises DamagedChunk for bytes that are not a chunk of this size, or whose checksum is wrong. No more than the size
@@ -142,7 +142,7 @@ class TimeBlocks:
     def __init__(
         self, shape: tuple[int, int, int], *, read: Callable[[int, int], bytes | np.ndarray], count: int | None = None
     ) -> None:
-        self.shape, self.chunk, self._read = shape, chunk_shape(shape), read
+        self.shape, self.chunk, self._read = shape, stream_chunk_shape(shape), read
         self._last, self._number = -1, next(self._numbers)
         self._own_pool = make_stream_thread_pool("inflate", count) if count else None
         self._forget = weakref.finalize(self, BLOCK_MEMORY.forget, self._number)
@@ -170,7 +170,7 @@ class TimeBlocks:
         """
 
         def run(top: int, data: bytes | np.ndarray) -> Result:
-            return work(top, inflate_chunk(data, self.chunk))
+            return work(top, inflate_stream_chunk(data, self.chunk))
 
         waiting = [self._pool.submit(run, top, self._read(top, start)) for top in self._tops(rows)]
         for future in waiting:
@@ -214,7 +214,7 @@ class TimeBlocks:
         planes, filling = BLOCK_MEMORY.find(self._number, start, shape=(self.chunk[2], *self.shape[:2]))
 
         def transpose(top: int, data: bytes | np.ndarray) -> None:
-            block = inflate_chunk(data, self.chunk)[: self.shape[0] - top]
+            block = inflate_stream_chunk(data, self.chunk)[: self.shape[0] - top]
             planes[: block.shape[2], top : top + block.shape[0]] = block.transpose(2, 0, 1)
 
         for top in self._tops(rows):

@@ -18,18 +18,22 @@ from saf_gen.core.region import Region, region_shape
 from saf_gen.stream.time_blocks import TimeBlocks
 
 
-def count_type(window: int) -> np.dtype:
+def type_of_stream_counts(window: int) -> np.dtype:
     """Return the smallest unsigned type that holds the spikes of a pixel in ``window`` frames."""
     return np.min_scalar_type(window)
 
 
-def count_windows(time_blocks: TimeBlocks, firsts: np.ndarray, *, window: int, region: Region) -> Iterator[np.ndarray]:
+def count_stream_windows(
+    time_blocks: TimeBlocks, firsts: np.ndarray, *, window: int, region: Region
+) -> Iterator[np.ndarray]:
     """Yield the counts of all windows in order, some at a time, unsigned (windows, h, w).
 
     Window k is the frames ``firsts[k] <= t < firsts[k] + window``; ``firsts``, int64, rise. Nothing is checked.
     """
     begun = 0
-    counts = np.zeros((0, *region_shape(region)), count_type(window))  # of windows that began and have not ended
+    counts = np.zeros(
+        (0, *region_shape(region)), type_of_stream_counts(window)
+    )  # of windows that began and have not ended
     for start, low, high in time_blocks.split_frames(int(firsts[0]), int(firsts[-1]) + window):
         new = int(np.searchsorted(firsts, 8 * start + high)) - begun
         begun += new
@@ -51,7 +55,7 @@ def _add_chunk(
     rows, columns = region
     a, b = max(rows.start, top), min(rows.stop, top + len(chunk))
     out = counts[:, a - rows.start : b - rows.start]
-    bits.add_train_counts(chunk[a - top : b - top, columns], out, firsts=firsts, stops=stops)
+    bits.sum_bits_of_trains(chunk[a - top : b - top, columns], out, firsts=firsts, stops=stops)
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class KeptCounts:
         return np.fromfile(self.path, self.dtype, size, offset=offset).reshape(self.shape[1:])
 
 
-def keep_counts(
+def keep_stream_counts(
     path: Path, counts: Iterable[np.ndarray], *, shape: tuple[int, int, int], dtype: np.dtype
 ) -> KeptCounts:
     """Write counts that come in pieces (windows, h, w) to a .npy file, whole or not at all, and return it.

@@ -13,9 +13,9 @@ from written_scenes import VARIANT, needs_llvm, write_scene
 from saf_gen.authoring import checks
 from saf_gen.authoring.checks import SceneUnderTest, check_scene
 from saf_gen.authoring.checks.licence import check_scene_licence
-from saf_gen.authoring.checks.target_detail import measure_scene_detail
-from saf_gen.authoring.checks.target_motion import find_fastest_scene_shape
-from saf_gen.authoring.template import create_scene
+from saf_gen.authoring.checks.target_detail import measure_detail_in_scene_check
+from saf_gen.authoring.checks.target_motion import fastest_shape_in_scene_check
+from saf_gen.authoring.template import create_scene_from_template
 from saf_gen.camera import get_sensor
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.scene.scene_folder import find_scene
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture
 def skeleton(tmp_path, own_folder):
     """The skeleton of a script, no family, as ``mine``; gives a function that edits it and finds it."""
-    create_scene("mine", tmp_path / "scenes")
+    create_scene_from_template("mine", tmp_path / "scenes")
     folder = tmp_path / "scenes/mine"
     card = folder / "scene.yaml"
     text = re.sub(r"tilt_deg: .*", "tilt_deg: 0", card.read_text().replace('licence: ""', "licence: CC-BY-4.0"))
@@ -290,14 +290,14 @@ def planted(signal, noise, seed):
 def test_loss_and_noise_are_those_that_were_planted():
     """40,000 pixels: noise and loss are known to half a per cent at one sigma; four are allowed."""
     signal = (0.5, 0.8, 1.0, 0.9, 0.6)
-    shown = measure_scene_detail(planted(signal, 0.3, 2), planted(signal, 0.3, 3), truth=0.5, aside=0.25)
+    shown = measure_detail_in_scene_check(planted(signal, 0.3, 2), planted(signal, 0.3, 3), truth=0.5, aside=0.25)
     assert shown.blur_loss == pytest.approx(1 - 0.8**2, abs=0.02)
     assert shown.noise == pytest.approx(0.3, rel=0.02)
     assert shown.contrast == pytest.approx(1 / 3, rel=0.02)
 
 
 def test_a_picture_of_noise_alone_has_no_detail():
-    shown = measure_scene_detail(planted((0,) * 5, 0.3, 2), planted((0,) * 5, 0.3, 5), truth=0.5, aside=0.25)
+    shown = measure_detail_in_scene_check(planted((0,) * 5, 0.3, 2), planted((0,) * 5, 0.3, 5), truth=0.5, aside=0.25)
     assert shown.contrast < 0.01  # 0.3/3 of noise, squared, over the root of 40,000: 0.007 at one sigma
 
 
@@ -318,7 +318,7 @@ def test_the_loss_of_stripes_is_that_of_the_discs_transfer(tmp_path, monkeypatch
     lens = "{focal_length_mm: 25, f_number: 2.0, focus_range_m: [0.6, 0.42]}"
     scene = write_scene(tmp_path, monkeypatch, lens=lens, distance_m=0.5, shapes=shapes, light="sky", target="plane")
     subject = SceneUnderTest(scene, sensor, backend="llvm")
-    loss = measure_scene_detail(
+    loss = measure_detail_in_scene_check(
         *subject.near_stacks, truth=subject.true_focus, aside=3 * subject.half_depth_of_focus
     ).blur_loss
     k = np.arange(1, 400, 2) / period
@@ -363,7 +363,7 @@ def moving(skeleton, path, slices=500):
 def test_the_speed_of_a_shift_is_the_closed_form(skeleton, sensor):
     """0.1 m/s across at 0.5 m: v/u of it on the sensor, over the pitch."""
     subject = SceneUnderTest(moving(skeleton, "[0.1, 0, 0]"), sensor, backend=VARIANT)
-    name, speed = find_fastest_scene_shape(subject, [0.0, 0.5])
+    name, speed = fastest_shape_in_scene_check(subject, [0.0, 0.5])
     assert name == "card"
     assert speed == pytest.approx(0.1 / subject.pixel_footprint_m, rel=1e-3)
 
@@ -371,7 +371,7 @@ def test_the_speed_of_a_shift_is_the_closed_form(skeleton, sensor):
 def test_the_speed_of_a_turn_is_that_of_the_corners(skeleton, sensor):
     card = MOVES.replace("translate_m: %s", "rotate_deg: %s")
     subject = SceneUnderTest(skeleton(("target: [card]", card % (90, 500))), sensor, backend=VARIANT)
-    _, speed = find_fastest_scene_shape(subject, [0.5])
+    _, speed = fastest_shape_in_scene_check(subject, [0.5])
     assert speed == pytest.approx(np.pi / 2 * 0.05 * np.sqrt(2) / subject.pixel_footprint_m, rel=1e-3)
 
 
@@ -454,7 +454,7 @@ def test_the_fastest_of_a_lamp_and_a_shape_is_the_shape(lit_by, sensor):
     moves = "[{time_s: 0}, {time_s: 1, translate_m: [%s, 0, 0]}]"
     scene = lit_by(f"'type': 'spot', {LAMPS['spot']}", both % (moves % 3, moves % 0.01))
     subject = SceneUnderTest(scene, sensor, backend=VARIANT)
-    assert find_fastest_scene_shape(subject, [0.5]) == (
+    assert fastest_shape_in_scene_check(subject, [0.5]) == (
         "plane",
         pytest.approx(0.01 / subject.pixel_footprint_m, rel=1e-3),
     )

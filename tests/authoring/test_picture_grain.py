@@ -12,7 +12,13 @@ from written_scenes import VARIANT, needs_llvm, write_scene
 from saf_gen.authoring import scene_grain
 from saf_gen.authoring.checks import SceneUnderTest, check_scene_grain
 from saf_gen.authoring.checks.picture_grain import _compare_with_goals
-from saf_gen.authoring.scene_grain import AWAY, BEST_FOCUS, PlaceGrain, crop_sensor_to_target, list_grain_places
+from saf_gen.authoring.scene_grain import (
+    AWAY,
+    BEST_FOCUS,
+    PlaceGrain,
+    crop_sensor_for_scene_grain,
+    list_scene_grain_places,
+)
 from saf_gen.camera import get_sensor
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
@@ -27,7 +33,7 @@ def planted(rms, contrast, *, known=True):
 
 @pytest.mark.parametrize(("truth", "away"), [(0.3, 0.55), (0.5, 0.25), (0.9, 0.65)])
 def test_a_quarter_away_lies_on_the_longer_side(truth, away):
-    assert list_grain_places(truth)[AWAY] == pytest.approx(away)
+    assert list_scene_grain_places(truth)[AWAY] == pytest.approx(away)
 
 
 @pytest.mark.parametrize("shape", [(250, 400), (41, 64)], ids=str)
@@ -35,7 +41,7 @@ def test_a_cropped_sensor_sees_the_same_target_round_the_same_axis(shape):
     sensor = get_sensor("vidar_400x250", rows=shape[0], columns=shape[1])
     target = np.zeros(shape, bool)
     target[9:30, 20:55] = True
-    cropped = crop_sensor_to_target(sensor, target)
+    cropped = crop_sensor_for_scene_grain(sensor, target)
     top, left = (shape[0] - cropped.rows) / 2, (shape[1] - cropped.columns) / 2
     assert (top, left) == (9, 20 if shape[1] == 400 else 9)
     assert target[int(top) : shape[0] - int(top), int(left) : shape[1] - int(left)].sum() == target.sum()
@@ -101,10 +107,10 @@ def test_slices_with_the_samples_it_says_pass(tmp_path, monkeypatch, small_senso
     assert finding.level == "warning"
     (samples,) = re.findall(r"slice_samples: (\d+) in a recipe", finding.text)
     assert int(samples) > scene_grain.SLICE_SAMPLES
-    found = scene_grain.measure_slice_grain(
+    found = scene_grain.measure_scene_grain_of_slices(
         subject.renderer,
         subject.depth_and_target,
-        places=list_grain_places(subject.true_focus),
+        places=list_scene_grain_places(subject.true_focus),
         positions=scene_grain.POSITIONS,
         samples=int(samples),
     )

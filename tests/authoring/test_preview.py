@@ -8,12 +8,12 @@ from PIL import Image
 from refusals import refusal
 from written_scenes import VARIANT
 
-from saf_gen.authoring.preview import ContactSheet, draw_contact_sheet, save_preview_image_grid, write_preview
-from saf_gen.authoring.preview.contact_sheet import choose_columns
-from saf_gen.authoring.preview.scene_sheet import make_contact_sheet, preview_scene
-from saf_gen.authoring.template import create_scene
+from saf_gen.authoring.preview import ContactSheet, draw_preview_sheet, save_preview_image_grid, write_scene_preview
+from saf_gen.authoring.preview.contact_sheet import choose_preview_columns
+from saf_gen.authoring.preview.scene_sheet import make_preview_sheet, preview_scene
+from saf_gen.authoring.template import create_scene_from_template
 from saf_gen.camera import get_sensor
-from saf_gen.core.display_tone import encode_gamma, find_white_level
+from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
@@ -44,7 +44,7 @@ def grey(path):
 @pytest.mark.slow
 def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
     """With each drive: the same words fit."""
-    write_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
+    write_scene_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
     picture, size = grey(tmp_path / "preview" / "plane.png")
     assert size[0] == 1600
     assert picture.std() > 20
@@ -55,14 +55,14 @@ def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
 def test_a_target_that_is_nowhere_or_everywhere_is_drawn_all_the_same(tmp_path, everywhere):
     stack = stack_of(*DRIVES["image_distance"], target=np.full((20, 32), everywhere))
     assert np.isnan(ContactSheet("it", stack, SENSOR).true_focus) != everywhere
-    write_preview(stack, SENSOR, path=tmp_path / "it.png")
+    write_scene_preview(stack, SENSOR, path=tmp_path / "it.png")
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
 def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
     stack = stack_of(*DRIVES["image_distance"])
     stack.radiance[:] = 0
-    write_preview(stack, SENSOR, path=tmp_path / "it.png")
+    write_scene_preview(stack, SENSOR, path=tmp_path / "it.png")
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
@@ -71,11 +71,11 @@ def test_images_leave_no_gap_in_their_grid(tmp_path, small):
     """Every cell of the grid holds an image: white, where there is none, is nowhere in its middle."""
     stack = stack_of(*DRIVES["image_distance"])
     pictures = [(f"member {n}", stack.radiance[0, 0]) for n in range(small)]
-    draw_contact_sheet(ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures), tmp_path / "it.png")
+    draw_preview_sheet(ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures), tmp_path / "it.png")
     picture, _ = grey(tmp_path / "it.png")
     images = 5 + len(stack.spec.groups) + small
-    count = next(n for n in (images, images + 1) if n % choose_columns(n) == 0)
-    across = choose_columns(count)
+    count = next(n for n in (images, images + 1) if n % choose_preview_columns(n) == 0)
+    across = choose_preview_columns(count)
     cell = (7.16 - 0.06 * (across + 1)) / across
     for n in range(count):
         x = 0.06 + n % across * (cell + 0.06) + cell / 2
@@ -86,17 +86,17 @@ def test_images_leave_no_gap_in_their_grid(tmp_path, small):
 
 def test_a_sheet_is_a_figure_of_the_kind_that_its_name_says(tmp_path):
     sheet = ContactSheet("it", stack_of(*DRIVES["image_distance"]), SENSOR)
-    draw_contact_sheet(sheet, tmp_path / "it.pdf")
+    draw_preview_sheet(sheet, tmp_path / "it.pdf")
     assert (tmp_path / "it.pdf").read_bytes().startswith(b"%PDF")
-    assert refusal(draw_contact_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
+    assert refusal(draw_preview_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
 
 
 def test_white_and_grey_are_for_the_eye():
     image = np.linspace(0, 2, 1001).reshape(7, 143)
-    white = find_white_level(image)
+    white = find_display_white_level(image)
     assert white == pytest.approx(1.99, abs=0.005)
-    assert encode_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
-    assert find_white_level(np.zeros((3, 3))) == 1
+    assert apply_display_gamma(np.array([0, white / 2, white, 9]), white) == pytest.approx([0, 0.5 ** (1 / 2.2), 1, 1])
+    assert find_display_white_level(np.zeros((3, 3))) == 1
 
 
 def test_a_grid_is_as_small_as_asked_for(tmp_path):
@@ -111,7 +111,7 @@ def test_a_grid_is_as_small_as_asked_for(tmp_path):
 @pytest.fixture
 def mine(tmp_path, own_folder):
     """The skeleton as ``mine``; gives a function that edits its card and finds it."""
-    create_scene("mine", tmp_path / "scenes")
+    create_scene_from_template("mine", tmp_path / "scenes")
 
     def edit(old="", new=""):
         card = tmp_path / "scenes/mine/scene.yaml"
@@ -123,7 +123,7 @@ def mine(tmp_path, own_folder):
 
 
 def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
-    sheet = make_contact_sheet(mine(), SENSOR, backend=VARIANT)
+    sheet = make_preview_sheet(mine(), SENSOR, backend=VARIANT)
     assert sheet.stack.spec.groups == ("lamp", "room")
     assert [word for word, _ in sheet.small_images] == ["member 1", "member 2"]
     members = [picture for _, picture in sheet.small_images]
@@ -137,7 +137,7 @@ def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
 def test_a_sheet_of_a_scene_that_moves_shows_moments(mine):
     words = "motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.04, 0, 0]}]}}\nparams:"
     scene = mine("params:", words)
-    sheet = make_contact_sheet(scene.with_params({"square_mm": 3}), SENSOR, backend=VARIANT)
+    sheet = make_preview_sheet(scene.with_params({"square_mm": 3}), SENSOR, backend=VARIANT)
     moments = {word: picture for word, picture in sheet.small_images if word.endswith(" s")}
     assert list(moments) == ["0.00 s", "1.00 s"]
     assert np.abs(moments["0.00 s"] - moments["1.00 s"]).mean() > 0.05 * moments["0.00 s"].mean()

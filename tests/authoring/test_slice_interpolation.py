@@ -8,7 +8,7 @@ from refusals import refusal
 from written_scenes import VARIANT, write_scene
 
 from saf_gen.authoring.checks import SceneUnderTest, check_scene_slices
-from saf_gen.authoring.checks.slice_interpolation import SliceMismatch, measure_scene_slice_mismatch
+from saf_gen.authoring.checks.slice_interpolation import SliceMismatch, measure_slices_in_scene_check
 from saf_gen.camera import get_sensor
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.scene.scene_folder import find_scene
@@ -53,7 +53,7 @@ def test_the_error_of_stripes_is_the_closed_form(stripes, step):
     """An edge that crosses a box pixel is a ramp a pixel wide. Two of them, d <= 1 apart, mixed and compared
     with one between them differ where the ramps bend, by a triangle: the square adds up to d³/24 of the
     step's square. At two edges a period P: rms = step · √(d³/(12·P))."""
-    error = measure_scene_slice_mismatch(stripes(step), 0.5)
+    error = measure_slices_in_scene_check(stripes(step), 0.5)
     expected = 0.6 / 0.5 * np.sqrt(step**3 / (12 * PERIOD))
     assert error.rms(3) - error.rms(-3) < 0.2 * expected
     assert error.rms() == pytest.approx(expected, rel=0.03)
@@ -74,7 +74,7 @@ def test_a_region_is_that_part_of_the_picture(stripes):
 
 def test_what_does_not_change_has_no_error(stripes):
     """A turn by nothing that lasts a second. Threads may add up a pixel's samples in another order."""
-    error = measure_scene_slice_mismatch(stripes(0, key="rotate_deg"), 0.5)
+    error = measure_slices_in_scene_check(stripes(0, key="rotate_deg"), 0.5)
     assert error.rms() < 1e-6
     assert error.rms(3) < 1e-3
 
@@ -97,7 +97,7 @@ def test_a_black_picture_has_an_error_that_is_no_number():
 
 
 def test_a_target_out_of_sight_has_none(stripes):
-    assert measure_scene_slice_mismatch(stripes(20), 1.0) is None  # 10,000 pixels away
+    assert measure_slices_in_scene_check(stripes(20), 1.0) is None  # 10,000 pixels away
 
 
 @pytest.mark.parametrize(

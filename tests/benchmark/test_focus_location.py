@@ -8,13 +8,17 @@ import pytest
 from planted_sweeps import make_spikes
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge_answer
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge_method_answer
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
-from saf_gen.benchmark.tracks.focus_location import locate_focus_in_recording, locate_focus_in_travel, truncate_truth
-from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, list_sequence_tasks
+from saf_gen.benchmark.tracks.focus_location import (
+    judge_when_focus_is_met,
+    judge_where_focus_lies,
+    truncate_truth_to_judge,
+)
+from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, list_sequences_to_evaluate
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard import tabulate_by_axis
+from saf_gen.leaderboard import tabulate_leaderboard_by_axis
 from saf_gen.optics.focus_crossings import find_focus_crossings
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth
@@ -53,7 +57,9 @@ PLANTED = [
 
 
 def binned(records):
-    (table,) = (t for t in tabulate_by_axis(records, [records[0].method]) if t.axis.name == "focus_position")
+    (table,) = (
+        t for t in tabulate_leaderboard_by_axis(records, [records[0].method]) if t.axis.name == "focus_position"
+    )
     (name,) = table.bins
     return name
 
@@ -89,7 +95,7 @@ def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, w
 def test_in_the_closed_loop_it_lies_in_the_travel_wherever_the_recording_went(best, where):
     """Out of the travel by more than 1 depth of focus is where the loop's abstention succeeds."""
     known = truth(best, lens=PART)
-    location, off = locate_focus_in_travel(known)
+    location, off = judge_where_focus_lies(known)
     assert (location, off) == (where[0], pytest.approx(where[1]))
     run = ClosedLoopRun(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
     verdict = judge_closed_loop_run(run, known, readout_hz=20_000)
@@ -102,19 +108,19 @@ def test_a_focus_that_moves_lies_where_the_lens_first_meets_it():
     """It goes from 0.9 to 0.1 of the travel while the lens goes up: they meet in the middle."""
     track = np.linspace(0.9, 0.1, FRAMES)
     known = truth(0.5, lens=UP, track=track)
-    location, off = locate_focus_in_recording(known, UP)
+    location, off = judge_when_focus_is_met(known, UP)
     assert location == pytest.approx(0.5, abs=1e-3)
     assert off == pytest.approx(0, abs=0.1)
-    assert locate_focus_in_travel(known) == (0.5, 0.0)
+    assert judge_where_focus_lies(known) == (0.5, 0.0)
     away = truth(1.5, lens=UP, track=np.linspace(1.6, 1.4, FRAMES))
-    assert locate_focus_in_recording(away, UP)[0] is None
-    assert locate_focus_in_travel(away) == (None, pytest.approx(20))
+    assert judge_when_focus_is_met(away, UP)[0] is None
+    assert judge_where_focus_lies(away) == (None, pytest.approx(20))
 
 
 def test_the_pass_that_the_stream_names_is_the_first():
     """Of a target that was out of sight before: see saf_gen.stack.true_focus."""
     both = replace(truth(0.3), frame=700.0)
-    assert locate_focus_in_recording(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
+    assert judge_when_focus_is_met(both, THERE_AND_BACK)[0] == pytest.approx(700.5 / FRAMES)
 
 
 @pytest.mark.parametrize(
@@ -129,26 +135,26 @@ def test_the_pass_that_the_stream_names_is_the_first():
     ids=["no truth", "no lens", "no frame", "a lens with gaps", "a track with gaps"],
 )
 def test_where_nobody_knows_nothing_is_said(known, lens):
-    assert locate_focus_in_recording(known, lens) == (None, None)
+    assert judge_when_focus_is_met(known, lens) == (None, None)
 
 
 def test_without_a_truth_nothing_is_said_of_the_travel_either():
     assert (
-        locate_focus_in_travel(Truth()) == locate_focus_in_travel(truth(0.5, track=np.full(9, np.nan))) == (None, None)
+        judge_where_focus_lies(Truth()) == judge_where_focus_lies(truth(0.5, track=np.full(9, np.nan))) == (None, None)
     )
 
 
 def test_without_a_depth_of_focus_only_what_is_met_is_known():
     met, never = Truth(position=0.75), Truth(position=0.2)
-    assert locate_focus_in_recording(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
-    assert locate_focus_in_recording(never, PART) == (None, None)
-    assert locate_focus_in_travel(met) == (0.75, 0.0)
-    assert locate_focus_in_travel(Truth(position=1.2)) == (None, None)
+    assert judge_when_focus_is_met(met, PART) == (pytest.approx(0.5, abs=1e-3), None)
+    assert judge_when_focus_is_met(never, PART) == (None, None)
+    assert judge_where_focus_lies(met) == (0.75, 0.0)
+    assert judge_where_focus_lies(Truth(position=1.2)) == (None, None)
 
 
 def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
-    """300 random lenses, truths and tracks, seed named here: the rule of saf_gen.benchmark.judgement.judge_answer,
-    exactly."""
+    """300 random lenses, truths and tracks, seed named here: exactly the rule of
+    saf_gen.benchmark.judgement.judge_method_answer."""
     random, seen = make_generator("test_reach", "judge"), set()
     for _ in range(300):
         lens = np.cumsum(random.normal(0, 0.01, 60)) + random.uniform(0, 1)
@@ -156,8 +162,8 @@ def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
         drift = np.linspace(0, random.uniform(-0.3, 0.3), 60)
         track = random.uniform(0, 1) + drift if random.random() < 0.3 else None
         known = truth(float(random.uniform(-0.3, 1.3)), dof=float(random.uniform(0.01, 0.2)), track=track)
-        location, off = locate_focus_in_recording(known, lens)
-        verdict = judge_answer(
+        location, off = judge_when_focus_is_met(known, lens)
+        verdict = judge_method_answer(
             None, frames_seen=60, focus_position=lens, truth=known.position, track=track,
             truth_frame=known.frame, ends=known.depth_of_focus,
         )  # fmt: skip
@@ -171,7 +177,7 @@ def test_both_tracks_say_it_of_a_sequence(tmp_path):
     """The fields of a record, from the stream."""
     known = truth(0.52, lens=PART)
     write_stream(tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=PART, truth=known)
-    (task,) = list_sequence_tasks(tmp_path / "a.h5")
+    (task,) = list_sequences_to_evaluate(tmp_path / "a.h5")
     with open_stream(task.path) as stream:
         recorded, closed_loop = (
             describe_evaluated_sequence(task, stream, rate=(np.zeros(1), np.ones(1)), track=t)
@@ -190,7 +196,7 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
         tmp_path / "a.h5", np.zeros((FRAMES, 8, 8), np.uint8), focus_position=UP, truth=known,
         gain=ramp[:, None], light_names=("lamp",),
     )  # fmt: skip
-    (task,) = list_sequence_tasks(tmp_path / "a.h5")
+    (task,) = list_sequences_to_evaluate(tmp_path / "a.h5")
     light = np.arange(FRAMES) + 0.5, ramp / 10
     with open_stream(task.path) as stream:
         said, first = (
@@ -204,10 +210,10 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
 
 def test_a_focus_that_comes_into_reach_later_is_outside_until_then():
     comes = truth(0.9, track=np.linspace(1.3, 0.9, FRAMES))
-    assert locate_focus_in_travel(comes) == (0.9, 0.0)
-    location, off = locate_focus_in_travel(truncate_truth(comes, 200))
+    assert judge_where_focus_lies(comes) == (0.9, 0.0)
+    location, off = judge_where_focus_lies(truncate_truth_to_judge(comes, 200))
     assert location is None
     assert off > SUCCESS_LIMITS_DOF[1]
-    assert truncate_truth(comes, FRAMES) is comes
+    assert truncate_truth_to_judge(comes, FRAMES) is comes
     met = replace(comes, frame=100.0)
-    assert truncate_truth(met, 200).position == 0.9
+    assert truncate_truth_to_judge(met, 200).position == 0.9

@@ -19,14 +19,14 @@ from typer.testing import CliRunner
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
-from saf_gen.benchmark.gym.observation_images import average_observation_areas, draw_observation
+from saf_gen.benchmark.gym.observation_images import average_policy_observation, draw_policy_observation
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.benchmark.records import format_benchmark_records, read_records
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.cli import app
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard import merge_records
+from saf_gen.leaderboard import merge_leaderboard_records
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
 from saf_gen.stack.charge_source import ChargeSource
@@ -188,7 +188,7 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answer_frame == run.answer_frame
     for (seen, _, _), counts in zip(rows, search.counts, strict=False):
-        expected = (average_observation_areas(counts, 16, columns=16) / STILL).astype(np.float32)
+        expected = (average_policy_observation(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
     record = sequence.make_record(run, PROTOCOL, method="m", code="", parameters="", common={})
@@ -237,7 +237,11 @@ def test_the_picture_shows_the_box_as_it_was_seen(dataset):
 
 
 def test_grey_values_are_those_of_the_rate():
-    assert draw_observation(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [0, round(255 * 0.2 ** (1 / 2.2)), 255]
+    assert draw_policy_observation(np.array([[0.0, 0.2, 1.0]]))[0, :, 1].tolist() == [
+        0,
+        round(255 * 0.2 ** (1 / 2.2)),
+        255,
+    ]
 
 
 @pytest.mark.parametrize("shape", [(6, 9), (5, 7), (2, 3), (40, 31)])
@@ -247,10 +251,10 @@ def test_area_means_are_those_of_the_image_with_every_pixel_cut_up(shape):
     image = np.random.default_rng(1).integers(0, 105, shape)
     fine = np.repeat(np.repeat(image, rows, axis=0), columns, axis=1)
     twin = fine.reshape(rows, shape[0], columns, shape[1]).mean(axis=(1, 3))
-    found = average_observation_areas(image, rows, columns=columns)
+    found = average_policy_observation(image, rows, columns=columns)
     assert found == pytest.approx(twin, abs=1e-9)
     assert found.mean() == pytest.approx(image.mean(), abs=1e-9)
-    assert (average_observation_areas(np.full(shape, 7), rows, columns=columns) == 7).all()
+    assert (average_policy_observation(np.full(shape, 7), rows, columns=columns) == 7).all()
 
 
 # --- what it earns ----------------------------------------------------------------------------------
@@ -367,7 +371,7 @@ def folders(dataset, tmp_path_factory):
     """Folders with the records of two searches, and of a policy."""
     ours, theirs = (tmp_path_factory.mktemp(name) for name in ("searches", "policy"))
     result = evaluate(dataset, methods=["sd+argmax", "sd+golden_section"], protocol=PROTOCOL)
-    (ours / "records.jsonl").write_text(format_records(result.records))
+    (ours / "records.jsonl").write_text(format_benchmark_records(result.records))
     evaluate_policy(make_env(dataset), climber, method="climber", out=theirs)
     return ours, theirs
 
@@ -406,7 +410,7 @@ def test_a_policy_run_is_the_same_again_but_for_the_seconds(dataset, folders):
 def test_other_protocols_do_not_merge(dataset, folders):
     shorter = make_env(dataset, protocol=replace(PROTOCOL, budget_s=0.03))
     records = evaluate_policy(shorter, climber, method="climber")
-    error = refusal(merge_records, {"searches": read_records(folders[0]), "policy": records})
+    error = refusal(merge_leaderboard_records, {"searches": read_records(folders[0]), "policy": records})
     assert PLANE in error.problem
 
 

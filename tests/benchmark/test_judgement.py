@@ -5,11 +5,11 @@ import pytest
 
 from saf_gen.benchmark.judgement import (
     SUCCESS_LIMITS_DOF,
-    judge_answer,
-    lens_travel_to_answer,
+    judge_method_answer,
+    judged_depth_of_focus,
+    lens_travel_to_method_answer,
+    light_ratio_for_record,
     position_of_method_answer,
-    recorded_light_ratio,
-    truth_depth_of_focus,
 )
 
 SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
@@ -17,7 +17,7 @@ SWEEP = np.linspace(0, 1, 801, dtype=np.float32)  # frame t stands at t / 800
 
 def judged(frame, **given):
     known = {"focus_position": SWEEP, "truth": 0.5, "truth_frame": 400.0, "ends": (0.45, 0.55)}
-    return judge_answer(frame, frames_seen=801, **{**known, **given})
+    return judge_method_answer(frame, frames_seen=801, **{**known, **given})
 
 
 def test_the_position_is_linear_between_readouts_and_held_beyond_the_ends():
@@ -37,7 +37,7 @@ def test_an_error_is_answer_minus_truth_in_every_unit():
 
 
 def test_a_sweep_from_far_to_near_keeps_the_sign_of_the_position():
-    back = judge_answer(480.0, frames_seen=801, focus_position=SWEEP[::-1], truth=0.5, truth_frame=400.0)
+    back = judge_method_answer(480.0, frames_seen=801, focus_position=SWEEP[::-1], truth=0.5, truth_frame=400.0)
     assert back.error == pytest.approx(-0.1)
     assert back.error_frames == pytest.approx(80)
 
@@ -85,7 +85,7 @@ def test_an_unknown_truth_gives_no_error_in_any_unit():
 
 @pytest.mark.parametrize("ends", [(math.nan, math.nan), (0.5, 0.5), (0.4, math.inf)])
 def test_without_a_depth_of_focus_the_error_stands_and_success_is_unknown(ends):
-    assert truth_depth_of_focus(ends) is None
+    assert judged_depth_of_focus(ends) is None
     one = judged(480.0, ends=ends)
     assert one.error == pytest.approx(0.1)
     assert (one.error_dof, one.blur_px, one.success) == (None, None, (None,) * 3)
@@ -97,12 +97,12 @@ def test_the_ends_of_the_depth_of_focus_may_come_in_either_order():
 
 
 def test_without_a_lens_record_nothing_about_positions_is_known():
-    blind = judge_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, ends=(0.45, 0.55))
+    blind = judge_method_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, ends=(0.45, 0.55))
     assert (blind.position, blind.error, blind.lens_travel) == (None, None, None)
 
 
 def test_a_full_sweep_with_the_focus_half_way_costs_one_and_a_half_travels():
-    assert lens_travel_to_answer(801, 400.0, focus_position=SWEEP) == pytest.approx(1.5)
+    assert lens_travel_to_method_answer(801, 400.0, focus_position=SWEEP) == pytest.approx(1.5)
 
 
 THERE_AND_BACK = np.concatenate([SWEEP, SWEEP[-2::-1]])  # frame t stands at t/800, then at (1600 - t)/800
@@ -165,23 +165,23 @@ def test_a_truth_that_moves_is_followed():
 
 
 def test_what_the_lens_does_not_say_the_stream_may():
-    blind = judge_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, truth_frame=380.0)
+    blind = judge_method_answer(400.0, frames_seen=801, focus_position=None, truth=0.5, truth_frame=380.0)
     assert (blind.truth_frame, blind.error_frames) == (380.0, None)
 
 
 def test_stopping_early_costs_the_way_there_and_back():
     # METHODS.md 11: stopping at p0 / 0.8 is about twice as cheap at p0 = 0.5.
-    assert lens_travel_to_answer(501, 400.0, focus_position=SWEEP) == pytest.approx(0.625 + 0.125)
+    assert lens_travel_to_method_answer(501, 400.0, focus_position=SWEEP) == pytest.approx(0.625 + 0.125)
 
 
 def test_the_way_counts_every_reversal_of_the_lens():
     there_and_back = np.concatenate([SWEEP, SWEEP[::-1]])
-    assert lens_travel_to_answer(1602, None, focus_position=there_and_back) == pytest.approx(2.0)
+    assert lens_travel_to_method_answer(1602, None, focus_position=there_and_back) == pytest.approx(2.0)
 
 
 def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
-    assert lens_travel_to_answer(801, None, focus_position=SWEEP) == pytest.approx(1.0)
-    assert lens_travel_to_answer(0, None, focus_position=SWEEP) == 0
+    assert lens_travel_to_method_answer(801, None, focus_position=SWEEP) == pytest.approx(1.0)
+    assert lens_travel_to_method_answer(0, None, focus_position=SWEEP) == 0
 
 
 @pytest.mark.parametrize(
@@ -196,12 +196,12 @@ def test_an_abstention_pays_for_what_it_saw_and_nothing_seen_costs_nothing():
     ],
 )
 def test_the_light_ratio_is_brightest_over_darkest(gain, ratio):
-    assert recorded_light_ratio(np.array(gain, dtype=np.float32)) == (None if ratio is None else pytest.approx(ratio))
+    assert light_ratio_for_record(np.array(gain, dtype=np.float32)) == (None if ratio is None else pytest.approx(ratio))
 
 
 def test_an_unknown_light_has_no_ratio():
-    assert recorded_light_ratio(None) is None
-    assert recorded_light_ratio(np.zeros((0, 1))) is None
+    assert light_ratio_for_record(None) is None
+    assert light_ratio_for_record(np.zeros((0, 1))) is None
 
 
 def holed(array, *frames, value=math.nan):
@@ -215,7 +215,7 @@ def holed(array, *frames, value=math.nan):
 def test_a_lens_that_is_not_known_in_every_frame_is_as_good_as_none(frame, value):
     """Wherever the answer lies, beside the gap or far from it, and for an abstention just so."""
     verdict = judged(frame, focus_position=holed(SWEEP, 10, 11, value=value))
-    assert verdict == judge_answer(
+    assert verdict == judge_method_answer(
         frame, frames_seen=801, focus_position=None, truth=0.5, truth_frame=400.0, ends=(0.45, 0.55)
     )
     assert (verdict.position, verdict.error, verdict.lens_travel) == (None, None, None)
@@ -230,7 +230,7 @@ def test_a_track_that_is_not_known_in_every_frame_is_no_truth_for_answers_and_ab
     assert verdict.success == (None, None, None)
     assert (verdict.truth, verdict.truth_frame, verdict.error, verdict.error_frames) == (None,) * 4
     assert verdict.position == (None if frame is None else pytest.approx(frame / 800))
-    assert verdict.lens_travel == lens_travel_to_answer(801, frame, focus_position=SWEEP)
+    assert verdict.lens_travel == lens_travel_to_method_answer(801, frame, focus_position=SWEEP)
 
 
 @pytest.mark.parametrize("frame", [480.0, None])
@@ -240,8 +240,8 @@ def test_a_track_without_a_position_of_best_focus_is_no_truth(frame):
 
 
 def test_the_light_ratio_of_gains_that_are_not_known_is_not_known():
-    assert recorded_light_ratio(np.array([[1.0], [math.nan]])) is None
-    assert recorded_light_ratio(np.array([[1.0, 1.0], [2.0, math.inf]])) is None
+    assert light_ratio_for_record(np.array([[1.0], [math.nan]])) is None
+    assert light_ratio_for_record(np.array([[1.0, 1.0], [2.0, math.inf]])) is None
 
 
 def test_a_share_within_half_a_depth_of_focus_may_exceed_that_within_one():

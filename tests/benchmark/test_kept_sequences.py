@@ -17,7 +17,7 @@ from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.results import Evaluation, LensPath
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
-from saf_gen.core.user_folder import sign, user_folder
+from saf_gen.core.user_folder import sign_as_user, user_folder
 from saf_gen.leaderboard.tuning import tune_method
 from saf_gen.optics.actuators import get_actuator
 
@@ -106,7 +106,7 @@ def change_signature(_, kept):
 def sign_by_another_user(_, kept):
     for path in [*kept.iterdir(), user_folder() / "secret"]:
         path.write_bytes(bytes(32) + path.read_bytes()[32:])
-    assert len(sign(b"")) == 32
+    assert len(sign_as_user(b"")) == 32
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_without_a_place_for_the_secret_nothing_is_kept(dataset, tmp_path, evalu
 
 def test_the_secret_is_the_users_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert sign(b"data") == sign(b"data") != sign(b"other")
+    assert sign_as_user(b"data") == sign_as_user(b"data") != sign_as_user(b"other")
     assert (tmp_path / "saf_gen" / "secret").stat().st_mode & 0o777 == 0o600
 
 

@@ -8,8 +8,8 @@ from handmade_records import record
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.plugin_description import (
     MAX_CODE_CHARACTERS,
-    describe_methods,
-    describe_plugin,
+    describe_plugin_of_method,
+    describe_plugins_of_methods,
     describe_recorded_methods,
 )
 
@@ -38,7 +38,7 @@ def own_file(tmp_path):
 
 
 def test_a_method_is_described_by_what_it_states_and_by_the_files_that_it_is_made_of():
-    measure, search = describe_methods([parse_method("sd_code_tfi+egs_code:threshold=50@frame")])
+    measure, search = describe_plugins_of_methods([parse_method("sd_code_tfi+egs_code:threshold=50@frame")])
     assert (measure.plugin_kind, measure.name) == ("measures", "sd_code_tfi")
     facts = dict(measure.facts)
     assert "Σ(c − ū)²/ū²" in facts["what"]
@@ -51,12 +51,14 @@ def test_a_method_is_described_by_what_it_states_and_by_the_files_that_it_is_mad
 
 
 def test_of_methods_that_share_a_half_it_is_described_once():
-    described = describe_methods(map(parse_method, ("sd+argmax", "sd+egs_code", "cen+argmax", "sd+argmax:window=50")))
+    described = describe_plugins_of_methods(
+        map(parse_method, ("sd+argmax", "sd+egs_code", "cen+argmax", "sd+argmax:window=50"))
+    )
     assert [d.name for d in described] == ["sd", "cen", "argmax", "egs_code", "argmax:window=50"]
 
 
 def test_a_measure_of_ones_own_is_described_with_its_file(own_file):
-    measure, _ = describe_methods([parse_method(f"{own_file}:Sum+argmax")])
+    measure, _ = describe_plugins_of_methods([parse_method(f"{own_file}:Sum+argmax")])
     assert measure.name == f"{own_file}:Sum"
     assert [name for name, _ in measure.code] == ["mine.py"]
     assert dict(measure.facts)["source"] == "nobody, doi:10.1000/182"
@@ -93,7 +95,7 @@ def test_what_cannot_describe_itself_stops_no_evaluation():
             raise RuntimeError("no")
 
     known = parse_method("sd+argmax")
-    measure, search = describe_methods([replace(known, measure=Sulking())])
+    measure, search = describe_plugins_of_methods([replace(known, measure=Sulking())])
     assert measure.facts == (("what", "it cannot be described: RuntimeError: no"),)
     assert search.name == "argmax"
 
@@ -102,6 +104,6 @@ def test_of_a_long_file_the_beginning_is_shown(own_file):
     with own_file.open("a") as file:
         file.write("# " + "x" * MAX_CODE_CHARACTERS)
     method = parse_method(f"{own_file}:Sum+argmax")
-    ((_, text),) = describe_plugin(f"{own_file}:Sum", "measures", plug_in=method.measure).code
+    ((_, text),) = describe_plugin_of_method(f"{own_file}:Sum", "measures", plug_in=method.measure).code
     assert len(text) < MAX_CODE_CHARACTERS + 50
     assert text.endswith("more characters")

@@ -10,9 +10,9 @@ from refusals import refusal
 
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import format_records, read_records
+from saf_gen.benchmark.records import format_benchmark_records, read_records
 from saf_gen.benchmark.tracks.predictions import read_method_predictions
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequence_tasks
+from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
 from saf_gen.cli import main
 
 
@@ -168,9 +168,9 @@ def test_no_more_can_be_seen_than_was_recorded(dataset, tmp_path):
 
 def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path, monkeypatch):
     def longer(*args, **options):
-        return [replace(task, frames=900) for task in list_sequence_tasks(*args, **options)]
+        return [replace(task, frames=900) for task in list_sequences_to_evaluate(*args, **options)]
 
-    monkeypatch.setattr(evaluate_module, "list_sequence_tasks", longer)
+    monkeypatch.setattr(evaluate_module, "list_sequences_to_evaluate", longer)
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))
     ran, one, other, two = evaluate(dataset, methods=["sd+argmax"], predictions=path).records
     assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
@@ -185,7 +185,7 @@ def test_a_note_may_hold_what_ends_a_line_elsewhere(dataset, tmp_path, note):
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
     records = evaluate(dataset, methods=[], predictions=path).records
     assert [r.note for r in records] == [note, note]
-    (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
+    (tmp_path / "records.jsonl").write_bytes(format_benchmark_records(records).encode())
     assert read_records(tmp_path) == list(records)
 
 

@@ -14,7 +14,14 @@ from planted_sweeps import write_sweep
 from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import RECORD_FORMAT, Record, format_records, read_records, record_to_json, write_records
+from saf_gen.benchmark.records import (
+    RECORD_FORMAT,
+    Record,
+    benchmark_record_to_json,
+    format_benchmark_records,
+    read_records,
+    write_benchmark_records,
+)
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.core.seeds import make_generator
@@ -60,13 +67,13 @@ def read(tmp_path):
 
 def test_a_file_is_read_back_from_itself_or_from_its_folder(tmp_path):
     records = [BLANK, FULL, EMPTY]
-    (tmp_path / "records.jsonl").write_text(format_records(records))
+    (tmp_path / "records.jsonl").write_text(format_benchmark_records(records))
     assert read_records(tmp_path) == read_records(tmp_path / "records.jsonl") == records
 
 
 def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
     machine = {"machine": "a processor, 2 cores"}
-    write_records(tmp_path / "records.jsonl", [replace(BLANK, sequence=name, **machine) for name in "ab"])
+    write_benchmark_records(tmp_path / "records.jsonl", [replace(BLANK, sequence=name, **machine) for name in "ab"])
     one, two = read_records(tmp_path)
     assert one.machine is two.machine
     assert not hasattr(one, "__dict__")
@@ -74,18 +81,18 @@ def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
 
 def test_a_line_without_end_is_told_before_it_fills_the_memory(tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.core.config.document.MAX_LINE", 5_000)
-    (tmp_path / "records.jsonl").write_text(format_records([BLANK]) + " " * 5_001)
+    (tmp_path / "records.jsonl").write_text(format_benchmark_records([BLANK]) + " " * 5_001)
     error = refusal(read_records, tmp_path)
     assert_says(error, "the line is too long | 5,000")
     assert error.where.endswith("records.jsonl:2")
 
 
 def test_every_line_names_its_format_first():
-    assert format_records([BLANK]).startswith(f'{{"format": "{RECORD_FORMAT}", "method": "sd+argmax"')
+    assert format_benchmark_records([BLANK]).startswith(f'{{"format": "{RECORD_FORMAT}", "method": "sd+argmax"')
 
 
 def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
-    line = record_to_json(replace(FULL, time_to_focus_s=math.nan, trace=(1.0, math.inf)))
+    line = benchmark_record_to_json(replace(FULL, time_to_focus_s=math.nan, trace=(1.0, math.inf)))
     assert (line["time_to_focus_s"], line["trace"]) == (None, [1.0, None])
     (back,) = read(line)
     assert back.time_to_focus_s is None
@@ -95,11 +102,11 @@ def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
 
 def test_numpy_numbers_are_written_as_plain_ones(read):
     odd = replace(FULL, frame=np.float64(3.5), variant=np.int64(2), success_1dof=np.bool_(True))
-    assert read(record_to_json(odd)) == [replace(FULL, frame=3.5)]
+    assert read(benchmark_record_to_json(odd)) == [replace(FULL, frame=3.5)]
 
 
 def test_a_whole_number_will_do_for_a_float(read):
-    assert read({**record_to_json(FULL), "seconds": 1})[0].seconds == 1
+    assert read({**benchmark_record_to_json(FULL), "seconds": 1})[0].seconds == 1
 
 
 @pytest.mark.parametrize(
@@ -132,7 +139,7 @@ def test_a_whole_number_will_do_for_a_float(read):
     ],
 )
 def test_a_value_that_is_not_right_is_refused_by_its_key(read, change, problem, allowed):
-    error = refusal(read, {**record_to_json(FULL), **change})
+    error = refusal(read, {**benchmark_record_to_json(FULL), **change})
     assert error.problem.startswith(problem)
     assert allowed in error.allowed
     assert error.where.endswith("records.jsonl:1")
@@ -140,7 +147,7 @@ def test_a_value_that_is_not_right_is_refused_by_its_key(read, change, problem, 
 
 
 def test_keys_that_are_unknown_or_missing_are_named(read):
-    line = record_to_json(FULL)
+    line = benchmark_record_to_json(FULL)
     error = refusal(read, {**line, "secnds": 1.0})
     assert "'secnds'" in error.problem
     assert error.nearest == "seconds"
@@ -162,7 +169,7 @@ def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, said)
 
 def test_a_record_from_before_grain_was_known_is_read(read):
     """Format 4 is format 5 without these keys; a line of format 5 must have them."""
-    line = {k: v for k, v in record_to_json(FULL).items() if not k.startswith("grain_")}
+    line = {k: v for k, v in benchmark_record_to_json(FULL).items() if not k.startswith("grain_")}
     assert read({**line, "format": "saf-gen record 4"}) == [replace(FULL, grain_rms=None, grain_of_curve=None)]
     assert "'grain_rms' is missing" in refusal(read, line).problem
 
@@ -202,7 +209,7 @@ ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | di
     ],
 )
 def test_a_record_that_contradicts_itself_is_refused_with_its_line(read, change, problem, allowed):
-    error = refusal(read, record_to_json(BLANK), record_to_json(replace(BLANK, **change)))
+    error = refusal(read, benchmark_record_to_json(BLANK), benchmark_record_to_json(replace(BLANK, **change)))
     assert error.where.endswith("records.jsonl:2")
     assert "contradicts itself" in error.problem
     assert problem in error.problem
@@ -224,7 +231,7 @@ def test_whatever_the_recorded_track_writes_is_read_back(tmp_path, peak, known):
     )
     records = evaluate(tmp_path / "a.h5", methods=["sd+argmax"], predictions=tmp_path / "p.jsonl").records
     assert {r.status for r in records} == {"answered", "abstained", "failed"}
-    (tmp_path / "records.jsonl").write_text(format_records(records))
+    (tmp_path / "records.jsonl").write_text(format_benchmark_records(records))
     assert read_records(tmp_path) == list(records)
     right = {r.method: (r.success_half_dof, r.success_1dof, r.success_2dof) for r in records}["m0"]
     expected = {300.0: (False, False, False), -400.0: (True, True, True), -40.0: (True, False, False)}
@@ -252,15 +259,15 @@ def test_whatever_the_closed_loop_judges_is_read_back(read):
         records.append(record)
         seen.add((record.status, record.success_half_dof, record.success_2dof))
     assert len(seen) >= 10
-    assert read(*map(record_to_json, records)) == records
+    assert read(*map(benchmark_record_to_json, records)) == records
 
 
-WHOLE = format_records([BLANK, FULL])
+WHOLE = format_benchmark_records([BLANK, FULL])
 BEFORE = re.sub(r', "checksum": "\w+"', "", WHOLE)
 
 
 def test_a_flipped_bit_is_found_and_records_of_before_are_read(read, tmp_path):
-    whole, path = format_records([BLANK]).encode(), tmp_path / "records.jsonl"
+    whole, path = format_benchmark_records([BLANK]).encode(), tmp_path / "records.jsonl"
     for at in range(0, len(whole), 5):  # the bits in turn
         path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :])
         assert str(path) in str(refusal(read_records, path))
@@ -290,7 +297,7 @@ def test_a_damaged_file_is_one_line_that_names_the_place(read, text, line, probl
 @pytest.mark.parametrize("note", ["a\u2028b", "a\u0085b", "a\x1cb", "a\r\nb", "a\nb"])
 def test_a_note_may_hold_what_ends_a_line_elsewhere(tmp_path, note):
     records = [replace(BLANK, note=note), FULL]
-    (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
+    (tmp_path / "records.jsonl").write_bytes(format_benchmark_records(records).encode())
     assert read_records(tmp_path) == records
 
 

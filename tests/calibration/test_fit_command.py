@@ -9,10 +9,10 @@ import synthetic_cameras as cameras
 import yaml
 
 from saf_gen import write_stream
-from saf_gen.calibration.bounds import bound_sensor
+from saf_gen.calibration.bounds import fit_bounds_of_sensor
 from saf_gen.calibration.estimates import Estimate
-from saf_gen.calibration.fit_files import format_interval, format_number
-from saf_gen.calibration.spike_statistics import measure_spikes
+from saf_gen.calibration.fit_files import format_fitted_interval, format_fitted_number
+from saf_gen.calibration.spike_statistics import measure_spike_statistics
 from saf_gen.camera import get_sensor
 
 CAMERA = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_loss=0.01)
@@ -105,8 +105,10 @@ def test_bounds_hold_whatever_the_light_does(moving):
         camera = cameras.draw_camera(seed)
         ramp = np.broadcast_to(np.linspace(0.3, 1.7, 64), (40, 64))
         light = 1 + 0.1 * np.sin(np.arange(4000) / 300) if moving else np.ones(4000)
-        shown = measure_spikes(cameras.flat(camera, 0.2, shape=(40, 64), frames=4000, picture=ramp, light=light))
-        bounds, truth = bound_sensor(shown), cameras.true_numbers(camera)
+        shown = measure_spike_statistics(
+            cameras.flat(camera, 0.2, shape=(40, 64), frames=4000, picture=ramp, light=light)
+        )
+        bounds, truth = fit_bounds_of_sensor(shown), cameras.true_numbers(camera)
         for key in ("interval_noise", "threshold_noise_rms", "white_and_threshold_rms", "dark_rate"):
             assert bounds[key].high > 0.97 * truth[key], (seed, key)
         if not moving:
@@ -147,5 +149,5 @@ def test_too_few_spikes_give_no_bounds(tmp_path, call):
     ],
 )
 def test_a_number_has_the_digits_that_its_interval_leaves(value, width, text):
-    assert format_number(value, width) == text
-    assert format_interval(Estimate(1.0, 0.5, np.inf, "")) == "at least 0.5"
+    assert format_fitted_number(value, width) == text
+    assert format_fitted_interval(Estimate(1.0, 0.5, np.inf, "")) == "at least 0.5"

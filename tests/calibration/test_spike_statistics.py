@@ -8,8 +8,8 @@ from refusals import assert_says, refusal
 
 from saf_gen import write_stream
 from saf_gen.calibration import spike_kernel as kernel
-from saf_gen.calibration.recordings import EncodedRecording, open_recording
-from saf_gen.calibration.spike_statistics import measure_spikes, rms_between_halves
+from saf_gen.calibration.recordings import EncodedRecording, open_calibration_recording
+from saf_gen.calibration.spike_statistics import measure_spike_statistics, rms_statistic_between_halves
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 from saf_gen.stream.interop import export_raw_frames
@@ -27,8 +27,8 @@ def random_stream(path, *, frames=4517, rate=0.06, shape=(6, 9)):
 def measured(tmp_path_factory):
     path = tmp_path_factory.mktemp("statistics") / "random.h5"
     spikes = random_stream(path)
-    with open_recording(path) as recording:
-        return spikes.reshape(len(spikes), -1), measure_spikes(recording)
+    with open_calibration_recording(path) as recording:
+        return spikes.reshape(len(spikes), -1), measure_spike_statistics(recording)
 
 
 def test_counts_intervals_and_halves_are_those_of_each_pixel(measured):
@@ -91,10 +91,10 @@ def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_pat
     frames = np.unpackbits(spikes, axis=2, bitorder="little", count=2100).transpose(2, 0, 1)
     write_stream(tmp_path / "flat.h5", frames, readout_hz=20_000)
     export_raw_frames(tmp_path / "flat.h5", tmp_path / "flat.dat", layout="416")
-    here = measure_spikes(encoded)
+    here = measure_spike_statistics(encoded)
     for name in ("flat.h5", "flat.dat"):
-        with open_recording(tmp_path / name) as recording:
-            there = measure_spikes(recording)
+        with open_calibration_recording(tmp_path / name) as recording:
+            there = measure_spike_statistics(recording)
         assert (here.counts == there.counts).all()
         assert (here.cv2, here.fano) == (there.cv2, there.fano)
 
@@ -111,8 +111,8 @@ def test_a_spread_that_is_planted_between_halves_is_found(tmp_path):
     t = np.arange(frames + 1)
     grown = np.where(t[:, None, None] < 2000, 0.1 * t[:, None, None], 200 + second * (t[:, None, None] - 2000))
     write_stream(tmp_path / "halves.h5", np.diff(np.floor(grown + phase), axis=0).astype(np.uint8))
-    with open_recording(tmp_path / "halves.h5") as recording:
-        found = rms_between_halves(measure_spikes(recording))
+    with open_calibration_recording(tmp_path / "halves.h5") as recording:
+        found = rms_statistic_between_halves(measure_spike_statistics(recording))
     assert found == pytest.approx(0.05 / np.sqrt(2), rel=0.03)
 
 
@@ -121,8 +121,8 @@ def test_what_is_no_recording_is_refused(tmp_path):
     write_stream(tmp_path / "short.h5", np.ones((15, 4, 4), np.uint8))
 
     def open_(name):
-        with open_recording(tmp_path / name) as recording:
-            measure_spikes(recording)
+        with open_calibration_recording(tmp_path / name) as recording:
+            measure_spike_statistics(recording)
 
     assert_says(refusal(open_, "sensor.yaml"), "is a sensor file | a stream (.h5) or raw frames")
     assert_says(refusal(open_, "none.dat"), "there is no such file")

@@ -13,8 +13,13 @@ from reference_encoder import encode_reference
 from refusals import refusal
 from scipy import stats
 
-from saf_gen.camera import Encoder, draw_fixed_pattern, encode, encoder_knot_weights, get_sensor
-from saf_gen.camera.counting_law import chi_squared_of_counts, count_probabilities, count_variance, noise_per_spike
+from saf_gen.camera import Encoder, draw_sensor_fixed_pattern, encode, encoder_knot_weights, get_sensor
+from saf_gen.camera.counting_law import (
+    pixel_count_chi_squared,
+    pixel_count_probabilities,
+    pixel_count_variance,
+    pixel_noise_per_spike,
+)
 
 THETA = 29_900.0
 QUIET = dict.fromkeys(asdict(get_sensor("ideal").noise), False)
@@ -194,12 +199,15 @@ def test_reset_jitter_adds_its_square_to_the_variance_of_an_interval_at_any_rate
     seen = unpacked(encode(uniform(charge, (160, 250)), sensor, frames=frames, seed=9))
     so_far = seen.cumsum(axis=0, dtype=np.uint8)
     first, second = ((so_far == count).argmax(axis=0).ravel() for count in (skipped, skipped + 1))
-    mean, variance = THETA / float(charge), noise_per_spike(sensor, rate=float(rate)) * (THETA / float(charge)) ** 2
+    mean, variance = (
+        THETA / float(charge),
+        pixel_noise_per_spike(sensor, rate=float(rate)) * (THETA / float(charge)) ** 2,
+    )
     assert variance == pytest.approx(jitter**2)
-    statistic, freedom = chi_squared_of_counts(second - first, count_probabilities(mean, variance))
+    statistic, freedom = pixel_count_chi_squared(second - first, pixel_count_probabilities(mean, variance))
     assert stats.chi2.sf(statistic, freedom) > 1e-4
-    allowed = count_variance(mean, variance) * stats.norm.isf(0.5e-4) * np.sqrt(2 / first.size)
-    assert np.var(second - first) == pytest.approx(count_variance(mean, variance), abs=allowed)
+    allowed = pixel_count_variance(mean, variance) * stats.norm.isf(0.5e-4) * np.sqrt(2 / first.size)
+    assert np.var(second - first) == pytest.approx(pixel_count_variance(mean, variance), abs=allowed)
 
 
 def test_jitter_does_not_move_the_rate():
@@ -262,7 +270,7 @@ def test_each_noise_term_changes_only_what_it_should(term):
     sensor = vidar(on=(term,), dead_fraction=0.01, dust_fraction=0.02, reset_jitter=0.1)
     charge = uniform(0.2 * THETA)
     quiet, noisy = (encode(charge, one, frames=2_000, seed=7) for one in (vidar(), sensor))
-    device = draw_fixed_pattern(sensor, (40, 50), seed=7)
+    device = draw_sensor_fixed_pattern(sensor, (40, 50), seed=7)
     expected = (device.response + device.dark / (0.2 * THETA)) * (THETA / device.threshold)
     ratio = counts(noisy) / counts(quiet)
     assert ratio.mean() == pytest.approx(expected.mean(), abs=0.003)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.camera import Encoder, camera_exposure_scale, encode, get_sensor, sensor_charge_of_stack
-from saf_gen.camera.exposure import photoelectrons_per_irradiance, sensor_firing_rate, sensor_irradiance_per_radiance
+from saf_gen.camera import Encoder, camera_exposure_scale, encode, get_sensor, sensor_charge_of_images
+from saf_gen.camera.exposure import sensor_electrons_per_irradiance, sensor_firing_rate, sensor_irradiance_ratio
 
 VIDAR = get_sensor("vidar_400x250")
 IDEAL = get_sensor("ideal")
@@ -28,7 +28,7 @@ class Lens:
 
 
 def test_irradiance_falls_with_the_fourth_power_of_the_cosine():
-    factor = sensor_irradiance_per_radiance((250, 400), np.array([V]), pitch_m=2e-5, aperture_radius_m=R)[0]
+    factor = sensor_irradiance_ratio((250, 400), np.array([V]), pitch_m=2e-5, aperture_radius_m=R)[0]
     for row, column in [(0, 0), (124, 200), (249, 17)]:
         angle = atan(hypot((row - 124.5) * 2e-5, (column - 199.5) * 2e-5) / V)
         assert factor[row, column] == pytest.approx(pi * R**2 / V**2 * cos(angle) ** 4, rel=1e-12)
@@ -36,7 +36,7 @@ def test_irradiance_falls_with_the_fourth_power_of_the_cosine():
 
 
 def test_irradiance_falls_with_the_square_of_the_bellows():
-    near, far = sensor_irradiance_per_radiance(
+    near, far = sensor_irradiance_ratio(
         (1, 1), np.array([V, 2 * V]), pitch_m=2e-5, aperture_radius_m=R, transmission=0.8
     )
     assert near / far == pytest.approx(4)
@@ -46,7 +46,7 @@ def test_irradiance_falls_with_the_square_of_the_bellows():
 def test_electrons_are_photons_times_quantum_efficiency_and_fill_factor():
     photon = 6.62607015e-34 * 299_792_458 / 5.55e-7
     photons = 3.0 * (2e-5) ** 2 / 20_000 / photon
-    assert 3.0 * photoelectrons_per_irradiance(VIDAR) == pytest.approx(photons * 0.5 * 0.43)
+    assert 3.0 * sensor_electrons_per_irradiance(VIDAR) == pytest.approx(photons * 0.5 * 0.43)
 
 
 def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bellows():
@@ -54,7 +54,7 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
     radiance = np.full((2, 2, 60, 80), 0.5 * 0.1, np.float32)  # two groups share the light
     sensor = get_sensor("ideal", pitch_m=2e-4)  # wide angles
     distances = np.array([V, 1.3 * V])
-    stack = sensor_charge_of_stack(radiance, sensor, lens=Lens(distances), position=np.array([0, 1]))
+    stack = sensor_charge_of_images(radiance, sensor, lens=Lens(distances), position=np.array([0, 1]))
     assert stack.dtype == np.float32
     for k, v in enumerate(distances):
         n = 2_000
@@ -64,7 +64,7 @@ def test_a_uniform_scene_gives_a_rate_of_charge_over_threshold_with_cos4_and_bel
         rate = np.bitwise_count(spikes).sum(axis=-1) / n
         r2 = ((np.arange(60)[:, None] - 29.5) ** 2 + (np.arange(80) - 39.5) ** 2) * (2e-4) ** 2
         irradiance = pi * R**2 / v**2 * (1 + r2 / v**2) ** -2 * 0.1
-        expected = irradiance * photoelectrons_per_irradiance(sensor) / sensor.threshold_e
+        expected = irradiance * sensor_electrons_per_irradiance(sensor) / sensor.threshold_e
         assert 0.05 < expected.min() < 0.97 * expected.max() < 0.97
         for part in (np.s_[:30, :40], np.s_[:30, 40:], np.s_[30:, :40], np.s_[30:, 40:]):
             assert rate[part].mean() == pytest.approx(expected[part].mean(), rel=0.005)
@@ -161,4 +161,4 @@ def test_the_law_of_rates_is_capped():
 def test_lenses_that_cannot_be_are_refused(changes, message):
     lens = Lens(**{"distances": np.array([V, V]), **changes})
     radiance, position = np.ones((1, 2, 3, 4)), np.array([0, 1])
-    assert message in str(refusal(sensor_charge_of_stack, radiance, VIDAR, lens=lens, position=position))
+    assert message in str(refusal(sensor_charge_of_images, radiance, VIDAR, lens=lens, position=position))

@@ -214,5 +214,5 @@ def test_ctrl_c_while_tuning_says_how_to_go_on(call, dataset, tmp_path, monkeypa
 
 
 def test_ctrl_c_in_a_command_that_writes_nothing_says_no_more_than_that(call, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.stream.inspection.verify_dataset", interrupted)
+    monkeypatch.setattr("saf_gen.stream.inspection.verify_streams_of_dataset", interrupted)
     assert call("verify", tmp_path) == (130, "", "saf-gen: stopped\n")

@@ -151,7 +151,7 @@ def test_every_part_of_ours_is_shown_with_its_options_and_its_source(call, name)
     page, room = things(out), "measures" if name in registry.names("measures") else "searches"
     part = registry.build_plugin(room, name)
     assert [line.partition("=")[0] for line in page["options"].splitlines()] == (
-        list(registry.plugin_option_fields(room, name)) or ["none"]
+        list(registry.registered_option_fields(room, name)) or ["none"]
     )
     assert "default:" not in page["options"]
     assert " ".join(page["source"].split()) == cite_source(part)

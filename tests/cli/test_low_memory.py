@@ -48,7 +48,7 @@ def test_memory_that_runs_out_is_one_line(monkeypatch, capsys, error, told):
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("saf_gen.camera.sensor_files.read_sensor_text", fail)
+    monkeypatch.setattr("saf_gen.camera.sensor_files.read_sensor_file_text", fail)
     with pytest.raises(SystemExit) as ended:
         main(["sensors", "show", "ideal"])
     assert ended.value.code == 1

@@ -14,7 +14,7 @@ from saf_gen.acceptance.speed import BenchFigure, BenchResults
 from saf_gen.acceptance.validation.check import Verdict
 from saf_gen.cli import _tables
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import err, out, progress_bars
+from saf_gen.cli._terminal import err, out, print_progress_bars
 
 COLUMNS = [
     TableColumn("name"),
@@ -75,9 +75,9 @@ def nothing_measured(monkeypatch):
     """Let bench and validate print what they would, of long names, without measuring anything."""
     figure = BenchFigure("encode", "peak memory, 200,000 frames recorded" * 2, 1234.5, "GiB", 2, True, 0.1, 2345.6)
     monkeypatch.setattr(speed, "run_benches", lambda *a, **b: BenchResults((figure,), (), {}))
-    verdicts = [Verdict(check.name, "passed", 0.0) for check in validation.choose_checks([])]
-    monkeypatch.setattr("saf_gen.acceptance.validation.runner.run_checks", lambda *a, **b: verdicts)
-    monkeypatch.setattr("saf_gen.acceptance.validation.page.write_page", lambda *a, **b: "validation.md")
+    verdicts = [Verdict(check.name, "passed", 0.0) for check in validation.choose_validation_checks([])]
+    monkeypatch.setattr("saf_gen.acceptance.validation.runner.run_validation_checks", lambda *a, **b: verdicts)
+    monkeypatch.setattr("saf_gen.acceptance.validation.page.write_validation_page", lambda *a, **b: "validation.md")
 
 
 @pytest.mark.parametrize("command", LISTS)
@@ -156,7 +156,7 @@ def test_a_bar_names_what_is_at_work_in_full(monkeypatch, capsys):
     monkeypatch.setattr(err, "_force_terminal", True)
     monkeypatch.setattr(err, "_width", 80)
     name = "evaluate a_scene-continuously_varying-00 structure_calibrated+photon_aware:window=100"
-    with progress_bars() as bars:
+    with print_progress_bars() as bars:
         bars.update(bars.add_task(name, total=1.0), completed=0.5)
     shown = capsys.readouterr().err
     assert "…" not in shown

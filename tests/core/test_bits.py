@@ -35,14 +35,14 @@ def test_counts_of_every_window_are_sums():
     for first in range(38):
         for stop in range(first, 38):
             counts = np.zeros((5, 7), np.uint32)
-            bits.add_bit_counts(planes, counts, first=first, stop=stop)
+            bits.sum_bits_of_planes(planes, counts, first=first, stop=stop)
             assert np.array_equal(counts, frames[first:stop].sum(axis=0)), (first, stop)
 
 
 def test_counts_add_up_and_take_views():
     frames = np.ones((40, 5, 7), np.uint8)
     counts = np.full((2, 3), 10, np.uint32)
-    bits.add_bit_counts(planes_of(frames)[:, 1:3, 2:5], counts, first=1, stop=39)
+    bits.sum_bits_of_planes(planes_of(frames)[:, 1:3, 2:5], counts, first=1, stop=39)
     assert np.array_equal(counts, np.full((2, 3), 48))
 
 

@@ -11,8 +11,8 @@ from refusals import assert_says, refusal
 from saf_gen.core.files import (
     ABANDONED_S,
     check_file_system,
-    check_writable,
-    remove_leftovers,
+    check_folder_writable,
+    remove_leftover_files,
     temporary_folder,
     write_atomically,
     write_folder_atomically,
@@ -74,7 +74,7 @@ def test_what_the_dead_left_goes_when_somebody_writes_there_and_nothing_else(tmp
         assert {p.name for p in tmp_path.iterdir()} == {"b.txt", "other", *(p.name for p in kept)}
         deep = abandoned(mine, pid=dead)
         deep.write_text("")
-        remove_leftovers(tmp_path, below=True)
+        remove_leftover_files(tmp_path, below=True)
         assert not deep.exists()
         assert mine.is_dir()
 
@@ -129,8 +129,8 @@ def test_a_folder_in_the_way_is_told_in_one_line(tmp_path):
 
 def test_a_folder_that_cannot_be_is_told_before_work_begins(tmp_path):
     (tmp_path / "file").write_text("")
-    assert_says(refusal(check_writable, tmp_path / "file" / "out"), "file/out cannot be written")
-    check_writable(tmp_path / "new" / "out")
+    assert_says(refusal(check_folder_writable, tmp_path / "file" / "out"), "file/out cannot be written")
+    check_folder_writable(tmp_path / "new" / "out")
     assert not (tmp_path / "new").exists()
 
 

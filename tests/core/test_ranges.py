@@ -7,7 +7,7 @@ import pytest
 from refusals import assert_says, refusal
 from scipy.stats import kstest
 
-from saf_gen.core.config.ranges import check_parameter, config_range_extremes, draw_config_range, is_config_range
+from saf_gen.core.config.ranges import check_config_parameter, config_range_extremes, draw_config_range, is_config_range
 from saf_gen.core.seeds import make_generator
 
 
@@ -72,7 +72,7 @@ def test_what_would_draw_no_finite_number_or_a_range_is_refused(value, told):
     "value", [0, -2.5, "near", True, [1, 2.0, 3], ["a", False], {"uniform": [0, 1]}, {"choice": ["a", [1, 2]]}], ids=str
 )
 def test_a_parameter_is_plain_or_a_range_of_what_is_plain(value):
-    check_parameter(value)
+    check_config_parameter(value)
 
 
 DATE = datetime.date(2024, 5, 1)
@@ -93,4 +93,4 @@ DATE = datetime.date(2024, 5, 1)
     ],
 )
 def test_a_parameter_that_no_file_could_record_is_told(value, told):
-    assert_says(refusal(check_parameter, value, what="params.made", where="r.yaml:3"), told)
+    assert_says(refusal(check_config_parameter, value, what="params.made", where="r.yaml:3"), told)

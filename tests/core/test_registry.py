@@ -23,7 +23,7 @@ def test_every_registered_part_is_one_dataclass_with_a_docstring():
 
 
 def test_a_trailing_underscore_is_no_part_of_a_key():
-    assert registry.plugin_option_fields("lights", "ramp") == {"from": "from_", "to": "to", "over_s": "over_s"}
+    assert registry.registered_option_fields("lights", "ramp") == {"from": "from_", "to": "to", "over_s": "over_s"}
 
 
 def test_an_unknown_part_is_told_with_the_nearest():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.core.config.source_digest import plugin_source_digests
+from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.plugins.measures import get_measure
 from saf_gen.plugins.searches import get_search
 
@@ -53,7 +53,7 @@ def mine(imports: str, scale: str = "1", late: str = "pass") -> str:
 
 
 def names(*plugins: object) -> list[str]:
-    return [name for name, _ in plugin_source_digests(map(type, plugins))]
+    return [name for name, _ in class_source_digests(map(type, plugins))]
 
 
 @pytest.fixture
@@ -135,12 +135,12 @@ def test_records_from_before_our_plugins_moved_to_a_folder_of_their_own_mix_with
     digests = []
     for name, inside in (("old", ""), ("new", ".plugins")):
         write_files(folder, {f"{name}/src_moved.py": mine("import math", late=late.format(inside))})
-        digests += plugin_source_digests([type(get_measure(f"{folder / name / 'src_moved.py'}:Mine"))])
+        digests += class_source_digests([type(get_measure(f"{folder / name / 'src_moved.py'}:Mine"))])
     assert digests[0] == digests[1]
 
 
 def test_a_class_without_a_file_is_named_by_its_module():
     made: dict[str, object] = {"__name__": "src_nowhere"}
     exec("class Part: pass", made)
-    assert plugin_source_digests([made["Part"]]) == [["src_nowhere", ""]]
+    assert class_source_digests([made["Part"]]) == [["src_nowhere", ""]]
     assert parse_method("sd+argmax").code == parse_method("sd+argmax").code

@@ -5,14 +5,14 @@ import re
 import capture_dataset
 import pytest
 
-from saf_gen.core.shipped import find_recipe, recipe_names
-from saf_gen.generate.coarse_sampling import FEWEST, find_coarse_sampling
+from saf_gen.generate.coarse_sampling import FEWEST, find_coarse_recipe_sampling
 from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.shipped_recipes import find_recipe, recipe_names
 
 
 @pytest.mark.parametrize("name", recipe_names())
 def test_no_recipe_that_comes_along_is_warned_of(name):
-    assert find_coarse_sampling(resolve_recipe(find_recipe(name))) == []
+    assert find_coarse_recipe_sampling(resolve_recipe(find_recipe(name))) == []
 
 
 @pytest.mark.usefixtures("test_scenes")
@@ -22,14 +22,14 @@ def test_the_number_that_would_do_does(small_recipe, call):
     small_recipe.write_text(text.replace("positions: 9", "positions: 2"))
     code, shown, _ = call("recipes", "check", small_recipe)
     assert code == 0
-    (line,) = find_coarse_sampling(resolve_recipe(small_recipe))
+    (line,) = find_coarse_recipe_sampling(resolve_recipe(small_recipe))
     assert f"warning: {line}" in " ".join(shown.split())
     enough = int(re.search(r"(\d+) would do", line)[1])
     assert float(re.search(r"holds ([\d.]+) of them", line)[1]) < FEWEST
     small_recipe.write_text(text.replace("positions: 9", f"positions: {enough}"))
-    assert find_coarse_sampling(resolve_recipe(small_recipe)) == []
+    assert find_coarse_recipe_sampling(resolve_recipe(small_recipe)) == []
     small_recipe.write_text(text.replace("positions: 9", f"positions: {enough - 1}"))
-    assert len(find_coarse_sampling(resolve_recipe(small_recipe))) == 1
+    assert len(find_coarse_recipe_sampling(resolve_recipe(small_recipe))) == 1
 
 
 def test_fewer_time_slices_than_the_card_has_are_warned_of_with_the_error_to_expect(tmp_path, monkeypatch, call):
@@ -41,7 +41,7 @@ def test_fewer_time_slices_than_the_card_has_are_warned_of_with_the_error_to_exp
     def lines(slices_per_s, moves="static, dynamic"):
         text = capture_dataset.RECIPE.replace("whole_slices: true", f"slices_per_s: {slices_per_s}")
         recipe.write_text(text.replace("static, dynamic", moves))
-        return find_coarse_sampling(resolve_recipe(recipe))
+        return find_coarse_recipe_sampling(resolve_recipe(recipe))
 
     assert lines(250) == lines(1000) == lines(62.5, moves="static") == []
     (line,) = lines(62.5)

@@ -25,11 +25,11 @@ from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.plugins.lights import light_group_gains
 from saf_gen.render import backend
-from saf_gen.stack.exr import read_planes
+from saf_gen.stack.exr import read_stack_planes
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stream.description import describe_stream_file
 from saf_gen.stream.manifest import read_manifest
-from saf_gen.stream.recorded_grain import read_recorded_grain
+from saf_gen.stream.recorded_grain import read_grain_of_stream
 
 VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
 
@@ -98,7 +98,7 @@ def test_done_is_said_of_what_has_its_name(first):
 
 def test_every_recording_says_how_much_grain_its_pictures_have(made):
     with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
-        grain = read_recorded_grain(stream.metadata.provenance)
+        grain = read_grain_of_stream(stream.metadata.provenance)
         told = describe_stream_file(stream)["grain"]
         assert abs(grain.moments[grain.focus].frame - stream.truth.frame) <= 0.5
     assert grain.samples == (16, 2)
@@ -112,7 +112,7 @@ def test_a_recording_without_grain_is_read_all_the_same(made):
         del file["provenance/grain"], file.attrs["spikes_sha256"], file.attrs["provenance_sha256"]
     with saf_gen.open_stream(path) as stream:
         stream.verify()
-        assert read_recorded_grain(stream.metadata.provenance) is None
+        assert read_grain_of_stream(stream.metadata.provenance) is None
         assert describe_stream_file(stream)["grain"] == "unknown"
 
 
@@ -219,7 +219,7 @@ def test_another_stack_records_anew(small_recipe, work, made):
 
 def store_radiance(folder, work):
     """The room's radiance, here to stand in for another lamp's."""
-    planes, _ = read_planes(next(folder.glob("stacks/*/room.exr")))
+    planes, _ = read_stack_planes(next(folder.glob("stacks/*/room.exr")))
     return np.array([planes[f"focus.{k:04d}"] for k in range(spec_of(work).positions)])
 
 

@@ -20,7 +20,7 @@ from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.manifest import read_manifest
-from saf_gen.stream.recorded_grain import read_recorded_grain
+from saf_gen.stream.recorded_grain import read_grain_of_stream
 
 pytestmark = pytest.mark.slow
 VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
@@ -130,7 +130,7 @@ def test_a_moving_recording_says_how_much_grain_its_slices_have(made):
     """Eleven slices: one of the middle and the one in focus are rendered twice, with 64 and with 32 samples."""
     outcome, _ = made
     with saf_gen.open_stream(outcome.folder / "test" / "plane-dynamic-constant-00.h5") as stream:
-        grain = read_recorded_grain(stream.metadata.provenance)
+        grain = read_grain_of_stream(stream.metadata.provenance)
         assert abs(grain.moments[grain.focus].frame - stream.truth.frame) <= 40
     assert grain.samples == (64, 32)
     assert 1 <= len(grain.moments) <= 2

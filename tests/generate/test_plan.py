@@ -5,7 +5,7 @@ import yaml
 from refusals import assert_says, refusal
 
 from saf_gen.errors import BadInput
-from saf_gen.generate.plan import SceneFamily, make_plan, recipe_fingerprint
+from saf_gen.generate.plan import SceneFamily, make_recipe_plan, recipe_fingerprint
 from saf_gen.generate.recipe import Recipe, read_recipe
 
 BASE = {
@@ -23,7 +23,7 @@ BASE = {
 
 
 def plan(**changes):
-    return make_plan(Recipe.model_validate(BASE | changes))
+    return make_recipe_plan(Recipe.model_validate(BASE | changes))
 
 
 def test_sequences_are_the_product_of_scenes_lights_and_repeats():
@@ -86,7 +86,7 @@ def test_an_edited_table_of_a_motion_makes_other_sequences(tmp_path):
     plans = []
     for end in ("0.9", "0.8"):
         (tmp_path / "lens.csv").write_text(f"time_s,position\n0,0.1\n1,{end}\n")
-        plans.append(make_plan(read_recipe(tmp_path / "r.yaml")))
+        plans.append(make_recipe_plan(read_recipe(tmp_path / "r.yaml")))
     assert plans[0][0].motion["file"] == {"path": "lens.csv", "text": "time_s,position\n0,0.1\n1,0.9\n"}
     assert plans[0] != plans[1]
 
@@ -116,7 +116,7 @@ def test_two_sequences_of_one_id_are_refused_and_both_are_named():
     split = {"scenes": ["camel"], "lights": list(lights), "scene_motion": ["static", "dynamic"]}
     recipe = Recipe.model_validate(BASE | {"lights": lights, "splits": {"test": split}})
     with pytest.raises(BadInput) as caught:
-        make_plan(recipe, {"camel": SceneFamily(moves=True)})
+        make_recipe_plan(recipe, {"camel": SceneFamily(moves=True)})
     assert str(caught.value) == (
         "two sequences would have the id 'camel-dynamic-fixed-00': camel, static, under 'dynamic-fixed' in "
         "'test', and camel, dynamic, under 'fixed' in 'test'; allowed: each id once in a dataset; rename the "
@@ -139,7 +139,7 @@ CARD = {
 def member(**chosen):
     split = {"test": {"scenes": ["camel"], "lights": ["fixed"]}}
     recipe = Recipe.model_validate(BASE | {"splits": split, "scene_params": {"camel": chosen}})
-    (sequence,) = make_plan(recipe, {"camel": SceneFamily(CARD)})
+    (sequence,) = make_recipe_plan(recipe, {"camel": SceneFamily(CARD)})
     return sequence.params
 
 

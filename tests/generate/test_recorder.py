@@ -9,7 +9,7 @@ import saf_gen
 from saf_gen.camera import get_sensor
 from saf_gen.generate.recorder import Recorder
 from saf_gen.optics.focus_crossings import find_focus_crossings
-from saf_gen.plugins.motions import lens_motion_at_readouts
+from saf_gen.plugins.motions import motion_positions_at_readouts
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
 
@@ -116,7 +116,7 @@ MOTIONS = {
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_the_lens_is_where_its_motion_says(tmp_path, motion):
     """In the file, and in the spikes: of a field that grows brighter over the travel, every 200 readouts."""
-    expected = lens_motion_at_readouts(motion, 2000, readout_hz=20_000)
+    expected = motion_positions_at_readouts(motion, 2000, readout_hz=20_000)
     given = stack()
     given.radiance[:] *= np.linspace(0.5, 1.5, 9, dtype=np.float32)[:, None, None]
     with record(tmp_path, CONSTANT, motion=motion, given=given) as stream:

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from refusals import refusal
 
-from saf_gen.generate.plan import make_plan
+from saf_gen.generate.plan import make_recipe_plan
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.stream.manifest import read_manifest
 
@@ -51,7 +51,9 @@ def test_whoever_opens_it_has_the_same_seed_and_another_than_before(call, sealed
     assert read_recipe(other) == opened
     assert opened.seed != 3
     assert 0 <= opened.seed < 2**63
-    assert {s.seed for s in make_plan(opened)}.isdisjoint(s.seed for s in make_plan(read_recipe(small_recipe)))
+    assert {s.seed for s in make_recipe_plan(opened)}.isdisjoint(
+        s.seed for s in make_recipe_plan(read_recipe(small_recipe))
+    )
 
 
 @pytest.mark.slow

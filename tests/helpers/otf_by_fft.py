@@ -1,4 +1,4 @@
-"""The transfer of a round lens out of focus by two Fourier transforms, a second way to saf_gen.optics.exact_otf."""
+"""The transfer of a round lens out of focus by two Fourier transforms, a second way to exact_lens_otf."""
 
 import numpy as np
 

@@ -17,9 +17,9 @@ needs_llvm = pytest.mark.skipif(
 def load_setup(scene, burning=("lamp", "room"), *, name="llvm", grid=SENSOR_GRID, drive=None, max_depth=3):
     """A scene ready to render, with its own drive or another."""
     backend.activate_render_backend(name)
-    described = mitsuba_scene.build_scene_dict(scene)
+    described = mitsuba_scene.build_mitsuba_scene_dict(scene)
     lit, integrator = mitsuba_scene.load_lit_mitsuba_scene(described, burning, max_depth=max_depth)
-    to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
+    to_world, unit = mitsuba_scene.mitsuba_camera_to_world(scene), scene.card.unit_m
     return RenderSetup(lit, integrator, to_world, drive or scene.build_drive(), grid, unit)
 
 

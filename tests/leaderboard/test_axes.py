@@ -4,11 +4,11 @@ import json
 import pytest
 from handmade_records import failed, record
 
-from saf_gen.leaderboard import AXES, rank_methods, tabulate_by_axis, write_leaderboard
+from saf_gen.leaderboard import AXES, rank_methods, tabulate_leaderboard_by_axis, write_leaderboard
 
 
 def axis(records, name, methods=("a+s",)):
-    (found,) = (t for t in tabulate_by_axis(records, methods) if t.axis.name == name)
+    (found,) = (t for t in tabulate_leaderboard_by_axis(records, methods) if t.axis.name == name)
     return found
 
 
@@ -67,7 +67,7 @@ def test_bins_of_numbers_stand_in_their_order_and_only_where_there_is_something(
 
 def test_an_axis_of_which_nothing_is_known_has_no_table_and_an_unknown_sequence_no_bin():
     some = [one(0), one(1, scene_motion="static")]
-    assert {t.axis.name for t in tabulate_by_axis(some, ["a+s"])} == {"light", "scene", "scene_motion"}
+    assert {t.axis.name for t in tabulate_leaderboard_by_axis(some, ["a+s"])} == {"light", "scene", "scene_motion"}
     assert axis(some, "scene_motion").sequences == (1,)
 
 

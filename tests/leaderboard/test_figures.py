@@ -16,34 +16,34 @@ from saf_gen.core.figure_style import VARIABLES
 from saf_gen.leaderboard.figures import (
     CONDITIONS,
     MAX_MEASURES,
-    add_paper_background,
-    assign_styles,
-    build_image_strip,
-    build_spike_strip,
+    add_paper_to_figure,
+    assign_plot_styles,
+    build_figure_image_strip,
+    build_figure_spike_strip,
     error_figure,
     inline_svg,
     locate_figure_cursor,
     normalise_curve_of_figure,
-    plot_condition,
-    plot_depth_of_focus,
-    plot_errors,
-    plot_focus_curves,
-    plot_lens_paths,
-    plot_search_steps,
-    split_method_label,
-    to_svg,
+    plot_condition_figure,
+    plot_depth_of_focus_figure,
+    plot_error_figure,
+    plot_focus_curve_figure,
+    plot_lens_path_figure,
+    plot_search_step_figure,
+    plot_to_svg,
+    split_figure_label,
 )
 from saf_gen.leaderboard.figures._figure import describe_figure_omissions, shorten_figure_label
 from saf_gen.leaderboard.figures.condition_figure import bin_sequences_for_figure
 
 pytestmark = pytest.mark.slow
 
-LOOKS = assign_styles(["sd", "sd_code", "er_count"])
+LOOKS = assign_plot_styles(["sd", "sd_code", "er_count"])
 RATIO, BUDGET = CONDITIONS
 
 
 def curves(one, records=(), styles=LOOKS):
-    return plot_focus_curves(one, records, styles=styles, title="camel")
+    return plot_focus_curve_figure(one, records, styles=styles, title="camel")
 
 
 def main(figure):
@@ -65,28 +65,28 @@ def test_normalised_scores_run_from_0_to_1_and_a_flat_curve_is_0():
 
 
 def test_a_figure_is_well_formed_and_its_text_is_text():
-    root = ET.fromstring(to_svg(curves(make_sweep()), name="a"))
+    root = ET.fromstring(plot_to_svg(curves(make_sweep()), name="a"))
     texts = {"".join(e.itertext()).strip() for e in root.iter("{http://www.w3.org/2000/svg}text")}
     assert {"camel", "sd = sd_code", "er_count", "focus score, normalised"} <= texts
 
 
 def test_the_same_figure_gives_the_same_text():
-    one, other = (to_svg(curves(make_sweep()), name="a") for _ in range(2))
+    one, other = (plot_to_svg(curves(make_sweep()), name="a") for _ in range(2))
     assert one == other
 
 
 def test_coordinates_have_two_digits():
-    assert not re.search(r"[\s\"L]\d+\.\d{3,}[\s\"]", to_svg(curves(make_sweep()), name="a"))
+    assert not re.search(r"[\s\"L]\d+\.\d{3,}[\s\"]", plot_to_svg(curves(make_sweep()), name="a"))
 
 
 def test_a_figure_of_a_file_lies_on_paper():
-    text = add_paper_background(to_svg(curves(make_sweep()), name="a"))
+    text = add_paper_to_figure(plot_to_svg(curves(make_sweep()), name="a"))
     first = next(e for e in ET.fromstring(text) if e.tag.endswith("rect"))
     assert first.get("fill") == "#ffffff"
 
 
 def test_within_a_page_colours_are_the_pages_and_names_do_not_meet():
-    parts = [inline_svg(to_svg(curves(make_sweep()), name=name), label=name) for name in ("a", "b")]
+    parts = [inline_svg(plot_to_svg(curves(make_sweep()), name=name), label=name) for name in ("a", "b")]
     ids = [re.findall(r' id="([^"]+)"', text) for text in parts]
     assert all(len(i) == len(set(i)) for i in ids)
     assert ids[0]
@@ -102,21 +102,21 @@ def test_within_a_page_colours_are_the_pages_and_names_do_not_meet():
 
 def test_pictures_leave_matplotlib_as_it_was():
     before = dict(matplotlib.rcParams)
-    to_svg(curves(make_sweep()), name="a")
+    plot_to_svg(curves(make_sweep()), name="a")
     assert dict(matplotlib.rcParams) == before
 
 
 def test_looks_differ_and_are_the_same_in_every_figure():
     names = [f"m{i}" for i in range(MAX_MEASURES * MAX_MEASURES)]
-    styles = assign_styles(names)
+    styles = assign_plot_styles(names)
     assert len({(s.colour, s.marker) for s in styles.values()}) == MAX_MEASURES * MAX_MEASURES
     assert len({(s.colour, s.dashes) for s in styles.values()}) == MAX_MEASURES * MAX_MEASURES
     assert len({s.colour for s in list(styles.values())[:MAX_MEASURES]}) == MAX_MEASURES
 
 
 def test_a_method_is_a_measure_and_a_search_or_a_name_alone():
-    assert split_method_label("sd:a=1+egs:b=2") == ("sd:a=1", "egs:b=2")
-    assert split_method_label("my_net") == ("my_net", "")
+    assert split_figure_label("sd:a=1+egs:b=2") == ("sd:a=1", "egs:b=2")
+    assert split_figure_label("my_net") == ("my_net", "")
 
 
 def test_curves_run_over_the_focus_position_with_the_truth_among_them():
@@ -136,7 +136,7 @@ def test_measures_whose_curves_coincide_share_a_line_else_not():
 
 def test_no_more_lines_than_can_be_told_apart():
     many = tuple(FocusCurve(f"m{i}", CENTRES, np.roll(np.arange(CENTRES.size), i), None) for i in range(15))
-    figure = curves(replace(make_sweep(), curves=many), styles=assign_styles([c.measure for c in many]))
+    figure = curves(replace(make_sweep(), curves=many), styles=assign_plot_styles([c.measure for c in many]))
     assert [t for t in legend(figure) if t.startswith("m")] == [f"m{i}" for i in range(MAX_MEASURES)]
 
 
@@ -167,7 +167,7 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
         record("my_net", "x", 1.0, frame=400.0),
         failed("er_count+egs_code", "x", "abstained"),
     ]
-    styles = assign_styles(["sd", "my_net", "er_count"])
+    styles = assign_plot_styles(["sd", "my_net", "er_count"])
     bare = make_sweep(measures=())
     figure = curves(bare, records, styles)
     strip, axes, light = figure.axes[0], main(figure), figure.axes[-1]
@@ -186,12 +186,12 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
     assert lens.get_ydata().max() == pytest.approx(1, abs=0.01)
     assert main(figure).get_ylabel() == "focus position"
     one_block = replace(bare, frames=np.array([399.5]), rate=np.array([0.2]))
-    ET.fromstring(to_svg(curves(one_block, records, styles), name="a"))
+    ET.fromstring(plot_to_svg(curves(one_block, records, styles), name="a"))
 
 
 def test_a_measure_that_has_an_answer_and_no_curve_has_its_mark():
     records = [record("my_net", "x", 0.0, frame=300.0), record("sd+argmax", "x", 0.0, frame=310.0)]
-    figure = curves(make_sweep(measures=("sd",)), records, assign_styles(["my_net", "sd"]))
+    figure = curves(make_sweep(measures=("sd",)), records, assign_plot_styles(["my_net", "sd"]))
     assert legend(figure)[:2] == ["sd", "my_net"]
     assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == ["predictions", "argmax"]
     assert len(curves_of(main(figure))) == 1
@@ -203,29 +203,29 @@ def test_what_a_figure_leaves_out_it_says():
     )
     assert describe_figure_omissions((2, 2, "searches")) == ""
     names = [f"m{i}" for i in range(MAX_MEASURES + 3)]
-    styles = assign_styles(names)
+    styles = assign_plot_styles(names)
     searches = [f"s{i}" for i in range(11)]
     answered = [record(f"{m}+{s}", "x", 0.1, frame=300.0, trace=(1.0, 9.0, 300.0)) for s in searches for m in names]
     both = "Drawn: the first {} of 11 searches, the first 8 of 11 measures"
     assert note(curves(make_sweep(measures=()), answered, styles)) == both.format(6)
-    assert note(plot_search_steps(make_sweep(), answered, styles=styles, title="t")) == both.format(9)
+    assert note(plot_search_step_figure(make_sweep(), answered, styles=styles, title="t")) == both.format(9)
     ways = [make_lens_path(r.method) for r in answered]
-    assert note(plot_lens_paths(ways, styles=styles, title="t")) == both.format(9)
+    assert note(plot_lens_path_figure(ways, styles=styles, title="t")) == both.format(9)
     against = [record(f"{m}+s", f"{ratio}", 0.1, light_ratio=float(ratio)) for m in names for ratio in (1, 2, 4)]
-    said = note(plot_condition(against, RATIO, styles=styles, title="t"))
+    said = note(plot_condition_figure(against, RATIO, styles=styles, title="t"))
     assert said == "Drawn: the first 8 of 11 measures"
     few = [r for r in answered if r.method in ("m0+s0", "m1+s0")]
     for figure in (
         curves(make_sweep(measures=()), few, styles),
-        plot_search_steps(make_sweep(), few, styles=styles, title="t"),
-        plot_errors(few, title="t"),
+        plot_search_step_figure(make_sweep(), few, styles=styles, title="t"),
+        plot_error_figure(few, title="t"),
     ):
         assert note(figure) == ""
 
 
 def test_many_methods_stand_closer_and_very_many_are_cut_and_said():
     def of(count):
-        return plot_errors([record(f"m{i}+s", "x", 0.1) for i in range(count)], title="t")
+        return plot_error_figure([record(f"m{i}+s", "x", 0.1) for i in range(count)], title="t")
 
     high = {count: of(count).get_size_inches()[1] for count in (30, 60, 90)}
     assert high[60] < 1.5 * high[30]
@@ -240,11 +240,11 @@ def test_long_names_keep_their_ends_and_stay_in_the_figure():
     assert len(shorten_figure_label("x" * 99, 18)) == 18
     names = [f"a_measure_of_a_very_long_name:option={i},another_one=0.25" for i in range(3)]
     records = [record(f"{n}+a_search_of_a_long_name:{n}", "x", 0.1, frame=300.0) for n in names]
-    figure = curves(make_sweep(measures=()), records, assign_styles(names))
+    figure = curves(make_sweep(measures=()), records, assign_plot_styles(names))
     figure.draw_without_rendering()
     box = figure.legends[0].get_window_extent()
     assert 0 <= box.x0 < box.x1 <= figure.bbox.width
-    figure = plot_errors(records, title="a scene of a long name (validation), flicker, dynamic: errors")
+    figure = plot_error_figure(records, title="a scene of a long name (validation), flicker, dynamic: errors")
     figure.draw_without_rendering()
     axes = figure.axes[0].get_position()
     assert axes.width > 0.35
@@ -254,7 +254,7 @@ def test_long_names_keep_their_ends_and_stay_in_the_figure():
 
 def test_short_names_share_lines_of_the_legend():
     records = [record(f"m{i}+s", "x", 0.1, frame=300.0) for i in range(4)]
-    figure = curves(make_sweep(measures=()), records, assign_styles([f"m{i}" for i in range(4)]))
+    figure = curves(make_sweep(measures=()), records, assign_plot_styles([f"m{i}" for i in range(4)]))
     assert figure.legends[0]._ncols == 2
 
 
@@ -272,7 +272,7 @@ def test_a_sweep_with_less_than_everything_is_drawn_too():
     ]
     figures = {s.light: curves(s) for s in sweeps}
     for figure in figures.values():
-        ET.fromstring(to_svg(figure, name="a"))
+        ET.fromstring(plot_to_svg(figure, name="a"))
     over_frames = {light for light, f in figures.items() if main(f).get_xlabel() == "frame"}
     assert over_frames == {"no lens", "there and back", "at rest"}
 
@@ -311,7 +311,7 @@ def test_the_cursor_of_a_frame_is_where_the_picture_has_it():
 
 def test_errors_show_every_method_and_light_and_mark_what_gave_no_answer():
     records = [record("a+s", "x", 0.2), record("b+s", "x", -12.0), failed("c+s", "x", "abstained")]
-    (axes,) = plot_errors(records, title="camel").axes
+    (axes,) = plot_error_figure(records, title="camel").axes
     assert [t.get_text() for t in axes.get_yticklabels()] == ["a+s", "b+s", "c+s"]
     marks = {line.get_marker(): line for line in axes.get_lines() if line.get_marker() in ("o", "x")}
     assert marks["o"].get_xdata().tolist() == [0.2, -12.0]
@@ -336,7 +336,7 @@ def test_a_condition_that_hardly_differs_has_no_figure():
     same = [record("sd+argmax", f"s{i}", 0.1, light_ratio=1 + 0.01 * i, mean_rate=0.2) for i in range(9)]
     two = [record("sd+argmax", f"s{i}", 0.1, light_ratio=1.0 + i % 2) for i in range(9)]
     for records, condition in ((same, RATIO), (same, BUDGET), (two, RATIO), ([BLIND], RATIO), ([], RATIO)):
-        assert plot_condition(records, condition, styles=LOOKS, title="t") is None
+        assert plot_condition_figure(records, condition, styles=LOOKS, title="t") is None
 
 
 BLIND = record("sd+argmax", "x", None)
@@ -350,7 +350,7 @@ def test_success_and_error_against_a_condition_follow_the_leaderboards_rule():
         record("sd+argmax", "d", 0.1, scene="b", light_ratio=2.0),
         record("sd+argmax", "e", 9.0, scene="b", light_ratio=8.0),
     ]
-    above, below = plot_condition(records, RATIO, styles=LOOKS, title="t").axes
+    above, below = plot_condition_figure(records, RATIO, styles=LOOKS, title="t").axes
     assert above.get_lines()[0].get_ydata().tolist() == [1, 0.5, 0]
     assert below.get_lines()[0].get_ydata().tolist() == [0.5, 0.5, 9]
     assert above.get_lines()[0].get_xdata() == pytest.approx([1, 2, 8])
@@ -360,18 +360,18 @@ def test_steps_of_a_search_are_drawn_where_the_lens_was_in_frames_from_0():
     coded = record("sd+egs_code", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 300.0))
     ours = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
     alone = record("sd+argmax", "x", 0.0, frame=299.0, trace=(299.0,))
-    figure = plot_search_steps(make_sweep(), [coded, ours, alone], styles=LOOKS, title="t")
+    figure = plot_search_step_figure(make_sweep(), [coded, ours, alone], styles=LOOKS, title="t")
     assert [a.get_title(loc="left") for a in figure.axes] == ["egs_code", "egs"]
     ends = [next(line for line in a.get_lines() if len(line.get_xdata()) == 3) for a in figure.axes]
     assert [float(line.get_ydata()[-1]) * 799 for line in ends] == pytest.approx([299, 299], abs=0.01)
     assert 0.375 in [line.get_ydata()[0] for line in figure.axes[0].get_lines()]
-    assert plot_search_steps(make_sweep(), [alone], styles=LOOKS, title="t") is None
+    assert plot_search_step_figure(make_sweep(), [alone], styles=LOOKS, title="t") is None
 
 
 def test_steps_over_frames_have_every_pass_of_the_truth():
     there_and_back = np.concatenate([LENS[::2], LENS[::-2]])
     one = record("sd+egs", "x", 0.0, frame=299.0, trace=(400.0, 200.0, 299.0))
-    (axes,) = plot_search_steps(make_sweep(lens=there_and_back), [one], styles=LOOKS, title="t").axes
+    (axes,) = plot_search_step_figure(make_sweep(lens=there_and_back), [one], styles=LOOKS, title="t").axes
     flat = sorted(line.get_ydata()[0] for line in axes.get_lines() if line.get_xdata()[0] == 0)
     assert pytest.approx(flat, abs=1) == [150, 400, 649]
     assert axes.get_ylabel() == "frame"
@@ -379,15 +379,15 @@ def test_steps_over_frames_have_every_pass_of_the_truth():
 
 def test_the_way_of_the_lens_ends_with_a_mark_or_a_cross():
     paths = [make_lens_path("sd+hill_climb"), make_lens_path("er_count+hill_climb", problem="the budget was spent")]
-    (axes,) = plot_lens_paths(paths, styles=LOOKS, title="t").axes
+    (axes,) = plot_lens_path_figure(paths, styles=LOOKS, title="t").axes
     ends = {line.get_marker() for line in axes.get_lines() if len(line.get_xdata()) == 1}
     assert ends == {"o", "x"}
     assert axes.get_title(loc="left") == "hill_climb"
-    assert plot_lens_paths([], styles=LOOKS, title="t") is None
+    assert plot_lens_path_figure([], styles=LOOKS, title="t") is None
 
 
 def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():
-    made = build_image_strip(make_thumbnails(12).images, max_bytes=20_000)
+    made = build_figure_image_strip(make_thumbnails(12).images, max_bytes=20_000)
     sheet = np.asarray(Image.open(io.BytesIO(made.file)).convert("L"), dtype=float)
     assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 12)
     assert sheet.shape == (40, 256)
@@ -395,7 +395,7 @@ def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():
     assert grey[:12] == sorted(grey[:12])
     assert grey[12:] == pytest.approx([0] * 4, abs=3)
     noise = np.random.default_rng(1).integers(0, 9, (48, 175, 280)).astype(np.uint32)
-    large, small = (build_image_strip(noise, max_bytes=most) for most in (10**9, 100_000))
+    large, small = (build_figure_image_strip(noise, max_bytes=most) for most in (10**9, 100_000))
     assert len(large.file) > 500_000
     assert len(small.file) <= 100_000  # by less quality, and then by smaller pictures
     assert (large.size, small.count) == ((280, 175), 48)
@@ -404,7 +404,7 @@ def test_a_film_holds_its_pictures_in_order_and_keeps_to_its_bytes():
 
 def test_single_readouts_are_shown_bit_for_bit():
     spikes = np.random.default_rng(2).integers(0, 2, (10, 20, 32)).astype(np.uint8)
-    made = build_spike_strip(spikes)
+    made = build_figure_spike_strip(spikes)
     sheet = np.asarray(Image.open(io.BytesIO(made.file)))
     assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 10)
     for number, frame in enumerate(spikes):
@@ -420,7 +420,7 @@ def pictures_of(axes):
 def test_the_depth_of_focus_is_explained_with_what_the_camera_saw():
     steady, flicker = make_sweep(thumbnails=make_thumbnails()), make_sweep("ramp", thumbnails=make_thumbnails(8))
     flicker = replace(flicker, rate=np.linspace(0.1, 0.4, CENTRES.size))
-    figure = plot_depth_of_focus([make_sweep("steps"), flicker, steady])
+    figure = plot_depth_of_focus_figure([make_sweep("steps"), flicker, steady])
     labels = [axes.get_xlabel() for axes in figure.axes if axes.get_images()]
     # Pictures are 0.0625 of the travel apart, 0.7 of the depth of focus; the truth lies between two of them.
     assert labels == ["−3.8", "−1.0", "+0.3", "+1.0", "+3.8"]
@@ -434,6 +434,6 @@ def test_the_depth_of_focus_is_explained_with_what_the_camera_saw():
 @pytest.mark.parametrize("change", [{"truth": math.nan}, {"track": np.full(800, 0.4)}, {"thumbnails": None}])
 def test_without_a_known_resting_focus_and_pictures_the_depth_of_focus_is_drawn_alone(change):
     sweep = make_sweep(**{"thumbnails": make_thumbnails(), **change})
-    figure = plot_depth_of_focus([sweep])
+    figure = plot_depth_of_focus_figure([sweep])
     assert pictures_of(figure.axes) == []
     assert len(figure.axes) == 1

@@ -9,15 +9,15 @@ from refusals import refusal
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.leaderboard import (
     compose_leaderboard_notes,
-    format_latex,
-    format_markdown,
+    format_leaderboard_latex,
+    format_leaderboard_markdown,
     list_leaderboard_columns,
-    list_shown_columns,
+    list_shown_leaderboard_columns,
     rank_methods,
     write_leaderboard,
 )
-from saf_gen.leaderboard.columns import USUAL, format_percent
-from saf_gen.leaderboard.table_formats import escape_latex
+from saf_gen.leaderboard.columns import USUAL, format_leaderboard_percent
+from saf_gen.leaderboard.table_formats import escape_leaderboard_latex
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_ties_share_a_rank_are_named_and_the_next_rank_counts_them():
     assert [(r.rank, r.method) for r in rows] == [(1, "b+s"), (1, "c+s"), (1, "a+s"), (4, "d+s")]
     assert rows[0].tied == ("a+s", "c+s")
     assert rows[3].tied == ()
-    rank = list_shown_columns(rows)[0]
+    rank = list_shown_leaderboard_columns(rows)[0]
     assert [rank.format_value(r) for r in rows] == ["1=", "1=", "1=", "4"]
 
 
@@ -110,7 +110,7 @@ def test_without_truth_nothing_ranks_and_costs_stand():
     (row,) = rank_methods([record("a+s", "x", None)])
     assert (row.rank, row.success_1dof, row.median_error_dof) == (None, None, None)
     assert (row.frames_seen, row.lens_travel, row.seconds) == (1.0, 1.5, 0.25)
-    assert list_shown_columns([row])[0].format_value(row) == "–"
+    assert list_shown_leaderboard_columns([row])[0].format_value(row) == "–"
     rows = rank_methods([record("a+s", "x", None), record("b+s", "x", 9.0)])
     assert [r.method for r in rows] == ["b+s", "a+s"]
 
@@ -135,7 +135,7 @@ def test_the_files_agree(tmp_path, records):
         assert set(other) == set(one) - {"tied"}
         for name, cell in other.items():
             assert cell == ("" if one[name] is None else str(one[name]))
-    assert format_markdown(rows) in text
+    assert format_leaderboard_markdown(rows) in text
     assert "- bad: truncated" in text
     assert [(r["method"], r["sequence"]) for r in lines] == [(r.method, r.sequence) for r in records]
     assert document["data"] == {"a": "sha-a", "b": "sha-b"}
@@ -170,7 +170,7 @@ def test_a_folder_that_cannot_be_is_bad_input(tmp_path, records):
 
 def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
     rows = rank_methods(records)
-    shown = list_shown_columns(rows)
+    shown = list_shown_leaderboard_columns(rows)
     assert len({c.name for c in shown}) == len({c.header for c in shown}) == len(shown)
     for column in shown:
         assert column.meaning.endswith(".")
@@ -184,7 +184,7 @@ def test_every_column_has_a_name_of_its_own_a_meaning_and_a_text(records):
 
 def test_a_pipe_in_a_name_does_not_break_the_markdown():
     rows = rank_methods([record("a|b+s", "x", 0.0)])
-    assert r"a\|b+s" in format_markdown(rows)
+    assert r"a\|b+s" in format_leaderboard_markdown(rows)
 
 
 # -- what the scenes can tell ---------------------------------------------------------------------------
@@ -213,7 +213,7 @@ def test_rows_say_which_ranks_the_scenes_can_tell_apart(twelve):
     assert near.success_1dof_low < 11 / 12 < near.success_1dof_high
     assert 0.7 < bad.behind_best_low < bad.behind_best_high == 1
     assert good.median_error_dof_low < good.median_error_dof == pytest.approx(0.155)
-    by_name = {c.name: c for c in list_shown_columns([good, near, bad])}
+    by_name = {c.name: c for c in list_shown_leaderboard_columns([good, near, bad])}
     assert [by_name["rank"].format_value(r) for r in (good, near, bad)] == ["1", "2~", "3"]
     assert by_name["rank_best"].format_value(near) == "1–2"
     assert by_name["success_1dof_low"].format_value(good) == "81%–100%"
@@ -224,7 +224,7 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     rows = rank_methods(some)
     assert (rows[0].rank_best, rows[0].success_1dof_low, rows[0].level_with_best) == (None,) * 3
     assert rows[0].missing_reason == "2 of at least 3 scenes"
-    assert "rank_best" not in {c.name for c in list_shown_columns(rows)}
+    assert "rank_best" not in {c.name for c in list_shown_leaderboard_columns(rows)}
     assert any(
         note.startswith("There are no intervals: 2 of at least 3 scenes")
         for note in compose_leaderboard_notes(rows, some)
@@ -254,11 +254,11 @@ def test_what_only_a_running_camera_knows_has_a_column_only_there():
     live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]
     (row,) = rows = rank_methods(live)
     assert (row.reversals, row.time_to_focus_s) == (2.5, 0.2)
-    shown = {c.name: c.format_value(row) for c in list_shown_columns(rows)}
+    shown = {c.name: c.format_value(row) for c in list_shown_leaderboard_columns(rows)}
     assert (shown["reversals"], shown["time_to_focus_s"]) == ("2.5", "0.200")
     assert "median_error_frames" not in shown
     (recorded,) = rank_methods([record("a+s", "x", 0.1)])
-    assert {"reversals", "time_to_focus_s"} & {c.name for c in list_shown_columns([recorded])} == set()
+    assert {"reversals", "time_to_focus_s"} & {c.name for c in list_shown_leaderboard_columns([recorded])} == set()
     assert {"reversals", "time_to_focus_s"} <= {c.name for c in list_leaderboard_columns([recorded])}
 
 
@@ -266,7 +266,7 @@ def test_what_only_a_running_camera_knows_has_a_column_only_there():
 
 
 def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
-    text = format_latex(rank_methods(twelve))
+    text = format_leaderboard_latex(rank_methods(twelve))
     lines = text.splitlines()
     spec = next(line for line in lines if line.startswith(r"\begin{tabular}"))
     wide = len(spec.split("{")[2].rstrip("}"))
@@ -292,11 +292,11 @@ def test_latex_has_a_cell_for_each_column_in_every_line(twelve):
     ],
 )
 def test_latex_escapes_what_means_something_to_it(plain, set_):
-    assert escape_latex(plain) == set_
+    assert escape_leaderboard_latex(plain) == set_
 
 
 def test_a_table_of_nothing_is_still_latex():
-    assert r"\bottomrule" in format_latex(())
+    assert r"\bottomrule" in format_leaderboard_latex(())
 
 
 def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
@@ -329,7 +329,7 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     ("share", "text"), [(0.625, "63%"), (0.375, "38%"), (0.125, "13%"), (0.005, "1%"), (2 / 3, "67%"), (1, "100%")]
 )
 def test_a_share_that_ends_in_a_half_goes_up(share, text):
-    assert format_percent(share) == format_percent(share - 1e-16) == text
+    assert format_leaderboard_percent(share) == format_leaderboard_percent(share - 1e-16) == text
 
 
 def test_the_shares_that_may_stand_the_other_way_round_say_so():

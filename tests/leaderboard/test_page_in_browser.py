@@ -14,9 +14,9 @@ from handmade_evaluations import make_evaluation, make_records
 from handmade_records import record
 
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.leaderboard import list_shown_columns, rank_methods
+from saf_gen.leaderboard import list_shown_leaderboard_columns, rank_methods
 from saf_gen.leaderboard.report import write_report
-from saf_gen.leaderboard.report.page_answers import choose_answers_for_page
+from saf_gen.leaderboard.report.page_answers import choose_answers_for_report
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)]
 
@@ -53,7 +53,7 @@ const told = () => page.querySelector("#answers [role=status]").textContent;
 def python_rows(keep=lambda record: True):
     """The leaderboard's lines for some of the records, as Python has them."""
     records = make_records()
-    shown = list_shown_columns(rank_methods(records))
+    shown = list_shown_leaderboard_columns(rank_methods(records))
     return [[c.format_value(row) for c in shown] for row in rank_methods([r for r in records if keep(r)])]
 
 
@@ -82,7 +82,7 @@ def test_the_page_loads_alone_and_its_policy_lets_its_script_run(ask):
       };
     """)
     assert answer["loaded"] == []
-    assert answer["sorts"] == len(list_shown_columns(rank_methods(make_records())))
+    assert answer["sorts"] == len(list_shown_leaderboard_columns(rank_methods(make_records())))
     assert answer["status"] == "4 of 4 methods, 12 of 12 sequences."
 
 
@@ -269,7 +269,7 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
 
 
 def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, tmp_path_factory, monkeypatch):
-    monkeypatch.setattr(choose_answers_for_page, "__kwdefaults__", {"most": 24})
+    monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"most": 24})
     monkeypatch.setattr("saf_gen.leaderboard.report.page_answers.WORST_OF_METHOD", 2)
     for module in ("page", "page_answers"):
         monkeypatch.setattr(f"saf_gen.leaderboard.report.{module}.MAX_ANSWERS", 3)
@@ -309,7 +309,7 @@ def crowded(tmp_path_factory):
     ]
     out = tmp_path_factory.mktemp("crowded")
     write_report(out, evaluation=Evaluation(tuple(records), (), ()), rows=rank_methods(records), title="crowded")
-    return out, [column.header for column in list_shown_columns(rank_methods(records))]
+    return out, [column.header for column in list_shown_leaderboard_columns(rank_methods(records))]
 
 
 COLUMNS = """

@@ -11,12 +11,12 @@ from markupsafe import escape
 from refusals import refusal
 
 from saf_gen.benchmark.results import Evaluation, SequenceFailure
-from saf_gen.leaderboard import list_shown_columns, rank_methods
+from saf_gen.leaderboard import list_shown_leaderboard_columns, rank_methods
 from saf_gen.leaderboard.axes import MAX_SHOWN_BINS
-from saf_gen.leaderboard.report import build_page, plot_report_figures, write_report
+from saf_gen.leaderboard.report import build_report_page, plot_report_figures, write_report
 from saf_gen.leaderboard.report.choose_figures import MAX_SEARCHES, MAX_SEQUENCES
-from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_page
-from saf_gen.leaderboard.report.selections import list_page_selections
+from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_report
+from saf_gen.leaderboard.report.selections import list_report_selections
 
 pytestmark = pytest.mark.slow
 
@@ -156,7 +156,7 @@ def test_the_page_tells_the_table_the_columns_the_failures_and_the_digests(whole
     text = whole[2]
     for row in rows:
         assert f'<td class="name"><a href="#answers">{row.method}</a></td>' in text
-    for column in list_shown_columns(rows):
+    for column in list_shown_leaderboard_columns(rows):
         assert column.header in text
         assert escape(column.meaning) in text
     assert "sha-camel-ramp" in text
@@ -278,11 +278,11 @@ def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
     shown = [p for p in drawn if p.kind == "light-ratio"]
     assert len(shown) == MAX_SEARCHES
     said = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure"
-    text = build_page(rank_methods(records), title="x", records=records, report_figures=drawn)
+    text = build_report_page(rank_methods(records), title="x", records=records, report_figures=drawn)
     assert text.count(said) == 1
     assert text.count("Drawn: 2 of the scene&#39;s 3 sequences.") == 1
     few = [r for r in records if r.method == "sd+s0"]
-    text = build_page(
+    text = build_report_page(
         rank_methods(few),
         title="x",
         records=few,
@@ -302,10 +302,10 @@ def test_ways_of_the_lens_come_in_the_leaderboards_order():
 def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(whole):
     """The rows of each table body are those of rank_methods on the records of the selection alone."""
     records, text = make_records(), whole[2]
-    shown = list_shown_columns(rank_methods(records))
+    shown = list_shown_leaderboard_columns(rank_methods(records))
     bodies, data = table_rows(text, 'id="board"'), page_data(text)
     names = re.findall(r'<option value="\d+">(.*?)</option>', text)
-    selections = list_page_selections(records)
+    selections = list_report_selections(records)
     assert names == ["all 12", *(selection.name for selection in selections)]
     assert len(data["selections"]) == len(selections) > 12
     everything = {"body": 0, "sequences": list(range(12))}
@@ -319,7 +319,7 @@ def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(whole):
 
 def test_selections_are_the_bins_of_what_differs():
     found = {}
-    for selection in list_page_selections(make_records()):
+    for selection in list_report_selections(make_records()):
         found.setdefault(selection.axis, {})[selection.name] = len(selection.sequences)
     assert found["Split"] == {"test": 8, "train": 4}
     assert found["Light schedule"] == {"constant": 3, "ramp": 6, "steps": 3}
@@ -331,7 +331,7 @@ def test_selections_are_the_bins_of_what_differs():
 def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
     records = [record("a+s", f"s{i}", 0.1 * i, scene=f"s{i}") for i in range(MAX_ANSWERS + 5)]
     records[7] = failed("a+s", "s7", "failed", scene="s7", note="<late>")
-    text = build_page(rank_methods(records), title="x", records=records)
+    text = build_report_page(rank_methods(records), title="x", records=records)
     (rows,) = table_rows(text, 'aria-label="Single answers"')
     assert len(rows) == MAX_ANSWERS
     assert rows[0] == ["a+s", "s7", "failed", "–", "0.5000", "–", "0.0", "8", "&lt;late&gt;"]
@@ -342,7 +342,7 @@ def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
 
 def test_the_script_has_the_answers_of_every_record_the_worst_first():
     records = make_records()
-    data = page_data(build_page(rank_methods(records), title="x", records=records))
+    data = page_data(build_report_page(rank_methods(records), title="x", records=records))
     assert len(data["answers"]) == len(records)
     sizes = []
     for method, sequence, status, _, _, error, _, line, note in data["answers"]:
@@ -364,7 +364,7 @@ def make_many(sequences, *, scenes=4):
 
 
 def test_of_many_answers_the_page_holds_the_worst_and_those_of_sequences_spread_evenly():
-    held = choose_answers_for_page(make_many(400), most=100)
+    held = choose_answers_for_report(make_many(400), most=100)
     assert (held.compared, held.total, held.are_all) == (50, 400, False)
     assert held.sequences[:50] == tuple(f"s{8 * i}" for i in range(50))
     answers = {(r.method, r.sequence) for _, r in held.lines}
@@ -372,19 +372,19 @@ def test_of_many_answers_the_page_holds_the_worst_and_those_of_sequences_spread_
     assert all((method, name) in answers for name in held.sequences[:50] for method in ("a+s", "b+s"))
     sizes = [abs(r.error_dof) for _, r in held.lines]
     assert sizes == sorted(sizes, reverse=True)
-    assert choose_answers_for_page(make_many(50), most=100).are_all
+    assert choose_answers_for_report(make_many(50), most=100).are_all
 
 
 def test_neither_page_nor_figures_grow_with_the_sequences(monkeypatch):
     """Three times as many: the page may grow by digits of numbers, a fiftieth."""
     monkeypatch.setattr("saf_gen.leaderboard.figures.error_figure.MAX_MARKS", 100)
-    monkeypatch.setattr(choose_answers_for_page, "__kwdefaults__", {"most": 200})
+    monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"most": 200})
     sizes, svgs = [], []
     for count in (600, 1_800):
         records = make_many(count)
         rows = rank_methods(records)
         drawn = plot_report_figures(Evaluation(tuple(records), (), ()), rows)
-        sizes.append(len(build_page(rows, title="x", records=records, report_figures=drawn)))
+        sizes.append(len(build_report_page(rows, title="x", records=records, report_figures=drawn)))
         svgs.append(max(len(figure.svg) for figure in drawn))
     assert sizes[1] < 1.02 * sizes[0], sizes
     assert svgs[1] < 1.02 * svgs[0], svgs
@@ -395,8 +395,8 @@ def test_of_many_scenes_the_largest_have_columns_figures_and_selections(monkeypa
     records = make_many(120, scenes=60)
     rows = rank_methods(records)
     drawn = plot_report_figures(Evaluation(tuple(records), (make_sweep(scene="scene59"),), ()), rows)
-    text = build_page(rows, title="x", records=records, report_figures=drawn)
-    assert len([s for s in list_page_selections(records) if s.axis == "Scene"]) == MAX_SHOWN_BINS
+    text = build_report_page(rows, title="x", records=records, report_figures=drawn)
+    assert len([s for s in list_report_selections(records) if s.axis == "Scene"]) == MAX_SHOWN_BINS
     assert f"Here are {MAX_SHOWN_BINS} of 60, those of most sequences; axes.csv has all." in text
     errors = [figure for figure in drawn if figure.kind == "errors"]
     assert len(errors) == 3
@@ -406,7 +406,7 @@ def test_of_many_scenes_the_largest_have_columns_figures_and_selections(monkeypa
 
 def test_of_many_failures_the_page_names_some_and_counts_the_rest():
     failures = [SequenceFailure(f"bad{i}", "truncated") for i in range(120)]
-    text = build_page((), title="x", records=(), failures=failures)
+    text = build_report_page((), title="x", records=(), failures=failures)
     assert text.count("truncated") == 100
     assert "and 20 more" in text
 
@@ -464,7 +464,7 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
 
 def test_a_page_without_truth_says_that_nothing_ranks():
     records = [record("a+s", "x", None)]
-    text = build_page(rank_methods(records), title="blind", records=records)
+    text = build_report_page(rank_methods(records), title="blind", records=records)
     assert "nothing is ranked" in text
     assert not re.search(r"\bnan\b", text.split("<script>")[0], re.IGNORECASE)
 
@@ -513,13 +513,13 @@ def test_text_and_lines_stand_out_in_both_schemes(scheme):
 def test_the_lead_and_the_table_say_the_same_fraction():
     """Five of eight scenes: 62.5 %."""
     records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
-    text = build_page(rank_methods(records), title="x", records=records)
+    text = build_report_page(rank_methods(records), title="x", records=records)
     assert '<p class="lead"><code>m+s</code> leads: within one depth of focus on 63% of the scenes' in text
     assert table_rows(text, 'id="board"')[0][0].count("63%") >= 1
 
 
 def test_a_page_whose_methods_lead_together_names_four():
     records = [record(f"m{i}+s", "x", 0.0) for i in range(6)]
-    text = build_page(rank_methods(records), title="x", records=records)
+    text = build_report_page(rank_methods(records), title="x", records=records)
     lead = re.sub("<.*?>", "", text.split('<p class="lead">')[1].split("</p>")[0])
     assert lead.startswith("m0+s, m1+s, m2+s, m3+s and 2 more lead together: within one depth of focus on 100%")

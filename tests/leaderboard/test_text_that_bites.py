@@ -14,7 +14,7 @@ from rich.text import Text
 from saf_gen.benchmark.results import Evaluation, SequenceFailure
 from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import err, out, print_error
-from saf_gen.core.plain_text import escape_markdown, escape_names
+from saf_gen.core.plain_text import escape_all_text, escape_markdown
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
@@ -110,11 +110,11 @@ def test_markdown_shows_names_as_they_are():
 
 def test_names_of_a_whole_evaluation_are_escaped_for_page_and_figures():
     plain = Evaluation((record("sd+argmax", "s", 0.1),), (), ())
-    assert escape_names(plain) is plain
+    assert escape_all_text(plain) is plain
     nasty = Evaluation(
         (record("a\x1b[2J", "s\n", 0.1, note="\u202e", trace=(1.0, 2.0)),), (), (SequenceFailure("x", "\x07"),)
     )
-    shown = escape_names(nasty)
+    shown = escape_all_text(nasty)
     assert (shown.records[0].method, shown.records[0].sequence, shown.records[0].note) == (
         r"a\x1b[2J",
         r"s\n",

@@ -14,7 +14,7 @@ from saf_gen.benchmark.tuned_method import TunedMethod, TuningTrial, format_tune
 from saf_gen.cli import main
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation_report
-from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_parameter_grid, tune_method
+from saf_gen.leaderboard.tuning import MAX_COMBINATIONS, expand_tuning_grid, tune_method
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +26,12 @@ def dataset(tmp_path_factory):
 
 
 def test_variants_are_every_combination_beside_the_options_that_stay():
-    assert expand_parameter_grid("cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}) == [
+    assert expand_tuning_grid("cen:highest=0.1+argmax:window=50", {"search.refine": ["parabola", "no"]}) == [
         "cen:highest=0.1+argmax:window=50,refine=parabola",
         "cen:highest=0.1+argmax:window=50,refine=no",
     ]
     values = {"measure.highest": ["0.1", "0.2"], "search.window": ["50", "100", "200"]}
-    found = expand_parameter_grid("cen+argmax", values)
+    found = expand_tuning_grid("cen+argmax", values)
     assert len(set(found)) == 6
     assert found[1] == "cen:highest=0.1+argmax:window=100"
 
@@ -51,7 +51,7 @@ def test_variants_are_every_combination_beside_the_options_that_stay():
     ],
 )
 def test_what_cannot_be_tried_is_refused(values, field, fragment):
-    assert fragment in getattr(refusal(expand_parameter_grid, "sd+argmax", values), field)
+    assert fragment in getattr(refusal(expand_tuning_grid, "sd+argmax", values), field)
 
 
 def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
@@ -99,7 +99,7 @@ def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
     path = tmp_path / "found.json"
     first, _ = tune_method(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     path.write_text(format_tuned_method(first))
-    assert expand_parameter_grid(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
+    assert expand_tuning_grid(f"@{path}", {"search.window": ["50"], "search.refine": ["parabola"]}) == [
         "sd+argmax:window=50,refine=parabola"
     ]
     tuned, _ = tune_method(dataset, f"@{path}", values={"search.refine": ["parabola", "no"]})
@@ -112,7 +112,7 @@ def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
 def test_constants_of_ones_own_part_are_found_too(tmp_path):
     path = tmp_path / "parts_of_tune.py"
     path.write_text(PARTS)
-    assert expand_parameter_grid(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
+    assert expand_tuning_grid(f"{path}:Range+argmax", {"measure.power": ["1", "2"]}) == [
         f"{path}:Range:power=1+argmax",
         f"{path}:Range:power=2+argmax",
     ]
@@ -183,7 +183,7 @@ def test_the_command_line_tunes_and_says_what_is_next(dataset, tmp_path, capsys)
 
 @pytest.mark.parametrize("method", ["sd+argmax@frame", "sd+argmax:window=50@frame"])
 def test_a_method_keeps_its_region(method):
-    assert expand_parameter_grid(method, {"search.window": ["100", "200"]}) == [
+    assert expand_tuning_grid(method, {"search.window": ["100", "200"]}) == [
         "sd+argmax:window=100@frame",
         "sd+argmax:window=200@frame",
     ]

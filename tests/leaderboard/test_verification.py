@@ -9,10 +9,10 @@ import pytest
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
 from refusals import refusal
 
-from saf_gen.benchmark.records import RECORDS_FILE, read_records, record_to_json
+from saf_gen.benchmark.records import RECORDS_FILE, benchmark_record_to_json, read_records
 from saf_gen.core.config.json_document import format_checked_json
 from saf_gen.leaderboard.reading import read_leaderboard
-from saf_gen.leaderboard.rerun import verify_evaluation
+from saf_gen.leaderboard.rerun import verify_leaderboard_rows
 from saf_gen.stream.stream_writer import write_stream
 
 MEASURE = """
@@ -61,7 +61,7 @@ def evaluation(call, dataset, tmp_path):
 
 def forge(folder, row, *, sequences=("leaf",), **changes):
     """Change records of a row, with checksums that fit."""
-    lines = [record_to_json(record) for record in read_records(folder)]
+    lines = [benchmark_record_to_json(record) for record in read_records(folder)]
     for line in lines:
         line.update(changes if line["method"] == row and line["sequence"] in sequences else {})
     (folder / RECORDS_FILE).write_text("".join(format_checked_json(line) + "\n" for line in lines))
@@ -150,7 +150,7 @@ def test_a_sequence_that_is_not_there_differs(evaluation, dataset, tmp_path):
     (part / "test").mkdir(parents=True)
     (part / "test/board.h5").write_bytes((dataset / "test/board.h5").read_bytes())
     (part / "manifest.json").write_text(json.dumps(manifest))
-    verdicts = {v.method: v for v in verify_evaluation(evaluation, part).verdicts}
+    verdicts = {v.method: v for v in verify_leaderboard_rows(evaluation, part).verdicts}
     assert verdicts["sd+argmax"].reason == "leaf is not in the dataset (1 of 2 sequences differ)"
 
 

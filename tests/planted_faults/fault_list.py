@@ -188,9 +188,9 @@ FAULTS = {
         "The light of a readout is that of its first instant, not its mean.",
         (
             Change(
-                "lights._schedule",
+                "plugins.lights._schedule",
                 "gains = np.diff(integral) * readout_hz",
-                "after = registry.sample_plugin(\n"
+                "after = registry.sample_registered_function(\n"
                 "        light, light.integral, seconds=edges[:-1] + 1e-3 / readout_hz, duration_s=edges[-1]\n"
                 "    )\n"
                 "    gains = (after - integral[:-1]) * readout_hz * 1e3",

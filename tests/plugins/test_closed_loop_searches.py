@@ -12,7 +12,7 @@ from refusals import refusal
 from saf_gen import get_search
 from saf_gen.benchmark import method_spec
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.core.config.source_digest import plugin_source_digests
+from saf_gen.core.config.source_digest import class_source_digests
 
 RATIO = (math.sqrt(5) - 1) / 2
 PROMISES = {
@@ -249,7 +249,7 @@ def test_a_measure_that_a_search_looks_through_is_checked_and_counted_beforehand
     assert "tenengrad" in str(error)
     read = []
     monkeypatch.setattr(
-        method_spec, "plugin_source_digests", lambda classes: read.extend(plugin_source_digests(classes)) or read
+        method_spec, "class_source_digests", lambda classes: read.extend(class_source_digests(classes)) or read
     )
     parse_method("sd_code+coarse_to_fine:far=brenner_n_tfi")
     files = {Path(name).stem for name, _ in read}

@@ -55,7 +55,7 @@ def test_threads_that_wait_for_work_sleep():
     """What OpenMP itself says, in a process of its own; numba may have another kind of threads."""
     code = (
         "import numba, numpy, saf_gen.render.shading_kernels as kernels\n"
-        "kernels.cell_keys(numpy.ones(9, 'u4'), *numpy.ones((5, 9), 'f4'))\n"
+        "kernels.keys_of_shading_cells(numpy.ones(9, 'u4'), *numpy.ones((5, 9), 'f4'))\n"
         "print(numba.threading_layer())"
     )
     environment = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"} | {"OMP_DISPLAY_ENV": "TRUE"}

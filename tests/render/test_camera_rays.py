@@ -28,7 +28,7 @@ def cast(setup, *, samples):
     focus = np.linspace(0, 1, 3)
     pixels, paths = [], []
     for rays in camera_rays.cast_camera_rays(setup, focus, samples=samples, seed=1):
-        landed = camera_rays.land_on_sensor(rays, setup, focus=focus, seed=1)
+        landed = camera_rays.land_rays_on_sensor(rays, setup, focus=focus, seed=1)
         pixels.append(rays.pixel.numpy())
         paths.append(landed.to_host())
     return np.concatenate(pixels), [

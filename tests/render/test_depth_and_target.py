@@ -45,7 +45,7 @@ def same(one, other):
 
 
 def at(setup, position):
-    return depth_and_target.trace_at(setup, ("glow",), position=position)
+    return depth_and_target.trace_depth_at(setup, ("glow",), position=position)
 
 
 @pytest.mark.parametrize("aside", [0.82, 0.9, 0.96])
@@ -93,13 +93,13 @@ def test_a_moment_at_which_it_has_left_the_frame_has_an_empty_mask(patch, drive,
 @pytest.mark.parametrize("passing", [False, True])
 def test_a_target_in_sight_over_the_whole_travel_is_traced_twice(patch, passing, monkeypatch):
     """At the middle of the travel and where it is in focus: the mask is that of the second."""
-    setup, positions, trace_at = patch(MACRO, 0.5, 0.3, 0.5), [], depth_and_target.trace_at
+    setup, positions, trace_at = patch(MACRO, 0.5, 0.3, 0.5), [], depth_and_target.trace_depth_at
 
     def counted(setup, shapes, *, position, **rays):
         positions.append(position)
         return trace_at(setup, shapes, position=position, **rays)
 
-    monkeypatch.setattr(depth_and_target, "trace_at", counted)
+    monkeypatch.setattr(depth_and_target, "trace_depth_at", counted)
     seen = depth_and_target.trace_depth_and_target(setup, ("glow",), allow_unseen_target=passing)
     assert positions == [0.5, pytest.approx(float(MACRO.best_position(0.5)), abs=1e-5)]
     assert same(seen, trace_at(setup, ("glow",), position=positions[1]))

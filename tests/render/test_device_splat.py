@@ -189,11 +189,11 @@ def test_a_rendered_stack_is_that_of_the_cores(test_scenes, monkeypatch, drive):
 
 @needs_llvm
 def test_the_cores_splat_what_they_traced_and_a_card_what_it_traced(llvm, monkeypatch):
-    assert one_pass.choose_accumulator(None) is HostAccumulator
-    assert one_pass.choose_accumulator(True) is DeviceAccumulator
+    assert one_pass.choose_splat_accumulator(None) is HostAccumulator
+    assert one_pass.choose_splat_accumulator(True) is DeviceAccumulator
     monkeypatch.setattr(dr, "backend_v", lambda _: dr.JitBackend.CUDA)
-    assert one_pass.choose_accumulator(None) is DeviceAccumulator
-    assert one_pass.choose_accumulator(False) is HostAccumulator
+    assert one_pass.choose_splat_accumulator(None) is DeviceAccumulator
+    assert one_pass.choose_splat_accumulator(False) is HostAccumulator
 
 
 @pytest.mark.gpu

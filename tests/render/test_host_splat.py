@@ -27,7 +27,7 @@ def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=N
 def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
     arrays = paths(5, 3000, shape)
     window = windows(8, 3000, shape) if windowed else ()
-    sums = host_splat.allocate_path_accumulators(2, shape)
+    sums = host_splat.allocate_splat_accumulators(2, shape)
     assert host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9, *window) == 0
     total, count = one_by_one(*arrays, shape, *window)
     seen = count > 0
@@ -40,7 +40,10 @@ def test_a_window_of_all_positions_changes_no_bit():
     shape = (17, 9, 13)
     arrays = paths(6, 5000, shape)
     whole = np.zeros(5000, dtype=np.int32), np.full(5000, 17, dtype=np.int32)
-    plain, windowed = (host_splat.allocate_path_accumulators(2, shape), host_splat.allocate_path_accumulators(2, shape))
+    plain, windowed = (
+        host_splat.allocate_splat_accumulators(2, shape),
+        host_splat.allocate_splat_accumulators(2, shape),
+    )
     host_splat.splat_paths(plain, *arrays, 2.0**30, 1e9)
     host_splat.splat_paths(windowed, *arrays, 2.0**30, 1e9, *whole)
     assert np.array_equal(plain, windowed)
@@ -51,7 +54,7 @@ def test_the_number_of_workers_changes_no_bit():
     arrays = paths(6, 5000, shape)
     stacks = []
     for workers in (1, 2, 5):
-        sums = host_splat.allocate_path_accumulators(workers, shape)
+        sums = host_splat.allocate_splat_accumulators(workers, shape)
         host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9)
         stacks.append(host_splat.mean_radiance_of_paths(sums, 2.0**30))
     assert np.array_equal(stacks[0], stacks[1])
@@ -60,14 +63,14 @@ def test_the_number_of_workers_changes_no_bit():
 
 def test_a_path_that_stays_in_its_pixel_is_seen_at_every_position():
     one = np.ones(1, dtype=np.float32)
-    sums = host_splat.allocate_path_accumulators(1, (9, 3, 3))
+    sums = host_splat.allocate_splat_accumulators(1, (9, 3, 3))
     host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, 0.25 * one, 2.0**30, 1e9)
     assert host_splat.mean_radiance_of_paths(sums, 2.0**30)[:, 1, 1] == pytest.approx(0.25)
 
 
 def test_fireflies_are_clipped_and_counted():
     one = np.ones(3, dtype=np.float32)
-    sums = host_splat.allocate_path_accumulators(1, (2, 3, 3))
+    sums = host_splat.allocate_splat_accumulators(1, (2, 3, 3))
     value = np.array([1, 2, 500], dtype=np.float32)
     assert host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, value, 2.0**20, 100.0) == 1
     assert host_splat.mean_radiance_of_paths(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)
@@ -81,7 +84,7 @@ def test_a_weight_counts_a_path_as_often(windowed):
     window = windows(9, count, shape) if windowed else (None, None)
     weight = np.random.default_rng(3).integers(0, 5, count).astype(np.uint32)
     often = np.repeat(np.arange(count), weight)
-    weighted, one_by_one = (host_splat.allocate_path_accumulators(2, shape) for _ in range(2))
+    weighted, one_by_one = (host_splat.allocate_splat_accumulators(2, shape) for _ in range(2))
     clipped = host_splat.splat_paths(weighted, *arrays, 2.0**30, 0.9, *window, weight)
     repeated = [None if array is None else array[often] for array in (*arrays, *window)]
     host_splat.splat_paths(one_by_one, *repeated[:5], 2.0**30, 0.9, *repeated[5:])
@@ -94,7 +97,7 @@ def test_a_weight_of_one_changes_no_bit_and_of_zero_leaves_nothing():
     arrays = paths(6, 5000, shape)
     found = []
     for weight in (None, np.ones(5000, dtype=np.uint32), np.zeros(5000, dtype=np.uint32)):
-        sums = host_splat.allocate_path_accumulators(2, shape)
+        sums = host_splat.allocate_splat_accumulators(2, shape)
         clipped = host_splat.splat_paths(sums, *arrays, 2.0**30, 0.9, None, None, weight)
         found.append((sums, clipped))
     assert np.array_equal(found[0][0], found[1][0])
@@ -106,6 +109,6 @@ def test_a_weight_of_one_changes_no_bit_and_of_zero_leaves_nothing():
 def test_stacks_that_share_the_memory_have_fewer_workers():
     shape = (129, 250, 400)
     room = host_splat.ACCUMULATOR_BYTES // (8 * 129 * 250 * 400)
-    assert len(host_splat.allocate_path_accumulators(64, shape)) == room
-    assert len(host_splat.allocate_path_accumulators(64, shape, stacks=3)) == room // 3
-    assert len(host_splat.allocate_path_accumulators(64, shape, stacks=1000)) == 1
+    assert len(host_splat.allocate_splat_accumulators(64, shape)) == room
+    assert len(host_splat.allocate_splat_accumulators(64, shape, stacks=3)) == room // 3
+    assert len(host_splat.allocate_splat_accumulators(64, shape, stacks=1000)) == 1

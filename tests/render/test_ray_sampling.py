@@ -88,7 +88,7 @@ def test_a_path_counts_at_the_positions_that_have_it_in_the_aperture():
     step[:, :400] *= 1e-6  # hardly move
     step[:, 400:500] = 0
     line = mi.Point2f(first), mi.Vector2f(step)
-    begin, end = camera_rays.positions_through_aperture(*line, radius=radius, positions=33)
+    begin, end = camera_rays.ray_positions_through_aperture(*line, radius=radius, positions=33)
     dr.eval(begin, end)
     k = np.arange(33)[:, None]
     counts = (np.array(begin) <= k) & (k < np.array(end))

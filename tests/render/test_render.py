@@ -65,7 +65,7 @@ def test_one_pass_agrees_with_mitsubas_thin_lens(plane, drive):
 def test_every_position_gets_the_samples_asked_for(plane, drive):
     """On the sensor and within the aperture: 50 per pixel, fewer only as the image grows (v²). Within 1 %."""
     setup, landed = load_setup(plane, drive=drive), np.zeros(5)
-    for _, band in one_pass.trace_paths(setup, np.linspace(0, 1, 5), samples=50, seed=1):
+    for _, band in one_pass.trace_light_paths(setup, np.linspace(0, 1, 5), samples=50, seed=1):
         paths = band.to_host()
         for k in range(5):
             x, y = paths.first_x + k * paths.step_x, paths.first_y + k * paths.step_y

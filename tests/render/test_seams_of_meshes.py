@@ -60,7 +60,7 @@ def test_a_turned_box_has_no_hole_where_seams_lie_on_pixel_centres(every_backend
     scene, integrator = load_box(squares, mi.ScalarTransform4f().rotate([0, 0, 1], turned))
     grid = SensorGrid(rows=256, columns=256, pitch_m=5e-6)
     setup = RenderSetup(scene, integrator, mi.ScalarTransform4f(), DRIVE, grid)
-    depth = depth_and_target.trace_at(setup, ("wall",), position=POSITION).depth
+    depth = depth_and_target.trace_depth_at(setup, ("wall",), position=POSITION).depth
     places = (np.arange(256) - 127.5) * grid.pitch_m / float(DRIVE.image_distance(POSITION))
     slope_x, slope_y = np.meshgrid(places, places)
     angle = np.radians(turned)
@@ -93,7 +93,7 @@ def test_a_slope_has_the_depth_of_its_pixel_centres(every_backend):
     scene, integrator = mitsuba_scene.load_lit_mitsuba_scene(described, ("sky",), max_depth=2)
     grid = SensorGrid(rows=64, columns=96, pitch_m=20e-6)
     setup = RenderSetup(scene, integrator, mi.ScalarTransform4f(), DRIVE, grid)
-    seen = depth_and_target.trace_at(setup, ("plane",), position=POSITION)
+    seen = depth_and_target.trace_depth_at(setup, ("plane",), position=POSITION)
     normal = np.array(turn.matrix)[:3, 2]
     v = float(DRIVE.image_distance(POSITION))
     # Mitsuba's camera looks along +z with +x to the left, and rows go down: slopes fall with column and row.

@@ -9,7 +9,7 @@ from written_scenes import SENSOR_GRID, VARIANT, dispersion, needs_llvm
 from saf_gen.render import render_missing_stacks
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
-from saf_gen.stack.time_resolved import moments_that_tell_shading
+from saf_gen.stack.time_resolved import moments_that_shade_stack_slices
 
 pytestmark = needs_llvm
 
@@ -55,6 +55,6 @@ def test_a_still_scene_shows_no_beat_with_its_slices(slices, estimator):
     Noise that two slices do not share averages out half way: of camera rays of their own, 0.65 % of SD in plain slices
     and 0.09 % in filtered ones. The one moment of nine that these do not share leaves 0.004 %.
     """
-    found = slices(estimator, moments_that_tell_shading(TIMES))
+    found = slices(estimator, moments_that_shade_stack_slices(TIMES))
     at, half_way = dispersion(found), dispersion((found[1:] + found[:-1]) / 2)
     assert half_way == pytest.approx((at[1:] + at[:-1]) / 2, rel=3e-4)

@@ -13,7 +13,7 @@ from saf_gen.plugins.lights import RESERVED_GROUP_NAMES, split_schedule_by_light
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.scene import library
 from saf_gen.scene.scene_folder import find_scene, scene_names
-from saf_gen.scene.trusted_folders import forget_folder, register_folder
+from saf_gen.scene.trusted_folders import forget_scene_folder, register_scene_folder
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
 
@@ -184,14 +184,14 @@ def test_a_library_module_is_the_file_that_the_script_imports(plane, module):
     script.write_text(f"import letters\nassert letters.__name__ == 'letters'\n{script.read_text()}")
     (plane / "letters.py").write_bytes(library.MODULES[module].read_bytes())
     own = find_scene("plane")
-    described = set(mitsuba_scene.build_scene_dict(own))
+    described = set(mitsuba_scene.build_mitsuba_scene_dict(own))
     card = plane / "scene.yaml"
     card.write_text(f"{card.read_text()}\nlibrary: {{letters: {module}}}\n")
     assert "'letters'" in refusal(find_scene, "plane").problem  # which of the two?
     (plane / "letters.py").unlink()
     shared = find_scene("plane")
     assert shared.digest == own.digest
-    assert set(mitsuba_scene.build_scene_dict(shared)) == described
+    assert set(mitsuba_scene.build_mitsuba_scene_dict(shared)) == described
 
 
 def test_an_unknown_library_module_is_told_with_its_line(edited):
@@ -365,8 +365,8 @@ def test_a_folders_own_scene_shadows_one_that_comes_with_it_only_where_it_is_reg
     own = tmp_path / "scenes/camel"
     shutil.copytree(shipped, own)
     assert find_scene("camel").folder == shipped
-    register_folder(own.parent)
+    register_scene_folder(own.parent)
     assert find_scene("camel").folder == own
-    forget_folder(own.parent)
+    forget_scene_folder(own.parent)
     monkeypatch.setenv("SAF_GEN_SCENES", str(own.parent))
     assert find_scene("camel").folder == own

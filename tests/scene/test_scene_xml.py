@@ -13,7 +13,7 @@ from small_dataset import SCENES
 from saf_gen.render import backend, depth_and_target, mitsuba_scene, posed_shapes, xml_scene
 from saf_gen.render.render_setup import RenderSetup, SensorGrid
 from saf_gen.scene.scene_folder import find_scene, load_scene_folder, scene_names
-from saf_gen.scene.trusted_folders import forget_folder, register_folder
+from saf_gen.scene.trusted_folders import forget_scene_folder, register_scene_folder
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
 
 HEAD = '<scene version="3.0.0">'
@@ -59,9 +59,9 @@ def test_the_exported_folder_is_what_its_script_makes(tmp_path):
 def seen_of(scene, group):
     backend.activate_render_backend("scalar")
     loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
-        mitsuba_scene.build_scene_dict(scene), scene.card.lights[group], max_depth=3
+        mitsuba_scene.build_mitsuba_scene_dict(scene), scene.card.lights[group], max_depth=3
     )
-    to_world, unit = mitsuba_scene.camera_to_world(scene), scene.card.unit_m
+    to_world, unit = mitsuba_scene.mitsuba_camera_to_world(scene), scene.card.unit_m
     setup = RenderSetup(loaded, integrator, to_world, scene.build_drive(), SensorGrid(40, 64, 1.25e-4), unit)
     return loaded, depth_and_target.trace_depth_and_target(setup, scene.card.target)
 
@@ -96,9 +96,9 @@ def test_the_card_says_how_large_a_unit_is(exported):
     backend.activate_render_backend("scalar")
     scene = load_scene_folder(scene.folder)
     loaded, _ = mitsuba_scene.load_lit_mitsuba_scene(
-        mitsuba_scene.build_scene_dict(scene), scene.card.lights["lamp"], max_depth=3
+        mitsuba_scene.build_mitsuba_scene_dict(scene), scene.card.lights["lamp"], max_depth=3
     )
-    camera = np.array(mitsuba_scene.camera_to_world(scene).matrix)
+    camera = np.array(mitsuba_scene.mitsuba_camera_to_world(scene).matrix)
     assert camera[:3, 3] == pytest.approx([0, 0.2, 0.55])
     assert loaded.bbox().max[0] == pytest.approx(0.6)
 
@@ -110,10 +110,10 @@ def test_a_shape_of_a_file_moves_by_its_name(exported):
         name="scene.yaml",
     )
     backend.activate_render_backend("scalar")
-    described = mitsuba_scene.build_scene_dict(scene)
+    described = mitsuba_scene.build_mitsuba_scene_dict(scene)
     depths = []
     for time_s in (0.0, 0.5):
-        moment = posed_shapes.pose_shapes(
+        moment = posed_shapes.pose_rendered_shapes(
             described, mitsuba_scene.mitsuba_shape_motions(scene, described), time_s=time_s
         )
         hit = mi.load_dict({"type": "scene", "it": moment["mesh-Crate.001"], "mat-Print": moment["mat-Print"]})
@@ -167,7 +167,7 @@ def test_parameters_of_the_card_are_those_of_the_file(exported):
     text = read_scene_xml(scene.folder / "scene.xml", scene.params).text
     assert f'value="{scene.params["red"]} 0.1 0.1"' in text
     card.write_text(card.read_text().replace("red:", "rad:"))
-    error = refusal(lambda: mitsuba_scene.build_scene_dict(load_scene_folder(scene.folder)))
+    error = refusal(lambda: mitsuba_scene.build_mitsuba_scene_dict(load_scene_folder(scene.folder)))
     assert error.where == str(card)
     assert (error.allowed, error.nearest) == ("red, resx, resy, spp", "red")
 
@@ -385,7 +385,7 @@ def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
     file = scene.folder / name
     file.write_bytes(file.read_bytes()[:kept])
     backend.activate_render_backend("scalar")
-    described = mitsuba_scene.build_scene_dict(scene)
+    described = mitsuba_scene.build_mitsuba_scene_dict(scene)
     assert file.name in refusal(mitsuba_scene.load_lit_mitsuba_scene, described, ("World",), max_depth=3).problem
 
 
@@ -419,7 +419,7 @@ def test_a_script_elsewhere_is_not_run(scripted, tmp_path, monkeypatch):
 def test_a_script_in_a_folder_that_the_user_named_is_run(scripted, tmp_path, monkeypatch):
     monkeypatch.setenv("SAF_GEN_SCENES", str(scripted.parent))
     backend.activate_render_backend("scalar")
-    mitsuba_scene.build_scene_dict(load_scene_folder(scripted))
+    mitsuba_scene.build_mitsuba_scene_dict(load_scene_folder(scripted))
     assert (tmp_path / "ran").exists()
 
 
@@ -432,12 +432,12 @@ def test_scenes_of_the_working_directory_are_found_once_it_is_registered(scripte
     assert error.hint == f"read its code, and if you trust it: saf-gen init {here}"
     assert "plane" not in scene_names()
     assert refusal(load_scene_folder, here / "scenes/plane").hint == error.hint
-    register_folder(Path("scenes"))
+    register_scene_folder(Path("scenes"))
     assert find_scene("plane").folder == here / "scenes/plane"
     monkeypatch.chdir("/")  # elsewhere it has no name, and is still trusted
     assert "unknown scene 'plane'" in refusal(find_scene, "plane").problem
     assert load_scene_folder(here / "scenes/plane").id == "plane"
-    forget_folder(here / "scenes")
+    forget_scene_folder(here / "scenes")
     assert "is code" in refusal(load_scene_folder, here / "scenes/plane").problem
     assert not (tmp_path / "ran").exists()
 

@@ -12,13 +12,13 @@ from refusals import refusal
 import saf_gen
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequence_tasks
+from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_method_view
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics.actuators import get_actuator
-from saf_gen.plugins.motions import lens_motion_at_readouts
+from saf_gen.plugins.motions import motion_positions_at_readouts
 from saf_gen.stack.capture import Capture
 
 pytestmark = pytest.mark.slow
@@ -35,7 +35,7 @@ def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
         capture = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        position = lens_motion_at_readouts(motion, capture.frames, readout_hz=stream.readout_hz)
+        position = motion_positions_at_readouts(motion, capture.frames, readout_hz=stream.readout_hz)
         frames = CapturedFrames(
             capture, capture.open_charge_source(rows_in_method_view(capture, region)), region=region
         )
@@ -127,7 +127,7 @@ def test_slices_of_its_own_are_captured_from_the_beginning(tmp_path, monkeypatch
         assert [spec.rendered_count for spec in capture.plane_source.time_stack.specs] == [9] * 6
         frames = CapturedFrames(capture, capture.open_charge_source(), region=region)
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
-        frames.encode_until(400, lens_motion_at_readouts(motion, 800, readout_hz=stream.readout_hz))
+        frames.encode_until(400, motion_positions_at_readouts(motion, 800, readout_hz=stream.readout_hz))
         # The same light, through other paths: as many spikes, not the same ones.
         assert frames.window(0, 400).mean() == pytest.approx(stream.counts(0, 400, region=region).mean(), rel=0.01)
         assert ClosedLoopProtocol(get_actuator("voice_coil")).count_frames(capture)[0] == 400
@@ -135,7 +135,7 @@ def test_slices_of_its_own_are_captured_from_the_beginning(tmp_path, monkeypatch
         error = refusal(too_long.count_frames, capture)
         assert "30 ms" in error.problem
         assert error.allowed.startswith("0.8 to 20 ms")
-        (task,) = list_sequence_tasks(folder)
+        (task,) = list_sequences_to_evaluate(folder)
         setting = ClosedLoopSequence.from_stream(task, stream, region="target")
         assert setting.data != stream.content_sha256
         note = next((folder / "stacks" / capture.plane_source.time_stack.specs[0].key).glob("lamp.json"))
@@ -164,7 +164,7 @@ def test_windows_and_intervals_are_those_of_a_recording(dataset):
         capture = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
         frames = CapturedFrames(capture, capture.open_charge_source(), region=(slice(0, 40), slice(0, 64)))
-        frames.encode_until(800, lens_motion_at_readouts(motion, capture.frames, readout_hz=stream.readout_hz))
+        frames.encode_until(800, motion_positions_at_readouts(motion, capture.frames, readout_hz=stream.readout_hz))
         counts = WindowCounts(stream)
         for first, last in ((0, 800), (3, 61)):
             assert np.array_equal(frames.window(first, last), counts.window(first, last))

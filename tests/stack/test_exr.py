@@ -10,14 +10,14 @@ from refusals import refusal
 
 from saf_gen.errors import BadInput
 from saf_gen.stack import exr_parts
-from saf_gen.stack.exr import read_planes, write_plane_blocks, write_planes
+from saf_gen.stack.exr import read_stack_planes, write_stack_plane_blocks, write_stack_planes
 
 
 def test_planes_and_attributes_come_back_bit_for_bit(tmp_path):
     random = np.random.default_rng(0)
     planes = {f"focus.{k:04d}": random.random((5, 7), dtype=np.float32) for k in range(12)}
-    write_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
-    back, attributes = read_planes(tmp_path / "a.exr")
+    write_stack_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
+    back, attributes = read_stack_planes(tmp_path / "a.exr")
     assert set(back) == set(planes)
     assert all(np.array_equal(back[name], planes[name]) for name in planes)
     assert attributes["unit"] == "m"
@@ -27,36 +27,36 @@ def test_half_floats_come_back_as_they_went(tmp_path):
     random = np.random.default_rng(0)
     planes = {name: random.random((5, 7)).astype(np.float16) for name in ("b", "a", "c")}
     planes["depth"] = random.random((5, 7), dtype=np.float32)  # of two bytes and of four, in one file
-    write_planes(tmp_path / "a.exr", planes, attributes={})
-    back, _ = read_planes(tmp_path / "a.exr")
+    write_stack_planes(tmp_path / "a.exr", planes, attributes={})
+    back, _ = read_stack_planes(tmp_path / "a.exr")
     assert {name: plane.dtype for name, plane in back.items()} == {n: p.dtype for n, p in planes.items()}
     assert all(np.array_equal(back[name], planes[name]) for name in planes)
 
 
 def test_what_is_read_is_what_openexr_reads(tmp_path):
     planes = {f"focus.{k:04d}": np.arange(35, dtype=np.float16).reshape(5, 7) + k for k in (9, 10, 8)}
-    write_planes(tmp_path / "a.exr", planes, attributes={})
+    write_stack_planes(tmp_path / "a.exr", planes, attributes={})
     theirs = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
-    ours, _ = read_planes(tmp_path / "a.exr")
+    ours, _ = read_stack_planes(tmp_path / "a.exr")
     assert set(ours) == set(theirs)
     assert all(np.array_equal(ours[name], theirs[name].pixels) for name in theirs)
 
 
 def test_some_planes_of_many(tmp_path):
     planes = {f"focus.{k:04d}": np.full((5, 7), k, np.float32) for k in range(12)}
-    write_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
-    back, attributes = read_planes(tmp_path / "a.exr", ["focus.0010", "focus.0003"])
+    write_stack_planes(tmp_path / "a.exr", planes, attributes={"unit": "m"})
+    back, attributes = read_stack_planes(tmp_path / "a.exr", ["focus.0010", "focus.0003"])
     assert list(back) == ["focus.0010", "focus.0003"]
     assert all(np.array_equal(back[name], planes[name]) for name in back)
     assert attributes["unit"] == "m"
-    error = refusal(read_planes, tmp_path / "a.exr", ["focus.0012"])
+    error = refusal(read_stack_planes, tmp_path / "a.exr", ["focus.0012"])
     assert "focus.0012" in error.problem
     assert error.hint.startswith("delete it")
 
 
 def test_infinite_depth_survives(tmp_path):
-    write_planes(tmp_path / "a.exr", {"depth": np.array([[1.0, np.inf]])}, attributes={})
-    assert np.isinf(read_planes(tmp_path / "a.exr")[0]["depth"][0, 1])
+    write_stack_planes(tmp_path / "a.exr", {"depth": np.array([[1.0, np.inf]])}, attributes={})
+    assert np.isinf(read_stack_planes(tmp_path / "a.exr")[0]["depth"][0, 1])
 
 
 def image_bytes(path, plane, compression=OpenEXR.NO_COMPRESSION):
@@ -88,7 +88,7 @@ def image_bytes(path, plane, compression=OpenEXR.NO_COMPRESSION):
 def test_a_file_that_is_not_ours_is_refused(tmp_path, make, problem):
     path = tmp_path / "a.exr"
     path.write_bytes(make(path))
-    error = refusal(read_planes, path)
+    error = refusal(read_stack_planes, path)
     assert str(path) in error.problem
     assert problem in error.problem
     assert error.hint.startswith("delete it")
@@ -96,14 +96,14 @@ def test_a_file_that_is_not_ours_is_refused(tmp_path, make, problem):
 
 def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe.exr")
-    assert refusal(read_planes, tmp_path / "pipe.exr").problem.endswith("pipe.exr is not a file on a disk")
+    assert refusal(read_stack_planes, tmp_path / "pipe.exr").problem.endswith("pipe.exr is not a file on a disk")
 
 
 def blocks_of(path, count, shape=(37, 13), seed=1):
     """Planes that differ little from one to the next, written in blocks."""
     random = np.random.default_rng(seed)
     planes = {f"focus.{k:04d}": (random.random(shape) + 0.1 * k).astype(np.float16) for k in range(5, 5 + count)}
-    write_plane_blocks(path, planes, attributes={"unit": "m", "exponent": "3"})
+    write_stack_plane_blocks(path, planes, attributes={"unit": "m", "exponent": "3"})
     return planes
 
 
@@ -115,7 +115,7 @@ def same_bits(one, other):
 def test_planes_in_blocks_come_back_bit_for_bit(tmp_path, count):
     """37 lines are two chunks of 16 and one of 5; blocks are full, not full, or one."""
     planes = blocks_of(tmp_path / "a.exr", count)
-    back, attributes = read_planes(tmp_path / "a.exr")
+    back, attributes = read_stack_planes(tmp_path / "a.exr")
     assert list(back) == list(planes)
     assert all(same_bits(back[name], planes[name]) for name in planes)
     assert attributes == {"unit": "m", "exponent": "3"}
@@ -126,8 +126,8 @@ def test_planes_of_four_bytes_come_back_from_blocks_too(tmp_path, together):
     depth = np.random.default_rng(2).random((37, 13)).astype(np.float32)
     depth[3, 4] = np.inf
     planes = {"depth": depth, "target": (depth > 0.5).astype(np.float32), "noise": depth[::-1].copy()}
-    write_plane_blocks(tmp_path / "a.exr", planes, attributes={}, together=together)
-    back, _ = read_planes(tmp_path / "a.exr")
+    write_stack_plane_blocks(tmp_path / "a.exr", planes, attributes={}, together=together)
+    back, _ = read_stack_planes(tmp_path / "a.exr")
     assert {name: plane.dtype for name, plane in back.items()} == dict.fromkeys(planes, np.dtype(np.float32))
     assert all(np.array_equal(back[name], planes[name]) for name in planes)
     parts = OpenEXR.File(str(tmp_path / "a.exr")).parts
@@ -143,8 +143,8 @@ def test_blocks_keep_every_bit_pattern(tmp_path, kind):
         "odd bits": np.arange(9 * 32 * 256).reshape(9, 32, 256) * 8191,
     }[kind].astype(np.uint16)
     planes = {f"p{k}": plane.view(np.float16) for k, plane in enumerate(bits)}
-    write_plane_blocks(tmp_path / "a.exr", planes, attributes={})
-    back, _ = read_planes(tmp_path / "a.exr")
+    write_stack_plane_blocks(tmp_path / "a.exr", planes, attributes={})
+    back, _ = read_stack_planes(tmp_path / "a.exr")
     assert all(same_bits(back[name], planes[name]) for name in planes)
     size, raw = (tmp_path / "a.exr").stat().st_size, bits.nbytes
     assert {"noise": size > raw, "flat": size < raw / 5, "odd bits": True}[kind]
@@ -162,18 +162,18 @@ def test_blocks_are_what_openexr_reads(tmp_path):
 
 def test_a_few_planes_are_read_from_their_blocks_alone(tmp_path, monkeypatch):
     planes, read = blocks_of(tmp_path / "a.exr", 30), []
-    read_picture = exr_parts.read_picture
+    read_picture = exr_parts.read_exr_picture
 
     def counted(path, part):
         read.append(part.number)
         return read_picture(path, part)
 
-    monkeypatch.setattr(exr_parts, "read_picture", counted)
-    back, _ = read_planes(tmp_path / "a.exr", ["focus.0013", "focus.0012", "focus.0014"])
+    monkeypatch.setattr(exr_parts, "read_exr_picture", counted)
+    back, _ = read_stack_planes(tmp_path / "a.exr", ["focus.0013", "focus.0012", "focus.0014"])
     assert list(back) == ["focus.0013", "focus.0012", "focus.0014"]
     assert all(same_bits(back[name], planes[name]) for name in back)
     assert read == [1, 0]  # each once
-    assert "focus.0040" in refusal(read_planes, tmp_path / "a.exr", ["focus.0040"]).problem
+    assert "focus.0040" in refusal(read_stack_planes, tmp_path / "a.exr", ["focus.0040"]).problem
 
 
 def test_damaged_blocks_are_refused(tmp_path):
@@ -183,20 +183,22 @@ def test_damaged_blocks_are_refused(tmp_path):
     random = np.random.default_rng(7)
     for length in (*range(0, 900, 60), *random.integers(900, len(content) - 1, 20).tolist()):
         (tmp_path / "b.exr").write_bytes(content[:length])
-        assert refusal(read_planes, tmp_path / "b.exr").hint.startswith("delete it")
+        assert refusal(read_stack_planes, tmp_path / "b.exr").hint.startswith("delete it")
     for place in (*range(0, 1200, 7), *random.integers(1200, len(content), 60).tolist()):
         for flipped in (0x55, 0x80, 0xFF):
             changed = bytearray(content)
             changed[place] ^= flipped
             (tmp_path / "b.exr").write_bytes(changed)
             with suppress(BadInput):  # and no other error
-                read_planes(tmp_path / "b.exr")
+                read_stack_planes(tmp_path / "b.exr")
 
 
 def test_no_damaged_header_ends_the_process_or_fills_its_memory(tmp_path):
     """OpenEXR itself ended it by a signal for two of 300 damaged files. 400 changes of the header, seed 5."""
     rng, path = np.random.default_rng(5), tmp_path / "a.exr"
-    write_planes(path, {f"focus.{n:04d}": np.ones((5, 7), np.float32) for n in range(3)}, attributes={"unit": "W"})
+    write_stack_planes(
+        path, {f"focus.{n:04d}": np.ones((5, 7), np.float32) for n in range(3)}, attributes={"unit": "W"}
+    )
     whole, refused = path.read_bytes(), 0
     for number in range(400):
         damaged, at = bytearray(whole), int(rng.integers(min(len(whole), 700)))
@@ -204,7 +206,7 @@ def test_no_damaged_header_ends_the_process_or_fills_its_memory(tmp_path):
         damaged[at : at + 4] = extremes[number % 4]
         path.write_bytes(damaged)
         try:
-            read_planes(path)
+            read_stack_planes(path)
         except BadInput:
             refused += 1
     assert refused > 100

@@ -11,12 +11,12 @@ from small_dataset import SPEC
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.stack.focal_stack import FocalStack, StackStore
-from saf_gen.stack.grain import ENERGIES, estimate_grain, mean_energy
-from saf_gen.stack.recording_grain import MOMENTS, grain_along_recording
+from saf_gen.stack.grain import ENERGIES, estimate_stack_grain, mean_energy_of_stack_grain
+from saf_gen.stack.recording_grain import MOMENTS, stack_grain_along_recording
 from saf_gen.stack.stack_grain import FILE, measure_stack_grain, read_stack_grain, write_stack_grain
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.recorded_grain import read_recorded_grain
+from saf_gen.stream.recorded_grain import read_grain_of_stream
 
 ROWS, COLUMNS, POSITIONS = 48, 64, 9
 TARGET = np.zeros((ROWS, COLUMNS), bool)
@@ -58,12 +58,12 @@ def test_a_mix_of_lights_has_the_grain_of_the_mixed_pictures(renders, grain, gai
     """Both ways are exact, so they agree to rounding; the mean is of the first render alone."""
     for k in (3, 4):
         first, second = (np.tensordot(gain, stack[:, k], 1)[BOX] for stack in renders)
-        found = estimate_grain(first, second, ratio=SAMPLES[0] / SAMPLES[1])
+        found = estimate_stack_grain(first, second, ratio=SAMPLES[0] / SAMPLES[1])
         rms, noise, signal = grain.mix(k, gain)
         assert rms * first.mean() == pytest.approx(found.rms.value * found.mean, rel=1e-9)
         for energy in ENERGIES:
             assert noise[energy] / signal[energy] == pytest.approx(found.noise_over_signal[energy].value, rel=1e-9)
-            expected = mean_energy(first, second, energy=energy) / first.mean() ** 2
+            expected = mean_energy_of_stack_grain(first, second, energy=energy) / first.mean() ** 2
             assert signal[energy] == pytest.approx(expected, rel=1e-9)
 
 
@@ -181,7 +181,7 @@ def sweep_source(grain):
 
 def test_a_still_recording_has_moments_and_its_focus(grain):
     gain = np.stack([np.linspace(1, 2, FRAMES), np.ones(FRAMES)], axis=1)
-    found = grain_along_recording(sweep_source(grain), Truth(position=0.5), position=SWEEP, gain=gain)
+    found = stack_grain_along_recording(sweep_source(grain), Truth(position=0.5), position=SWEEP, gain=gain)
     assert len(found.moments) == MOMENTS + 1
     focus = found.moments[found.focus]
     assert focus.frame in (199, 200)
@@ -194,13 +194,17 @@ def test_a_still_recording_has_moments_and_its_focus(grain):
 
 def test_a_moment_has_the_nearest_position_that_was_measured(renders):
     some = measure_stack_grain(*renders, target=TARGET, samples=SAMPLES, indices=[0, 3, 8])
-    found = grain_along_recording(sweep_source(some), Truth(position=0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    found = stack_grain_along_recording(
+        sweep_source(some), Truth(position=0.5), position=SWEEP, gain=np.ones((FRAMES, 2))
+    )
     assert found.moments[found.focus].position == 3 / 8
     assert {moment.position for moment in found.moments} == {0.0, 3 / 8, 1.0}
 
 
 def test_a_lens_that_never_meets_the_truth_has_its_nearest_frame(grain):
-    found = grain_along_recording(sweep_source(grain), Truth(position=1.2), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    found = stack_grain_along_recording(
+        sweep_source(grain), Truth(position=1.2), position=SWEEP, gain=np.ones((FRAMES, 2))
+    )
     assert found.moments[found.focus].frame == FRAMES - 1
 
 
@@ -211,7 +215,7 @@ def test_a_moving_recording_has_the_slices_that_were_measured(grain):
     known = {1: cut(grain, 2, 7), 3: cut(grain, 7, 8)}
     source = PlaneSource(TimeResolvedStack(starts, specs), None, None, "d", "llvm", known.get)
     track = np.full(FRAMES, 0.4, np.float32)
-    found = grain_along_recording(source, Truth(0.4, track=track), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    found = stack_grain_along_recording(source, Truth(0.4, track=track), position=SWEEP, gain=np.ones((FRAMES, 2)))
     assert [m.frame for m in found.moments] == [160, FRAMES - 1]
     assert [m.position for m in found.moments] == [3 / 8, 1.0]
     assert found.focus == 0
@@ -232,17 +236,17 @@ def cut(grain, first, last):
 
 def test_stacks_without_grain_leave_it_unknown():
     source = sweep_source(None)
-    assert grain_along_recording(source, Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2))) is None
+    assert stack_grain_along_recording(source, Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2))) is None
 
 
 # --- as text ------------------------------------------------------------------------------------------
 
 
 def test_the_text_of_a_stream_holds_it(grain):
-    found = grain_along_recording(sweep_source(grain), Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    found = stack_grain_along_recording(sweep_source(grain), Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
     text = found.to_text()
     json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
-    again = read_recorded_grain({"grain": text})
+    again = read_grain_of_stream({"grain": text})
     assert again.focus == found.focus
     assert again.samples == SAMPLES
     assert again.rms_in_focus == pytest.approx(found.rms_in_focus, rel=1e-5)
@@ -250,7 +254,7 @@ def test_the_text_of_a_stream_holds_it(grain):
 
 
 def test_noise_over_the_curve_is_the_largest_noise_over_its_range(grain):
-    found = grain_along_recording(sweep_source(grain), Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
+    found = stack_grain_along_recording(sweep_source(grain), Truth(0.5), position=SWEEP, gain=np.ones((FRAMES, 2)))
     noise = max(m.noise["brenner"] for m in found.moments)
     signal = [m.signal["brenner"] for m in found.moments]
     assert found.noise_over_curve("brenner") == pytest.approx(noise / (max(signal) - min(signal)))
@@ -261,5 +265,5 @@ def test_noise_over_the_curve_is_the_largest_noise_over_its_range(grain):
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"moments": [], "focus": 0, "samples": [1, 2]}', '{"moments": 3}'])
 def test_a_text_that_states_no_grain_leaves_it_unknown(text):
-    assert read_recorded_grain({"grain": text}) is None
-    assert read_recorded_grain({}) is None
+    assert read_grain_of_stream({"grain": text}) is None
+    assert read_grain_of_stream({}) is None

@@ -5,7 +5,7 @@ import pytest
 
 import saf_gen
 from saf_gen.optics.focus_crossings import find_focus_crossings
-from saf_gen.plugins.motions import lens_motion_at_readouts
+from saf_gen.plugins.motions import motion_positions_at_readouts
 from saf_gen.stream.description import describe_stream_file
 from saf_gen.stream.metadata import Truth
 
@@ -48,7 +48,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
     ],
 )
 def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
-    lens = lens_motion_at_readouts(motion, 80, readout_hz=80.0)
+    lens = motion_positions_at_readouts(motion, 80, readout_hz=80.0)
     when = find_focus_crossings(lens, 0.25)
     saf_gen.write_stream(
         tmp_path / "a.h5",

@@ -9,9 +9,9 @@ from refusals import assert_says, refusal
 from scipy import io
 
 from saf_gen.stream.interop import SpikeArray, export_raw_frames, spreadsheet
-from saf_gen.stream.interop.array_files import open_array_file
-from saf_gen.stream.interop.saf_folder import import_saf_folder, read_saf_config
-from saf_gen.stream.interop.spreadsheet import read_first_sheet
+from saf_gen.stream.interop.array_files import open_imported_array
+from saf_gen.stream.interop.saf_folder import import_saf_folder, read_imported_saf_config
+from saf_gen.stream.interop.spreadsheet import read_imported_sheet
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -151,7 +151,7 @@ def test_a_matlab_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
     io.savemat(tmp_path / "a.mat", {"spk": SPIKES})
     monkeypatch.setattr("saf_gen.stream.interop.array_files.MAX_MAT_BYTES", 100)
     monkeypatch.setattr(io, "loadmat", None)
-    assert_says(refusal(open_array_file, tmp_path / "a.mat"), "spk has 1230 values | -v7.3")
+    assert_says(refusal(open_imported_array, tmp_path / "a.mat"), "spk has 1230 values | -v7.3")
 
 
 # --- SAF's folders ------------------------------------------------------------------------------------
@@ -220,7 +220,7 @@ def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw
 
 def test_a_sheet_with_gaps_keeps_its_columns(tmp_path):
     write_xlsx(tmp_path / "a.xlsx", [("a", "", "c"), (1, "", 2.5)])
-    assert read_first_sheet(tmp_path / "a.xlsx") == [["a", "", "c"], ["1", "", "2.5"]]
+    assert read_imported_sheet(tmp_path / "a.xlsx") == [["a", "", "c"], ["1", "", "2.5"]]
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, says):
     for place in (folder / "a.dat", tmp_path / "secret.dat"):
         place.write_bytes(raw)
     write_xlsx(folder / "config.xlsx", [HEADING, row])
-    assert_says(refusal(read_saf_config, folder), says)
+    assert_says(refusal(read_imported_saf_config, folder), says)
     assert_says(refusal(lambda: list(import_saf_folder(folder, tmp_path / "out"))), says)
     assert not (tmp_path / "out").exists()
 
@@ -249,19 +249,19 @@ def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, says):
 def test_a_sheet_that_is_none_or_too_much_is_refused(tmp_path, monkeypatch):
     bomb = '<!DOCTYPE a [<!ENTITY a "aaaa">]>'
     write_xlsx(tmp_path / "config.xlsx", [HEADING], prolog=bomb)
-    assert_says(refusal(read_saf_config, tmp_path), "declares a document type")
+    assert_says(refusal(read_imported_saf_config, tmp_path), "declares a document type")
     write_xlsx(tmp_path / "config.xlsx", [HEADING])
-    assert_says(refusal(read_saf_config, tmp_path), "lists no recording")
+    assert_says(refusal(read_imported_saf_config, tmp_path), "lists no recording")
     monkeypatch.setattr("saf_gen.stream.interop.spreadsheet.MAX_BYTES", 100)
-    assert_says(refusal(read_saf_config, tmp_path), "is larger than")
+    assert_says(refusal(read_imported_saf_config, tmp_path), "is larger than")
     with zipfile.ZipFile(tmp_path / "config.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(spreadsheet.SHEET, "x" * 100)
     begin = 30 + len(spreadsheet.SHEET)  # of the deflated bytes
     packed = bytearray((tmp_path / "config.xlsx").read_bytes())
     packed[begin : begin + 4] = b"\xff" * 4
     (tmp_path / "config.xlsx").write_bytes(packed)
-    assert_says(refusal(read_saf_config, tmp_path), "a spreadsheet (.xlsx) | while decompressing")
+    assert_says(refusal(read_imported_saf_config, tmp_path), "a spreadsheet (.xlsx) | while decompressing")
     (tmp_path / "config.xlsx").write_text("no zip")
-    assert_says(refusal(read_saf_config, tmp_path), "a spreadsheet (.xlsx)")
+    assert_says(refusal(read_imported_saf_config, tmp_path), "a spreadsheet (.xlsx)")
     (tmp_path / "config.xlsx").unlink()
-    assert_says(refusal(read_saf_config, tmp_path), "this is a folder without config.xlsx")
+    assert_says(refusal(read_imported_saf_config, tmp_path), "this is a folder without config.xlsx")

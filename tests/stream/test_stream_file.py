@@ -440,9 +440,9 @@ def test_a_folder_that_may_not_be_written_is_told(tmp_path):
 
 
 def test_what_the_disk_changed_is_found_before_the_rename(tmp_path, monkeypatch):
-    kept = time_blocks.deflate_chunk
+    kept = time_blocks.deflate_stream_chunk
     monkeypatch.setattr(time_blocks, "checksum", lambda data: len(data) + 1 if isinstance(data, bytes) else 0)
-    monkeypatch.setattr(time_blocks, "deflate_chunk", lambda block, chunk: bytearray(kept(block, chunk)))
+    monkeypatch.setattr(time_blocks, "deflate_stream_chunk", lambda block, chunk: bytearray(kept(block, chunk)))
     message = str(refusal(write_stream, tmp_path / "a.h5", np.ones((8, 1, 1))))
     assert "check the disk" in message
     assert not list(tmp_path.iterdir())

@@ -48,11 +48,11 @@ def _call_directly(what: str) -> int:
     try:
         if what == "scene":
             from saf_gen.render.backend import activate_render_backend
-            from saf_gen.render.mitsuba_scene import build_scene_dict, load_lit_mitsuba_scene
+            from saf_gen.render.mitsuba_scene import build_mitsuba_scene_dict, load_lit_mitsuba_scene
             from saf_gen.scene.scene_folder import load_scene_folder
 
             activate_render_backend("scalar")
-            described = build_scene_dict(load_scene_folder(Path("scenes/own")))
+            described = build_mitsuba_scene_dict(load_scene_folder(Path("scenes/own")))
             load_lit_mitsuba_scene(described, ("lamp",), max_depth=3)
         elif what == "actuator":
             import numpy as np
@@ -64,11 +64,11 @@ def _call_directly(what: str) -> int:
             lens.command(0.7)
             assert np.isfinite(lens.run(100)).all()
         elif what == "stack":
-            from saf_gen.stack.exr import read_planes
+            from saf_gen.stack.exr import read_stack_planes
 
             for path in ("stack.exr", "slices.exr"):
-                read_planes(Path(path), ["focus.0003"])
-                read_planes(Path(path))
+                read_stack_planes(Path(path), ["focus.0003"])
+                read_stack_planes(Path(path))
         elif what == "saf":
             main(["import", "saf", "--out", "out"])
     except SafGenError as error:

@@ -10,8 +10,8 @@ from importlib import import_module
 from pathlib import Path
 
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
-from saf_gen.acceptance.speed.fresh_process import peak_memory_gib, run_in_fresh_process
-from saf_gen.acceptance.speed.grain_by_scene import SceneFound, measure_scenes
+from saf_gen.acceptance.speed.fresh_process import peak_memory_of_bench_gib, run_bench_in_fresh_process
+from saf_gen.acceptance.speed.grain_by_scene import SceneFound, bench_each_scene
 from saf_gen.core.execution.job import ReportProgress
 from saf_gen.errors import SafGenError, unknown
 
@@ -64,7 +64,7 @@ def run_benches(
             if name == "grain":
                 found += _measure_grain(size, folder=folder, report=report, show=show)
             else:
-                found += run_in_fresh_process(_measure, name, size, report=report)
+                found += run_bench_in_fresh_process(_measure, name, size, report=report)
         except SafGenError as error:
             failed[name] = error
     figures = tuple(f for f in found if isinstance(f, BenchFigure))
@@ -77,7 +77,7 @@ def _measure(name: str, size: BenchSize, *, report: ReportProgress) -> list[Benc
     run_bench = import_module(f"saf_gen.acceptance.speed.bench_{name}").run_bench
     return [
         *run_bench(size, lambda stage, done: report(f"{name}: {stage}", done)),
-        BenchFigure(name, PEAK_MEMORY, peak_memory_gib(), "GiB", MAX_MEMORY_GIB, at_most=True),
+        BenchFigure(name, PEAK_MEMORY, peak_memory_of_bench_gib(), "GiB", MAX_MEMORY_GIB, at_most=True),
     ]
 
 
@@ -89,14 +89,14 @@ def _measure_grain(
     peaks = []
 
     def measure(size: BenchSize) -> list[BenchFigure | str]:
-        return run_in_fresh_process(_measure, "grain", size, report=report)
+        return run_bench_in_fresh_process(_measure, "grain", size, report=report)
 
-    for scene in measure_scenes(size, measure=measure, folder=folder):
+    for scene in bench_each_scene(size, measure=measure, folder=folder):
         peaks += [f for f in scene.found if isinstance(f, BenchFigure) and f.what == PEAK_MEMORY]
         rest = tuple(f for f in scene.found if isinstance(f, str) or f.what != PEAK_MEMORY)
         show(replace(scene, found=rest))
         found += rest
-    from saf_gen.acceptance.speed.bench_grain import find_worst
+    from saf_gen.acceptance.speed.bench_grain import find_worst_benched_grain
 
-    found += find_worst([f for f in found if isinstance(f, BenchFigure)])
+    found += find_worst_benched_grain([f for f in found if isinstance(f, BenchFigure)])
     return [*found, *([max(peaks, key=lambda f: f.value)] if peaks else [])]

@@ -10,7 +10,7 @@ import numpy as np
 import saf_gen
 from saf_gen.acceptance.speed import synthetic_recording
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
-from saf_gen.acceptance.speed.fresh_process import run_in_fresh_process, time_call
+from saf_gen.acceptance.speed.fresh_process import run_bench_in_fresh_process, time_benched_call
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core import seeds
 from saf_gen.core.execution.job import ReportProgress
@@ -29,7 +29,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     times = []
     for done in range(RUNS):
         report("all noise on", done / RUNS)
-        times.append(time_call(_encode, sensor, charge, frames=size.frames)[1])
+        times.append(time_benched_call(_encode, sensor, charge, frames=size.frames)[1])
     report("all noise on", 1.0)
     usual = float(np.median(times))
     pixels = sensor.rows * sensor.columns
@@ -40,14 +40,14 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     yield BenchFigure("encode", "times as fast as a camera of 40 kHz", rate / pixels / FAST_CAMERA_HZ, "×", 1.0)
     yield from _bench_public(size, sensor, our_rate=rate, report=report)
     report(f"{LONGER} times the length", 0.0)
-    _, longer = time_call(_encode, sensor, charge, frames=LONGER * size.frames)
+    _, longer = time_benched_call(_encode, sensor, charge, frames=LONGER * size.frames)
     report(f"{LONGER} times the length", 1.0)
     what = f"time per frame of {LONGER * size.frames:,} frames over that of {size.frames:,}"
     yield BenchFigure("encode", what, longer / LONGER / usual, "×", MAX_GROWTH, at_most=True)
     yield from _bench_memory(size, report)
 
 
-def load_public_encoders() -> ModuleType | None:
+def load_encoders_to_bench() -> ModuleType | None:
     """Import ``benchmarks/public_encoders.py`` of the checkout; None if there is no checkout."""
     path = Path(saf_gen.__file__).resolve().parent.parent / "benchmarks" / "public_encoders.py"
     spec = importlib.util.spec_from_file_location("saf_gen_public_encoders", path)
@@ -67,7 +67,7 @@ def _bench_public(
     size: BenchSize, sensor: Sensor, *, our_rate: float, report: ReportProgress
 ) -> Iterator[BenchFigure | str]:
     """Yield the rates of public encoders on a still picture in memory, of the same mean rate as ours."""
-    public = load_public_encoders()
+    public = load_encoders_to_bench()
     if public is None:
         yield "encode: the public encoders are left out: benchmarks/ is not beside the package"
         return
@@ -77,7 +77,7 @@ def _bench_public(
     for done, encoder in enumerate(public.ENCODERS):
         report("public encoders", done / len(public.ENCODERS))
         frames = max(1, size.public_frames // encoder.slower)
-        _, seconds = time_call(encoder.run, np.broadcast_to(grey, (frames, *shape)), random)
+        _, seconds = time_benched_call(encoder.run, np.broadcast_to(grey, (frames, *shape)), random)
         rate = frames / seconds
         yield BenchFigure("encode", f"{encoder.name}: {format_bench_shape(shape)}, {frames} frames", rate, "frames/s")
         times_faster = our_rate / (rate * grey.size)
@@ -88,8 +88,8 @@ def _bench_public(
 def _bench_memory(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
     """Yield the peak memory of a recording and of one ten times as long, each in a fresh process."""
     short, long = (
-        run_in_fresh_process(
-            synthetic_recording.measure_recording_memory, size.sensor, size.positions[0], frames=frames, report=report
+        run_bench_in_fresh_process(
+            synthetic_recording.bench_recording_memory, size.sensor, size.positions[0], frames=frames, report=report
         )
         for frames in (size.frames, LONGER * size.frames)
     )

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
-from saf_gen.acceptance.speed.fresh_process import time_call
+from saf_gen.acceptance.speed.fresh_process import time_benched_call
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.execution.job import ReportProgress
 from saf_gen.errors import BadInput
@@ -50,13 +50,13 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
 
     whole = SceneRenderer(scene, sensor, backend_name="auto", wavelength_m=sensor.wavelength_m)
     # Pixels beyond the target's box cost time and are not looked at.
-    cropped = scene_grain.crop_sensor_to_target(sensor, whole.trace_depth_and_target().target)
+    cropped = scene_grain.crop_sensor_for_scene_grain(sensor, whole.trace_depth_and_target().target)
     renderer = SceneRenderer(scene, cropped, backend_name="auto", wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_depth_and_target()
     truth = scene.build_drive().true_focus(seen.depth[seen.target])
-    places = scene_grain.list_grain_places(truth)
+    places = scene_grain.list_scene_grain_places(truth)
     positions = size.positions[0]
-    still = scene_grain.measure_still_grain(
+    still = scene_grain.measure_still_scene_grain(
         renderer,
         seen,
         places=places,
@@ -68,7 +68,7 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
     yield from _place_figures(scene.id, "still", found=still, max_rms=None, max_contrast=max_contrast)
     if not (renderer.motions and scene.card.slices_per_s):
         return
-    found = scene_grain.measure_slice_grain(
+    found = scene_grain.measure_scene_grain_of_slices(
         renderer,
         seen,
         places=places,
@@ -82,7 +82,7 @@ def _bench_scene(scene: Scene, sensor: Sensor, *, size: BenchSize, report: Repor
     max_rms = scene_grain.MAX_SLICE_RMS
     yield from _place_figures(scene.id, "slice", found=found, max_rms=max_rms, max_contrast=max_contrast)
     report(f"{scene.id}, later slices", 0.0)
-    correlations = scene_grain.measure_slice_correlation(
+    correlations = scene_grain.correlate_scene_grain_of_slices(
         renderer,
         seen,
         position=truth,
@@ -153,12 +153,12 @@ def _time_slices(renderer: Any, *, size: BenchSize, position: float) -> float:
         options: dict[str, Any] = {"root": Path(folder), "backend_name": renderer.backend_name}
         render_missing_stacks(scene, specs[:1], **options)  # compiles
         # The scene is built once for a whole recording: the difference of one slice and several leaves that out.
-        _, one_s = time_call(render_missing_stacks, scene, specs[1:2], **options)
-        _, several_s = time_call(render_missing_stacks, scene, specs[2:], **options)
+        _, one_s = time_benched_call(render_missing_stacks, scene, specs[1:2], **options)
+        _, several_s = time_benched_call(render_missing_stacks, scene, specs[2:], **options)
     return max(several_s - one_s, 0.0) / (TIMED_SLICES - 1)
 
 
-def find_worst(figures: Sequence[BenchFigure]) -> Iterator[BenchFigure]:
+def find_worst_benched_grain(figures: Sequence[BenchFigure]) -> Iterator[BenchFigure]:
     """Yield the worst of each kind of figure that has a goal, with the scene and place where it is."""
     kinds = {
         "worst slice: rms over mean": (", slice,", "rms over mean"),

@@ -7,14 +7,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
-from saf_gen.acceptance.speed.fresh_process import time_call
+from saf_gen.acceptance.speed.fresh_process import time_benched_call
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.core.execution.job import ReportProgress
-from saf_gen.core.shipped import find_recipe
 from saf_gen.errors import SafGenError
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import GenerationResult, generate
+from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.leaderboard import rank_methods, write_leaderboard
 from saf_gen.leaderboard.report import write_report
 
@@ -28,9 +28,9 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
     recipe = find_recipe(size.recipe or PAPER_RECIPE)
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "dataset"
-        _, generating = time_call(_generate, recipe, folder, report=report)
+        _, generating = time_benched_call(_generate, recipe, folder, report=report)
         report("leaderboard", 0.0)
-        _, ranking = time_call(_rank, folder)
+        _, ranking = time_benched_call(_rank, folder)
         report("leaderboard", 1.0)
         work = resolve_recipe(recipe)
         what = f"{recipe.stem}, {len(work.sequences)} sequences of {work.recipe.camera.frames:,} frames"
@@ -38,7 +38,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure]:
         yield BenchFigure("job", f"{what}: streams to leaderboard", ranking, "s")
         yield BenchFigure("job", f"{what}: recipe to leaderboard", generating + ranking, "s", MAX_S, at_most=True)
         again = _write_other_recipe(recipe, Path(temporary))
-        result, seconds = time_call(_generate, again, folder, report=report)
+        result, seconds = time_benched_call(_generate, again, folder, report=report)
         what = f"under a new light, stacks there, {len(result.recorded)} recorded"
         yield BenchFigure("job", what, seconds, "s")
         yield BenchFigure(

@@ -11,18 +11,18 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
-from saf_gen.acceptance.speed.fresh_process import time_call
+from saf_gen.acceptance.speed.fresh_process import time_benched_call
 from saf_gen.acceptance.speed.synthetic_recording import make_bench_charge, record_bench_sweep
 from saf_gen.camera import get_sensor
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.execution.executor import run_jobs
 from saf_gen.core.execution.job import ReportProgress
-from saf_gen.core.shipped import find_recipe
 from saf_gen.errors import BadInput
 from saf_gen.generate.cost import MachineRates
 from saf_gen.generate.jobs import RenderJob
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.shipped_recipes import find_recipe
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack
@@ -101,7 +101,7 @@ def _measure_rendering(size: BenchSize, folder: Path, *, report: ReportProgress)
     for samples in (FEW - 1, FEW, MANY):  # the first compiles kernels
         stack = TimeResolvedStack((0,), (replace(spec, samples=samples),))
         job = RenderJob("bench", scene, stack, folder / "stacks", chosen, measure_grain=False)
-        seconds.append(time_call(job.run, lambda name, done: None)[1])
+        seconds.append(time_benched_call(job.run, lambda name, done: None)[1])
     _, few, many = seconds
     if many <= few:
         yield "rates of rendering are left out: the machine was too busy to tell them"

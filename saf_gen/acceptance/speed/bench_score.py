@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 from saf_gen.acceptance.speed import synthetic_recording
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
-from saf_gen.acceptance.speed.fresh_process import time_call
+from saf_gen.acceptance.speed.fresh_process import time_benched_call
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import Record
 from saf_gen.camera import get_sensor
@@ -42,7 +42,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
         total = 0.0
         for number, path in enumerate(paths):
             report(f"{len(METHODS)} methods", number / len(paths))
-            result, seconds = time_call(evaluate, path, methods=METHODS, region="frame")
+            result, seconds = time_benched_call(evaluate, path, methods=METHODS, region="frame")
             records += result.records
             total += seconds
         report(f"{len(METHODS)} methods", 1.0)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
-from saf_gen.acceptance.speed.fresh_process import time_call
+from saf_gen.acceptance.speed.fresh_process import time_benched_call
 from saf_gen.camera import get_sensor
 from saf_gen.core import seeds
 from saf_gen.core.execution.job import ReportProgress
@@ -44,7 +44,7 @@ class ReferenceRender:
         return math.sqrt(max(square, 0.0)) / float(self.radiance.mean())
 
 
-def set_up_timed_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
+def set_up_benched_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     """Return the RenderSetup of a scene with all lamps on, and the active backend, 'llvm' or 'cuda'.
 
     Raises BadInput if this machine has neither.
@@ -58,8 +58,10 @@ def set_up_timed_scene(sensor: str, scene: str = SCENE) -> tuple[Any, str]:
     backend.activate_render_backend(chosen)
     found, camera = find_scene(scene), get_sensor(sensor)
     lamps = tuple(emitter for group in found.card.lights.values() for emitter in group)
-    loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(mitsuba_scene.build_scene_dict(found), lamps, max_depth=6)
-    pose, unit_m = mitsuba_scene.camera_to_world(found), found.card.unit_m
+    loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(
+        mitsuba_scene.build_mitsuba_scene_dict(found), lamps, max_depth=6
+    )
+    pose, unit_m = mitsuba_scene.mitsuba_camera_to_world(found), found.card.unit_m
     return RenderSetup(loaded, integrator, pose, found.build_drive(), camera, unit_m), chosen
 
 
@@ -68,14 +70,14 @@ def nearest_bench_positions(positions: int) -> list[float]:
     return [round(position * (positions - 1)) / (positions - 1) for position in POSITIONS]
 
 
-def render_one_pass(setup: Any, positions: int, *, samples: int) -> np.ndarray:
+def render_one_pass_for_bench(setup: Any, positions: int, *, samples: int) -> np.ndarray:
     """Render the focal stack in one pass, float32 (focus, row, col)."""
     from saf_gen.render import one_pass
 
     return one_pass.render_stack(setup, positions=positions, samples=samples, seed=1)[0]
 
 
-def render_filtered(setup: Any, positions: int, *, samples: int) -> np.ndarray:
+def render_filtered_for_bench(setup: Any, positions: int, *, samples: int) -> np.ndarray:
     """Render the focal stack in one pass with shared shading, float32 (focus, row, col)."""
     from saf_gen.render import filtered_pass
 
@@ -88,7 +90,7 @@ def render_filtered(setup: Any, positions: int, *, samples: int) -> np.ndarray:
     return found["all"][0]
 
 
-def render_thin_lens(setup: Any, position: float, *, samples: int, seed: int) -> np.ndarray:
+def render_thin_lens_for_bench(setup: Any, position: float, *, samples: int, seed: int) -> np.ndarray:
     """Render one position (0 to 1) with Mitsuba's thin lens, float32 (row, col)."""
     from saf_gen.render import thin_lens
 
@@ -96,7 +98,7 @@ def render_thin_lens(setup: Any, position: float, *, samples: int, seed: int) ->
     return thin_lens.render_position(setup, position=position, samples=samples, seed=derived)
 
 
-def render_bench_reference(
+def render_reference_for_bench(
     setup: Any, position: float, *, samples: int, batch: int
 ) -> tuple[ReferenceRender, list[float]]:
     """Return a reference of ``samples`` samples per pixel, and the seconds of each of its renders.
@@ -104,7 +106,8 @@ def render_bench_reference(
     It is the mean of at least two renders of ``batch`` samples, which need less memory than one of all.
     """
     timed = [
-        time_call(render_thin_lens, setup, position, samples=batch, seed=1 + n) for n in range(max(2, samples // batch))
+        time_benched_call(render_thin_lens_for_bench, setup, position, samples=batch, seed=1 + n)
+        for n in range(max(2, samples // batch))
     ]
     renders = np.stack([image for image, _ in timed]).astype(np.float64)
     noise = float(renders.var(axis=0, ddof=1).mean()) / len(renders)
@@ -113,14 +116,14 @@ def render_bench_reference(
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:
     """Yield the time of one pass, of as many thin-lens renders, and the errors of both at equal samples."""
-    setup, chosen = set_up_timed_scene(size.sensor)
-    render_thin_lens(setup, 0.5, samples=size.samples, seed=0)  # compiles
+    setup, chosen = set_up_benched_scene(size.sensor)
+    render_thin_lens_for_bench(setup, 0.5, samples=size.samples, seed=0)  # compiles
     usual, _ = size.positions
     render_seconds: list[float] = []
     references: list[ReferenceRender] = []
     for done, position in enumerate(nearest_bench_positions(usual)):
         report(f"reference of {size.reference} samples", done / len(POSITIONS))
-        found, seconds = render_bench_reference(setup, position, samples=size.reference, batch=size.samples)
+        found, seconds = render_reference_for_bench(setup, position, samples=size.reference, batch=size.samples)
         references.append(found)
         render_seconds += seconds
     report(f"reference of {size.reference} samples", 1.0)
@@ -131,9 +134,9 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
     yield BenchFigure("stack", f"one thin-lens render, {workload}", one_render, "s")
     for positions, target in zip(size.positions, TARGETS, strict=True):
         report(f"one pass, {positions} positions", 0.0)
-        render_one_pass(setup, positions, samples=size.samples)  # compiles a kernel for these two numbers
+        render_one_pass_for_bench(setup, positions, samples=size.samples)  # compiles a kernel for these two numbers
         report(f"one pass, {positions} positions", 0.5)
-        stack, one_pass_seconds = time_call(render_one_pass, setup, positions, samples=size.samples)
+        stack, one_pass_seconds = time_benched_call(render_one_pass_for_bench, setup, positions, samples=size.samples)
         report(f"one pass, {positions} positions", 1.0)
         yield BenchFigure("stack", f"one pass, {positions} positions, {workload}", one_pass_seconds, "s")
         times_faster = positions * one_render / one_pass_seconds
@@ -151,7 +154,9 @@ def _compare_errors(
     ours, theirs = [], []
     for position, found in zip(nearest_bench_positions(len(stack)), references, strict=True):
         ours.append(found.relative_rms_error(stack[round(position * (len(stack) - 1))]))
-        theirs.append(found.relative_rms_error(render_thin_lens(setup, position, samples=size.samples, seed=0)))
+        theirs.append(
+            found.relative_rms_error(render_thin_lens_for_bench(setup, position, samples=size.samples, seed=0))
+        )
     at = f"at {size.samples} samples, {len(POSITIONS)} positions"
     yield BenchFigure("stack", f"error of one pass {at}", 100 * float(np.mean(ours)), "% of mean radiance")
     yield BenchFigure("stack", f"error of the thin lens {at}", 100 * float(np.mean(theirs)), "% of mean radiance")
@@ -165,12 +170,12 @@ def _compare_at_equal_error(
 ) -> Iterator[BenchFigure]:
     """Yield how many times faster shared shading is than thin-lens renders of the same squared error."""
     samples, (positions, _) = size.still_samples, size.positions
-    render_filtered(setup, positions, samples=samples)  # compiles
-    stack, seconds = time_call(render_filtered, setup, positions, samples=samples)
+    render_filtered_for_bench(setup, positions, samples=samples)  # compiles
+    stack, seconds = time_benched_call(render_filtered_for_bench, setup, positions, samples=samples)
     squares = []
     for position, found in zip(nearest_bench_positions(positions), references, strict=True):
         ours = found.relative_rms_error(stack[round(position * (positions - 1))])
-        theirs = found.relative_rms_error(render_thin_lens(setup, position, samples=samples, seed=0))
+        theirs = found.relative_rms_error(render_thin_lens_for_bench(setup, position, samples=samples, seed=0))
         squares.append((ours**2, theirs**2))
     ours_squared, theirs_squared = np.mean(squares, axis=0)
     at = f"at {samples} samples, {len(POSITIONS)} positions"

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from saf_gen.acceptance.speed import synthetic_recording
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
-from saf_gen.acceptance.speed.fresh_process import bytes_read, time_call
+from saf_gen.acceptance.speed.fresh_process import bytes_read_by_bench, time_benched_call
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.camera import get_sensor
 from saf_gen.core.execution.job import ReportProgress
@@ -40,7 +40,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
                     writer.write(block)
 
         workload = f"{format_bench_shape(shape)}, {size.frames:,} frames, mean rate {synthetic_recording.MEAN_RATE}"
-        rate = work / time_call(write)[1] / 1e9
+        rate = work / time_benched_call(write)[1] / 1e9
         yield BenchFigure("stream", f"write, verified: {workload}", rate, "10⁹ pixel·frames/s", 3.0)
         bits = path.stat().st_size * 8 / work
         yield BenchFigure("stream", f"size: {workload}, all noise", bits, "bit/pixel·frame", 0.32, at_most=True)
@@ -95,13 +95,13 @@ def _centred(length: int) -> slice:
 
 def _time_read(path: Path, read: Callable[[SpikeStream], object]) -> tuple[float, float | None]:
     """Return the seconds from opening the file to the end of ``read``, and the fraction of the file read."""
-    before = bytes_read()
+    before = bytes_read_by_bench()
 
     def work() -> None:
         with open_stream(path) as stream:
             read(stream)
 
-    (_, seconds), after = time_call(work), bytes_read()
+    (_, seconds), after = time_benched_call(work), bytes_read_by_bench()
     if before is None or after is None:
         return seconds, None
     return seconds, (after - before) / path.stat().st_size

@@ -14,7 +14,7 @@ import numpy as np
 
 from saf_gen.acceptance.speed import synthetic_recording
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize, format_bench_shape
-from saf_gen.acceptance.speed.fresh_process import peak_memory_gib
+from saf_gen.acceptance.speed.fresh_process import peak_memory_of_bench_gib
 from saf_gen.camera import get_sensor
 from saf_gen.core.execution.executor import run_jobs
 from saf_gen.core.execution.job import ReportProgress
@@ -81,7 +81,7 @@ class _Reader:
         return (
             self._read(windows, random.permutation(mine), stage="first"),
             self._read(windows, random.integers(len(windows), size=READS), stage="later"),
-            peak_memory_gib(),
+            peak_memory_of_bench_gib(),
         )
 
     def _read(self, windows: SpikeWindows, numbers: np.ndarray, *, stage: str) -> float:

@@ -32,7 +32,7 @@ class _Call:
         return self.function(*self.arguments, **self.options, report=report)
 
 
-def run_in_fresh_process(
+def run_bench_in_fresh_process(
     function: Callable[..., T], *arguments: Any, report: ReportProgress = lambda stage, done: None, **options: Any
 ) -> T:
     """Return ``function(*arguments, **options, report=report)``, called in a spawned process.
@@ -46,7 +46,7 @@ def run_in_fresh_process(
     return result
 
 
-def peak_memory_gib() -> float:
+def peak_memory_of_bench_gib() -> float:
     """Return the peak resident memory (GiB) of this process or of a child that it waited for."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * _UNIT
     line = _field(_STATUS, "VmHWM")  # on Linux a child inherits ru_maxrss from its parent, but not this
@@ -54,7 +54,7 @@ def peak_memory_gib() -> float:
     return max(own, children) / 2**30
 
 
-def bytes_read() -> int | None:
+def bytes_read_by_bench() -> int | None:
     """Return the bytes that this process has read, from disk or cache; None if the system does not count."""
     return _field(_IO, "rchar")
 
@@ -69,7 +69,7 @@ def _field(path: Path, name: str) -> int | None:
     return int(found[0]) if found else None
 
 
-def time_call(work: Callable[..., T], *arguments: Any, **options: Any) -> tuple[T, float]:
+def time_benched_call(work: Callable[..., T], *arguments: Any, **options: Any) -> tuple[T, float]:
     """Return ``work(*arguments, **options)`` and the seconds that it took."""
     begin = perf_counter()
     return work(*arguments, **options), perf_counter() - begin

@@ -15,7 +15,7 @@ from typing import Any
 import saf_gen
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
 from saf_gen.camera import get_sensor
-from saf_gen.core.files import check_writable, write_text_atomically
+from saf_gen.core.files import check_folder_writable, write_text_atomically
 from saf_gen.errors import BadInput, SafGenError
 from saf_gen.scene.scene_folder import Scene, find_scene, scene_names
 
@@ -38,7 +38,7 @@ class SceneFound:
     seconds_left: float | None
 
 
-def measure_scenes(
+def bench_each_scene(
     size: BenchSize, *, measure: Callable[[BenchSize], Sequence[BenchFigure | str]], folder: Path | None = None
 ) -> Iterator[SceneFound]:
     """Yield what ``measure`` finds of each scene, or what an earlier run has kept of it in ``folder``.
@@ -47,7 +47,7 @@ def measure_scenes(
     for a scene that is named but not known, a sensor that is not known, and a folder that cannot be written.
     """
     if folder is not None:
-        check_writable(folder)
+        check_folder_writable(folder)
     scenes = {name: _find(name, named=bool(size.scenes)) for name in size.scenes or scene_names()}
     identities = _identify(scenes, size)  # now, not when a scene is done: code may be edited meanwhile
     kept = {} if folder is None else _read_kept(folder, identities)

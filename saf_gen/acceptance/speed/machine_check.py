@@ -6,12 +6,12 @@ import platform
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.extras import installed_version
 from saf_gen.errors import BadInput
-from saf_gen.scene.trusted_folders import trusted_folders
+from saf_gen.scene.trusted_folders import trusted_scene_folders
 
 PACKAGES = ("mitsuba", "drjit", "numpy", "numba", "scipy", "h5py", "isal", "OpenEXR", "matplotlib")
 
 
-def describe_installation() -> tuple[dict[str, str], list[str]]:
+def describe_machine_to_bench() -> tuple[dict[str, str], list[str]]:
     """Return facts by name, and advice on what to install; nothing is rendered.
 
     A missing renderer is one of the facts.
@@ -33,7 +33,7 @@ def describe_installation() -> tuple[dict[str, str], list[str]]:
     facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
     facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
-    facts["scenes of yours"] = ", ".join(str(folder) for folder in trusted_folders()) or "none registered"
+    facts["scenes of yours"] = ", ".join(str(folder) for folder in trusted_scene_folders()) or "none registered"
     facts["Python"] = platform.python_version()
     for name in PACKAGES:
         facts[name] = installed_version(name)

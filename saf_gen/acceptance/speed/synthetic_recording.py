@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from saf_gen.acceptance.speed.fresh_process import peak_memory_gib
+from saf_gen.acceptance.speed.fresh_process import peak_memory_of_bench_gib
 from saf_gen.camera import Encoder, Sensor, encoder_knot_weights, get_sensor
 from saf_gen.core import seeds
 from saf_gen.core.execution.job import ReportProgress
@@ -64,7 +64,7 @@ def record_bench_sweep(
             writer.write(block)
 
 
-def measure_recording_memory(sensor: str, positions: int, *, frames: int, report: ReportProgress) -> float:
+def bench_recording_memory(sensor: str, positions: int, *, frames: int, report: ReportProgress) -> float:
     """Record a sequence into a temporary file, and return this process's peak memory (GiB)."""
     camera, stage = get_sensor(sensor), f"memory of a recording of {frames:,} frames"
     report(stage, 0.0)
@@ -73,7 +73,7 @@ def measure_recording_memory(sensor: str, positions: int, *, frames: int, report
             Path(folder) / "bench.h5", camera, charge=make_bench_charge(camera, positions), frames=frames
         )
     report(stage, 1.0)
-    return peak_memory_gib()
+    return peak_memory_of_bench_gib()
 
 
 def _sweep(frames: int) -> np.ndarray:

@@ -10,7 +10,16 @@ from importlib import import_module
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot, Verdict
 from saf_gen.errors import unknown
 
-__all__ = ["Check", "Comparison", "Curve", "Finding", "Plot", "Verdict", "all_checks", "choose_checks"]
+__all__ = [
+    "Check",
+    "Comparison",
+    "Curve",
+    "Finding",
+    "Plot",
+    "Verdict",
+    "all_validation_checks",
+    "choose_validation_checks",
+]
 
 SUBJECTS = {
     "optics": "optics",
@@ -26,18 +35,18 @@ SUBJECTS = {
 """The module of the checks of each subject, in the order of the page."""
 
 
-def all_checks() -> dict[str, Check]:
+def all_validation_checks() -> dict[str, Check]:
     """Return every check by its name, in the order of the page."""
     modules = (import_module(f"saf_gen.acceptance.validation.{module}") for module in SUBJECTS.values())
     return {check.name: check for module in modules for check in module.CHECKS}
 
 
-def choose_checks(names: list[str]) -> list[Check]:
+def choose_validation_checks(names: list[str]) -> list[Check]:
     """Return the checks of these names, or all if there are none; a subject stands for all its checks.
 
     Raises BadInput for a name that is neither a check nor a subject.
     """
-    checks = all_checks()
+    checks = all_validation_checks()
     for name in names:
         if name not in checks and name not in SUBJECTS:
             raise unknown("check", name, allowed=[*SUBJECTS, *checks])

@@ -7,21 +7,21 @@ import numpy as np
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
 from saf_gen.acceptance.validation.optics import DRIVES, F_NUMBER
-from saf_gen.acceptance.validation.workload import DatasetMaker, Made, Workload, sensor_with_noise
-from saf_gen.acceptance.validation.written_scenes import lit_chequers
+from saf_gen.acceptance.validation.workload import DatasetMaker, Made, Workload, workload_sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import lit_chequers_of_workload
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import Sensor, get_sensor
-from saf_gen.camera.counting_law import noise_per_spike
-from saf_gen.generate.coarse_sampling import find_coarse_sampling
-from saf_gen.leaderboard.grain_tables import compose_grain_notes
+from saf_gen.camera.counting_law import pixel_noise_per_spike
+from saf_gen.generate.coarse_sampling import find_coarse_recipe_sampling
+from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes
 from saf_gen.scene.scene_folder import find_scene
-from saf_gen.stream.recorded_grain import read_recorded_grain
+from saf_gen.stream.recorded_grain import read_grain_of_stream
 
 SAMPLES, SLICE_SAMPLES, POSITIONS, RATE, BLOCK = 64, 16, 129, 0.2, 100
 """What our recipes use for scenes at rest and in time slices, and the block of frames in which measures look."""
 
 
-def check_samples(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare grain at the samples of our recipes with the noise of the sensor, and too few samples with a warning."""
     scenes = ("usaf_target",) if quick else ("usaf_target", "low_texture", "bookshelf", "camel", "two_planes")
     size: dict[str, Any] = {"rows": 50, "columns": 80, "pitch_m": 1e-4}
@@ -43,14 +43,14 @@ def check_samples(maker: DatasetMaker, quick: bool) -> Finding:
     made = maker.make(make(SAMPLES))
     for scene in scenes:
         with made.open(scene=scene) as stream:
-            grain = read_recorded_grain(stream.metadata.provenance)
+            grain = read_grain_of_stream(stream.metadata.provenance)
         rms = float("nan") if grain is None else grain.rms_in_focus
         comparisons.append(Comparison(f"{scene}: grain in focus over the mean", rms, at_least=0.0, at_most=noise))
         shown.append(rms)
-    enough = compose_grain_notes(evaluate(made.folder, methods=["sd+argmax"]).records)
+    enough = compose_leaderboard_grain_notes(evaluate(made.folder, methods=["sd+argmax"]).records)
     comparisons.append(Comparison("warnings of evaluate at the default", float(len(enough)), 0.0, 0.0, 0.0))
     few = maker.make(make(1))
-    warned = compose_grain_notes(evaluate(few.folder, methods=["energy_of_laplacian+argmax"]).records)
+    warned = compose_leaderboard_grain_notes(evaluate(few.folder, methods=["energy_of_laplacian+argmax"]).records)
     comparisons.append(
         Comparison("warnings of evaluate at one sample, by the Laplacian", float(len(warned)), at_least=1.0)
     )
@@ -59,12 +59,12 @@ def check_samples(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot(f"scene: {', '.join(scenes)}", "rms over the mean", curves))
 
 
-def check_positions(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_positions(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare SD along a sweep of the positions of our recipes with that of four times as many."""
     repeats, frames, samples = (4, 2000, 32) if quick else (12, 4000, 256)
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
     lens = {"drive": "image_distance", "f_number": F_NUMBER, **DRIVES["image_distance"]}
-    scene = lit_chequers("chequers", lights={"lamp": ["lamp"], "room": ["room"]}, lens=lens, chequers=230)
+    scene = lit_chequers_of_workload("chequers", lights={"lamp": ["lamp"], "room": ["room"]}, lens=lens, chequers=230)
     measure, curves_of = saf_gen.get_measure("sd"), {}
     for positions in (POSITIONS, 4 * (POSITIONS - 1) + 1):
         workload = Workload(
@@ -103,10 +103,10 @@ def check_positions(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(comparisons, Plot("position", "SD", curves))
 
 
-def check_slices(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_slices(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare counts recorded with the time slices of a scene's card with those of four times as many and as clean."""
     scenes = ("foliage", "bottle")
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=100, columns=160)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=100, columns=160)
     noise = _noise_of_block(get_sensor("vidar_400x250"))
     comparisons, shown = [], []
     for scene in scenes:
@@ -131,7 +131,7 @@ def check_slices(maker: DatasetMaker, quick: bool) -> Finding:
             )
 
         for times, told in ((1, 0), (0.25, 1)):
-            lines = find_coarse_sampling(maker.resolve(make(times)))
+            lines = find_coarse_recipe_sampling(maker.resolve(make(times)))
             what = f"{scene}: warnings of recipes check at {times:g} times the slices of its card"
             comparisons.append(Comparison(what, float(len(lines)), told, told, told))
         if quick:  # light between two slices is held to its law by `crossfade_dip`
@@ -161,7 +161,7 @@ def _noise_of_block(sensor: Sensor) -> float:
             )
         )
     )
-    counting = float(np.sqrt(1 / 6 + RATE * BLOCK * noise_per_spike(sensor)) / (RATE * BLOCK))
+    counting = float(np.sqrt(1 / 6 + RATE * BLOCK * pixel_noise_per_spike(sensor)) / (RATE * BLOCK))
     return float(np.hypot(pattern, counting))
 
 
@@ -180,7 +180,7 @@ CHECKS = (
         "Grain: docs/explanation/grain.md; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
         "Scenes at rest with 64 samples as stored beside each recording, and again with one; evaluate's warning.",
         "The sensor's own noise in a block of 100 frames at a rate of 0.2.",
-        check_samples,
+        _check_samples,
     ),
     Check(
         "convergence_positions",
@@ -190,7 +190,7 @@ CHECKS = (
         "Linear interpolation between positions (docs/explanation/physics.md, *Radiometry and exposure*)",
         "A chequered plane swept by a lens at f/1.4, several seeds, with 129 and with 513 positions.",
         "One standard deviation of a recording's SD; the noise of the means is taken off.",
-        check_positions,
+        _check_positions,
     ),
     Check(
         "convergence_slices",
@@ -202,6 +202,6 @@ CHECKS = (
         "four times as many slices of 64 samples, two recordings of each; their grain counts as error. The warning "
         "of recipes check.",
         "The sensor's own noise in a block of 100 frames at a rate of 0.2.",
-        check_slices,
+        _check_slices,
     ),
 )

@@ -3,9 +3,9 @@
 import numpy as np
 
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import compare_mean
-from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, sensor_with_noise
-from saf_gen.acceptance.validation.written_scenes import STILL_LENS, striped_card
+from saf_gen.acceptance.validation.inference import compare_mean_with_law
+from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import STILL_LENS, striped_card_of_workload
 from saf_gen.stream.stream_file import SpikeStream
 
 PERIOD, STEPS = 12, (1.0, 2.0, 3.0, 4.5)
@@ -13,16 +13,16 @@ PERIOD, STEPS = 12, (1.0, 2.0, 3.0, 4.5)
 SLICE_FRAMES, FRAMES = 200, 1000
 
 
-def check_dip(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_dip(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the contrast half way between two slices with that at a slice."""
     steps = STEPS[1::2] if quick else STEPS
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=24 if quick else 96, columns=5 * PERIOD)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=24 if quick else 96, columns=5 * PERIOD)
     focal = STILL_LENS["focal_length_mm"] / 1000
     v = float(np.mean([focal * u / (u - focal) for u in STILL_LENS["focus_range_m"]]))
     pixel_m = sensor.pitch_m * 0.5 / v
     slices_per_s = sensor.readout_hz / SLICE_FRAMES
     scenes = tuple(
-        striped_card(
+        striped_card_of_workload(
             f"stripes_{round(10 * d):02d}", period_m=PERIOD * pixel_m, speed_m_per_s=d * pixel_m * slices_per_s
         )
         for d in steps
@@ -75,7 +75,7 @@ def check_dip(maker: DatasetMaker, quick: bool) -> Finding:
             error = float(
                 np.mean([rows.std() / np.sqrt(rows.size) / abs(m) for rows, m in zip(found[0.0], whole, strict=True)])
             )
-            one = compare_mean(
+            one = compare_mean_with_law(
                 f"{d:g} pixels per slice, {part:g} of the way: amplitude over that at a slice",
                 samples,
                 expected=float(abs(law)),
@@ -111,6 +111,6 @@ CHECKS = (
         "Stripes of a period of 12 pixels that move by 1 to 4.5 pixels per slice of 200 frames; the first "
         "harmonic of 20 frames.",
         "The scatter of rows, at the slice and between (once in 10,000 runs by chance).",
-        check_dip,
+        _check_dip,
     ),
 )

@@ -7,24 +7,30 @@ from scipy import stats
 
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import FALSE_ALARM, compare_estimate, compare_mean
-from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, sensor_with_noise
-from saf_gen.acceptance.validation.written_scenes import even_panel, gain_of_rate, lit_chequers
+from saf_gen.acceptance.validation.inference import FALSE_ALARM, compare_estimate_with_law, compare_mean_with_law
+from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import (
+    even_panel_of_workload,
+    gain_of_rate_by_law,
+    lit_chequers_of_workload,
+)
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.camera.counting_law import count_variance, noise_per_spike
+from saf_gen.camera.counting_law import pixel_count_variance, pixel_noise_per_spike
 
 WINDOW = 100
 FEW = (0.003, 0.006, 0.0125, 0.025, 0.05, 0.08, 0.15, 0.3)
 """Rates at which a window of 100 frames has 0.3 to 30 counts."""
 
 
-def check_dark_end(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_dark_end(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare SD of an even field at few counts with the exact law."""
     size = {"rows": 100, "columns": 160} if quick else {"rows": 250, "columns": 400}
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=size["rows"], columns=size["columns"])
-    lights = {f"rate_{n}": {"kind": "constant", "level": gain_of_rate(rate, sensor)} for n, rate in enumerate(FEW)}
-    made = maker.make(Workload((even_panel(),), sensor, 2 * WINDOW, lights))
-    measure, per_spike = saf_gen.get_measure("sd"), noise_per_spike(sensor)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=size["rows"], columns=size["columns"])
+    lights = {
+        f"rate_{n}": {"kind": "constant", "level": gain_of_rate_by_law(rate, sensor)} for n, rate in enumerate(FEW)
+    }
+    made = maker.make(Workload((even_panel_of_workload(),), sensor, 2 * WINDOW, lights))
+    measure, per_spike = saf_gen.get_measure("sd"), pixel_noise_per_spike(sensor)
     comparisons = []
     for name, rate in zip(lights, FEW, strict=True):
         with made.open(light=name) as stream:
@@ -34,18 +40,18 @@ def check_dark_end(maker: DatasetMaker, quick: bool) -> Finding:
         # What each pixel adds to SD, to first order; their scatter is that of SD.
         influence = (off**2 - off.var()) / found**2 - 2 * off.var() * off / found**3
         comparisons.append(
-            compare_estimate(
+            compare_estimate_with_law(
                 f"SD at {mean:g} counts",
                 float(measure(counts)),
                 standard_error=float(influence.std() / np.sqrt(counts.size)),
-                expected=float(count_variance(mean, mean * per_spike)) / mean**2,
+                expected=float(pixel_count_variance(mean, mean * per_spike)) / mean**2,
                 figures=len(FEW),
             )
         )
     x = np.geomspace(0.2, 40, 400)
     average = x * per_spike + 1 / 6
     curves = (
-        Curve("exact law", tuple(x.tolist()), tuple((count_variance(x, x * per_spike) / x**2).tolist())),
+        Curve("exact law", tuple(x.tolist()), tuple((pixel_count_variance(x, x * per_spike) / x**2).tolist())),
         Curve(
             "SD of streams",
             tuple(rate * WINDOW for rate in FEW),
@@ -58,15 +64,17 @@ def check_dark_end(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("mean count", "SD of an even field", curves, log_x=True, log_y=True))
 
 
-def check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare SD of an even field under dark charge with what the spread of a dark recording of the device predicts."""
     rows, columns = (100, 160) if quick else (250, 400)
-    sensor = sensor_with_noise("shot", "threshold_noise", "dark", rows=rows, columns=columns)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", "dark", rows=rows, columns=columns)
     frames, rates = 2000, (0.002, 0.005, 0.01, 0.03, 0.1)
     lights = {"dark": {"kind": "constant", "level": 0.0}}
-    lights |= {f"rate_{n}": {"kind": "constant", "level": gain_of_rate(rate, sensor)} for n, rate in enumerate(rates)}
-    made = maker.make(Workload((even_panel(),), sensor, frames, lights))
-    per_spike, n = noise_per_spike(sensor), 1000
+    lights |= {
+        f"rate_{n}": {"kind": "constant", "level": gain_of_rate_by_law(rate, sensor)} for n, rate in enumerate(rates)
+    }
+    made = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
+    per_spike, n = pixel_noise_per_spike(sensor), 1000
     with made.open(light="dark") as stream:
         dark = stream.counts(0, frames).astype(float) / frames  # within half a spike of what the pixel has
     comparisons, means, seen, law = [], [], [], []
@@ -78,13 +86,13 @@ def check_dark_offset(maker: DatasetMaker, quick: bool) -> Finding:
         light = mean / n - float(dark.mean())
         own = n * (light + dark * (1 - 2 * sensor.reset_loss * light))
         own += mean - float(own.mean())
-        noise = float(np.mean(count_variance(np.quantile(own, (np.arange(300) + 0.5) / 300), mean * per_spike)))
-        rounding = float(np.mean(count_variance(frames * np.quantile(dark, (np.arange(300) + 0.5) / 300), 1e-3)))
+        noise = float(np.mean(pixel_count_variance(np.quantile(own, (np.arange(300) + 0.5) / 300), mean * per_spike)))
+        rounding = float(np.mean(pixel_count_variance(frames * np.quantile(dark, (np.arange(300) + 0.5) / 300), 1e-3)))
         spread = float(own.var()) - rounding * (n / frames) ** 2
         # (count − mean)² less what the dark recording says of the same pixel: the spread over pixels drops out.
         samples = ((counts - mean) ** 2 - (own - mean) ** 2) / mean**2
         comparisons.append(
-            compare_mean(
+            compare_mean_with_law(
                 f"{mean / n:.3g} spikes per readout: SD less that of the dark recording",
                 samples,
                 expected=(noise - rounding * (n / frames) ** 2) / mean**2,
@@ -111,9 +119,9 @@ THRESHOLD = 10.0
 """Frames; golden search as released ends at an interval that is no wider."""
 
 
-def check_dead_zone(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_dead_zone(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the answers of golden fast search with 9.55 % of the sweep, for focus before and after that."""
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=48, columns=64)
     frames, focal, travel = 4000, 0.025, 0.001
     places, repeats = ((0.04, 0.4), 6) if quick else ((0.02, 0.04, 0.06, 0.08, 0.2, 0.3, 0.4, 0.5), 12)
     in_focus = focal * 0.5 / (0.5 - focal)
@@ -123,7 +131,9 @@ def check_dead_zone(maker: DatasetMaker, quick: bool) -> Finding:
         ends = [focal * v / (v - focal) for v in (first, first + travel)]
         lens = {"focal_length_mm": 25.0, "f_number": 2.0, "focus_range_m": ends}
         lights = {"lamp": ["lamp"], "room": ["room"]}
-        scenes.append(lit_chequers(f"focus_{round(1000 * place):03d}", lights=lights, lens=lens, chequers=230))
+        scenes.append(
+            lit_chequers_of_workload(f"focus_{round(1000 * place):03d}", lights=lights, lens=lens, chequers=230)
+        )
     workload = Workload(
         tuple(scenes),
         sensor,
@@ -191,7 +201,7 @@ CHECKS = (
         "SD: Su et al., CVPR 2024, doi:10.1109/CVPR52733.2024.02363; the law: https://dlmf.nist.gov/24.8.E1",
         "Even light of 0.3 to 30 counts per window of 100 frames, 100,000 pixels; the measure sd.",
         f"{_SCATTER}.",
-        check_dark_end,
+        _check_dark_end,
     ),
     Check(
         "dispersion_dark_offset",
@@ -200,7 +210,7 @@ CHECKS = (
         "The variance of a sum (docs/explanation/spike-camera.md)",
         "Even light at five levels over dark charge, windows of 1,000 frames, and a dark recording of the same device.",
         f"{_SCATTER}, each pixel against itself in the dark; and rounding of the dark recording to whole spikes.",
-        check_dark_offset,
+        _check_dark_offset,
     ),
     Check(
         "dispersion_dead_zone",
@@ -212,6 +222,6 @@ CHECKS = (
         "with twelve draws of noise; sd+sgfs_code by evaluate.",
         "Before the border: not a frame earlier, and no later than the widest interval in which noise may turn a "
         "choice (foretold from recordings of other noise, once in 10,000). After it: half a depth of focus.",
-        check_dead_zone,
+        _check_dead_zone,
     ),
 )

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from saf_gen.acceptance.validation.check import Check, CheckSkipped, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import compare_estimate
-from saf_gen.acceptance.validation.theory import charge_of_rate, firing_rate, window_autocovariance
+from saf_gen.acceptance.validation.inference import compare_estimate_with_law
+from saf_gen.acceptance.validation.theory import charge_of_rate_by_law, firing_rate_by_law, window_autocovariance_by_law
 from saf_gen.acceptance.validation.workload import DatasetMaker, Workload
-from saf_gen.acceptance.validation.written_scenes import even_panel, gain_of_rate
+from saf_gen.acceptance.validation.written_scenes import even_panel_of_workload, gain_of_rate_by_law
 from saf_gen.camera import get_sensor
-from saf_gen.camera.counting_law import noise_per_spike
+from saf_gen.camera.counting_law import pixel_noise_per_spike
 from saf_gen.camera.sensor import Sensor
 
 WINDOW = 200
@@ -27,7 +27,7 @@ BRIGHT = 0.44
 EXPOSURE_NS = WINDOW / 20_000 * 1e9
 
 
-def judge_flat_fields(
+def _judge_flat_fields(
     pairs: dict[float, list[np.ndarray]], stacks: dict[float, list[np.ndarray]], *, saturated: int
 ) -> dict[str, float]:
     """Return what the EMVA 1288 reference implementation finds in images of whole grey values.
@@ -94,22 +94,22 @@ def _numpy_as_it_asks() -> Iterator[None]:
             del np.asfarray  # type: ignore[attr-defined]  # noqa: NPY201
 
 
-def check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the referee's figures with ours: of long recordings, and of the exact law."""
     _require_referee()
     size = {"rows": 40, "columns": 64} if quick else {"rows": 125, "columns": 200}
     images = 20 if quick else 50
     sensor = get_sensor("vidar_400x250", **size)
-    levels = {f"rate_{round(1000 * rate):03d}": gain_of_rate(rate, sensor) for rate in RATES}
+    levels = {f"rate_{round(1000 * rate):03d}": gain_of_rate_by_law(rate, sensor) for rate in RATES}
     lights = {name: {"kind": "constant", "level": level} for name, level in levels.items()}
     lights["dark"] = {"kind": "constant", "level": 0.0}
-    series = Workload((even_panel(),), sensor, 2 * WINDOW, lights)
+    series = Workload((even_panel_of_workload(),), sensor, 2 * WINDOW, lights)
     bright = f"rate_{round(1000 * BRIGHT):03d}"
     held = {name: lights[name] for name in (bright, "dark")}
-    stack = Workload((even_panel(),), sensor, images * WINDOW, held, seed=16)
+    stack = Workload((even_panel_of_workload(),), sensor, images * WINDOW, held, seed=16)
     efficiency = sensor.quantum_efficiency * sensor.fill_factor
     photons = {
-        name: float(charge_of_rate(rate, sensor)) * WINDOW / efficiency
+        name: float(charge_of_rate_by_law(rate, sensor)) * WINDOW / efficiency
         for name, rate in zip(levels, RATES, strict=True)
     }
     photons["dark"] = 0.0
@@ -120,9 +120,9 @@ def check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
 
     pairs = {photons[name]: windows(series, name) for name in lights}
     stacks = {photons[name]: windows(stack, name) for name in held}
-    theirs = judge_flat_fields(pairs, stacks, saturated=len(RATES) - 1)
+    theirs = _judge_flat_fields(pairs, stacks, saturated=len(RATES) - 1)
     # Another device was not drawn for the second workload: the recipe's seed names it. So ours is of each its own.
-    ours = _our_figures(stacks[photons[bright]], stacks[0.0], per_spike=noise_per_spike(sensor))
+    ours = _our_figures(stacks[photons[bright]], stacks[0.0], per_spike=pixel_noise_per_spike(sensor))
     seen = np.array([np.mean(pairs[photons[name]]) for name in levels]) - np.mean(pairs[0.0])
     law = _law_of_series(np.array([np.mean(pairs[photons[name]]) for name in (bright, "dark")]), photons, sensor=sensor)
     used = seen <= 0.7 * seen[-1]  # up to 70 % of saturation, as the standard has it
@@ -131,7 +131,7 @@ def check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     noise = np.sqrt(1 / 6 / 2 / np.prod(list(size.values())))  # of a mean of two images of counts, at most
     figures = 7
     comparisons: list[Comparison] = [
-        compare_estimate(
+        compare_estimate_with_law(
             "responsivity, counts per 1,000 photons",
             1000 * theirs["responsivity"],
             standard_error=1000 * float(np.sqrt((x[used] ** 2).sum()) / (x[used] ** 2).sum() * noise * 2),
@@ -146,7 +146,7 @@ def check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     deviations = _linearity(x, law)
     for name, expected in (("linearity_least", deviations.min()), ("linearity_most", deviations.max())):
         comparisons.append(
-            compare_estimate(
+            compare_estimate_with_law(
                 f"{name.replace('_', ' ')}, per cent",
                 theirs[name],
                 standard_error=100 * float(np.max(2 * noise / seen)),
@@ -179,10 +179,10 @@ def _law_of_series(anchors: np.ndarray, photons: dict[str, float], *, sensor: Se
     """Return the counts over dark of every bright level by the law of rates, through one bright level and the dark."""
     bright = f"rate_{round(1000 * BRIGHT):03d}"
     efficiency = sensor.quantum_efficiency * sensor.fill_factor
-    dark, whole = charge_of_rate(anchors[::-1] / WINDOW, sensor)
+    dark, whole = charge_of_rate_by_law(anchors[::-1] / WINDOW, sensor)
     response = (whole - dark) / (photons[bright] * efficiency / WINDOW)
     light = np.array([n * efficiency / WINDOW for name, n in photons.items() if name != "dark"])
-    rates = firing_rate(response * light + dark, sensor) - firing_rate(dark, sensor)
+    rates = firing_rate_by_law(response * light + dark, sensor) - firing_rate_by_law(dark, sensor)
     return np.asarray(WINDOW * rates)
 
 
@@ -226,7 +226,7 @@ def _temporal_noise(images: list[np.ndarray], mean: np.ndarray, *, per_spike: fl
     # Pixels of about the same rate have about the same law: 200 rates stand for all.
     rates = np.quantile(mean, (np.arange(200) + 0.5) / 200) / WINDOW
     law = [
-        float(weights @ window_autocovariance(WINDOW, lags, rate=max(float(rate), 1e-6), per_spike=per_spike))
+        float(weights @ window_autocovariance_by_law(WINDOW, lags, rate=max(float(rate), 1e-6), per_spike=per_spike))
         for rate in rates
     ]
     scatter = np.var(images, axis=0, ddof=1).std() / np.sqrt(mean.size)
@@ -241,7 +241,7 @@ def _compare_figure(name: str, found: float, *, ours: tuple[float, float], figur
         "temporal_dark": "temporal variance in the dark, counts²",
     }
     expected, error = ours
-    return compare_estimate(words[name], found, standard_error=error, expected=expected, figures=figures)
+    return compare_estimate_with_law(words[name], found, standard_error=error, expected=expected, figures=figures)
 
 
 CHECKS = (
@@ -255,6 +255,6 @@ CHECKS = (
         "frames, pairs and stacks of 50.",
         "The scatter of pixels in the referee's own means (once in 10,000 runs by chance); ours are the exact "
         "law, and the spread of all frames.",
-        check_emva1288,
+        _check_emva1288,
     ),
 )

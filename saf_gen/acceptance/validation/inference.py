@@ -16,12 +16,12 @@ FALSE_ALARM = 1e-4
 """Probability that a check fails although every law of it holds."""
 
 
-def deviations_allowed(figures: int) -> float:
+def _deviations_allowed(figures: int) -> float:
     """Return how many standard errors one of ``figures`` figures may lie off, normal and on both sides."""
     return float(stats.norm.isf(FALSE_ALARM / (2 * figures)))
 
 
-def compare_estimate(
+def compare_estimate_with_law(
     what: str,
     measured: float,
     *,
@@ -35,7 +35,7 @@ def compare_estimate(
 
     ``figures`` is the number of figures of the check; ``model_error`` what the law leaves out, in the figure's unit.
     """
-    allowed = deviations_allowed(figures) * standard_error + model_error
+    allowed = _deviations_allowed(figures) * standard_error + model_error
     half = float(stats.norm.isf(0.025)) * standard_error
     return Comparison(
         what,
@@ -49,7 +49,7 @@ def compare_estimate(
     )
 
 
-def compare_mean(
+def compare_mean_with_law(
     what: str, samples: np.ndarray, *, expected: float, figures: int, model_error: float = 0.0, unit: str = ""
 ) -> Comparison:
     """Return the comparison of the mean of independent samples, whose own scatter gives its standard error.
@@ -64,7 +64,7 @@ def compare_mean(
     return Comparison(what, mean, expected, expected - allowed, expected + allowed, mean - half, mean + half, unit)
 
 
-def compare_chi_squared(what: str, chi_squared: float, *, freedom: int, figures: int) -> Comparison:
+def compare_chi_squared_with_law(what: str, chi_squared: float, *, freedom: int, figures: int) -> Comparison:
     """Return the comparison of χ² over its degrees of freedom with 1; too good a fit is refused as well."""
     ends = stats.chi2.ppf([FALSE_ALARM / (2 * figures), 1 - FALSE_ALARM / (2 * figures)], freedom) / freedom
     ratio = chi_squared / freedom

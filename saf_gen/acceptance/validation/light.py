@@ -5,22 +5,26 @@ from typing import Any
 import numpy as np
 
 from saf_gen.acceptance.validation.check import Check, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import compare_mean
-from saf_gen.acceptance.validation.radiometry import SETTLED, UNEVEN, rounding_error
-from saf_gen.acceptance.validation.theory import charge_of_rate, firing_rate
-from saf_gen.acceptance.validation.workload import DatasetMaker, Made, Workload, sensor_with_noise
-from saf_gen.acceptance.validation.written_scenes import even_panel, gain_of_rate, lit_chequers
+from saf_gen.acceptance.validation.inference import compare_mean_with_law
+from saf_gen.acceptance.validation.radiometry import SETTLED, UNEVEN, rounding_error_of_law
+from saf_gen.acceptance.validation.theory import charge_of_rate_by_law, firing_rate_by_law
+from saf_gen.acceptance.validation.workload import DatasetMaker, Made, Workload, workload_sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import (
+    even_panel_of_workload,
+    gain_of_rate_by_law,
+    lit_chequers_of_workload,
+)
 
 DEPTH = 0.8
 
 
-def check_flicker(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_flicker(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare how strongly windows follow a lamp's flicker with sinc: not at all over whole periods."""
     size: dict[str, Any] = {"rows": 50, "columns": 80} if quick else {"rows": 125, "columns": 200}
-    sensor, frames, rate = sensor_with_noise("shot", "threshold_noise", **size), 1600, 0.2
-    level = gain_of_rate(rate, sensor)
+    sensor, frames, rate = workload_sensor_with_noise("shot", "threshold_noise", **size), 1600, 0.2
+    level = gain_of_rate_by_law(rate, sensor)
     lights = {f"mains_{hz}": {"kind": "flicker", "hz": hz, "depth": DEPTH, "level": level} for hz in (100, 120)}
-    made = maker.make(Workload((even_panel(),), sensor, frames, lights))
+    made = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
     windows = {100: (50, 100, 150, 200, 250, 400, 600), 120: (50, 150, 250, 350, 500, 750, 1000)}
     figures = sum(map(len, windows.values()))
     comparisons, curves = [], []
@@ -38,7 +42,7 @@ def check_flicker(maker: DatasetMaker, quick: bool) -> Finding:
                 turned = np.cos(phase) * wave - np.sin(phase) * quadrature
                 amplitude = 2 * np.mean([image * w for image, w in zip(images, turned, strict=True)], axis=0)
                 law = _flicker_amplitude(n, hz=hz, rate=rate, readout_hz=sensor.readout_hz)
-                found = compare_mean(
+                found = compare_mean_with_law(
                     f"{hz} Hz in windows of {n} frames: amplitude over mean",
                     amplitude / (n * rate),
                     expected=law,
@@ -61,17 +65,17 @@ def _flicker_amplitude(frames: int, *, hz: float, rate: float, readout_hz: float
     return float(DEPTH * np.sinc(hz * frames / readout_hz))
 
 
-def check_ramp(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_ramp(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare spikes along an even ramp of light with the law: no staircase where θ/q passes whole numbers."""
     size: dict[str, Any] = {"rows": 50, "columns": 80} if quick else {"rows": 125, "columns": 200}
-    sensor, frames = sensor_with_noise("shot", "threshold_noise", **size), 1000 if quick else 4000
+    sensor, frames = workload_sensor_with_noise("shot", "threshold_noise", **size), 1000 if quick else 4000
     ends = (0.05, 0.8)
-    gains = [gain_of_rate(rate, sensor) for rate in ends]
+    gains = [gain_of_rate_by_law(rate, sensor) for rate in ends]
     lights = {"ramp": {"kind": "ramp", "from": gains[0], "to": gains[1]}}
-    made = maker.make(Workload((even_panel(),), sensor, frames, lights))
-    first, last = (float(charge_of_rate(rate, sensor)) for rate in ends)
+    made = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
+    first, last = (float(charge_of_rate_by_law(rate, sensor)) for rate in ends)
     charge = np.linspace(first, last, 2 * frames + 1)[1::2]
-    rates = firing_rate(charge, sensor)
+    rates = firing_rate_by_law(charge, sensor)
     step = frames // 40
     starts = range(step, frames, step)
     comparisons, middles, seen = [], [], []
@@ -79,14 +83,14 @@ def check_ramp(maker: DatasetMaker, quick: bool) -> Finding:
         for start in starts:
             law = float(rates[start : start + step].sum())
             counts = stream.counts(start, start + step)
-            found = compare_mean(
+            found = compare_mean_with_law(
                 f"frames {start:,} to {start + step:,}: count over law",
                 counts / law,
                 expected=1.0,
                 figures=len(starts),
                 # A spike loses light of the readout after it, a little brighter: ℓ times the change in an interval.
                 model_error=UNEVEN
-                + rounding_error(0.05)
+                + rounding_error_of_law(0.05)
                 + sensor.reset_loss * (charge[1] - charge[0]) / charge[0] * 20,
             )
             comparisons.append(found)
@@ -105,14 +109,14 @@ def check_ramp(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("rate", "count over law", curves))
 
 
-def check_additivity(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_additivity(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the sum of two light groups, each alone, with both in one stream, and with one render of both lamps."""
     size: dict[str, Any] = (
         {"rows": 50, "columns": 80, "pitch_m": 1e-4} if quick else {"rows": 125, "columns": 200, "pitch_m": 4e-5}
     )
-    sensor, frames = sensor_with_noise("shot", "threshold_noise", **size), 2000
-    apart = lit_chequers("two_groups", lights={"lamp": ["lamp"], "room": ["room"]})
-    together = lit_chequers("one_group", lights={"both": ["lamp", "room"]})
+    sensor, frames = workload_sensor_with_noise("shot", "threshold_noise", **size), 2000
+    apart = lit_chequers_of_workload("two_groups", lights={"lamp": ["lamp"], "room": ["room"]})
+    together = lit_chequers_of_workload("one_group", lights={"both": ["lamp", "room"]})
     off, on = {"kind": "constant", "level": 0.0}, {"kind": "constant", "level": 0.2}
     lights = {"lamp_alone": {"lamp": on, "room": off}, "room_alone": {"lamp": off, "room": on}, "all": on}
     render = {"samples": 16 if quick else 64, "max_depth": 3, "estimator": "plain"}
@@ -122,14 +126,16 @@ def check_additivity(maker: DatasetMaker, quick: bool) -> Finding:
     def charge(made: Made, light: str) -> np.ndarray:
         with made.open(light=light) as stream:
             rate = stream.counts(SETTLED, frames) / (frames - SETTLED)
-        return np.asarray(charge_of_rate(rate, sensor))
+        return np.asarray(charge_of_rate_by_law(rate, sensor))
 
     lamp, room, both = (charge(alone, light) for light in lights)
     one_render = charge(whole, "all")
     mean = float(both.mean())
     comparisons = (
-        compare_mean("difference, pixel by pixel, over the mean", (lamp + room - both) / mean, expected=0.0, figures=2),
-        compare_mean("to one render, in blocks", _blocks((both - one_render) / mean), expected=0.0, figures=2),
+        compare_mean_with_law(
+            "difference, pixel by pixel, over the mean", (lamp + room - both) / mean, expected=0.0, figures=2
+        ),
+        compare_mean_with_law("to one render, in blocks", _blocks((both - one_render) / mean), expected=0.0, figures=2),
     )
     row = both.shape[0] // 2
     x = tuple(map(float, range(both.shape[1])))
@@ -159,7 +165,7 @@ CHECKS = (
         "over a period.",
         "The scatter of pixels (once in 10,000 runs by chance), and 2·ℓ·rate of the amplitude: the loss at a "
         "spike bends the rate.",
-        check_flicker,
+        _check_flicker,
     ),
     Check(
         "light_ramp",
@@ -169,7 +175,7 @@ CHECKS = (
         "Even light that rises from a rate of 0.05 to 0.8; 39 windows.",
         "The scatter of pixels (once in 10,000 runs by chance), and the change of light within an interval times "
         "the loss at a spike.",
-        check_ramp,
+        _check_ramp,
     ),
     Check(
         "light_additivity",
@@ -179,6 +185,6 @@ CHECKS = (
         "doi:10.1145/15922.15902",
         "A chequered plane under a lamp and a room, as two groups and as one; plain light paths, 2,000 frames.",
         "The scatter of pixels, and of blocks of 10 × 10 pixels between two renders (once in 10,000 runs by chance).",
-        check_additivity,
+        _check_additivity,
     ),
 )

@@ -9,11 +9,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import FALSE_ALARM, compare_chi_squared, compare_estimate, compare_mean
-from saf_gen.acceptance.validation.theory import window_autocovariance
-from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, sensor_with_noise
-from saf_gen.acceptance.validation.written_scenes import even_panel, gain_of_rate
-from saf_gen.camera.counting_law import chi_squared_of_counts, count_probabilities, count_variance, noise_per_spike
+from saf_gen.acceptance.validation.inference import (
+    FALSE_ALARM,
+    compare_chi_squared_with_law,
+    compare_estimate_with_law,
+    compare_mean_with_law,
+)
+from saf_gen.acceptance.validation.theory import window_autocovariance_by_law
+from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import even_panel_of_workload, gain_of_rate_by_law
+from saf_gen.camera.counting_law import (
+    pixel_count_chi_squared,
+    pixel_count_probabilities,
+    pixel_count_variance,
+    pixel_noise_per_spike,
+)
 from saf_gen.camera.noise_table import LANES
 from saf_gen.stream.stream_file import SpikeStream
 
@@ -24,15 +34,15 @@ PAIRS = 16
 COX = "D. R. Cox, Renewal Theory, 1962; the series: https://dlmf.nist.gov/24.8.E1"
 
 
-def even_light(rates: Sequence[float], *, frames: int, shape: tuple[int, int]) -> Workload:
+def _even_light(rates: Sequence[float], *, frames: int, shape: tuple[int, int]) -> Workload:
     """Return the workload of an even field at some rates (spikes per readout), each under a light of its own."""
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=shape[0], columns=shape[1])
-    levels = {light_name(rate): gain_of_rate(rate, sensor) for rate in rates}
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=shape[0], columns=shape[1])
+    levels = {_light_name(rate): gain_of_rate_by_law(rate, sensor) for rate in rates}
     lights = {name: {"kind": "constant", "level": level} for name, level in levels.items()}
-    return Workload((even_panel(),), sensor, frames, lights)
+    return Workload((even_panel_of_workload(),), sensor, frames, lights)
 
 
-def light_name(rate: float) -> str:
+def _light_name(rate: float) -> str:
     """Return the name of the light under which the panel fires at this rate."""
     return f"rate_{round(rate * 1e6):06d}"
 
@@ -41,22 +51,22 @@ def _size(quick: bool) -> tuple[int, tuple[int, int]]:
     return (2000, (100, 160)) if quick else (20_000, (250, 400))
 
 
-def check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the temporal variance of counts, from pairs of windows, with the exact law."""
     frames, shape = _size(quick)
-    workload = even_light(RATES, frames=frames, shape=shape)
+    workload = _even_light(RATES, frames=frames, shape=shape)
     made = maker.make(workload)
-    per_spike = noise_per_spike(workload.sensor)
+    per_spike = pixel_noise_per_spike(workload.sensor)
     windows = [n for n in WINDOWS if 2 * n <= frames]
     comparisons, curves = [], []
     for rate in RATES:
         seen, law, errors = [], [], []
-        with made.open(light=light_name(rate)) as stream:
+        with made.open(light=_light_name(rate)) as stream:
             for n in windows:
                 samples = _half_square_differences(stream, n)
                 # A − B has the variance 2·Var A − 2·cov(A, B), and Var(A + B) is that of a window of 2n.
-                one, two = (float(count_variance(k * n * rate, k * n * rate * per_spike)) for k in (1, 2))
-                found = compare_mean(
+                one, two = (float(pixel_count_variance(k * n * rate, k * n * rate * per_spike)) for k in (1, 2))
+                found = compare_mean_with_law(
                     f"rate {rate:g}, {n:,} frames",
                     samples,
                     expected=2 * one - two / 2,
@@ -89,31 +99,33 @@ def _half_square_differences(stream: SpikeStream, frames: int) -> np.ndarray:
     return found / pairs
 
 
-def check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the interval that follows a spike at one readout with the exact law, by χ² and by its variance."""
     shape = _size(quick)[1]
     rates = INTERVAL_RATES[::3] if quick else INTERVAL_RATES
-    workload = even_light(rates, frames=400, shape=shape)
+    workload = _even_light(rates, frames=400, shape=shape)
     made = maker.make(workload)
-    per_spike = noise_per_spike(workload.sensor)
+    per_spike = pixel_noise_per_spike(workload.sensor)
     comparisons: list[Comparison] = []
     curves = []
     for rate in rates:
         mean, first = 1 / rate, 200
-        with made.open(light=light_name(rate)) as stream:
+        with made.open(light=_light_name(rate)) as stream:
             spikes = stream.frames(first, min(first + int(1.2 * mean) + 10, 400)).reshape(-1, shape[0] * shape[1])
         fired = spikes[0] == 1
         seen = spikes[1:, fired].argmax(axis=0) + 1
-        numbers, probabilities = count_probabilities(mean, per_spike * mean**2)
-        chi, freedom = chi_squared_of_counts(seen, (numbers, probabilities))
+        numbers, probabilities = pixel_count_probabilities(mean, per_spike * mean**2)
+        chi, freedom = pixel_count_chi_squared(seen, (numbers, probabilities))
         name = f"rate {rate:g}, {seen.size:,} intervals"
         if freedom:
-            comparisons.append(compare_chi_squared(f"{name}: χ²/dof", chi, freedom=freedom, figures=2 * len(rates)))
+            comparisons.append(
+                compare_chi_squared_with_law(f"{name}: χ²/dof", chi, freedom=freedom, figures=2 * len(rates))
+            )
         squares = (seen - mean) ** 2.0
-        expected = float(count_variance(mean, per_spike * mean**2))
+        expected = float(pixel_count_variance(mean, per_spike * mean**2))
         fourth = float((probabilities * (numbers - mean) ** 4).sum())
         comparisons.append(
-            compare_estimate(
+            compare_estimate_with_law(
                 f"{name}: variance",
                 float(squares.mean()),
                 standard_error=np.sqrt(max(fourth - expected**2, 0) / seen.size),
@@ -129,7 +141,7 @@ def check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("interval over its mean", "probability", tuple(curves)))
 
 
-def spikes_per_frame(stream: SpikeStream) -> np.ndarray:
+def _spikes_per_frame(stream: SpikeStream) -> np.ndarray:
     """Return the spikes of all pixels in each frame, int64 (T,)."""
     total, size = stream.shape[0], -(-stream.shape[0] // 8)
     out = np.zeros(8 * size, np.int64)
@@ -140,19 +152,19 @@ def spikes_per_frame(stream: SpikeStream) -> np.ndarray:
     return out[:total]
 
 
-def check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the periodogram of spikes per frame with that of the exact law: their quotient is white."""
     frames, shape = _size(quick)
-    workload = even_light(RATES, frames=frames, shape=shape)
+    workload = _even_light(RATES, frames=frames, shape=shape)
     made = maker.make(workload)
-    per_spike, pixels = noise_per_spike(workload.sensor), shape[0] * shape[1]
+    per_spike, pixels = pixel_noise_per_spike(workload.sensor), shape[0] * shape[1]
     taper = np.sqrt(8 / 3) * np.sin(np.pi * (np.arange(frames) + 0.5) / frames) ** 2
     bands = 5 if quick else 10
     figures = len(RATES) * (bands + 1)
     comparisons, curves = [], []
     for rate in RATES:
-        with made.open(light=light_name(rate)) as stream:
-            spikes = spikes_per_frame(stream) - pixels * rate
+        with made.open(light=_light_name(rate)) as stream:
+            spikes = _spikes_per_frame(stream) - pixels * rate
         # Every third ordinate: under Hann's taper those are independent.
         chosen = slice(3, frames // 2, 3)
         seen = np.abs(np.fft.rfft(taper * spikes)[chosen]) ** 2 / frames
@@ -160,7 +172,9 @@ def check_spectrum(maker: DatasetMaker, quick: bool) -> Finding:
         quotient = seen / law
         for n, band in enumerate(np.array_split(quotient, bands), start=1):
             name = f"rate {rate:g}, band {n} of {bands}: power over law"
-            comparisons.append(compare_chi_squared(name, float(2 * band.sum()), freedom=2 * band.size, figures=figures))
+            comparisons.append(
+                compare_chi_squared_with_law(name, float(2 * band.sum()), freedom=2 * band.size, figures=figures)
+            )
         highest = -np.log1p(-((1 - FALSE_ALARM / figures) ** (1 / quotient.size)))
         name = f"rate {rate:g}: highest line of {quotient.size:,}"
         comparisons.append(Comparison(name, float(quotient.max()), float("nan"), 0.0, float(highest)))
@@ -180,7 +194,7 @@ def _expected_periodogram(taper: np.ndarray, *, rate: float, per_spike: float) -
     frames = taper.size
     lags = np.arange(frames)
     covariance = np.concatenate(
-        [window_autocovariance(1, part, rate=rate, per_spike=per_spike) for part in np.array_split(lags, 40)]
+        [window_autocovariance_by_law(1, part, rate=rate, per_spike=per_spike) for part in np.array_split(lags, 40)]
     )
     padded = np.fft.rfft(taper, 2 * frames)
     overlap = np.fft.irfft(np.abs(padded) ** 2, 2 * frames)[:frames] / frames
@@ -188,14 +202,14 @@ def _expected_periodogram(taper: np.ndarray, *, rate: float, per_spike: float) -
     return 2 * np.fft.rfft(weighted).real - weighted[0]
 
 
-def check_independence(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_independence(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare correlations between pixels with 0, and those between windows of time with the exact law."""
     frames, shape = _size(quick)
-    workload = even_light(RATES, frames=frames, shape=shape)
+    workload = _even_light(RATES, frames=frames, shape=shape)
     made = maker.make(workload)
-    rate, n, per_spike = RATES[1], 40, noise_per_spike(workload.sensor)
+    rate, n, per_spike = RATES[1], 40, pixel_noise_per_spike(workload.sensor)
     begin = 2000 - 10 * n if not quick else frames // 2 - 10 * n  # the middle pair lies on both sides of a time block
-    with made.open(light=light_name(rate)) as stream:
+    with made.open(light=_light_name(rate)) as stream:
         counts = np.stack([stream.counts(begin + k * n, begin + (k + 1) * n) for k in range(20)]).astype(float)
     counts -= n * rate
     apart = {"next column": 1, "next row": shape[1], "diagonal": shape[1] + 1, "next noise block": LANES}
@@ -207,20 +221,20 @@ def check_independence(maker: DatasetMaker, quick: bool) -> Finding:
     for what, lag in apart.items():
         products = (flat[:, lag:] * flat[:, :-lag]).mean(axis=0)
         comparisons.append(
-            compare_mean(f"correlation with the pixel in the {what}", products, expected=0.0, figures=figures)
+            compare_mean_with_law(f"correlation with the pixel in the {what}", products, expected=0.0, figures=figures)
         )
     halves = (flat[:5] * np.roll(flat[:5], flat.shape[1] // 2, axis=1)).mean(axis=0)
     comparisons.append(
-        compare_mean("correlation with the pixel half an array away", halves, expected=0.0, figures=figures)
+        compare_mean_with_law("correlation with the pixel half an array away", halves, expected=0.0, figures=figures)
     )
-    law = window_autocovariance(n, np.array([*lags, 1]), rate=rate, per_spike=per_spike)
+    law = window_autocovariance_by_law(n, np.array([*lags, 1]), rate=rate, per_spike=per_spike)
     for lag, expected in zip(lags, law, strict=False):
         products = (counts[lag:] * counts[:-lag]).mean(axis=0)
         what = f"covariance of windows of {n} frames, {lag} apart"
-        comparisons.append(compare_mean(what, products, expected=float(expected), figures=figures))
+        comparisons.append(compare_mean_with_law(what, products, expected=float(expected), figures=figures))
     middle = counts[9] * counts[10]
     comparisons.append(
-        compare_mean(
+        compare_mean_with_law(
             "covariance of windows beside a border of time blocks", middle, expected=float(law[-1]), figures=figures
         )
     )
@@ -250,7 +264,7 @@ CHECKS = (
         f"{_EVEN}{', '.join(map(str, RATES))}; adjacent windows A, B of n = 1 to 10,000 frames of 20,000, 100,000 "
         "pixels.",
         _BY_CHANCE,
-        check_photon_transfer,
+        _check_photon_transfer,
     ),
     Check(
         "noise_intervals",
@@ -261,7 +275,7 @@ CHECKS = (
         f"{_EVEN}{', '.join(map(str, INTERVAL_RATES))}; of every pixel that fires at readout 200 the interval that "
         "follows.",
         f"Pearson's χ² and the variance with the law's own scatter. {_BY_CHANCE}",
-        check_intervals,
+        _check_intervals,
     ),
     Check(
         "noise_spectrum",
@@ -271,7 +285,7 @@ CHECKS = (
         COX,
         "The streams of noise_photon_transfer: spikes of 100,000 pixels in each of 20,000 frames, tapered by Hann.",
         f"Ordinates of a periodogram are exponential about the law: χ² by band, and the highest of all. {_BY_CHANCE}",
-        check_spectrum,
+        _check_spectrum,
     ),
     Check(
         "noise_independence",
@@ -282,6 +296,6 @@ CHECKS = (
         "The stream of noise_photon_transfer at a rate of 0.2: 20 windows of 40 frames round frame 2,000, where a "
         "time block ends.",
         _BY_CHANCE,
-        check_independence,
+        _check_independence,
     ),
 )

@@ -6,19 +6,23 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from saf_gen.acceptance.validation.check import Check, CheckSkipped, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import compare_mean
-from saf_gen.acceptance.validation.theory import charge_of_rate, charge_per_radiance, off_axis
+from saf_gen.acceptance.validation.inference import compare_mean_with_law
+from saf_gen.acceptance.validation.theory import (
+    charge_of_rate_by_law,
+    charge_per_radiance_by_law,
+    off_axis_distances_in_law,
+)
 from saf_gen.acceptance.validation.workload import (
     DatasetMaker,
     Made,
     Workload,
     WrittenScene,
-    scenes_of,
-    sensor_with_noise,
+    use_workload_scenes,
+    workload_sensor_with_noise,
 )
-from saf_gen.acceptance.validation.written_scenes import glowing_edge, strips_behind_a_bar
+from saf_gen.acceptance.validation.written_scenes import glowing_edge_of_workload, strips_behind_bar_of_workload
 from saf_gen.camera.sensor import Sensor
-from saf_gen.optics.exact_otf import exact_otf
+from saf_gen.optics.exact_otf import exact_lens_otf
 from saf_gen.stream.stream_file import SpikeStream
 
 DEPTH_M, EDGE_M, F_NUMBER = 0.5, 0.006, 1.4
@@ -32,7 +36,7 @@ STOPS = (0.04, 0.15, 0.25, 0.8, 0.88, 0.96)
 POSITIONS, FRAMES = 65, 8000
 
 
-def lens_at(drive: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def lens_by_law(drive: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Return v, u and how near the scene has come, z, at positions, and R (m): docs/explanation/physics.md."""
     keys, p = DRIVES[drive], np.asarray(position, np.float64)
     if drive == "image_distance":
@@ -52,9 +56,9 @@ def lens_at(drive: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 def _edge_workload(quick: bool) -> Workload:
     rows = 24 if quick else 96
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=rows, columns=128)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=rows, columns=128)
     scenes = tuple(
-        glowing_edge(
+        glowing_edge_of_workload(
             f"edge_{drive}", depth_m=DEPTH_M, edge_m=EDGE_M, lens={"drive": drive, "f_number": F_NUMBER, **keys}
         )
         for drive, keys in DRIVES.items()
@@ -70,11 +74,11 @@ def _fit_edges(stream: SpikeStream, stop: float, *, groups: int, columns: int) -
     window = range(int(stop * frames) - 40, int(stop * frames) + 40)
     counts = stream.counts(window.start, window.stop).astype(np.float64)
     profiles = counts.reshape(groups, -1, columns).mean(axis=1)
-    fits = [fit_edge(profile) for profile in profiles]
+    fits = [_fit_edge(profile) for profile in profiles]
     return np.array([fit[0] for fit in fits]), np.array([fit[1] for fit in fits]), window
 
 
-def fit_edge(profile: np.ndarray) -> tuple[float, float]:
+def _fit_edge(profile: np.ndarray) -> tuple[float, float]:
     """Return the diameter (pixels) of the disc that blurred a straight edge, and the edge's place from the middle.
 
     The profile of a step blurred by a disc of diameter c is 1/2 + (asin t + t·√(1 − t²))/π, t = 2x/c; a pixel is the
@@ -106,7 +110,7 @@ def _law_of_edge(drive: str, window: range, *, frames: int, pitch_m: float) -> t
     """Return the blur and the edge's place off the axis (pixels) over a window: charge is a line between positions."""
     at = (np.arange(window.start, window.stop) + 0.5) / frames * (POSITIONS - 1)
     knots = np.arange(POSITIONS) / (POSITIONS - 1)
-    v, u, z, radius = lens_at(drive, knots)
+    v, u, z, radius = lens_by_law(drive, knots)
     blur = 2 * radius * v * np.abs(1 / (DEPTH_M - z) - 1 / u) / pitch_m
     place = v * EDGE_M / (DEPTH_M - z) / pitch_m
     square = np.interp(at, np.arange(POSITIONS), blur**2)
@@ -125,7 +129,7 @@ def _compare_edges(maker: DatasetMaker, quick: bool, *, breathing: bool) -> Find
                 blur, place, window = _fit_edges(stream, stop, groups=12, columns=workload.sensor.columns)
                 expected = _law_of_edge(drive, window, frames=workload.frames, pitch_m=pitch_m)
                 samples, right = (np.abs(place), expected[1]) if breathing else (blur, expected[0])
-                found = compare_mean(
+                found = compare_mean_with_law(
                     f"{drive} at {stop:g}",
                     samples,
                     expected=right,
@@ -146,18 +150,18 @@ def _mixing_error(drive: str, *, breathing: bool, pitch_m: float) -> float:
 
     The second moment of the mixture is that of the law; its shape differs by the square of the difference over c.
     """
-    v, u, z, radius = lens_at(drive, np.arange(POSITIONS) / (POSITIONS - 1))
+    v, u, z, radius = lens_by_law(drive, np.arange(POSITIONS) / (POSITIONS - 1))
     blur = 2 * radius * v * (1 / (DEPTH_M - z) - 1 / u) / pitch_m
     place = v * EDGE_M / (DEPTH_M - z) / pitch_m
     return float(np.abs(np.diff(place if breathing else blur)).max()) / 10
 
 
-def check_blur(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_blur(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the width of a blurred edge with the thin lens's, each drive, on both sides of focus."""
     return _compare_edges(maker, quick, breathing=False)
 
 
-def check_breathing(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_breathing(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the place of an edge off the axis with v/(d − z), each drive."""
     return _compare_edges(maker, quick, breathing=True)
 
@@ -168,12 +172,12 @@ WAVE_LENS = {"focal_length_mm": 50.0, "f_number": 15.63, "focus_range_m": [0.231
 ANGLE_DEG = 5.0
 
 
-def check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the transfer of a slanted edge, in focus and out of it, with the exact one of a round lens with waves."""
     rows, frames = 144, 5000 if quick else 20_000
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=rows, columns=64)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=rows, columns=64)
     depth = 2 / (1 / 0.2313 + 1 / 0.1777)
-    scene = glowing_edge("edge_slanted", depth_m=depth, edge_m=0.0, turn_deg=ANGLE_DEG, lens=WAVE_LENS)
+    scene = glowing_edge_of_workload("edge_slanted", depth_m=depth, edge_m=0.0, turn_deg=ANGLE_DEG, lens=WAVE_LENS)
     focus = {"positions": 33, "motion": {"kind": "sweep"}}
     render = {"samples": 32 if quick else 512, "max_depth": 2}
     workload = Workload((scene,), sensor, frames, exposure={"mean_rate": 0.5}, focus=focus, render=render)
@@ -195,17 +199,21 @@ def check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
         window = range(middle - frames // 50, min(middle + frames // 50, frames))
         with made.open() as stream:
             counts = stream.counts(window.start, window.stop).astype(np.float64)
-        transfers = np.array([edge_transfer(part, frequencies) for part in counts.reshape(12, rows // 12, -1)])
+        transfers = np.array(
+            [validated_edge_transfer(part, frequencies) for part in counts.reshape(12, rows // 12, -1)]
+        )
         v = first + (last - first) * (np.array(window) + 0.5) / frames
         defocus = radius**2 * np.abs(1 / depth - (1 / focal - 1 / v)) / 2 / sensor.wavelength_m
         cut_off = 2 * radius / (sensor.wavelength_m * in_focus) * sensor.pitch_m
-        law = np.mean([exact_otf(frequencies / cut_off, w, points=500) for w in defocus[:: len(defocus) // 20]], axis=0)
+        law = np.mean(
+            [exact_lens_otf(frequencies / cut_off, w, points=500) for w in defocus[:: len(defocus) // 20]], axis=0
+        )
         box = np.sinc(frequencies * np.cos(np.radians(ANGLE_DEG))) * np.sinc(
             frequencies * np.sin(np.radians(ANGLE_DEG))
         )
         seen = []
         for n, frequency in enumerate(frequencies):
-            found = compare_mean(
+            found = compare_mean_with_law(
                 f"{waves:g} waves, {frequency:g} cycles per pixel",
                 transfers[:, n],
                 expected=float(law[n] * box[n]),
@@ -222,7 +230,7 @@ def check_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("cycles per pixel", "transfer", tuple(curves)))
 
 
-def edge_transfer(image: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+def validated_edge_transfer(image: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     """Return the transfer of a straight, slanted edge in a few rows, at frequencies in cycles per pixel across it.
 
     Rows are brought in line by the known slant, in bins of a quarter of a pixel as ISO 12233 has it; the derivative's
@@ -254,16 +262,18 @@ def edge_transfer(image: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     return np.asarray((phases @ slope * centre).real / slope.sum() / spread)
 
 
-def check_occlusion(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_occlusion(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare what is seen round a bar before a striped wall with Mitsuba's thin lens, column by column."""
     rows, columns = (24, 48) if quick else (40, 64)
     reference_samples = 2048 if quick else 16_384
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=rows, columns=columns)
-    scene = strips_behind_a_bar("bar", lens={"focal_length_mm": 25.0, "f_number": 1.4, "focus_range_m": [0.6, 0.4]})
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=rows, columns=columns)
+    scene = strips_behind_bar_of_workload(
+        "bar", lens={"focal_length_mm": 25.0, "f_number": 1.4, "focus_range_m": [0.6, 0.4]}
+    )
     stops = (0.0, 1.0) if quick else (0.0, 0.5, 1.0)
     comparisons: list[Comparison] = []
     curves = []
-    x = off_axis((rows, columns), sensor.pitch_m)
+    x = off_axis_distances_in_law((rows, columns), sensor.pitch_m)
     for stop in stops:
         focus = {"positions": 3, "motion": {"kind": "hold", "position": stop}}
         render = {"samples": 128 if quick else 1024, "max_depth": 3, "diffraction": False, "estimator": "plain"}
@@ -273,14 +283,16 @@ def check_occlusion(maker: DatasetMaker, quick: bool) -> Finding:
         with made.open() as stream:
             rate = stream.counts(0, 4000) / 4000
             v = float(stream.metadata.image_distance[0])  # type: ignore[index]
-        per_radiance = charge_per_radiance(sensor, f_number=1.4, focal_length_m=0.025, image_distance_m=v, off_axis_m=x)
-        radiance = charge_of_rate(rate, sensor) / per_radiance
+        per_radiance = charge_per_radiance_by_law(
+            sensor, f_number=1.4, focal_length_m=0.025, image_distance_m=v, off_axis_m=x
+        )
+        radiance = charge_of_rate_by_law(rate, sensor) / per_radiance
         maker.report(f"thin lens of {reference_samples} samples")
-        reference = render_reference(made, scene, sensor=sensor, position=stop, samples=reference_samples)
+        reference = _render_reference(made, scene, sensor=sensor, position=stop, samples=reference_samples)
         mean = float(reference.mean())
         profile = []
         for column in range(columns):
-            found = compare_mean(
+            found = compare_mean_with_law(
                 f"position {stop:g}, column {column}: difference over the mean",
                 (radiance[:, column] - reference[:, column]) / mean,
                 expected=0.0,
@@ -296,7 +308,7 @@ def check_occlusion(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("column", "radiance, W m⁻² sr⁻¹", tuple(curves)))
 
 
-def render_reference(made: Made, scene: WrittenScene, *, sensor: Sensor, position: float, samples: int) -> np.ndarray:
+def _render_reference(made: Made, scene: WrittenScene, *, sensor: Sensor, position: float, samples: int) -> np.ndarray:
     """Render a workload's scene by Mitsuba's own thin lens, float64 (row, col); CheckSkipped without LLVM or CUDA."""
     from saf_gen.render import backend, mitsuba_scene, thin_lens
     from saf_gen.render.render_setup import RenderSetup
@@ -306,13 +318,13 @@ def render_reference(made: Made, scene: WrittenScene, *, sensor: Sensor, positio
     if chosen == "scalar":
         raise CheckSkipped("the reference needs the variant llvm or cuda to end within the hour")
     backend.activate_render_backend(chosen)
-    with scenes_of(made.folder.parent / "scenes"):
+    with use_workload_scenes(made.folder.parent / "scenes"):
         found = find_scene(scene.id)
     lamps = tuple(lamp for group in found.card.lights.values() for lamp in group)
-    described = mitsuba_scene.build_scene_dict(found)
+    described = mitsuba_scene.build_mitsuba_scene_dict(found)
     loaded, integrator = mitsuba_scene.load_lit_mitsuba_scene(described, lamps, max_depth=3)
     setup = RenderSetup(
-        loaded, integrator, mitsuba_scene.camera_to_world(found), found.build_drive(), sensor, found.card.unit_m
+        loaded, integrator, mitsuba_scene.mitsuba_camera_to_world(found), found.build_drive(), sensor, found.card.unit_m
     )
     batch = 1024
     parts = [
@@ -332,7 +344,7 @@ CHECKS = (
         "A bright half plane at 0.5 m, f/1.4, swept by each drive; the disc is fitted to the edge in 80 frames at "
         "six positions, waves off.",
         f"{_SCATTER}, and a tenth of the difference between two rendered positions, which are mixed.",
-        check_blur,
+        _check_blur,
     ),
     Check(
         "optics_breathing",
@@ -341,7 +353,7 @@ CHECKS = (
         "The thin lens: the ray through its centre is straight",
         "The streams of optics_blur; the edge is 6 mm off the axis.",
         f"{_SCATTER}, and a tenth of the difference between two rendered positions, which are mixed.",
-        check_breathing,
+        _check_breathing,
     ),
     Check(
         "optics_transfer",
@@ -351,7 +363,7 @@ CHECKS = (
         "A half plane turned by 5 degrees before f/15.6, R/v = 0.024, swept; windows at 0 to 1.5 waves of "
         "defocus, 12 groups of rows.",
         f"{_SCATTER}, and 0.039 of the lens's transfer, the stated error of ray bending (geometry alone is 0.36 off).",
-        check_transfer,
+        _check_transfer,
     ),
     Check(
         "optics_occlusion",
@@ -362,6 +374,6 @@ CHECKS = (
         "Stripes at 0.55 m behind a bar at 0.45 m, f/1.4, at three positions; spikes of 4,000 frames turned to "
         "radiance, against 16,384 samples.",
         "The scatter of rows, which all show the same (once in 10,000 runs by chance), column by column.",
-        check_occlusion,
+        _check_occlusion,
     ),
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, Comparison, Verdict
 from saf_gen.acceptance.validation.inference import FALSE_ALARM
-from saf_gen.acceptance.validation.plots import draw_plot
+from saf_gen.acceptance.validation.plots import draw_validation_plot
 from saf_gen.core.files import write_text_atomically
 
 PAGE, PICTURES = "validation.md", "pictures"
@@ -15,13 +15,13 @@ SHOWN = 8
 """Figures of a check that are listed: the ones nearest to the end of what is allowed."""
 
 
-def write_page(checks: Sequence[Check], verdicts: Sequence[Verdict], *, folder: Path, quick: bool) -> Path:
+def write_validation_page(checks: Sequence[Check], verdicts: Sequence[Verdict], *, folder: Path, quick: bool) -> Path:
     """Write ``validation.md`` and the pictures beside it, and return its path; BadInput where that is impossible."""
     by_name = {verdict.name: verdict for verdict in verdicts}
     shown = [(check, by_name[check.name]) for check in checks]
     for check, verdict in shown:
         if verdict.plot is not None:
-            draw_plot(verdict.plot, folder / PICTURES / _picture(check))
+            draw_validation_plot(verdict.plot, folder / PICTURES / _picture(check))
     page = folder / PAGE
     write_text_atomically(page, "\n".join(_lines(shown, quick=quick)) + "\n")
     return page
@@ -56,7 +56,7 @@ def _lines(shown: list[tuple[Check, Verdict]], *, quick: bool) -> list[str]:
         number = (
             f"{sum(c.passed for c in verdict.comparisons)} of {len(verdict.comparisons)}" if verdict.comparisons else ""
         )
-        used = f"{tolerance_used(verdict):.2f}" if verdict.comparisons else ""
+        used = f"{tolerance_used_in_validation(verdict):.2f}" if verdict.comparisons else ""
         lines.append(f"| [{check.name}](#{check.name}) | {_outcome(verdict)} | {number} | {used} |")
     subject = ""
     for check, verdict in shown:
@@ -100,7 +100,9 @@ def _figures(comparisons: tuple[Comparison, ...]) -> list[str]:
     lines = ["| figure | measured (95 %) | law | allowed | |", "|---|---|---|---|---|"]
     for one in shown:
         step = (one.at_most - one.at_least) / 20
-        low, high, measured, law = (format_number(x, step) for x in (one.low, one.high, one.measured, one.expected))
+        low, high, measured, law = (
+            format_validation_number(x, step) for x in (one.low, one.high, one.measured, one.expected)
+        )
         interval = f" ({low} to {high})" if math.isfinite(one.low) else ""
         unit, passed = f" {one.unit}" if one.unit else "", "" if one.passed else "**fails**"
         law = law if math.isfinite(one.expected) else "–"
@@ -116,18 +118,18 @@ def _rank(one: Comparison) -> float:
 
 
 def _allowed(one: Comparison, step: float) -> str:
-    low, high = format_number(one.at_least, step), format_number(one.at_most, step)
+    low, high = format_validation_number(one.at_least, step), format_validation_number(one.at_most, step)
     if math.isfinite(one.at_least) and math.isfinite(one.at_most):
         return f"{low} to {high}"
     return f"≤ {high}" if math.isfinite(one.at_most) else f"≥ {low}"
 
 
-def tolerance_used(verdict: Verdict) -> float:
+def tolerance_used_in_validation(verdict: Verdict) -> float:
     """Return the largest part of its tolerance that a figure of the check takes."""
     return max((_rank(one) for one in verdict.comparisons), default=math.nan)
 
 
-def format_number(value: float, step: float = math.inf) -> str:
+def format_validation_number(value: float, step: float = math.inf) -> str:
     """Return a number for a table, with digits down to ``step``, what a reader tells apart; four digits without one."""
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else str(value)

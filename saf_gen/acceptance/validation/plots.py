@@ -14,7 +14,7 @@ COLOURS = ("#1f5fa8", "#c0392b", "#2a8a4a", "#8a5a00", "#6b3fa0", "#007c8a", "#a
 SIZE_INCHES, DOTS_PER_INCH = (6.4, 2.7), 100
 
 
-def draw_plot(plot: Plot, path: Path) -> None:
+def draw_validation_plot(plot: Plot, path: Path) -> None:
     """Write the picture of a plot as a PNG of 48 colours, some seven kilobytes; a law and its points share a colour."""
     figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
     FigureCanvasAgg(figure)

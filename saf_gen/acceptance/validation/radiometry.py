@@ -10,11 +10,20 @@ from typing import Any
 import numpy as np
 
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import compare_mean
-from saf_gen.acceptance.validation.theory import charge_of_rate, charge_per_radiance, firing_rate, off_axis
-from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, sensor_with_noise
-from saf_gen.acceptance.validation.written_scenes import even_panel, gain_of_rate, glowing_panel
-from saf_gen.camera.counting_law import noise_per_spike
+from saf_gen.acceptance.validation.inference import compare_mean_with_law
+from saf_gen.acceptance.validation.theory import (
+    charge_of_rate_by_law,
+    charge_per_radiance_by_law,
+    firing_rate_by_law,
+    off_axis_distances_in_law,
+)
+from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import (
+    even_panel_of_workload,
+    gain_of_rate_by_law,
+    glowing_panel_of_workload,
+)
+from saf_gen.camera.counting_law import pixel_noise_per_spike
 from saf_gen.camera.sensor import Sensor
 
 F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)
@@ -24,7 +33,7 @@ UNEVEN = 1e-5
 """How even the waves' bends leave even light, of its radiance: docs/explanation/waves.md."""
 
 
-def rounding_error(rate: float) -> float:
+def rounding_error_of_law(rate: float) -> float:
     """Return how far single precision may move a rate, relatively: half a last digit of θ at each readout."""
     return 2.0**-25 / rate
 
@@ -34,20 +43,20 @@ def _sensor(quick: bool, **changes: Any) -> Sensor:
     size: dict[str, Any] = (
         {"rows": 50, "columns": 80, "pitch_m": 1e-4} if quick else {"rows": 125, "columns": 200, "pitch_m": 4e-5}
     )
-    return sensor_with_noise("shot", "threshold_noise", **size, **changes)
+    return workload_sensor_with_noise("shot", "threshold_noise", **size, **changes)
 
 
-def check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare rates at f-numbers from 1.4 to 16 with 1/N²."""
     numbers = F_NUMBERS[::3] if quick else F_NUMBERS
     sensor, frames = _sensor(quick), 1000 if quick else 4000
     focal, near, far = 0.2, 9.0, 12.0
     v = focal * far / (far - focal)
-    x = off_axis((sensor.rows, sensor.columns), sensor.pitch_m)
-    widest = charge_per_radiance(sensor, f_number=1.4, focal_length_m=focal, image_distance_m=v, off_axis_m=0.0)
-    radiance = float(charge_of_rate(0.9, sensor) / widest)
+    x = off_axis_distances_in_law((sensor.rows, sensor.columns), sensor.pitch_m)
+    widest = charge_per_radiance_by_law(sensor, f_number=1.4, focal_length_m=focal, image_distance_m=v, off_axis_m=0.0)
+    radiance = float(charge_of_rate_by_law(0.9, sensor) / widest)
     scenes = tuple(
-        glowing_panel(
+        glowing_panel_of_workload(
             f"panel_f{round(10 * n):03d}",
             radiance=radiance,
             depth_m=10.0,
@@ -59,20 +68,20 @@ def check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
     made = maker.make(Workload(scenes, sensor, frames))
     comparisons, rates, law = [], [], []
     for n, scene in zip(numbers, scenes, strict=True):
-        charge = radiance * charge_per_radiance(
+        charge = radiance * charge_per_radiance_by_law(
             sensor, f_number=n, focal_length_m=focal, image_distance_m=v, off_axis_m=x
         )
-        expected = firing_rate(charge, sensor)
+        expected = firing_rate_by_law(charge, sensor)
         with made.open(scene=scene.id) as stream:
             seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
         rate = float(expected.mean())
         comparisons.append(
-            compare_mean(
+            compare_mean_with_law(
                 f"f/{n:g}: rate over law",
                 seen / expected,
                 expected=1.0,
                 figures=len(numbers),
-                model_error=UNEVEN + rounding_error(rate),
+                model_error=UNEVEN + rounding_error_of_law(rate),
             )
         )
         rates.append(float(seen.mean()))
@@ -81,18 +90,20 @@ def check_f_number(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("f-number", "rate", curves, log_x=True, log_y=True))
 
 
-def check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare rates along a sweep from magnification 0 to 1 with 1/(1 + M)²."""
     sensor, frames, focal, positions = _sensor(quick), 2000 if quick else 8000, 0.025, 129
     ends = (1000.0, 2 * focal)
     nearest, farthest = (focal * u / (u - focal) for u in ends)
-    axis = charge_per_radiance(sensor, f_number=4.0, focal_length_m=focal, image_distance_m=nearest, off_axis_m=0.0)
-    radiance = float(charge_of_rate(0.8, sensor) / axis)
+    axis = charge_per_radiance_by_law(
+        sensor, f_number=4.0, focal_length_m=focal, image_distance_m=nearest, off_axis_m=0.0
+    )
+    radiance = float(charge_of_rate_by_law(0.8, sensor) / axis)
     lens = {"focal_length_mm": 1000 * focal, "f_number": 4.0, "focus_range_m": list(ends)}
-    panel = glowing_panel("panel_bellows", radiance=radiance, depth_m=0.6, half_m=0.4, lens=lens)
+    panel = glowing_panel_of_workload("panel_bellows", radiance=radiance, depth_m=0.6, half_m=0.4, lens=lens)
     focus = {"positions": positions, "motion": {"kind": "sweep"}}
     made = maker.make(Workload((panel,), sensor, frames, focus=focus))
-    x = off_axis((sensor.rows, sensor.columns), sensor.pitch_m)
+    x = off_axis_distances_in_law((sensor.rows, sensor.columns), sensor.pitch_m)
     windows = [(start, start + frames // 20) for start in range(frames // 20, frames, frames // 20)]
     comparisons, magnifications, seen, law = [], [], [], []
     # Between two positions charge is a straight line, which lies above 1/v² by at most 3/4·(step/v)².
@@ -103,9 +114,9 @@ def check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
             v = nearest + (farthest - nearest) * times
             rates = np.mean(
                 [
-                    firing_rate(
+                    firing_rate_by_law(
                         radiance
-                        * charge_per_radiance(
+                        * charge_per_radiance_by_law(
                             sensor, f_number=4.0, focal_length_m=focal, image_distance_m=one, off_axis_m=x
                         ),
                         sensor,
@@ -116,12 +127,12 @@ def check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
             )
             counts = stream.counts(start, stop) / (stop - start)
             magnification = float(v.mean()) / focal - 1
-            found = compare_mean(
+            found = compare_mean_with_law(
                 f"M = {magnification:.2f}: rate over law",
                 counts / rates,
                 expected=1.0,
                 figures=len(windows),
-                model_error=UNEVEN + rounding_error(0.2) + chord,
+                model_error=UNEVEN + rounding_error_of_law(0.2) + chord,
             )
             comparisons.append(found)
             magnifications.append(magnification)
@@ -134,17 +145,19 @@ def check_bellows(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("magnification", "rate", curves))
 
 
-def check_field_angle(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_field_angle(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare rates in rings round the axis with cos⁴, out to 30 degrees."""
     sensor, frames, focal, far = _sensor(quick), 1000 if quick else 4000, 0.008, 0.6
     v = focal * far / (far - focal)
-    x = off_axis((sensor.rows, sensor.columns), sensor.pitch_m)
-    per_radiance = charge_per_radiance(sensor, f_number=2.8, focal_length_m=focal, image_distance_m=v, off_axis_m=x)
-    radiance = float(charge_of_rate(0.6, sensor) / per_radiance.max())
+    x = off_axis_distances_in_law((sensor.rows, sensor.columns), sensor.pitch_m)
+    per_radiance = charge_per_radiance_by_law(
+        sensor, f_number=2.8, focal_length_m=focal, image_distance_m=v, off_axis_m=x
+    )
+    radiance = float(charge_of_rate_by_law(0.6, sensor) / per_radiance.max())
     lens = {"focal_length_mm": 1000 * focal, "f_number": 2.8, "focus_range_m": [far, 0.4]}
-    panel = glowing_panel("panel_wide", radiance=radiance, depth_m=0.5, half_m=0.6, lens=lens)
+    panel = glowing_panel_of_workload("panel_wide", radiance=radiance, depth_m=0.5, half_m=0.6, lens=lens)
     made = maker.make(Workload((panel,), sensor, frames))
-    expected = firing_rate(radiance * per_radiance, sensor)
+    expected = firing_rate_by_law(radiance * per_radiance, sensor)
     with made.open() as stream:
         seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
     angle = np.degrees(np.arctan(x / v))
@@ -155,12 +168,12 @@ def check_field_angle(maker: DatasetMaker, quick: bool) -> Finding:
     for first, last in pairwise(rings):
         ring = (angle >= first) & (angle < last)
         comparisons.append(
-            compare_mean(
+            compare_mean_with_law(
                 f"{first:.1f} to {last:.1f} degrees: rate over law",
                 seen[ring] / expected[ring],
                 expected=1.0,
                 figures=len(rings) - 1,
-                model_error=UNEVEN + rounding_error(0.3) + curvature,
+                model_error=UNEVEN + rounding_error_of_law(0.3) + curvature,
             )
         )
         middles.append(float(angle[ring].mean()))
@@ -170,7 +183,7 @@ def check_field_angle(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("field angle, degrees", "rate", curves))
 
 
-def check_decades(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_decades(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare rates over five decades of light with both laws of saturation."""
     frames = 2000 if quick else 20_000
     light = np.geomspace(1e-2, 3.16, 4) if quick else np.geomspace(1e-5, 3.16, 12)
@@ -178,23 +191,25 @@ def check_decades(maker: DatasetMaker, quick: bool) -> Finding:
     curves = []
     for saturation in ("subtract", "dead_readout"):
         size: dict[str, Any] = {"rows": 50, "columns": 80} if quick else {"rows": 100, "columns": 160}
-        sensor = sensor_with_noise("shot", "threshold_noise", **size, saturation=saturation)
-        per_threshold = gain_of_rate(0.5, sensor) / (float(charge_of_rate(0.5, sensor)) / sensor.threshold_e)
+        sensor = workload_sensor_with_noise("shot", "threshold_noise", **size, saturation=saturation)
+        per_threshold = gain_of_rate_by_law(0.5, sensor) / (
+            float(charge_of_rate_by_law(0.5, sensor)) / sensor.threshold_e
+        )
         lights = {f"light_{n:02d}": {"kind": "constant", "level": q * per_threshold} for n, q in enumerate(light)}
-        made = maker.make(Workload((even_panel(),), sensor, frames, lights))
+        made = maker.make(Workload((even_panel_of_workload(),), sensor, frames, lights))
         rates, law = [], []
         for name, q in zip(lights, light, strict=True):
-            expected = float(firing_rate(q * sensor.threshold_e, sensor))
+            expected = float(firing_rate_by_law(q * sensor.threshold_e, sensor))
             with made.open(light=name) as stream:
                 seen = stream.counts(SETTLED, frames) / (frames - SETTLED)
             comparisons.append(
-                compare_mean(
+                compare_mean_with_law(
                     f"{saturation}, {q:.3g} thresholds per readout: rate over law",
                     seen / expected,
                     expected=1.0,
                     figures=2 * light.size,
                     model_error=UNEVEN
-                    + rounding_error(float(q))
+                    + rounding_error_of_law(float(q))
                     + _end_effect(float(q), saturation) / (frames - SETTLED) / expected
                     + _lost_at_the_cap(float(q), sensor),
                 )
@@ -229,7 +244,7 @@ def _lost_at_the_cap(charge: float, sensor: Sensor) -> float:
     Within the noise of saturation a pixel that has just fired may hold more than that. Charge then diffuses over the
     cap, by σ²/2 per spike at the most: half the variance of a threshold, at an even density.
     """
-    return noise_per_spike(sensor) / 2 if sensor.saturation == "subtract" and charge > 0.9 else 0.0
+    return pixel_noise_per_spike(sensor) / 2 if sensor.saturation == "subtract" and charge > 0.9 else 0.0
 
 
 _TOLERANCE = (
@@ -245,7 +260,7 @@ CHECKS = (
         "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
         "A panel of known radiance before lenses of 200 mm from f/1.4 to f/16, in absolute units, rates 0.007 to 0.9.",
         f"{_TOLERANCE}.",
-        check_f_number,
+        _check_f_number,
     ),
     Check(
         "radiometry_bellows",
@@ -254,7 +269,7 @@ CHECKS = (
         "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
         "A sweep of a lens of 25 mm from infinity to magnification 1, 129 positions; 19 windows.",
         f"{_TOLERANCE}; straight lines between positions, 3/4·(step/v)².",
-        check_bellows,
+        _check_bellows,
     ),
     Check(
         "radiometry_field_angle",
@@ -263,7 +278,7 @@ CHECKS = (
         "M. Born and E. Wolf, Principles of Optics, section 4.8, doi:10.1017/CBO9781139644181",
         "A panel before a lens of 8 mm: rings round the axis, out to 30 degrees.",
         f"{_TOLERANCE}; curvature of cos⁴ within a pixel.",
-        check_field_angle,
+        _check_field_angle,
     ),
     Check(
         "radiometry_decades",
@@ -274,6 +289,6 @@ CHECKS = (
         f"{_TOLERANCE}, which is 0.3 % at 10⁻⁵. For dead_readout the ends of the window, because it does not begin "
         "with an even phase. For subtract near saturation 3·10⁻⁵, half the variance of a threshold: it keeps at "
         "most one threshold of excess, and loses what noise brings above that (measured: 1.5·10⁻⁵).",
-        check_decades,
+        _check_decades,
     ),
 )

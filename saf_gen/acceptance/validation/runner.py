@@ -10,7 +10,7 @@ from time import perf_counter
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, CheckSkipped, Verdict
 from saf_gen.acceptance.validation.workload import DatasetMaker
-from saf_gen.core.files import check_writable, write_text_atomically
+from saf_gen.core.files import check_folder_writable, write_text_atomically
 from saf_gen.errors import SafGenError
 
 KEPT = ".validation"
@@ -19,7 +19,7 @@ KEPT = ".validation"
 ReportCheck = Callable[[int, int, str], None]
 
 
-def run_checks(
+def run_validation_checks(
     checks: Sequence[Check], folder: Path, *, quick: bool = False, report: ReportCheck = lambda done, total, what: None
 ) -> list[Verdict]:
     """Run checks and return how each ended, in their order.
@@ -30,7 +30,7 @@ def run_checks(
 
     Parameters
     ----------
-    checks : what :func:`saf_gen.acceptance.validation.choose_checks` returns.
+    checks : what :func:`saf_gen.acceptance.validation.choose_validation_checks` returns.
     folder : where the page will be; what is kept lies in it, in a folder ``.validation``.
     quick : run the small sizes.
     report : is called with checks that are done, their number, and what is at work.
@@ -39,8 +39,8 @@ def run_checks(
     ------
     BadInput : a folder that cannot be written.
     """
-    check_writable(folder)
-    home = folder / KEPT / f"{source_fingerprint()[:12]}-{'quick' if quick else 'whole'}"
+    check_folder_writable(folder)
+    home = folder / KEPT / f"{fingerprint_validated_source()[:12]}-{'quick' if quick else 'whole'}"
     if (folder / KEPT).is_dir():  # what older code found, or left behind, is of no use
         for other in (folder / KEPT).iterdir():
             if other.name.partition("-")[0] != home.name.partition("-")[0]:
@@ -56,7 +56,7 @@ def run_checks(
         if file.is_file():
             verdicts.append(Verdict.from_dict(json.loads(file.read_text(encoding="utf-8"))))
             continue
-        verdict = run_check(check, DatasetMaker(home / "datasets", tell), quick=quick)
+        verdict = _run_check(check, DatasetMaker(home / "datasets", tell), quick=quick)
         if verdict.outcome in ("passed", "failed"):
             text = json.dumps(verdict.as_dict(), ensure_ascii=False, allow_nan=False)
             write_text_atomically(file, text)
@@ -66,7 +66,7 @@ def run_checks(
     return verdicts
 
 
-def run_check(check: Check, maker: DatasetMaker, *, quick: bool) -> Verdict:
+def _run_check(check: Check, maker: DatasetMaker, *, quick: bool) -> Verdict:
     """Run one check. An error of the product ends it as ``broken``, with the error's line; the others go on."""
     begin = perf_counter()
     try:
@@ -86,7 +86,7 @@ def run_check(check: Check, maker: DatasetMaker, *, quick: bool) -> Verdict:
     )
 
 
-def source_fingerprint() -> str:
+def fingerprint_validated_source() -> str:
     """Return the SHA-256 (hex) over all code and presets of saf_gen: what other code found is not used."""
     package = Path(saf_gen.__file__).resolve().parent
     digest = hashlib.sha256()

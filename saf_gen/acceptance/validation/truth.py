@@ -7,11 +7,11 @@ from scipy.optimize import brentq
 
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import compare_mean
-from saf_gen.acceptance.validation.optics import DRIVES, F_NUMBER, lens_at
-from saf_gen.acceptance.validation.theory import off_axis_columns
-from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, sensor_with_noise
-from saf_gen.acceptance.validation.written_scenes import lit_chequers, planes
+from saf_gen.acceptance.validation.inference import compare_mean_with_law
+from saf_gen.acceptance.validation.optics import DRIVES, F_NUMBER, lens_by_law
+from saf_gen.acceptance.validation.theory import off_axis_columns_in_law
+from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
+from saf_gen.acceptance.validation.written_scenes import grey_planes_of_workload, lit_chequers_of_workload
 
 SINGLE_PRECISION_M = 5e-7
 """What single precision may move a depth of half a metre: eight last digits, for a few operations."""
@@ -20,9 +20,9 @@ TILT_DEG = 20.0
 NEAR_M, FAR_M = 0.47, 0.53
 
 
-def best_focus(drive: str, depths: np.ndarray) -> float:
+def _best_focus(drive: str, depths: np.ndarray) -> float:
     """Return the position with the smallest mean of c² over these depths (m): docs/explanation/physics.md."""
-    first, last = (float(one) for one in lens_at(drive, np.array([0.0, 1.0]))[0])
+    first, last = (float(one) for one in lens_by_law(drive, np.array([0.0, 1.0]))[0])
     if drive == "image_distance":
         focal = DRIVES[drive]["focal_length_mm"] / 1000
         w = 1 / focal - 1 / depths
@@ -30,7 +30,7 @@ def best_focus(drive: str, depths: np.ndarray) -> float:
     if drive == "focal_length":
         near, far = (1 / u for u in DRIVES[drive]["focus_range_m"])
         return float((np.mean(1 / depths) - near) / (far - near))
-    u = float(lens_at(drive, np.zeros(1))[1][0])
+    u = float(lens_by_law(drive, np.zeros(1))[1][0])
     begin, end = DRIVES[drive]["travel_m"]
     z = brentq(lambda z: float(np.mean((depths - z - u) / (depths - z) ** 3)), depths.min() - u, depths.max() - u)
     return float((z - begin) / (end - begin))
@@ -38,8 +38,8 @@ def best_focus(drive: str, depths: np.ndarray) -> float:
 
 def _depths(kind: str, drive: str, *, position: float, pitch_m: float) -> np.ndarray:
     """Return the depth (m) of every target pixel, seen through a pinhole at the lens's centre at a position."""
-    v, _, z, _ = lens_at(drive, np.array([position]))
-    slope = off_axis_columns(SHAPE, pitch_m) / v[0]
+    v, _, z, _ = lens_by_law(drive, np.array([position]))
+    slope = off_axis_columns_in_law(SHAPE, pitch_m) / v[0]
     if kind == "two_depths":
         return np.broadcast_to(np.where(slope < 0, NEAR_M, FAR_M), SHAPE)[SHAPE[0] // 2 :]
     tangent = math.tan(math.radians(TILT_DEG))
@@ -47,9 +47,9 @@ def _depths(kind: str, drive: str, *, position: float, pitch_m: float) -> np.nda
     return np.broadcast_to((0.5 - tangent * slope * z[0]) / (1 - tangent * slope), SHAPE)
 
 
-def check_depths(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_depths(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare truth and depth of two depths behind one mask, a slanted target and a roof, each drive."""
-    sensor = sensor_with_noise(rows=SHAPE[0], columns=SHAPE[1], pitch_m=6e-5)
+    sensor = workload_sensor_with_noise(rows=SHAPE[0], columns=SHAPE[1], pitch_m=6e-5)
     across, back = (f"rotate([0, 1, 0], {angle})" for angle in (TILT_DEG, -TILT_DEG))
     kinds: dict[str, dict[str, str]] = {
         "two_depths": {
@@ -64,7 +64,7 @@ def check_depths(maker: DatasetMaker, quick: bool) -> Finding:
         },
     }
     scenes = [
-        planes(
+        grey_planes_of_workload(
             f"{kind}_{drive}",
             shapes=shapes,
             target=[name for name in shapes if name != "wall"],
@@ -81,11 +81,11 @@ def check_depths(maker: DatasetMaker, quick: bool) -> Finding:
             truth = stream.truth
         places = [0.5]
         for _ in range(50):  # the pixels' depths follow from where the lens is, and that from them
-            places.append(best_focus(drive, _depths(kind, drive, position=places[-1], pitch_m=sensor.pitch_m).ravel()))
+            places.append(_best_focus(drive, _depths(kind, drive, position=places[-1], pitch_m=sensor.pitch_m).ravel()))
         position = places[-1]
         law = _depths(kind, drive, position=position, pitch_m=sensor.pitch_m)
         target, depth = np.asarray(truth.target), np.asarray(truth.depth, np.float64)
-        per_metre = abs(best_focus(drive, law.ravel() + 1e-4) - position) / 1e-4
+        per_metre = abs(_best_focus(drive, law.ravel() + 1e-4) - position) / 1e-4
         # The product looks twice: from the middle of the travel, and from where that is in focus.
         unsettled = float(np.abs(_depths(kind, drive, position=places[1], pitch_m=sensor.pitch_m) - law).max())
         allowed_m = SINGLE_PRECISION_M + unsettled
@@ -118,14 +118,14 @@ def _cases(kinds: dict[str, dict[str, str]], quick: bool) -> dict[tuple[str, str
     return {pair: chosen[pair] for pair in zip(kinds, DRIVES, strict=True)} if quick else chosen
 
 
-def check_moving(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_moving(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the track of a target that comes nearer, and the frame at which the sweep meets it, with closed forms."""
     drives = list(DRIVES)[:1] if quick else list(DRIVES)
-    sensor = sensor_with_noise(rows=SHAPE[0], columns=SHAPE[1], pitch_m=6e-5)
+    sensor = workload_sensor_with_noise(rows=SHAPE[0], columns=SHAPE[1], pitch_m=6e-5)
     frames, slices_per_s, came_m = 2000, 50.0 if quick else 100.0, -0.06
     keyframes = [{"time_s": 0.0}, {"time_s": 0.1, "translate_m": [0.0, 0.0, came_m]}]
     scenes = tuple(
-        planes(
+        grey_planes_of_workload(
             f"coming_{drive}",
             shapes={"card": "t.translate([0, 0, 0.53])"},
             target=["card"],
@@ -150,7 +150,7 @@ def check_moving(maker: DatasetMaker, quick: bool) -> Finding:
     times = (np.arange(frames) + 0.5) / sensor.readout_hz
     at = np.arange(0, 0.1 + 1e-9, 1 / slices_per_s)
     for drive in drives:
-        best = np.array([best_focus(drive, np.array([0.53 + came_m * t / 0.1])) for t in at])
+        best = np.array([_best_focus(drive, np.array([0.53 + came_m * t / 0.1])) for t in at])
         track = np.interp(times, at, best)
         with made.open(scene=f"coming_{drive}") as stream:
             truth, position = stream.truth, np.asarray(stream.focus_position, np.float64)
@@ -175,14 +175,14 @@ def check_moving(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("time, s", "position of best focus", tuple(curves)))
 
 
-def check_sharpest(maker: DatasetMaker, quick: bool) -> Finding:
+def _check_sharpest(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare where the spikes of a sweep are sharpest, by SD, with the truth in the file."""
     rows, columns = (48, 64) if quick else (96, 128)
     repeats, frames = (6, 2000) if quick else (12, 4000)
     drives = list(DRIVES)[:1] if quick else list(DRIVES)
-    sensor = sensor_with_noise("shot", "threshold_noise", rows=rows, columns=columns)
+    sensor = workload_sensor_with_noise("shot", "threshold_noise", rows=rows, columns=columns)
     scenes = tuple(
-        lit_chequers(
+        lit_chequers_of_workload(
             f"chequers_{drive}",
             lights={"lamp": ["lamp"], "room": ["room"]},
             lens={"drive": drive, "f_number": F_NUMBER, **DRIVES[drive]},
@@ -216,7 +216,7 @@ def check_sharpest(maker: DatasetMaker, quick: bool) -> Finding:
             fitted = np.polynomial.Polynomial.fit(places[near], scores[near], 2)
             peaks.append((float(fitted.deriv().roots()[0].real) - middle) / scale)
         comparisons.append(
-            compare_mean(
+            compare_mean_with_law(
                 f"{drive}: peak of SD less truth",
                 np.array(peaks),
                 expected=0.0,
@@ -241,7 +241,7 @@ CHECKS = (
         "the files.",
         f"{_EXACT}; and that the product looks twice, from the middle of the travel and from where that is in "
         "focus, not more often.",
-        check_depths,
+        _check_depths,
     ),
     Check(
         "truth_moving",
@@ -250,7 +250,7 @@ CHECKS = (
         "As truth_depths",
         "A card that comes nearer by 6 cm in 0.1 s, 100 time slices per second, swept by each drive.",
         f"{_EXACT}; a frame by the speed of lens against target.",
-        check_moving,
+        _check_moving,
     ),
     Check(
         "truth_sharpest",
@@ -260,6 +260,6 @@ CHECKS = (
         "A chequered plane swept by each drive, several seeds; a parabola through SD of 17 windows round the peak.",
         "The scatter over seeds (once in 10,000 runs by chance), and 0.1 half depths of focus: the window's and "
         "the parabola's own shape.",
-        check_sharpest,
+        _check_sharpest,
     ),
 )

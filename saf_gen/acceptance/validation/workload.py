@@ -125,13 +125,13 @@ class DatasetMaker:
         for name, text in workload.files.items():
             if not (home / name).exists():
                 write_text_atomically(home / name, text)
-        with scenes_of(home / "scenes"):
+        with use_workload_scenes(home / "scenes"):
             return resolve_recipe(home / "recipe.yaml")
 
     def make(self, workload: Workload) -> Made:
         """Write a workload's files, generate its dataset, and return it; SafGenError where a sequence fails."""
         resolved, home = self.resolve(workload), self._home(workload)
-        with scenes_of(home / "scenes"):
+        with use_workload_scenes(home / "scenes"):
             result = generate(resolved, home / "dataset", report=lambda name, done: self.report(name))
         for name, error in result.failed.items():
             raise SafGenError(f"{name}: {error}")
@@ -146,7 +146,7 @@ class DatasetMaker:
 
 
 @contextmanager
-def scenes_of(folder: Path) -> Iterator[None]:
+def use_workload_scenes(folder: Path) -> Iterator[None]:
     """Let scenes be found in a folder alone, as SAF_GEN_SCENES does; worker processes inherit it."""
     before = os.environ.get(SCENES_VARIABLE)
     os.environ[SCENES_VARIABLE] = str(folder)
@@ -159,7 +159,7 @@ def scenes_of(folder: Path) -> Iterator[None]:
             os.environ[SCENES_VARIABLE] = before
 
 
-def sensor_with_noise(*switched_on: str, name: str = "vidar_400x250", **changes: Any) -> Sensor:
+def workload_sensor_with_noise(*switched_on: str, name: str = "vidar_400x250", **changes: Any) -> Sensor:
     """Return a sensor whose noise is off, but for the switches named."""
     switches = {f.name: f.name in switched_on for f in fields(get_sensor(name).noise)}
     return get_sensor(name, **changes, noise=switches)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from saf_gen.acceptance.validation.theory import charge_of_rate, charge_per_radiance
+from saf_gen.acceptance.validation.theory import charge_of_rate_by_law, charge_per_radiance_by_law
 from saf_gen.acceptance.validation.workload import WrittenScene
 from saf_gen.camera.sensor import Sensor
 
@@ -12,7 +12,7 @@ FLAT_LENS = {"focal_length_mm": 2000, "f_number": 2.8, "drive": "image_distance"
 """A lens so long that over a sensor of 8 mm cos⁴ and 1/v² are even to 10⁻⁵."""
 
 
-def write_scene(
+def _write_scene(
     name: str,
     build: str,
     *,
@@ -38,7 +38,7 @@ def write_scene(
     return WrittenScene(keys | card, f"    t = mi.ScalarTransform4f()\n{build}")
 
 
-def glowing_panel(
+def glowing_panel_of_workload(
     name: str, *, radiance: float, depth_m: float, half_m: float, lens: Mapping[str, Any]
 ) -> WrittenScene:
     """Return a panel across the axis that fills the view and sends the same radiance (W m⁻² sr⁻¹) everywhere."""
@@ -50,22 +50,23 @@ def glowing_panel(
         }}
     }}
 """
-    return write_scene(name, build, lens=lens, lights={"panel": ["panel"]}, target=["panel"])
+    return _write_scene(name, build, lens=lens, lights={"panel": ["panel"]}, target=["panel"])
 
 
-def even_panel() -> WrittenScene:
+def even_panel_of_workload() -> WrittenScene:
     """Return a panel of 1 W m⁻² sr⁻¹ before FLAT_LENS."""
-    return glowing_panel("even_panel", radiance=1.0, depth_m=10.0, half_m=2.0, lens=FLAT_LENS)
+    return glowing_panel_of_workload("even_panel", radiance=1.0, depth_m=10.0, half_m=2.0, lens=FLAT_LENS)
 
 
-def gain_of_rate(rate: float, sensor: Sensor) -> float:
-    """Return the gain at which :func:`even_panel` makes a sensor fire at a rate at position 0, without dark current.
+def gain_of_rate_by_law(rate: float, sensor: Sensor) -> float:
+    """Return the gain at which :func:`even_panel_of_workload` makes a sensor fire at a rate.
 
-    Position 0 is rendered, so that no interpolation between positions enters.
+    It is that at position 0, without dark current. Position 0 is rendered, so that no interpolation between
+    positions enters.
     """
     v = 2.0 * FAR_M / (FAR_M - 2.0)
-    axis = charge_per_radiance(sensor, f_number=2.8, focal_length_m=2.0, image_distance_m=v, off_axis_m=0.0)
-    return float(charge_of_rate(rate, sensor) / axis)
+    axis = charge_per_radiance_by_law(sensor, f_number=2.8, focal_length_m=2.0, image_distance_m=v, off_axis_m=0.0)
+    return float(charge_of_rate_by_law(rate, sensor) / axis)
 
 
 STILL_LENS: dict[str, Any] = {
@@ -76,7 +77,7 @@ STILL_LENS: dict[str, Any] = {
 }
 
 
-def lit_chequers(
+def lit_chequers_of_workload(
     name: str, *, lights: Mapping[str, Sequence[str]], lens: Mapping[str, Any] = STILL_LENS, chequers: int = 60
 ) -> WrittenScene:
     """Return a chequered plane 0.5 m before the lens, under a ``lamp`` beside the lens and the light of a ``room``.
@@ -107,10 +108,10 @@ def lit_chequers(
     }
 """
     build = build.replace("CHEQUERS", str(chequers))
-    return write_scene(name, build, lens=lens, lights=lights, target=["plane"])
+    return _write_scene(name, build, lens=lens, lights=lights, target=["plane"])
 
 
-def glowing_edge(
+def glowing_edge_of_workload(
     name: str, *, depth_m: float, edge_m: float, lens: Mapping[str, Any], turn_deg: float = 0.0
 ) -> WrittenScene:
     """Return a bright half plane beside the dark, its edge ``edge_m`` off the axis and turned by ``turn_deg``."""
@@ -124,10 +125,10 @@ def glowing_edge(
         }}
     }}
 """
-    return write_scene(name, build, lens=lens, lights={"glow": ["glow"]}, target=["glow"])
+    return _write_scene(name, build, lens=lens, lights={"glow": ["glow"]}, target=["glow"])
 
 
-def strips_behind_a_bar(name: str, *, lens: Mapping[str, Any]) -> WrittenScene:
+def strips_behind_bar_of_workload(name: str, *, lens: Mapping[str, Any]) -> WrittenScene:
     """Return upright strips of a wall at 0.55 m behind an upright bar at 0.45 m, in even light: all rows are alike."""
     build = """    def strip(left, right, depth, reflectance):
         place = t.translate([(left + right) / 2, 0, depth]).rotate([0, 1, 0], 180)
@@ -142,10 +143,10 @@ def strips_behind_a_bar(name: str, *, lens: Mapping[str, Any]) -> WrittenScene:
     bar = {"bar": strip(-0.001, 0.002, 0.45, 0.5)}
     return wall | bar | {"room": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}}
 """
-    return write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=["bar"])
+    return _write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=["bar"])
 
 
-def planes(
+def grey_planes_of_workload(
     name: str, *, shapes: Mapping[str, str], target: Sequence[str], lens: Mapping[str, Any], **card: Any
 ) -> WrittenScene:
     """Return grey planes in even light; ``shapes`` are transforms, by name, of a rectangle from −1 to 1 facing −z."""
@@ -161,10 +162,10 @@ def planes(
 {made}        "room": {{"type": "constant", "radiance": {{"type": "rgb", "value": 1.0}}}},
     }}
 """
-    return write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=target, **card)
+    return _write_scene(name, build, lens=lens, lights={"room": ["room"]}, target=target, **card)
 
 
-def striped_card(name: str, *, period_m: float, speed_m_per_s: float) -> WrittenScene:
+def striped_card_of_workload(name: str, *, period_m: float, speed_m_per_s: float) -> WrittenScene:
     """Return a card 0.5 m before the lens with upright stripes, in even light, which moves sideways for a second."""
     build = """    def grey(value):
         return {"type": "rgb", "value": value}
@@ -186,7 +187,7 @@ def striped_card(name: str, *, period_m: float, speed_m_per_s: float) -> Written
     }
 """
     keyframes = [{"time_s": 0.0}, {"time_s": 1.0, "translate_m": [speed_m_per_s, 0.0, 0.0]}]
-    return write_scene(
+    return _write_scene(
         name,
         build.replace("PERIOD", repr(float(period_m))),
         lens=STILL_LENS,

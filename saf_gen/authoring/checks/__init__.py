@@ -6,8 +6,8 @@
 
 from collections.abc import Callable, Iterator
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_error, report_scene_ok
-from saf_gen.authoring.checks.focus_reach import check_scene_family, check_scene_reach, report_scene_target_unseen
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok
+from saf_gen.authoring.checks.focus_reach import check_scene_family, check_scene_reach, scene_check_target_unseen
 from saf_gen.authoring.checks.licence import check_scene_licence
 from saf_gen.authoring.checks.picture_grain import check_scene_grain
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
@@ -61,19 +61,19 @@ def check_scene(
     subject = SceneUnderTest(scene, sensor, backend=backend)
     try:
         shapes = subject.renderer.prepare().mitsuba_scene.shapes()
-        yield report_scene_ok("geometry", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
+        yield scene_check_ok("geometry", f"{len(shapes)} shapes, light groups {', '.join(scene.card.lights)}")
     except BadInput as problem:
-        yield report_scene_error("geometry", str(problem))
+        yield scene_check_error("geometry", str(problem))
         return
     progress(0.1)
     try:
         subject.true_focus  # noqa: B018
     except BadInput as problem:
-        yield report_scene_target_unseen(subject, problem)
+        yield scene_check_target_unseen(subject, problem)
         return
     for n, check in enumerate(CHECKS_OF_BUILT_SCENES, 1):
         try:
             yield from check(subject)
         except BadInput as problem:
-            yield report_scene_error(check.__name__.removeprefix("check_scene_"), str(problem))
+            yield scene_check_error(check.__name__.removeprefix("check_scene_"), str(problem))
         progress(0.1 + 0.9 * n / len(CHECKS_OF_BUILT_SCENES))

@@ -13,16 +13,16 @@ class SceneFinding:
     text: str
 
 
-def report_scene_ok(check: str, text: str) -> SceneFinding:
+def scene_check_ok(check: str, text: str) -> SceneFinding:
     """Return the finding that all is well, with the value that shows it."""
     return SceneFinding(check, "ok", text)
 
 
-def report_scene_warning(check: str, text: str) -> SceneFinding:
+def scene_check_warning(check: str, text: str) -> SceneFinding:
     """Return the finding that the scene can be used but should be improved, with what to do."""
     return SceneFinding(check, "warning", text)
 
 
-def report_scene_error(check: str, text: str) -> SceneFinding:
+def scene_check_error(check: str, text: str) -> SceneFinding:
     """Return the finding that the scene cannot be used as it is."""
     return SceneFinding(check, "error", text)

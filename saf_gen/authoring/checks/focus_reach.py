@@ -5,14 +5,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import (
-    SceneFinding,
-    report_scene_error,
-    report_scene_ok,
-    report_scene_warning,
-)
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.authoring.checks.scene_units import suggest_scene_unit
+from saf_gen.authoring.checks.scene_units import suggest_unit_in_scene_check
 from saf_gen.core.config.ranges import is_config_range
 from saf_gen.errors import BadInput
 
@@ -21,10 +16,10 @@ MIN_BLUR = 4.0  # pixels; with less at both ends of the travel there is nothing 
 MEMBERS = 3
 
 
-def report_scene_target_unseen(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
+def scene_check_target_unseen(subject: SceneUnderTest, problem: BadInput) -> SceneFinding:
     """Return the finding for a target out of sight or reach, with the unit that would explain it."""
-    unit = suggest_scene_unit(subject)
-    return report_scene_error("reach", f"{problem}; {unit}" if unit else str(problem))
+    unit = suggest_unit_in_scene_check(subject)
+    return scene_check_error("reach", f"{problem}; {unit}" if unit else str(problem))
 
 
 def check_scene_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
@@ -40,16 +35,16 @@ def check_scene_reach(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         f"blurred over {ends[0]:.0f} and {ends[1]:.0f} pixels at its ends"
     )
     if not MARGIN <= truth <= 1 - MARGIN:
-        yield report_scene_warning(
+        yield scene_check_warning(
             "reach", f"{text}: the focus lies near an end of the travel, widen {subject.drive.travel_key}"
         )
     elif max(ends) < MIN_BLUR:
-        yield report_scene_warning(
+        yield scene_check_warning(
             "reach", f"{text}: that is hardly any blur, open the lens or widen {subject.drive.travel_key}"
         )
     else:
         positions = 2 ** math.ceil(math.log2(1 / half)) + 1  # at most half the depth of focus apart
-        yield report_scene_ok("reach", f"{text}; recipes need focus.positions: {positions} or more")
+        yield scene_check_ok("reach", f"{text}; recipes need focus.positions: {positions} or more")
 
 
 def check_scene_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
@@ -64,13 +59,13 @@ def check_scene_family(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         try:
             found.append(member.true_focus)
         except BadInput as problem:
-            yield report_scene_error("family", f"with {drawn}: {problem}; narrow the ranges of params")
+            yield scene_check_error("family", f"with {drawn}: {problem}; narrow the ranges of params")
             continue
         if not MARGIN / 2 <= member.true_focus <= 1 - MARGIN / 2:
-            yield report_scene_warning(
+            yield scene_check_warning(
                 "family", f"with {drawn} the focus lies at {member.true_focus:.3f} of the travel, close to its end"
             )
     if found:
-        yield report_scene_ok(
+        yield scene_check_ok(
             "family", f"{len(found)} members drawn, in focus at {', '.join(f'{p:.3f}' for p in found)}"
         )

@@ -2,12 +2,7 @@
 
 from collections.abc import Iterator
 
-from saf_gen.authoring.checks._scene_finding import (
-    SceneFinding,
-    report_scene_error,
-    report_scene_ok,
-    report_scene_warning,
-)
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.errors import closest
 from saf_gen.scene.scene_folder import Scene
 
@@ -31,19 +26,19 @@ def check_scene_licence(scene: Scene) -> Iterator[SceneFinding]:
     names = [word for word in words if word not in ("AND", "OR", "WITH")]
     unknown_names = [name for name in names if name not in OPEN]
     if not names:
-        yield report_scene_error(
+        yield scene_check_error(
             "licence", "nobody has set it: write one in scene.yaml that lets others use the scene, such as CC-BY-4.0"
         )
     elif any("-NC" in name or "-ND" in name for name in unknown_names):
-        yield report_scene_warning(
+        yield scene_check_warning(
             "licence", f"{licence} forbids some uses or changes: datasets of this scene cannot be shared freely"
         )
     elif unknown_names:
         near = closest(unknown_names[0], OPEN)
         hint = f", did you mean {near}?" if near else ", such as CC-BY-4.0 or Apache-2.0"
-        yield report_scene_warning("licence", f"{unknown_names[0]} is not the SPDX name of a known open licence{hint}")
+        yield scene_check_warning("licence", f"{unknown_names[0]} is not the SPDX name of a known open licence{hint}")
     else:
-        yield report_scene_ok("licence", licence)
+        yield scene_check_ok("licence", licence)
     yield _check_source(scene, source)
 
 
@@ -51,16 +46,14 @@ def _check_source(scene: Scene, source: str) -> SceneFinding:
     assets = sorted(p.name for p in scene.folder.rglob("*") if p.suffix.lower() in ASSETS)
     content = "who made each mesh and texture, where it is from, its licence, and what was changed"
     if not source:
-        return report_scene_error("source", f"source is empty: name SOURCE.md, and state in it {content}")
+        return scene_check_error("source", f"source is empty: name SOURCE.md, and state in it {content}")
     if source.endswith((".md", ".txt")):
         path = scene.folder / source
         if not path.is_file():
-            return report_scene_error("source", f"{source} does not exist: state in it {content}")
+            return scene_check_error("source", f"{source} does not exist: state in it {content}")
         if len(path.read_text(encoding="utf-8", errors="replace").split()) < 10:
-            return report_scene_warning("source", f"{source} says hardly anything: state in it {content}")
-        return report_scene_ok("source", source)
+            return scene_check_warning("source", f"{source} says hardly anything: state in it {content}")
+        return scene_check_ok("source", source)
     if assets:
-        return report_scene_warning(
-            "source", f"{assets[0]} is not explained: name SOURCE.md, and state in it {content}"
-        )
-    return report_scene_ok("source", source)
+        return scene_check_warning("source", f"{assets[0]} is not explained: name SOURCE.md, and state in it {content}")
+    return scene_check_ok("source", source)

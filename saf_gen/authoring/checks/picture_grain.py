@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from saf_gen.authoring import scene_grain
-from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_ok, report_scene_warning
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SLOW_SAMPLES, SceneUnderTest
 from saf_gen.authoring.scene_grain import BEST_FOCUS, PlaceGrain
 from saf_gen.render.scene_renderer import SceneRenderer
@@ -21,25 +21,25 @@ POSITIONS = 33  # in a stack over the whole travel, the number of positions hard
 def check_scene_grain(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check the grain at the usual samples, at rest and in time slices, against the goals."""
     whole = subject.renderer
-    sensor = scene_grain.crop_sensor_to_target(subject.sensor, subject.depth_and_target.target)
+    sensor = scene_grain.crop_sensor_for_scene_grain(subject.sensor, subject.depth_and_target.target)
     renderer = SceneRenderer(subject.scene, sensor, backend_name=whole.backend_name, wavelength_m=whole.wavelength_m)
     seen = renderer.trace_depth_and_target()
-    places = scene_grain.list_grain_places(subject.true_focus)
+    places = scene_grain.list_scene_grain_places(subject.true_focus)
     if renderer.is_slow:  # it renders position by position: two of them have the grain of a whole stack
         still_samples = slice_samples = SLOW_SAMPLES
-        still = scene_grain.measure_slice_grain(
+        still = scene_grain.measure_scene_grain_of_slices(
             renderer, seen, places=places, positions=POSITIONS, samples=still_samples
         )
     else:
         still_samples, slice_samples = SAMPLES, scene_grain.SLICE_SAMPLES
-        still = scene_grain.measure_still_grain(
+        still = scene_grain.measure_still_scene_grain(
             renderer, seen, places=places, positions=POSITIONS, samples=still_samples
         )
     yield _compare_with_goals(still, samples=still_samples, usual=scene_grain.STILL_SAMPLES, moving=False)
     slices_per_s = subject.scene.card.slices_per_s
     if not (renderer.motions and slices_per_s):
         return
-    moving = scene_grain.measure_slice_grain(
+    moving = scene_grain.measure_scene_grain_of_slices(
         renderer, seen, places=places, positions=scene_grain.POSITIONS, samples=slice_samples, step_s=1 / slices_per_s
     )
     yield _compare_with_goals(moving, samples=slice_samples, usual=scene_grain.SLICE_SAMPLES, moving=True)
@@ -53,12 +53,12 @@ def _compare_with_goals(found: Mapping[str, PlaceGrain], *, samples: int, usual:
     text = f"{what}, {usual} samples per pixel: noise of {rms:.2g} of the mean at best focus"
     figures = list(_figures_with_goals(found, fraction=fraction, moving=moving))
     if not figures:
-        return report_scene_ok("grain", f"{text}; the target's box has no contrast to compare it with")
+        return scene_check_ok("grain", f"{text}; the target's box has no contrast to compare it with")
     over_goal, worst = max(figures)
     if over_goal <= 1:
-        return report_scene_ok("grain", f"{text}, {worst}")
+        return scene_check_ok("grain", f"{text}, {worst}")
     enough = 2 ** math.ceil(math.log2(usual * over_goal))
-    return report_scene_warning("grain", f"{text}, {worst}: {key}: {enough} in a recipe would do, or larger lamps")
+    return scene_check_warning("grain", f"{text}, {worst}: {key}: {enough} in a recipe would do, or larger lamps")
 
 
 def _figures_with_goals(

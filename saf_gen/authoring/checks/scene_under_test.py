@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from saf_gen.camera import Sensor, sensor_charge_of_stack
+from saf_gen.camera import Sensor, sensor_charge_of_images
 from saf_gen.optics import Drive
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
@@ -97,6 +97,6 @@ class SceneUnderTest:
 
     def collected_charge(self, stack: FocalStack) -> np.ndarray:
         """Return the photo-electrons per readout with all lights at gain 1, float32 (focus, row, col)."""
-        return sensor_charge_of_stack(stack.radiance, self.sensor, lens=self.drive, position=stack.spec.focus).sum(
+        return sensor_charge_of_images(stack.radiance, self.sensor, lens=self.drive, position=stack.spec.focus).sum(
             axis=0
         )

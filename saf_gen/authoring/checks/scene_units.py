@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_ok, report_scene_warning
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 
 UNITS = {
@@ -30,14 +30,14 @@ def check_scene_units(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         f"the whole scene {_lengths(np.ptp(subject.renderer.bounds(), axis=0))}"
     )
     if seen.target.sum() < MIN_PIXELS:
-        yield report_scene_warning(
+        yield scene_check_warning(
             "units", f"{text}: {seen.target.sum()} pixels are too few to focus on, move the camera nearer"
         )
     else:
-        yield report_scene_ok("units", text)
+        yield scene_check_ok("units", text)
 
 
-def suggest_scene_unit(subject: SceneUnderTest) -> str:
+def suggest_unit_in_scene_check(subject: SceneUnderTest) -> str:
     """Return advice to change the unit where that brings the target into the lens's reach, else ''."""
     card = subject.scene.card
     box = subject.renderer.bounds(*card.target)

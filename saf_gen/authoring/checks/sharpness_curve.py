@@ -4,14 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import (
-    SceneFinding,
-    report_scene_error,
-    report_scene_ok,
-    report_scene_warning,
-)
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.core.region import target_bounding_box
+from saf_gen.core.region import mask_bounding_box
 from saf_gen.stack.focal_stack import FocalStack
 
 CLOSE, FAR = 0.5, 1.5  # depths of focus
@@ -21,12 +16,12 @@ MIN_CONTRAST = 1.2  # of the peak over the lowest value
 
 def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     """Check how many depths of focus the peak lies from the true focus, and whether there are other peaks."""
-    focus, curve = subject.stack.spec.focus, target_sharpness(subject, subject.stack)
+    focus, curve = subject.stack.spec.focus, _target_sharpness(subject, subject.stack)
     if not curve.max() > 0:
-        yield report_scene_error("curve", "the target's box has no sharpness: it is dark or uniform")
+        yield scene_check_error("curve", "the target's box has no sharpness: it is dark or uniform")
         return
     half = subject.half_depth_of_focus
-    near, fine = subject.near_stacks[0].spec.focus, target_sharpness(subject, subject.near_stacks[0])
+    near, fine = subject.near_stacks[0].spec.focus, _target_sharpness(subject, subject.near_stacks[0])
     top = float(focus[curve.argmax()])
     if near[0] - half <= top <= near[-1] + half and 0 < fine.argmax() < fine.size - 1:
         top = _parabola_peak(near, fine)
@@ -35,15 +30,15 @@ def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     contrast = curve.max() / curve.min()
     other = "something else in the target's box is sharper there: move it, or give the target more contrast"
     if off > FAR:
-        yield report_scene_error("curve", f"{text}: {other}")
+        yield scene_check_error("curve", f"{text}: {other}")
     elif off > CLOSE:
-        yield report_scene_warning("curve", f"{text}: {other}")
+        yield scene_check_warning("curve", f"{text}: {other}")
     elif contrast < MIN_CONTRAST:
-        yield report_scene_warning(
+        yield scene_check_warning(
             "curve", f"{text}, but only {contrast:.2f} times the lowest value: add contrast, or open the lens"
         )
     else:
-        yield report_scene_ok("curve", f"{text}; the peak is {contrast:.3g} times the lowest value")
+        yield scene_check_ok("curve", f"{text}; the peak is {contrast:.3g} times the lowest value")
     rivals = [
         k
         for k in range(1, len(curve) - 1)
@@ -52,17 +47,17 @@ def check_scene_curve(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     ]
     if rivals:
         k = max(rivals, key=lambda k: curve[k])
-        yield report_scene_warning(
+        yield scene_check_warning(
             "curve", f"a second peak at {focus[k]:.3f} of the travel is {curve[k] / curve.max():.0%} as high: {other}"
         )
 
 
-def target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
+def _target_sharpness(subject: SceneUnderTest, stack: FocalStack) -> np.ndarray:
     """Return the variance over the squared mean of the charge in the target's box, float64 (focus,).
 
     The definition is that of a stream's ``sharpness``; the value is 0 where the box is black.
     """
-    rows, columns = target_bounding_box(stack.target)
+    rows, columns = mask_bounding_box(stack.target)
     seen = subject.collected_charge(stack)[:, rows, columns].astype(np.float64)
     square = seen.mean(axis=(1, 2)) ** 2
     return np.divide(seen.var(axis=(1, 2)), square, out=np.zeros_like(square), where=square > 0)

@@ -13,12 +13,12 @@ from typing import Self
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import SceneFinding, report_scene_ok, report_scene_warning
-from saf_gen.authoring.checks._scene_finding import report_scene_error as error_finding
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_ok, scene_check_warning
+from saf_gen.authoring.checks._scene_finding import scene_check_error as error_finding
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.authoring.checks.target_motion import RECORDING_S
-from saf_gen.core.region import region_shape, target_bounding_box
-from saf_gen.scene.keyframes import motion_end_s
+from saf_gen.core.region import mask_bounding_box, region_shape
+from saf_gen.scene.keyframes import scene_motion_end_s
 from saf_gen.scene.scene_folder import EDGE_POWER
 from saf_gen.stack.time_resolved import frames_of_stack_slices
 
@@ -63,10 +63,10 @@ def check_scene_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     card = subject.scene.card
     if not subject.renderer.motions or card.slices_per_s is None:
         return
-    found = {time_s: error for time_s in _times(subject) if (error := measure_scene_slice_mismatch(subject, time_s))}
+    found = {time_s: error for time_s in _times(subject) if (error := measure_slices_in_scene_check(subject, time_s))}
     dark = [time_s for time_s, error in found.items() if np.isnan(error.mean_square)]
     if dark:
-        finding = error_finding if len(dark) == len(found) else report_scene_warning
+        finding = error_finding if len(dark) == len(found) else scene_check_warning
         yield finding(
             "slices",
             f"the target's box is black at {dark[0]:.3g} s, so slices cannot be compared: turn a lamp to it, "
@@ -81,24 +81,24 @@ def check_scene_slices(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     stated = card.interpolation_error
     upper = _round_up(error.rms(SIGMAS))
     if stated is None:
-        yield report_scene_warning("slices", f"{text}: write interpolation_error: {upper:g} on the card")
+        yield scene_check_warning("slices", f"{text}: write interpolation_error: {upper:g} on the card")
     elif error.rms(-SIGMAS) > stated:
         sufficient = card.slices_per_s * (error.rms() / stated) ** (1 / EDGE_POWER)
-        yield report_scene_warning(
+        yield scene_check_warning(
             "slices",
             f"{text}, the card says {stated:.2%}: write slices_per_s: {np.ceil(sufficient):.0f}, or "
             f"interpolation_error: {upper:g}",
         )
     else:
-        yield report_scene_ok("slices", f"{text}, the card says {stated:.2%}")
+        yield scene_check_ok("slices", f"{text}, the card says {stated:.2%}")
 
 
-def measure_scene_slice_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
+def measure_slices_in_scene_check(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
     """Measure the error between the two slices round a moment; None where the target cannot be focused."""
     hz, renderer = subject.sensor.readout_hz, subject.renderer
     slices_per_s = subject.scene.card.slices_per_s or hz
     step = frames_of_stack_slices(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
-    last = max(int(motion_end_s(renderer.motions, recording_s=RECORDING_S) * hz) // step, 1)
+    last = max(int(scene_motion_end_s(renderer.motions, recording_s=RECORDING_S) * hz) // step, 1)
     before = min(int(time_s * hz) // step, last - 1) * step / hz
     between, after = before + step / 2 / hz, before + step / hz
     seen = renderer.trace_depth_and_target(time_s=between, allow_unseen_target=True)
@@ -107,7 +107,7 @@ def measure_scene_slice_mismatch(subject: SceneUnderTest, time_s: float) -> Slic
     truth = subject.drive.true_focus(seen.depth[seen.target])
     if not 0 <= truth <= 1:
         return None
-    box = target_bounding_box(seen.target)
+    box = mask_bounding_box(seen.target)
     paths = SLOW_PATHS if renderer.is_slow else PATHS
     samples = min(max(paths // math.prod(region_shape(box)), MIN_SAMPLES), MAX_SAMPLES)
 
@@ -120,7 +120,7 @@ def measure_scene_slice_mismatch(subject: SceneUnderTest, time_s: float) -> Slic
 
 def _times(subject: SceneUnderTest) -> list[float]:
     """Return the first moment, the one at which the scene is shown at rest, and the last."""
-    last = motion_end_s(subject.renderer.motions, recording_s=RECORDING_S)
+    last = scene_motion_end_s(subject.renderer.motions, recording_s=RECORDING_S)
     return sorted({0.0, min(max(subject.scene.card.still_s, 0.0), last), last})
 
 

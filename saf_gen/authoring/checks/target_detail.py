@@ -14,12 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import (
-    SceneFinding,
-    report_scene_error,
-    report_scene_ok,
-    report_scene_warning,
-)
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import NEAR, SceneUnderTest
 from saf_gen.stack.focal_stack import FocalStack
 
@@ -51,7 +46,7 @@ def check_scene_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     focus, (low, high) = subject.near_stacks[0].spec.focus, subject.depth_of_focus
     aside = min(BLUR * (high - low) / 2, max(subject.true_focus - focus[0], focus[-1] - subject.true_focus))
     blur = 2 * aside / (high - low)  # 3 pixels, or fewer where the travel ends before
-    detail = measure_scene_detail(*subject.near_stacks, truth=subject.true_focus, aside=aside)
+    detail = measure_detail_in_scene_check(*subject.near_stacks, truth=subject.true_focus, aside=aside)
     yield _check_contrast(subject, detail, blur=blur)
     texels = (
         subject.renderer.texel_footprints(subject.true_focus, subject.depth_and_target.target)
@@ -59,13 +54,13 @@ def check_scene_detail(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     )
     size = float(np.median(texels)) if texels.size else float("nan")
     if size > MAX_TEXEL:
-        yield report_scene_warning(
+        yield scene_check_warning(
             "detail",
             f"a texel of the target covers {size:.2g} pixels: use an image with {2 * size:.2g} times the "
             "texels along each side, or repeat it more often",
         )
     elif texels.size:
-        yield report_scene_ok("detail", f"a texel of the target covers {size:.2g} pixels")
+        yield scene_check_ok("detail", f"a texel of the target covers {size:.2g} pixels")
     yield _check_noise(subject, detail, texel=size)
 
 
@@ -75,29 +70,29 @@ def _check_contrast(subject: SceneUnderTest, detail: TargetDetail, *, blur: floa
     text = f"contrast {detail.contrast:.2g}, {loss}"
     wanted = f"details of {pixel_mm:.3g} to {5 * pixel_mm:.3g} mm; a pixel sees {pixel_mm:.3g} mm"
     if not detail.contrast > MIN_CONTRAST:
-        return report_scene_error(
+        return scene_check_error(
             "detail", f"the target shows next to nothing (contrast {detail.contrast:.2g}): give it {wanted}"
         )
     if not detail.blur_loss > MIN_LOSS:
-        return report_scene_error("detail", f"{text}: it shows no defocus, give it {wanted}")
+        return scene_check_error("detail", f"{text}: it shows no defocus, give it {wanted}")
     if detail.blur_loss < WEAK_LOSS:
-        return report_scene_warning("detail", f"{text}: its focus curve is flat, give it {wanted}")
-    return report_scene_ok("detail", text)
+        return scene_check_warning("detail", f"{text}: its focus curve is flat, give it {wanted}")
+    return scene_check_ok("detail", text)
 
 
 def _check_noise(subject: SceneUnderTest, detail: TargetDetail, *, texel: float) -> SceneFinding:
     noise = detail.noise * np.sqrt(subject.near_stacks[0].spec.samples / USUAL_SAMPLES)
     text = f"noise is {noise:.2g} of the contrast at {USUAL_SAMPLES} samples per pixel"
     if not noise > MAX_NOISE:
-        return report_scene_ok("detail", text)
+        return scene_check_ok("detail", text)
     small = texel < MIN_TEXEL
     cause = f"texels of {texel:.2g} pixels" if small else "detail much finer than a pixel, or small lamps"
     samples = USUAL_SAMPLES * (noise / MAX_NOISE) ** 2
     remedy = f"render {samples:,.0f} samples" if np.isfinite(noise) else "give it contrast"
-    return report_scene_warning("detail", f"{text} ({cause}): use coarser detail or larger lamps, or {remedy}")
+    return scene_check_warning("detail", f"{text} ({cause}): use coarser detail or larger lamps, or {remedy}")
 
 
-def measure_scene_detail(first: FocalStack, second: FocalStack, *, truth: float, aside: float) -> TargetDetail:
+def measure_detail_in_scene_check(first: FocalStack, second: FocalStack, *, truth: float, aside: float) -> TargetDetail:
     """Measure the target's detail from two stacks of independent noise, at the true focus and beside it.
 
     ``aside`` is how far beside it, as a fraction of the travel. The squared contrast is the covariance of both stacks

@@ -4,12 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import (
-    SceneFinding,
-    report_scene_error,
-    report_scene_ok,
-    report_scene_warning,
-)
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
 from saf_gen.camera.exposure import sensor_firing_rate
 from saf_gen.core.config.ranges import is_config_range
@@ -34,7 +29,7 @@ def check_scene_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     }
     for group, value in lux.items():
         if not value > 0:
-            yield report_scene_error(
+            yield scene_check_error(
                 "exposure", f"light group {group!r} does not reach the target: move its lamps, or remove it"
             )
     written = "illuminance_lux: {" + ", ".join(f"{g}: {float(f'{v:.3g}'):g}" for g, v in lux.items()) + "}"
@@ -42,18 +37,18 @@ def check_scene_exposure(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     wrong = [g for g, stated in card.illuminance_lux.items() if abs(lux[g] - stated) > tolerance * stated]
     total = sum(lux.values())
     if wrong:
-        yield report_scene_warning(
+        yield scene_check_warning(
             "exposure",
             f"the target receives {lux[wrong[0]]:,.3g} lux from {wrong[0]!r}, the card says "
             f"{card.illuminance_lux[wrong[0]]:,g}: write {written}",
         )
     elif not DARKEST <= total <= BRIGHTEST:
-        yield report_scene_warning(
+        yield scene_check_warning(
             "exposure", f"a total of {total:,.3g} lux is implausible (moonlight 0.1, sun 100,000): change the lamps"
         )
     else:
         hint = "as the card says" if card.illuminance_lux else "add this to the card for schedules in lux"
-        yield report_scene_ok("exposure", f"{written}, {hint}")
+        yield scene_check_ok("exposure", f"{written}, {hint}")
     yield _check_absolute_exposure(subject)
 
 
@@ -65,9 +60,9 @@ def _check_absolute_exposure(subject: SceneUnderTest) -> SceneFinding:
     rate = float(np.mean(sensor_firing_rate(charge + subject.sensor.mean_dark_e, subject.sensor)))
     text = f"with absolute exposure the target fires {rate:.3g} spikes per readout"
     if dark > MAX_DARK_FRACTION:
-        return report_scene_warning(
+        return scene_check_warning(
             "exposure", f"{dark:.0%} of the target is completely dark: light it from another side"
         )
     if rate > 0.9:
         text += ": almost saturated, use mean_rate in recipes"
-    return report_scene_ok("exposure", text)
+    return scene_check_ok("exposure", text)

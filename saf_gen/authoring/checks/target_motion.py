@@ -5,14 +5,9 @@ from itertools import product
 
 import numpy as np
 
-from saf_gen.authoring.checks._scene_finding import (
-    SceneFinding,
-    report_scene_error,
-    report_scene_ok,
-    report_scene_warning,
-)
+from saf_gen.authoring.checks._scene_finding import SceneFinding, scene_check_error, scene_check_ok, scene_check_warning
 from saf_gen.authoring.checks.scene_under_test import SceneUnderTest
-from saf_gen.scene.keyframes import motion_end_s
+from saf_gen.scene.keyframes import scene_motion_end_s
 
 MOMENTS = 9
 RECORDING_S = 1.0  # 20,000 frames
@@ -24,7 +19,7 @@ def check_scene_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
     renderer, card = subject.renderer, subject.scene.card
     if not renderer.motions:
         if card.slices_per_s is not None:
-            yield report_scene_warning(
+            yield scene_check_warning(
                 "motion", "the card has slices_per_s, but nothing moves: remove it, or add motion"
             )
         return
@@ -37,20 +32,20 @@ def check_scene_motion(subject: SceneUnderTest) -> Iterator[SceneFinding]:
         else:
             lost.append(time_s)
     if not positions:
-        yield report_scene_error(
+        yield scene_check_error(
             "motion", "the target is never in the frame while it moves: check motion, camera and target"
         )
         return
     text = f"in focus from {min(positions):.3f} to {max(positions):.3f} of the travel"
     if lost:
-        yield report_scene_warning(
+        yield scene_check_warning(
             "motion", f"the target has left the frame at {lost[0]:.3g} s: shorten its path, or let it turn back"
         )
     elif min(positions) < 0 or max(positions) > 1:
-        yield report_scene_warning("motion", f"{text}: it leaves the lens's reach, shorten its path in depth")
+        yield scene_check_warning("motion", f"{text}: it leaves the lens's reach, shorten its path in depth")
     else:
-        yield report_scene_ok("motion", text)
-    name, pixels_per_s = find_fastest_scene_shape(subject, times)
+        yield scene_check_ok("motion", text)
+    name, pixels_per_s = fastest_shape_in_scene_check(subject, times)
     yield _check_speed(subject, name, pixels_per_s=pixels_per_s)
 
 
@@ -61,17 +56,17 @@ def _check_speed(subject: SceneUnderTest, name: str, *, pixels_per_s: float) -> 
         text = f"no shape moves, only {moving}"
         if slices is None:
             how = "write slices_per_s on the card, and the check measures the error of interpolation"
-            return report_scene_warning("motion", f"{text}, but recordings show it at rest: {how}")
-        return report_scene_ok("motion", f"{text}; slices_per_s: {slices:g}")
+            return scene_check_warning("motion", f"{text}, but recordings show it at rest: {how}")
+        return scene_check_ok("motion", f"{text}; slices_per_s: {slices:g}")
     write = f"with slices_per_s: {max(1, round(pixels_per_s / PROPOSED_STEP))} it moves a pixel per slice"
     text = f"{name!r} moves at up to {pixels_per_s:,.0f} pixels per second"
     if slices is None:
-        return report_scene_warning("motion", f"{text}, but recordings show it at rest: {write}")
+        return scene_check_warning("motion", f"{text}, but recordings show it at rest: {write}")
     text += f", {pixels_per_s / slices:.2g} pixels per time slice"
     return (
-        report_scene_warning("motion", f"{text}: {write}")
+        scene_check_warning("motion", f"{text}: {write}")
         if pixels_per_s > MAX_STEP * slices
-        else report_scene_ok("motion", text)
+        else scene_check_ok("motion", text)
     )
 
 
@@ -79,11 +74,11 @@ def _times(subject: SceneUnderTest) -> list[float]:
     """Return moments (s) within a recording: evenly spaced ones, and keyframes."""
     motions = subject.renderer.motions
     keys = {frame.time_s for motion in motions.values() for frame in motion.keyframes}
-    last = motion_end_s(motions, recording_s=RECORDING_S)
+    last = scene_motion_end_s(motions, recording_s=RECORDING_S)
     return sorted({*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]})
 
 
-def find_fastest_scene_shape(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
+def fastest_shape_in_scene_check(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
     """Return the shape that moves fastest in the image and its speed (pixels per second); ('', 0) for none.
 
     The speed is that of the corners of the shape's bounding box, seen through the middle of the lens where

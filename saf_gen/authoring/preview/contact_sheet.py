@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 
 from saf_gen.authoring.preview.sheet_plots import draw_preview_curves, draw_preview_histogram
 from saf_gen.camera import Sensor
-from saf_gen.core.display_tone import encode_gamma, find_white_level
-from saf_gen.core.figure_style import COLUMN_STYLE, use_figure_style
+from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
+from saf_gen.core.figure_style import COLUMN_STYLE, use_plot_style
 from saf_gen.core.files import write_atomically
 from saf_gen.errors import unknown
 from saf_gen.stack.focal_stack import FocalStack
@@ -67,26 +67,26 @@ class _Cell:
     outline: np.ndarray | None = None
 
 
-def write_preview(stack: FocalStack, sensor: Sensor, *, path: Path) -> None:
+def write_scene_preview(stack: FocalStack, sensor: Sensor, *, path: Path) -> None:
     """Write the contact sheet of a dataset's focal stack as PNG, 1600 pixels wide."""
     spec = stack.spec
     title = f"{spec.scene}: {spec.positions} positions, {spec.samples} samples per pixel"
-    draw_contact_sheet(ContactSheet(title, stack, sensor), path)
+    draw_preview_sheet(ContactSheet(title, stack, sensor), path)
 
 
-def draw_contact_sheet(sheet: ContactSheet, path: Path) -> None:
+def draw_preview_sheet(sheet: ContactSheet, path: Path) -> None:
     """Write a contact sheet as PNG (1600 pixels wide), PDF or SVG, by the ending of the file; BadInput for another."""
     form = path.suffix.removeprefix(".").lower()
     if form not in FORMS:
         raise unknown("kind of file", path.suffix or path.name, allowed=[f".{f}" for f in FORMS], where=str(path))
     cells = _list_cells(sheet)
-    across = choose_columns(len(cells))
+    across = choose_preview_columns(len(cells))
     width = (WIDTH - GAP * (across + 1)) / across
     rows, columns = sheet.stack.depth.shape
     height = CAPTION + width * rows / columns
     below = CAPTION + PLOT + AXIS
     tall = TITLE + -(-len(cells) // across) * (height + GAP) + below
-    with use_figure_style(COLUMN_STYLE):
+    with use_plot_style(COLUMN_STYLE):
         figure = Figure(figsize=(WIDTH, tall), dpi=PIXELS / WIDTH)
         FigureCanvasAgg(figure)
 
@@ -107,7 +107,7 @@ def draw_contact_sheet(sheet: ContactSheet, path: Path) -> None:
             figure.savefig(written, format=form, metadata=nothing)
 
 
-def choose_columns(count: int) -> int:
+def choose_preview_columns(count: int) -> int:
     """Return how many images stand side by side so that ``count`` of them fill all rows: 3 to 7, four if possible."""
     return next((across for across in (4, 5, 3, 6, 7) if count % across == 0), 4)
 
@@ -121,27 +121,27 @@ def _list_cells(sheet: ContactSheet) -> list[_Cell]:
     """Return the images; where they would not fill their rows, the target is shown once more by itself."""
     stack, best = sheet.stack, _best_index(sheet)
     spec, image = stack.spec, stack.radiance.sum(axis=0)
-    white = find_white_level(image[best])
+    white = find_display_white_level(image[best])
     cells = []
     if sheet.sharp is not None:
-        cells.append(_Cell("everything sharp,\nthrough a pinhole", encode_gamma(sheet.sharp, white)))
+        cells.append(_Cell("everything sharp,\nthrough a pinhole", apply_display_gamma(sheet.sharp, white)))
     truth = "the target is not in the image" if np.isnan(sheet.true_focus) else "nearest to the true focus"
     for k, words in ((0, "one end of the travel"), (best, truth), (spec.rendered_count - 1, "the other end")):
         position = float(spec.focus[k])
         depth = float(spec.drive.focus_depth(position))
-        cells.append(_Cell(f"{words}:\n{position:.3f}, in focus {depth:.5g} m", encode_gamma(image[k], white)))
+        cells.append(_Cell(f"{words}:\n{position:.3f}, in focus {depth:.5g} m", apply_display_gamma(image[k], white)))
     finite = stack.depth[np.isfinite(stack.depth)]
     low, high = np.quantile(finite, [0.01, 0.99]) if finite.size else (0.0, 1.0)
     shown = np.clip((stack.depth - low) / (high - low + 1e-9), 0, 1)
     outline = stack.target if 0 < stack.target.mean() < 1 else None
     cells.append(_Cell(f"depth {low:.4g} (dark) to {high:.4g} m,\nthe target outlined", shown, "viridis", outline))
     for name, group in zip(spec.groups, stack.radiance[:, best], strict=True):
-        cells.append(_Cell(f"light of {name} alone,\nat gain 1", encode_gamma(group, white)))
+        cells.append(_Cell(f"light of {name} alone,\nat gain 1", apply_display_gamma(group, white)))
     if sheet.small_images:
-        white_of_small = find_white_level(*(small for _, small in sheet.small_images))
-        cells += [_Cell(words, encode_gamma(small, white_of_small)) for words, small in sheet.small_images]
-    if len(cells) % choose_columns(len(cells)):
-        alone = encode_gamma(image[best] * stack.target, white)
+        white_of_small = find_display_white_level(*(small for _, small in sheet.small_images))
+        cells += [_Cell(words, apply_display_gamma(small, white_of_small)) for words, small in sheet.small_images]
+    if len(cells) % choose_preview_columns(len(cells)):
+        alone = apply_display_gamma(image[best] * stack.target, white)
         cells.append(_Cell("the target alone,\nnearest to the true focus", alone))
     return cells
 

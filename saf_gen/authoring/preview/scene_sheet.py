@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.authoring.preview.contact_sheet import ContactSheet, draw_contact_sheet
+from saf_gen.authoring.preview.contact_sheet import ContactSheet, draw_preview_sheet
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import is_config_range
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
-from saf_gen.scene.keyframes import motion_end_s
+from saf_gen.scene.keyframes import scene_motion_end_s
 from saf_gen.scene.scene_folder import Scene
 
 POSITIONS, SAMPLES, SHARP_SAMPLES = 33, 8, 12
@@ -25,10 +25,10 @@ def preview_scene(scene: Scene, sensor: Sensor, *, path: Path, backend: str = "a
 
     Raises BadInput for a scene that cannot be built or loaded.
     """
-    draw_contact_sheet(make_contact_sheet(scene, sensor, backend=backend), path)
+    draw_preview_sheet(make_preview_sheet(scene, sensor, backend=backend), path)
 
 
-def make_contact_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> ContactSheet:
+def make_preview_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> ContactSheet:
     """Render what the sheet of a scene shows."""
     renderer = SceneRenderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
     seen = renderer.trace_depth_and_target(allow_unseen_target=True)
@@ -39,11 +39,11 @@ def make_contact_sheet(scene: Scene, sensor: Sensor, *, backend: str) -> Contact
     samples = SLOW_SAMPLES if renderer.is_slow else SHARP_SAMPLES
     sharp = renderer.render_pinhole(position, samples=samples)
     samples = max(1, samples // SHRINK)
-    small = list(render_small_images(renderer, position, samples=samples, count=SMALL_IMAGES))
+    small = list(render_preview_images(renderer, position, samples=samples, count=SMALL_IMAGES))
     return replace(sheet, sharp=sharp, small_images=small)
 
 
-def render_small_images(
+def render_preview_images(
     renderer: SceneRenderer, position: float, *, samples: int, count: int
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield captions and small sharp images: of members of the family, and of moments of a moving scene."""
@@ -54,6 +54,6 @@ def render_small_images(
             member = SceneRenderer(scene.draw_member("preview", n), grid, backend_name=renderer.backend_name)
             yield f"member {n + 1}", member.render_pinhole(position, samples=samples)
     if renderer.motions:
-        for time_s in np.linspace(0, motion_end_s(renderer.motions, recording_s=RECORDING_S), count):
+        for time_s in np.linspace(0, scene_motion_end_s(renderer.motions, recording_s=RECORDING_S), count):
             image = renderer.render_pinhole(position, samples=samples, time_s=float(time_s), grid=grid)
             yield f"{time_s:.2f} s", image

@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from saf_gen.camera import Sensor, camera_exposure_scale, sensor_charge_of_stack
+from saf_gen.camera import Sensor, camera_exposure_scale, sensor_charge_of_images
 from saf_gen.camera.exposure import sensor_firing_rate
-from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_spines
-from saf_gen.core.region import target_bounding_box
+from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_plot_spines
+from saf_gen.core.region import mask_bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.stack.focal_stack import FocalStack
 
@@ -18,7 +18,7 @@ USUAL_RATE = 0.2  # spikes per readout, the mean_rate of the recipes
 def _charge(stack: FocalStack, sensor: Sensor) -> np.ndarray:
     """Return the photo-electrons per readout with all lights at gain 1, float32 (focus, row, col)."""
     spec = stack.spec
-    return sensor_charge_of_stack(stack.radiance, sensor, lens=spec.drive, position=spec.focus).sum(axis=0)
+    return sensor_charge_of_images(stack.radiance, sensor, lens=spec.drive, position=spec.focus).sum(axis=0)
 
 
 def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth: float) -> None:
@@ -26,7 +26,7 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
     drive, depths = stack.spec.drive, stack.depth[stack.target]
     axes.set(xlabel="focus position, fraction of travel", xlim=(0, 1))
     axes.set_title("blur (rms) and sharpness of the target,\ntrue focus and depth of focus")
-    hide_spines(axes, "top", "right")
+    hide_plot_spines(axes, "top", "right")
     if not depths.size:
         return
     focus = np.linspace(0, 1, 129)
@@ -38,7 +38,7 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
     axes.axvspan(*ends, color=BAND, alpha=0.6, linewidth=0)
     axes.axvline(truth, color=INK, linewidth=1)
     axes.set_xlim(0, 1)
-    rows, columns = target_bounding_box(stack.target)
+    rows, columns = mask_bounding_box(stack.target)
     seen = _charge(stack, sensor)[:, rows, columns].astype(np.float64)
     mean = seen.mean(axis=(1, 2))
     if not (mean > 0).all():
@@ -47,7 +47,7 @@ def draw_preview_curves(axes: Axes, stack: FocalStack, *, sensor: Sensor, truth:
     right.plot(stack.spec.focus, seen.var(axis=(1, 2)) / mean**2, ".-", color=ORANGE)
     right.set_ylabel("sharpness, variance over mean²", color=ORANGE)
     right.set_ylim(bottom=0)
-    hide_spines(right, "top", "left")
+    hide_plot_spines(right, "top", "left")
 
 
 def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, best: int) -> None:
@@ -71,5 +71,5 @@ def draw_preview_histogram(axes: Axes, stack: FocalStack, *, sensor: Sensor, bes
     axes.set(xscale="log", xlim=(bins[0], bins[-1]), xlabel="spikes per readout", ylabel="pixels, %")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{rate:g}"))
     axes.set_title(title)
-    hide_spines(axes, "top", "right")
+    hide_plot_spines(axes, "top", "right")
     axes.legend(loc="upper left", frameon=False)

@@ -1,6 +1,6 @@
 """Checks of anybody's method: whether it ends, keeps to travel and budget, and repeats its answers.
 
->>> for result in check_method_by_name("my_measure.py:Mine+argmax"): ...  # doctest: +SKIP
+>>> for result in check_conformance_by_name("my_measure.py:Mine+argmax"): ...  # doctest: +SKIP
 
 They hold for every registered measure and search; this project's tests run them over all of these.
 """
@@ -16,12 +16,19 @@ from saf_gen.benchmark.conformance.name_resolution import resolve_method_name
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.parts import Measure, Search, commands
 
-__all__ = ["CheckLimits", "CheckResult", "check_measure", "check_method", "check_method_by_name", "check_search"]
+__all__ = [
+    "CheckLimits",
+    "CheckResult",
+    "check_conformance_by_name",
+    "check_measure_conformance",
+    "check_method_conformance",
+    "check_search_conformance",
+]
 
 LIMITS = CheckLimits()
 
 
-def check_method_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_conformance_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a method, or of a measure or a search alone, and yield their results.
 
     ``name`` is ``MEASURE+SEARCH``, ``@FILE`` of a tuned method, or the name of a measure or a search with options;
@@ -30,17 +37,19 @@ def check_method_by_name(name: str, limits: CheckLimits = LIMITS) -> Iterator[Ch
     """
     found = resolve_method_name(name)
     if isinstance(found, Method):
-        return check_method(found, limits)
+        return check_method_conformance(found, limits)
     kind, plug_in = found
-    return check_measure(plug_in, limits) if kind == "measures" else check_search(plug_in, limits)
+    return (
+        check_measure_conformance(plug_in, limits) if kind == "measures" else check_search_conformance(plug_in, limits)
+    )
 
 
-def check_measure(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_measure_conformance(measure: Measure, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a focus measure and yield their results."""
     return run_conformance_checks("measure", list_measure_conformance_checks(measure), limits=limits)
 
 
-def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_search_conformance(search: Search, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a search, estimating or lens-commanding, and yield their results."""
     if commands(search):
         # Imported here because it reads OpenEXR files.
@@ -50,10 +59,10 @@ def check_search(search: Search, limits: CheckLimits = LIMITS) -> Iterator[Check
     return run_conformance_checks("search", list_estimating_conformance_checks(search, limits), limits=limits)
 
 
-def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
+def check_method_conformance(method: Method, limits: CheckLimits = LIMITS) -> Iterator[CheckResult]:
     """Run the checks of a measure, of a search and, where neither fails, of both together."""
     failed = False
-    for results in (check_measure(method.measure, limits), check_search(method.search, limits)):
+    for results in (check_measure_conformance(method.measure, limits), check_search_conformance(method.search, limits)):
         for result in results:
             failed |= result.level == "fail"
             yield result

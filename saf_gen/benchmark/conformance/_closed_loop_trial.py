@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import STATE_HINT, check_answer
+from saf_gen.benchmark.conformance._answer_checks import STATE_HINT, check_method_answer
 from saf_gen.benchmark.conformance._check_result import CheckFailure
 from saf_gen.benchmark.conformance._check_runner import CheckLimits, describe_method_crash
-from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, OVEREXPOSURE, make_test_scene
+from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, OVEREXPOSURE, make_conformance_scene
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -29,7 +29,7 @@ LIGHT_FACTORS = {"a usual light": 1.0, "no light": 0.0, "50 times too much": OVE
 
 
 Runner = Callable[..., ClosedLoopRun]
-"""run_on_test_scene of one method, called with an actuator's name and the conditions."""
+"""run_method_on_test_scene of one method, called with an actuator's name and the conditions."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,13 @@ class CheckedSearch:
                 f"{describe_method_crash(error)}, with {self.camera}",
                 "no camera may make it raise: move only to 0 ... 1, abstain where there is nothing to see",
             ) from error
-        return check_answer(answer, commanding=commands(self.search))
+        return check_method_answer(answer, commanding=commands(self.search))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.search, name)
 
 
-def run_on_test_scene(
+def run_method_on_test_scene(
     method: Method,
     actuator: str,
     *,
@@ -109,7 +109,7 @@ def run_on_test_scene(
     return run
 
 
-def run_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> ClosedLoopRun:
+def run_method_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> ClosedLoopRun:
     """Run a method twice and return the run; raise CheckFailure unless both runs are equal."""
     first, again = (run(actuator, light=light) for _ in range(2))
     if first.answer != again.answer or not np.array_equal(first.path, again.path):
@@ -136,7 +136,7 @@ def _check_position(run: ClosedLoopRun) -> None:
 
 @lru_cache(maxsize=8)
 def _make_capture(best: float, light: float, *, seed: int) -> tuple[Capture, ChargeSource]:
-    scene = make_test_scene(best)
+    scene = make_conformance_scene(best)
     _, positions, rows, columns = scene.radiance.shape
     spec = StackSpec(
         scene="conformance",

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from saf_gen.benchmark.conformance._sample_counts import make_conformance_texture
-from saf_gen.camera import Sensor, camera_exposure_scale, encode, get_sensor, sensor_charge_of_stack
+from saf_gen.camera import Sensor, camera_exposure_scale, encode, get_sensor, sensor_charge_of_images
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_writer import StreamWriter
@@ -45,7 +45,7 @@ class TestScene:
 
 
 @lru_cache
-def make_test_scene(best: float) -> TestScene:
+def make_conformance_scene(best: float) -> TestScene:
     """Return the scene with its best focus at this fraction of the travel."""
     sensor = get_sensor("vidar_400x250", rows=ROWS, columns=COLUMNS)
     sharp = make_conformance_texture(ROWS, COLUMNS)
@@ -58,7 +58,7 @@ def make_test_scene(best: float) -> TestScene:
 
 def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
     """Write recordings of this length and return their paths by name; ``empty`` and ``full`` have no lens positions."""
-    scene = make_test_scene(BEST_FOCUS)
+    scene = make_conformance_scene(BEST_FOCUS)
     empty = np.zeros((ROWS, COLUMNS, -(-frames // 8)), np.uint8)
     full = np.broadcast_to(np.packbits(np.arange(frames) >= 0, bitorder="little"), empty.shape)
     swept, saturated = (
@@ -76,4 +76,4 @@ def write_conformance_recordings(folder: Path, frames: int) -> dict[str, Path]:
 
 
 def _charge(radiance: np.ndarray, sensor: Sensor) -> np.ndarray:
-    return sensor_charge_of_stack(radiance, sensor, lens=DRIVE, position=np.linspace(0, 1, POSITIONS))
+    return sensor_charge_of_images(radiance, sensor, lens=DRIVE, position=np.linspace(0, 1, POSITIONS))

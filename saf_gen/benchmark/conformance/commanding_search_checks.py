@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_same
+from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_same_method_answers
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
 from saf_gen.benchmark.conformance._closed_loop_trial import (
@@ -15,12 +15,12 @@ from saf_gen.benchmark.conformance._closed_loop_trial import (
     LIGHT_FACTORS,
     Runner,
     describe_closed_loop_run,
-    run_on_test_scene,
-    run_twice,
+    run_method_on_test_scene,
+    run_method_twice,
 )
-from saf_gen.benchmark.conformance._declaration_checks import check_plugin_description
+from saf_gen.benchmark.conformance._declaration_checks import check_conformance_of_docs
 from saf_gen.benchmark.conformance._synthetic_recording import SyntheticRecording
-from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_method_statements
+from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_statements_conformance
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import actuator_names
@@ -35,21 +35,21 @@ TOLERANCE = 0.1  # fraction of the travel
 
 def list_commanding_conformance_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
     """Return the checks of one search by name."""
-    run = partial(run_on_test_scene, Method("sd+search", get_measure("sd"), search, code=""), limits=limits)
+    run = partial(run_method_on_test_scene, Method("sd+search", get_measure("sd"), search, code=""), limits=limits)
     return {
-        "described": partial(check_plugin_description, search),
-        "stated": partial(check_method_statements, search),
-        "not on a recording": partial(check_method_refuses_recording, search, limits),
-        "stays in travel and budget": partial(check_method_actuators, run),
-        "little time": partial(check_method_small_budgets, run),
-        "lights": partial(check_method_lights, run),
-        "repeatable": partial(check_method_repeatable, run),
-        "any unit": partial(check_method_any_unit, run),
-        "finds the focus": partial(check_method_finds_focus, run),
+        "described": partial(check_conformance_of_docs, search),
+        "stated": partial(check_statements_conformance, search),
+        "not on a recording": partial(_check_refuses_recording, search, limits),
+        "stays in travel and budget": partial(_check_actuators, run),
+        "little time": partial(_check_small_budgets, run),
+        "lights": partial(_check_lights, run),
+        "repeatable": partial(_check_repeatable, run),
+        "any unit": partial(_check_any_unit, run),
+        "finds the focus": partial(_check_finds_focus, run),
     }
 
 
-def check_method_refuses_recording(search: Search, limits: CheckLimits) -> str:
+def _check_refuses_recording(search: Search, limits: CheckLimits) -> str:
     """Check that the search passes on the error that the lens of a recording cannot be moved."""
     try:
         answer = search(SyntheticRecording(np.ones(2000), limits=limits))
@@ -61,12 +61,12 @@ def check_method_refuses_recording(search: Search, limits: CheckLimits) -> str:
     )
 
 
-def check_method_actuators(run: Runner) -> str:
+def _check_actuators(run: Runner) -> str:
     """Check that the search ends in time with every actuator of saf_gen, and answers with a position of the travel."""
     return "; ".join(f"{name}: {describe_closed_loop_run(run(name))}" for name in actuator_names())
 
 
-def check_method_small_budgets(run: Runner) -> str:
+def _check_small_budgets(run: Runner) -> str:
     """Check that the search ends within a budget that is too small."""
     answers = []
     for frames in SMALL_BUDGETS:
@@ -75,28 +75,28 @@ def check_method_small_budgets(run: Runner) -> str:
     return "; ".join(answers)
 
 
-def check_method_lights(run: Runner) -> str:
+def _check_lights(run: Runner) -> str:
     """Check that the search ends without a spike, and with one at every readout."""
     return "; ".join(
         f"{name}: {describe_closed_loop_run(run(STEADY, light=light))}" for name, light in LIGHT_FACTORS.items()
     )
 
 
-def check_method_repeatable(run: Runner) -> str:
+def _check_repeatable(run: Runner) -> str:
     """Check that the search moves the lens along the same path before the same camera."""
-    run_twice(run, STEADY)
+    run_method_twice(run, STEADY)
     return "the same answer, by the same path of the lens"
 
 
-def check_method_any_unit(run: Runner) -> str:
+def _check_any_unit(run: Runner) -> str:
     """Check that the search gives the same answer for scores in another unit: each measure has its own."""
     for best in (0.0, 0.7):
         plain, scaled = (run(STEADY, best=best, unit=unit).answer for unit in (1.0, UNIT))
-        check_same(plain, scaled, cause=f"scores times {UNIT:g} change the answer", hint=UNIT_HINT)
+        check_same_method_answers(plain, scaled, cause=f"scores times {UNIT:g} change the answer", hint=UNIT_HINT)
     return f"scores times {UNIT:g} give the same answer"
 
 
-def check_method_finds_focus(run: Runner) -> str:
+def _check_finds_focus(run: Runner) -> str:
     """Check that the search finds the focus of a natural texture, from any focus and initial lens position."""
     found = []
     for seed, best in enumerate(BEST_POSITIONS):

@@ -5,10 +5,10 @@ from functools import partial
 
 import numpy as np
 
-from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_method_answer_frame, check_same
+from saf_gen.benchmark.conformance._answer_checks import UNIT_HINT, check_method_answer_frame, check_same_method_answers
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
-from saf_gen.benchmark.conformance._declaration_checks import check_plugin_description
+from saf_gen.benchmark.conformance._declaration_checks import check_conformance_of_docs
 from saf_gen.benchmark.conformance._synthetic_recording import MEAN_RATE, SyntheticRecording, conformance_bell_curve
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
@@ -28,24 +28,24 @@ ViewFactory = Callable[..., SyntheticRecording]
 def list_estimating_conformance_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:
     """Return the checks of one search by name."""
     checks: dict[str, Callable[[Search, ViewFactory], str]] = {
-        "ends": check_method_ends,
-        "answers": check_method_answers,
-        "flat": check_method_flat,
-        "repeatable": check_method_repeatable,
-        "any unit": check_method_any_unit,
-        "finds a bell": check_method_finds_peak,
-        "stops early": check_method_stops_early,
-        "short": check_method_short,
+        "ends": _check_ends,
+        "answers": _check_answers,
+        "flat": _check_flat,
+        "repeatable": _check_repeatable,
+        "any unit": _check_any_unit,
+        "finds a bell": _check_finds_peak,
+        "stops early": _check_stops_early,
+        "short": _check_short,
     }
     record = partial(SyntheticRecording, limits=limits)
     return {
-        "described": partial(check_plugin_description, search),
-        "stated": partial(check_method_statements, search),
+        "described": partial(check_conformance_of_docs, search),
+        "stated": partial(check_statements_conformance, search),
         **{name: partial(check, search, record) for name, check in checks.items()},
     }
 
 
-def check_method_statements(search: Search) -> str:
+def check_statements_conformance(search: Search) -> str:
     """Check that the search states whether it is causal, and that every other measure which it uses exists."""
     causal = getattr(search, "causal", None)
     if not isinstance(causal, bool):
@@ -77,7 +77,7 @@ def find_recording_length_for_method(search: Search, record: ViewFactory = Synth
     )
 
 
-def check_method_ends(search: Search, record: ViewFactory) -> str:
+def _check_ends(search: Search, record: ViewFactory) -> str:
     """Check that the search ends, within a number of scores and of seconds."""
     costs = []
     for frames in (find_recording_length_for_method(search, record), LENGTHS[-1]):
@@ -87,7 +87,7 @@ def check_method_ends(search: Search, record: ViewFactory) -> str:
     return "; ".join(costs)
 
 
-def check_method_answers(search: Search, record: ViewFactory) -> str:
+def _check_answers(search: Search, record: ViewFactory) -> str:
     """Check that the search returns an Answer, with a frame of the recording or none, whatever the curve."""
     curves = _curves(find_recording_length_for_method(search, record))
     for name, curve in curves.items():
@@ -95,7 +95,7 @@ def check_method_answers(search: Search, record: ViewFactory) -> str:
     return f"an answer in the recording, on {len(curves)} curves: peaks, noise, scores below 0"
 
 
-def check_method_flat(search: Search, record: ViewFactory) -> str:
+def _check_flat(search: Search, record: ViewFactory) -> str:
     """Check that the search does not crash without a spike, with equal scores, or with the top of the curve cut off."""
     frames = find_recording_length_for_method(search, record)
     answers = []
@@ -109,23 +109,25 @@ def check_method_flat(search: Search, record: ViewFactory) -> str:
     return "; ".join(answers)
 
 
-def check_method_repeatable(search: Search, record: ViewFactory) -> str:
+def _check_repeatable(search: Search, record: ViewFactory) -> str:
     """Check that the search gives the same answer for the same recording."""
     for name, curve in _curves(find_recording_length_for_method(search, record)).items():
         first, again = search(record(curve)), search(record(curve))
-        check_same(first, again, cause=f"the same recording gets another answer, on {name}")
+        check_same_method_answers(first, again, cause=f"the same recording gets another answer, on {name}")
     return "the same recording gets the same answer"
 
 
-def check_method_any_unit(search: Search, record: ViewFactory) -> str:
+def _check_any_unit(search: Search, record: ViewFactory) -> str:
     """Check that the search gives the same answer for scores in another unit: each measure has its own."""
     for name, curve in _curves(find_recording_length_for_method(search, record)).items():
         plain, scaled = search(record(curve)), search(record(curve, unit=UNIT))
-        check_same(plain, scaled, cause=f"scores times {UNIT:g} change the answer, on {name}", hint=UNIT_HINT)
+        check_same_method_answers(
+            plain, scaled, cause=f"scores times {UNIT:g} change the answer, on {name}", hint=UNIT_HINT
+        )
     return f"scores times {UNIT:g} give the same answer"
 
 
-def check_method_finds_peak(search: Search, record: ViewFactory) -> str:
+def _check_finds_peak(search: Search, record: ViewFactory) -> str:
     """Check that the search finds a smooth peak without noise."""
     frames = find_recording_length_for_method(search, record)
     found = [(peak, search(record(conformance_bell_curve(frames, peak))).frame) for peak in PEAK_FRACTIONS]
@@ -136,7 +138,7 @@ def check_method_finds_peak(search: Search, record: ViewFactory) -> str:
     return seen
 
 
-def check_method_stops_early(search: Search, record: ViewFactory) -> str:
+def _check_stops_early(search: Search, record: ViewFactory) -> str:
     """If it states that it is causal, it does not ask for the end of a sweep with an early peak.
 
     In the closed loop the lens moves on until the end of the last window asked for. What was recorded until
@@ -159,7 +161,7 @@ def check_method_stops_early(search: Search, record: ViewFactory) -> str:
     return seen
 
 
-def check_method_short(search: Search, record: ViewFactory) -> str:
+def _check_short(search: Search, record: ViewFactory) -> str:
     """Check that the search answers on a short recording, or refuses it with a message of one line."""
     refused = []
     for frames in SHORT_LENGTHS:

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from saf_gen.benchmark.conformance._answer_checks import STATE_HINT
 from saf_gen.benchmark.conformance._check_result import CheckFailure, CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, describe_method_crash
-from saf_gen.benchmark.conformance._declaration_checks import check_plugin_description
+from saf_gen.benchmark.conformance._declaration_checks import check_conformance_of_docs
 from saf_gen.benchmark.conformance._sample_counts import (
     EDGE_CASE_COUNTS,
     make_conformance_counts,
@@ -29,22 +29,22 @@ Scorer = Callable[[np.ndarray], float]
 def list_measure_conformance_checks(measure: Measure) -> dict[str, Check]:
     """Return the checks of one measure by name."""
     checks: dict[str, Callable[[Measure], str]] = {
-        "described": check_plugin_description,
-        "stated": check_measure_statements,
-        "finite": check_measure_finite,
-        "zero when empty": check_measure_zero_when_empty,
-        "number types": check_measure_number_types,
-        "memory layout": check_measure_memory_layout,
-        "leaves input": check_measure_leaves_input,
-        "repeatable": check_measure_repeatable,
-        "degree": check_measure_degree,
-        "sharp over blurred": check_measure_sharp_over_blurred,
-        "speed": check_measure_speed,
+        "described": check_conformance_of_docs,
+        "stated": _check_statements,
+        "finite": _check_finite,
+        "zero when empty": _check_zero_when_empty,
+        "number types": _check_number_types,
+        "memory layout": _check_memory_layout,
+        "leaves input": _check_leaves_input,
+        "repeatable": _check_repeatable,
+        "degree": _check_degree,
+        "sharp over blurred": _check_sharp_over_blurred,
+        "speed": _check_speed,
     }
     return {name: partial(check, measure) for name, check in checks.items()}
 
 
-def check_measure_statements(measure: Measure) -> str:
+def _check_statements(measure: Measure) -> str:
     """Check that the measure states a degree (a whole number from 0), a range, and, if any, a cost above 0."""
     degree = getattr(measure, "degree", None)
     if type(degree) is not int:
@@ -64,7 +64,7 @@ def check_measure_statements(measure: Measure) -> str:
     return f"degree {degree}, range {score_range}, cost {cost:.3g}"
 
 
-def check_measure_finite(measure: Measure) -> str:
+def _check_finite(measure: Measure) -> str:
     """Check that the measure returns a finite float for counts of any kind, with and without the window length."""
     for name, counts in EDGE_CASE_COUNTS.items():
         try:
@@ -82,7 +82,7 @@ def check_measure_finite(measure: Measure) -> str:
     return f"a finite float for counts that are {', '.join(EDGE_CASE_COUNTS)}"
 
 
-def check_measure_zero_when_empty(measure: Measure) -> str:
+def _check_zero_when_empty(measure: Measure) -> str:
     """Check that the measure returns 0.0 without a spike if its degree is 0: an empty window is never best."""
     score = _window_scorer(measure)(EDGE_CASE_COUNTS["empty"])
     if measure.degree == 0 and score != 0.0:
@@ -90,7 +90,7 @@ def check_measure_zero_when_empty(measure: Measure) -> str:
     return f"empty counts score {score:g}"
 
 
-def check_measure_number_types(measure: Measure) -> str:
+def _check_number_types(measure: Measure) -> str:
     """Check that the measure returns the same score for counts of every number type."""
     scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
@@ -104,7 +104,7 @@ def check_measure_number_types(measure: Measure) -> str:
     return f"the same score for uint32, {', '.join(t.__name__ for t in TYPES)}"
 
 
-def check_measure_memory_layout(measure: Measure) -> str:
+def _check_memory_layout(measure: Measure) -> str:
     """Check that the measure returns the same score however the counts lie in memory."""
     scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
@@ -120,7 +120,7 @@ def check_measure_memory_layout(measure: Measure) -> str:
     return "the same score for counts by rows, by columns and with gaps"
 
 
-def check_measure_leaves_input(measure: Measure) -> str:
+def _check_leaves_input(measure: Measure) -> str:
     """Check that the measure does not write into the counts, which other methods get as the same array."""
     before = make_conformance_counts(37, 52)
     writeable = before.copy()
@@ -130,7 +130,7 @@ def check_measure_leaves_input(measure: Measure) -> str:
     return "the counts are as they were"
 
 
-def check_measure_repeatable(measure: Measure) -> str:
+def _check_repeatable(measure: Measure) -> str:
     """Check that the measure returns the same score for the same counts, also after other counts and as a copy."""
     scorer, counts = _window_scorer(measure), make_conformance_counts(37, 52)
     score = scorer(counts)
@@ -145,7 +145,7 @@ def check_measure_repeatable(measure: Measure) -> str:
     return "the same score again, after other counts, and by a fresh copy"
 
 
-def check_measure_degree(measure: Measure) -> str:
+def _check_degree(measure: Measure) -> str:
     """Check that three times the counts give the score times 3**degree, with the degree that is stated."""
     # A measure of halves corrects for counting in whole spikes by a constant, which is small for many counts.
     counts = make_conformance_counts(37, 52) * np.uint32(10_000 if wants_halves(measure) else 1)
@@ -160,7 +160,7 @@ def check_measure_degree(measure: Measure) -> str:
     return f"counts times 3 give the score times {3**measure.degree}"
 
 
-def check_measure_sharp_over_blurred(measure: Measure) -> str:
+def _check_sharp_over_blurred(measure: Measure) -> str:
     """Check that the measure does not score a natural texture below the same texture blurred."""
     sharp = 50 * make_conformance_texture(96, 96)
     scorer = _window_scorer(measure)
@@ -173,7 +173,7 @@ def check_measure_sharp_over_blurred(measure: Measure) -> str:
     return f"a texture blurred by {BLUR:g} pixels scores {low:.4g}, the sharp one {high:.4g}"
 
 
-def check_measure_speed(measure: Measure) -> str:
+def _check_speed(measure: Measure) -> str:
     """Return how long a score of 100,000 pixels takes; no measure fails for being slow."""
     halves = (2,) if wants_halves(measure) else ()
     counts = make_conformance_counts(*halves, *IMAGE)

@@ -4,7 +4,7 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
-from saf_gen.benchmark.conformance._answer_checks import check_method_answer_frame, check_same
+from saf_gen.benchmark.conformance._answer_checks import check_method_answer_frame, check_same_method_answers
 from saf_gen.benchmark.conformance._check_result import CheckWarning
 from saf_gen.benchmark.conformance._check_runner import Check, CheckLimits
 from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, write_conformance_recordings
@@ -21,13 +21,13 @@ ACTUATOR = "voice_coil_hall"
 
 def list_method_conformance_checks(method: Method, limits: CheckLimits) -> dict[str, Check]:
     """Return the checks of one method by name."""
-    closed_loop: dict[str, Check] = {"running camera": partial(check_method_on_running_camera, method, limits)}
+    closed_loop: dict[str, Check] = {"running camera": partial(_check_on_running_camera, method, limits)}
     if commands(method.search):
         return closed_loop
-    return {"recordings": partial(check_method_on_recordings, method), **closed_loop}
+    return {"recordings": partial(_check_on_recordings, method), **closed_loop}
 
 
-def check_method_on_recordings(method: Method) -> str:
+def _check_on_recordings(method: Method) -> str:
     """Check that the method repeats its answer on recordings that are empty, full, saturated, and of a sweep."""
     frames = max(find_recording_length_for_method(method.search), MIN_FRAMES)
     answers: dict[str, Answer] = {}
@@ -37,7 +37,7 @@ def check_method_on_recordings(method: Method) -> str:
                 counts = WindowCounts(stream)
                 first, again = (method.search(RecordingView(counts, method.measure)) for _ in range(2))
                 answers[name] = check_method_answer_frame(first, frames, recording=name)
-                check_same(first, again, cause=f"the {name} stream gets another answer the second time")
+                check_same_method_answers(first, again, cause=f"the {name} stream gets another answer the second time")
     found = {name: None if a.frame is None else a.frame / frames for name, a in answers.items()}
     listed = ", ".join(f"{name} {'none' if at is None else f'{at:.3f}'}" for name, at in found.items())
     seen = f"fractions of {frames:,} frames: {listed}; focus at {BEST_FOCUS}"
@@ -46,14 +46,14 @@ def check_method_on_recordings(method: Method) -> str:
     return seen
 
 
-def check_method_on_running_camera(method: Method, limits: CheckLimits) -> str:
+def _check_on_running_camera(method: Method, limits: CheckLimits) -> str:
     """Check that the method keeps to travel and budget and repeats its run, in usual light, none, and too much."""
     # Imported here because it reads OpenEXR files.
     from saf_gen.benchmark.conformance import _closed_loop_trial as trial
 
-    run = partial(trial.run_on_test_scene, method, limits=limits)
+    run = partial(trial.run_method_on_test_scene, method, limits=limits)
     runs = {
-        name: trial.run_twice(run, ACTUATOR, light=light, condition=f"with {name} ")
+        name: trial.run_method_twice(run, ACTUATOR, light=light, condition=f"with {name} ")
         for name, light in trial.LIGHT_FACTORS.items()
     }
     ends = "; ".join(f"{name}: {trial.describe_closed_loop_run(end)}" for name, end in runs.items())

@@ -11,10 +11,10 @@ import numpy as np
 from gymnasium import spaces
 
 from saf_gen.benchmark.gym.episode import Episode
-from saf_gen.benchmark.gym.observation_images import draw_observation
+from saf_gen.benchmark.gym.observation_images import draw_policy_observation
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequence_tasks
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences_to_evaluate
 from saf_gen.core import seeds
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
@@ -88,7 +88,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             raise BadInput(f"the control period is {control_s:g} s", allowed="seconds, above 0")
         _check_whole("pixels", pixels, highest=MAX_PIXELS)
         _check_whole("keep", keep)
-        self.tasks = _select_tasks(list_sequence_tasks(Path(dataset), split=split), sequences)
+        self.tasks = _select_tasks(list_sequences_to_evaluate(Path(dataset), split=split), sequences)
         self.protocol = ClosedLoopProtocol(get_actuator("voice_coil")) if protocol is None else protocol
         self.region, self.control_s, self.pixels = region, control_s, pixels
         self.render_mode = render_mode
@@ -166,8 +166,8 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._episode
 
     def render(self) -> np.ndarray | None:
-        """Return the box in the last control period with ``rgb_array``, uint8 (h, w, 3); see draw_observation."""
-        return draw_observation(self.episode.rate) if self.render_mode == "rgb_array" else None
+        """Return the box in the last control period with ``rgb_array``, uint8 (h, w, 3), by draw_policy_observation."""
+        return draw_policy_observation(self.episode.rate) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Release the sequences in memory; streams are open only while they are read."""

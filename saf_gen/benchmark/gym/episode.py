@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.gym.observation_images import average_observation_areas
+from saf_gen.benchmark.gym.observation_images import average_policy_observation
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import (
     ClosedLoopRun,
-    describe_spent_budget,
+    explain_spent_method_budget,
     finish_closed_loop_run,
     start_closed_loop_camera,
 )
@@ -94,7 +94,7 @@ class Episode:
         self._camera.move(position)
         observation = self.observe()
         if self._camera.now == self._camera.frames:
-            self.fail(describe_spent_budget(self._budget))
+            self.fail(explain_spent_method_budget(self._budget))
         return observation, -self._sum_errors(begin)
 
     def stop(self, position: float) -> tuple[dict[str, np.ndarray], float]:
@@ -136,7 +136,7 @@ class Episode:
         counts = camera.run_until(first, camera.now).window(first, camera.now)
         self.rate = counts / self.period
         read = min(max(camera.position(camera.now - 1), 0.0), 1.0)
-        image = average_observation_areas(counts, self._pixels, columns=self._pixels) / self.period
+        image = average_policy_observation(counts, self._pixels, columns=self._pixels) / self.period
         return {
             "image": image.astype(np.float32),
             "lens": np.array([read], np.float32),

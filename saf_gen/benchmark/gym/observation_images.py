@@ -5,7 +5,7 @@ import numpy as np
 GAMMA = 2.2
 
 
-def average_observation_areas(image: np.ndarray, rows: int, *, columns: int) -> np.ndarray:
+def average_policy_observation(image: np.ndarray, rows: int, *, columns: int) -> np.ndarray:
     """Return an image (h, w) as means over equal areas, float64 (rows, columns).
 
     Pixels are divided between areas where necessary, and areas may be smaller than a pixel. The mean and the
@@ -30,7 +30,7 @@ def _average_along_first(image: np.ndarray, parts: int) -> np.ndarray:
     return means
 
 
-def draw_observation(rate: np.ndarray) -> np.ndarray:
+def draw_policy_observation(rate: np.ndarray) -> np.ndarray:
     """Return counts per pixel and frame, 0...1, as a grey image for the eye: uint8 (h, w, 3), gamma 2.2.
 
     White is a spike in every frame in every image, so that the light can be seen to change.

@@ -14,7 +14,7 @@ import gymnasium
 import numpy as np
 
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
-from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
+from saf_gen.benchmark.records import RECORDS_FILE, Record, write_benchmark_records
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.search_run import describe_method_exception
 from saf_gen.benchmark.tracks.sequence_tasks import describe_evaluated_sequence, measure_rate_of_evaluated_stream
@@ -79,7 +79,7 @@ def evaluate_policy(
             )
         )
     if out is not None:
-        write_records(Path(out) / RECORDS_FILE, records)
+        write_benchmark_records(Path(out) / RECORDS_FILE, records)
     return records
 
 

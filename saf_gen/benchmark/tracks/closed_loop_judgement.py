@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, truth_depth_of_focus
+from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judged_depth_of_focus
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.stream.metadata import Truth
 
@@ -27,7 +27,7 @@ def judge_closed_loop_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float
     track = truth.track
     best = float(track[min(last, len(track) - 1)]) if track is not None and last >= 0 else truth.position
     best_known = math.isfinite(best)
-    dof = truth_depth_of_focus(truth.depth_of_focus)
+    dof = judged_depth_of_focus(truth.depth_of_focus)
     fields: dict[str, Any] = {
         "truth": best if best_known else None,
         "lens_travel": float(np.abs(np.diff(path)).sum()),

@@ -14,7 +14,7 @@ import numpy as np
 
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.search_run import run_search
+from saf_gen.benchmark.tracks.search_run import run_search_of_method
 from saf_gen.benchmark.view.captured_frames import CapturedFrames
 from saf_gen.benchmark.view.running_camera import BudgetSpentError, RunningCamera
 from saf_gen.benchmark.view.sweep_view import SweepView
@@ -98,7 +98,7 @@ def finish_closed_loop_run(
     )
 
 
-def describe_spent_budget(budget: int) -> str:
+def explain_spent_method_budget(budget: int) -> str:
     """Return why a method failed that had no answer when its budget, in frames, was spent."""
     return f"the budget of {budget} frames was spent"
 
@@ -127,13 +127,15 @@ def run_closed_loop_method(
         else:
             answer, to, problem = _run_estimating_search(camera, method, sweep=sweep)
     except BudgetSpentError:
-        return finish_closed_loop_run(camera, Answer(), to=None, budget=budget, problem=describe_spent_budget(budget))
+        return finish_closed_loop_run(
+            camera, Answer(), to=None, budget=budget, problem=explain_spent_method_budget(budget)
+        )
     return finish_closed_loop_run(camera, answer, to=to, budget=budget, problem=problem)
 
 
 def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
     """Return the answer, where the lens goes then, and why the method failed."""
-    answer, problem = run_search(method.search, camera, scorer=camera.scorer)
+    answer, problem = run_search_of_method(method.search, camera, scorer=camera.scorer)
     return answer, _clip_to_travel(answer.position), problem
 
 
@@ -143,7 +145,7 @@ def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int)
     camera.move(begin)
     camera.settle()
     view = SweepView(camera, begin=begin, end=end, frames=sweep)
-    answer, problem = run_search(method.search, view, scorer=camera.scorer)
+    answer, problem = run_search_of_method(method.search, view, scorer=camera.scorer)
     camera.commanded_trajectory = None
     if answer.frame is None:
         return answer, None, problem

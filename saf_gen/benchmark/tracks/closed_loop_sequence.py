@@ -9,12 +9,12 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream_of_task
+from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream_to_evaluate
 from saf_gen.benchmark.view.captured_frames import rows_in_method_view
 from saf_gen.core.region import Region, validate_region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
-from saf_gen.stream.measure_input import choose_method_region
+from saf_gen.stream.measure_input import choose_stream_region
 from saf_gen.stream.stream_file import SpikeStream
 
 
@@ -40,12 +40,12 @@ class ClosedLoopSequence:
 
         Raises BadInput where the stream is not the one that the manifest names, or cannot be captured again.
         """
-        check_stream_of_task(task, stream)
+        check_stream_to_evaluate(task, stream)
         capture = Capture.from_stream(stream, task.path.parent.parent / "stacks")
         data = stream.content_sha256
         if capture.slices:
             data = hashlib.sha256(f"{data} {capture.slices}".encode()).hexdigest()
-        chosen, region_name = choose_method_region(stream, region)
+        chosen, region_name = choose_stream_region(stream, region)
         box = validate_region(chosen, stream.shape[1:])
         charge_source = capture.open_charge_source(rows_in_method_view(capture, box))
         return cls(task, capture, box, region_name, charge_source, data)

@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import truth_depth_of_focus
+from saf_gen.benchmark.judgement import judged_depth_of_focus
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
-from saf_gen.benchmark.tracks.picture_grain import describe_picture_grain
+from saf_gen.benchmark.tracks.picture_grain import describe_grain_for_record
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import (
     SequenceTask,
@@ -19,14 +19,14 @@ from saf_gen.benchmark.tracks.sequence_tasks import (
 )
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.parts import commands
-from saf_gen.stream.measure_input import choose_method_region
+from saf_gen.stream.measure_input import choose_stream_region
 from saf_gen.stream.stream_file import open_stream
 
 PATH_POINTS = 400
 """Points of a lens path that are kept for figures."""
 
 
-def run_closed_loop_sequence(
+def evaluate_closed_loop_sequence(
     task: SequenceTask,
     methods: Sequence[Method],
     *,
@@ -42,11 +42,11 @@ def run_closed_loop_sequence(
     records, paths = [], []
     with open_stream(task.path) as stream:
         sequence = ClosedLoopSequence.from_stream(task, stream, region=region)
-        rate = measure_rate_of_evaluated_stream(WindowCounts(stream, choose_method_region(stream, rate_region)[0]))
+        rate = measure_rate_of_evaluated_stream(WindowCounts(stream, choose_stream_region(stream, rate_region)[0]))
         budget = protocol.count_frames(sequence.capture)[0]
         common = describe_evaluated_sequence(task, stream, rate=rate, track="closed_loop", frames=budget)
         if sequence.capture.truth.track is None:  # a moving scene has other slices here than the recording
-            common["grain_rms"] = describe_picture_grain(stream)["grain_rms"]
+            common["grain_rms"] = describe_grain_for_record(stream)["grain_rms"]
     if not all(commands(method.search) for method in methods):  # the others are given a sweep
         protocol.check_sweep(sequence.capture)
     for done, method in enumerate(methods, start=1):
@@ -81,6 +81,6 @@ def _sample_path(sequence: ClosedLoopSequence, run: ClosedLoopRun, *, method: st
         seconds=(frames + 0.5) / sequence.capture.sensor.readout_hz,
         position=run.path[frames],
         truth=np.full(len(frames), truth.position) if truth.track is None else truth.track[frames],
-        depth_of_focus=truth_depth_of_focus(truth.depth_of_focus),
+        depth_of_focus=judged_depth_of_focus(truth.depth_of_focus),
         problem=run.problem,
     )

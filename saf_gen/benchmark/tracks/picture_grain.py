@@ -12,7 +12,7 @@ import numpy as np
 from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stack.grain import ENERGIES
-from saf_gen.stream.recorded_grain import read_recorded_grain
+from saf_gen.stream.recorded_grain import read_grain_of_stream
 from saf_gen.stream.stream_file import SpikeStream
 
 ENERGY_OF_MEASURE: Mapping[str, str] = {
@@ -21,13 +21,13 @@ ENERGY_OF_MEASURE: Mapping[str, str] = {
 }
 
 
-def describe_picture_grain(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
+def describe_grain_for_record(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
     """Return the fields of a record that state the grain of a recording; None where it is not known.
 
     The curve of ``contrast`` has the range of the noise-free sharpness in the file, the others that of their signal
     along the recording. Grain is known in the box round the target, and so not for a method that looks at the frame.
     """
-    grain = read_recorded_grain(stream.metadata.provenance)
+    grain = read_grain_of_stream(stream.metadata.provenance)
     if grain is None:
         return {"grain_rms": None, "grain_of_curve": None}
     measure = method.split("+")[0].split(":")[0]

@@ -14,7 +14,9 @@ MAX_REASON_CHARACTERS = 300
 """A reason stands in a table, so it is cut to this length."""
 
 
-def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]:
+def run_search_of_method(
+    search: Search, view: View, *, scorer: MeteredScorer, stream_path: str = ""
+) -> tuple[Answer, str]:
     """Return the answer of a search and '', or an empty answer and one line that says why the search failed.
 
     The search holds only the members of saf_gen.parts.View, and its own time is added to ``scorer``, however
@@ -24,7 +26,7 @@ def run_search(search: Search, view: View, *, scorer: MeteredScorer, stream_path
     whole, within = Stopwatch(), Stopwatch()
     try:
         answer = whole.time(search, RestrictedView(view, within))
-        if fault := find_answer_fault(answer, commanding=commands(search)):
+        if fault := find_method_answer_fault(answer, commanding=commands(search)):
             return Answer(), _to_one_line("; ".join(fault))
         return _to_plain_numbers(answer), ""
     except BudgetSpentError:
@@ -46,7 +48,7 @@ def describe_method_exception(error: Exception) -> str:
     return _to_one_line(f"{type(error).__name__}: {message}" if message else type(error).__name__)
 
 
-def find_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
+def find_method_answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
     """Return what is wrong with an answer and what to do about it; None where it can be judged.
 
     A sound answer is an Answer with a finite trace and a note of one line. A search that commands the lens gives a

@@ -6,12 +6,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import recorded_light_ratio
-from saf_gen.benchmark.tracks.focus_location import locate_focus_in_recording, locate_focus_in_travel, truncate_truth
+from saf_gen.benchmark.judgement import light_ratio_for_record
+from saf_gen.benchmark.tracks.focus_location import (
+    judge_when_focus_is_met,
+    judge_where_focus_lies,
+    truncate_truth_to_judge,
+)
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.cores import describe_machine
-from saf_gen.core.files import name_as_text
+from saf_gen.core.files import file_name_as_text
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
@@ -36,7 +40,9 @@ class SequenceTask:
     frames: int | None = None
 
 
-def list_sequence_tasks(path: Path, *, split: str | None = None, scene_motion: str | None = None) -> list[SequenceTask]:
+def list_sequences_to_evaluate(
+    path: Path, *, split: str | None = None, scene_motion: str | None = None
+) -> list[SequenceTask]:
     """Return the sequences of a dataset folder, of this split and scene motion, or the one stream of a file.
 
     Raises BadInput where there is nothing, or nothing of that split or scene motion.
@@ -84,7 +90,7 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
     for what, value in (("split", split), ("scene motion", scene_motion)):
         if value is not None:
             raise BadInput(f"{what} {value!r} of the single stream {str(path)!r}", allowed=f"no {what}, or a dataset")
-    name = name_as_text(path.stem)
+    name = file_name_as_text(path.stem)
     return SequenceTask(name, None, name, None, path, None)
 
 
@@ -92,7 +98,7 @@ def _siblings(path: Path) -> list[str]:
     return [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
 
 
-def check_stream_of_task(task: SequenceTask, stream: SpikeStream) -> None:
+def check_stream_to_evaluate(task: SequenceTask, stream: SpikeStream) -> None:
     """Raise BadInput unless the stream is the one that the manifest names."""
     if task.content_sha256 is not None and stream.content_sha256 != task.content_sha256:
         raise BadInput(
@@ -121,15 +127,15 @@ def describe_evaluated_sequence(
 
     ``rate`` comes from measure_rate_of_evaluated_stream. ``frames`` limits it to the first frames of the recording.
     """
-    truth, gain = truncate_truth(stream.truth, frames or stream.shape[0]), stream.metadata.gain
+    truth, gain = truncate_truth_to_judge(stream.truth, frames or stream.shape[0]), stream.metadata.gain
     centres, mean_rate = rate
     if frames is not None:
         gain = None if gain is None else gain[:frames]
         mean_rate = mean_rate[: max(1, int((centres < frames).sum()))]
     if track == "recorded":
-        location, off_dof = locate_focus_in_recording(truth, stream.focus_position)
+        location, off_dof = judge_when_focus_is_met(truth, stream.focus_position)
     else:
-        location, off_dof = locate_focus_in_travel(truth)
+        location, off_dof = judge_where_focus_lies(truth)
     return {
         "track": track,
         "variant": task.variant,
@@ -139,7 +145,7 @@ def describe_evaluated_sequence(
         "focus_place": location,
         "focus_off_dof": off_dof,
         "mean_rate": float(mean_rate.mean()),
-        "light_ratio": recorded_light_ratio(gain),
+        "light_ratio": light_ratio_for_record(gain),
         "machine": describe_machine(),
         "rig": evaluator_version(track),
     }

@@ -9,7 +9,7 @@ from saf_gen.core import bits
 from saf_gen.core.region import Region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
-from saf_gen.stream.interval_texture import time_texture_of_viewed_window
+from saf_gen.stream.interval_texture import time_texture_of_stream_window
 
 
 class CapturedFrames:
@@ -44,16 +44,16 @@ class CapturedFrames:
     def window(self, first: int, stop: int) -> np.ndarray:
         """Return the counts in frames ``first <= t < stop`` that are encoded already: uint32 (h, w)."""
         counts = np.zeros(self.shape, np.uint32)
-        bits.add_bit_counts(self._planes, counts, first=first, stop=stop)
+        bits.sum_bits_of_planes(self._planes, counts, first=first, stop=stop)
         return counts
 
     def intervals(self, first: int, stop: int) -> np.ndarray:
-        """Return the texture from intervals of a window, float64 (h, w); see texture_of_viewed_window."""
+        """Return the texture from intervals of a window, float64 (h, w); see texture_of_stream_window."""
 
         def read(first_byte: int, stop_byte: int) -> np.ndarray:
             return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
 
-        image, seconds = time_texture_of_viewed_window(read, self.window, first=first, stop=stop)
+        image, seconds = time_texture_of_stream_window(read, self.window, first=first, stop=stop)
         self.textures_s += seconds
         return image
 

@@ -9,7 +9,7 @@ from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.measure_input import WindowSource, measure_input
+from saf_gen.stream.measure_input import WindowSource, stream_input_for_measure
 
 
 class TimedWindowSource(WindowSource, Protocol):
@@ -24,7 +24,7 @@ class TimedWindowSource(WindowSource, Protocol):
 class MeteredScorer:
     """Scores windows for one method; ``windows`` counts the scores and ``seconds`` what they took to compute.
 
-    The seconds include the measure and its interval textures, and the search once run_search has added its
+    The seconds include the measure and its interval textures, and the search once run_search_of_method has added its
     own time. Counting, reading and encoding are left out, because they stand for the camera: how spikes are
     stored is no merit of a method, and counted windows are shared between methods.
     """
@@ -53,7 +53,7 @@ class MeteredScorer:
             self._named_measures[measure] = get_measure(measure)
         scorer = self._measure if measure is None else self._named_measures[measure]
         before = source.textures_s
-        counts = measure_input(source, scorer, first=first, stop=stop)
+        counts = stream_input_for_measure(source, scorer, first=first, stop=stop)
         self.add_seconds(source.textures_s - before)
         timed: dict[str, Any] = {"frames": int(stop) - int(first)} if wants_frames(scorer) else {}
         self.windows += 1

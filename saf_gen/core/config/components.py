@@ -53,7 +53,7 @@ def read_config_component(
     kind, options = component["kind"], {key: value for key, value in component.items() if key != "kind"}
     if kind not in names:
         raise unknown(what, kind, allowed=names, where=document.locate(*keys, "kind"))
-    known = [*registry.plugin_option_fields(plugin_kind, kind), *common]
+    known = [*registry.registered_option_fields(plugin_kind, kind), *common]
     for key in options:
         if key not in known:
             raise unknown(f"key of {what} {kind!r}:", key, allowed=known, where=document.locate(*keys, key))
@@ -88,6 +88,6 @@ def draw_config_component(
         key: draw_config_range(value, seeds.make_generator(*name, "recipe", *purpose, key))
         for key, value in chosen.items()
     }
-    if "seed" in registry.plugin_option_fields(plugin_kind, drawn["kind"]):
+    if "seed" in registry.registered_option_fields(plugin_kind, drawn["kind"]):
         drawn.setdefault("seed", seeds.derive_seed(*name, *purpose))
     return drawn

@@ -11,7 +11,7 @@ from textwrap import dedent
 
 
 @cache
-def field_docs(cls: type) -> dict[str, str]:
+def config_field_docs(cls: type) -> dict[str, str]:
     """Return what the docstring below each annotated field of a class says, on one line, by the field's name.
 
     Fields of base classes come first; a class may say anew what a field of its base is. Fields without a docstring

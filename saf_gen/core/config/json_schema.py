@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from saf_gen.core.config import registry
-from saf_gen.core.config.field_docs import field_docs
+from saf_gen.core.config.field_docs import config_field_docs
 
 Schema = dict[str, Any]
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -51,7 +51,7 @@ def model_to_json_schema(model: type[BaseModel], title: str) -> Schema:
         part["description"] = (cls.__doc__ or "").split("\n\n")[0].replace("``", "")
         for name, one in part["properties"].items():
             one.pop("title", None)
-            if said := field_docs(cls).get(name):
+            if said := config_field_docs(cls).get(name):
                 one["description"] = said.replace("``", "")
     schema["$defs"] = schema.get("$defs", {}) | {"Range": RANGE}
     return {"$schema": DIALECT, "title": title, **schema}
@@ -67,7 +67,7 @@ def _models_in(model: type[BaseModel]) -> Iterable[type[BaseModel]]:
         waiting.extend(typing.get_args(one))
 
 
-def define_component(schema: Schema, plugin_kind: str, *, common: Mapping[str, Schema] | None = None) -> Schema:
+def define_config_schema(schema: Schema, plugin_kind: str, *, common: Mapping[str, Schema] | None = None) -> Schema:
     """Add definitions of ``{kind: ..., ...}`` for every plug-in of a kind, and return the reference to any of them.
 
     ``common`` are keys that all of them take. Each value may be left open, and so may the whole.
@@ -83,7 +83,7 @@ def define_component(schema: Schema, plugin_kind: str, *, common: Mapping[str, S
 
 def _kind_schema(plugin_kind: str, name: str, *, common: dict[str, Schema]) -> Schema:
     cls = registry.plugin_class(plugin_kind, name)
-    hints, said = typing.get_type_hints(cls), field_docs(cls)
+    hints, said = typing.get_type_hints(cls), config_field_docs(cls)
     keys: dict[str, Schema] = {"kind": {"const": name}}
     needed = ["kind"]
     for field in fields(cls):

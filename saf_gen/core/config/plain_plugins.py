@@ -17,7 +17,7 @@ DECLARED = "saf_gen_declared"
 """Attribute of a function that holds what its decorator states."""
 
 
-def plugin_of_plain_code(found: object, plugin_kind: str) -> type | None:
+def wrap_plain_code(found: object, plugin_kind: str) -> type | None:
     """Return the plug-in class that a function or class stands for; None where it stands for none.
 
     A dataclass is taken as it is. A class needs the method of its kind (``__call__`` of measures and searches), and the

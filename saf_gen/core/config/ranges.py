@@ -45,7 +45,7 @@ def _form_and_values(value: dict[str, Any], where: str) -> tuple[str, list[Any]]
     return kind, among
 
 
-def check_parameter(value: Any, *, what: str = "the value", where: str = "") -> None:
+def check_config_parameter(value: Any, *, what: str = "the value", where: str = "") -> None:
     """Raise BadInput for a parameter that is neither plain nor a range of plain values.
 
     Finite numbers, text, true and false, and lists of them are plain. A YAML date or ``.nan`` is not: it

@@ -5,7 +5,8 @@ package offers under the entry point ``saf_gen.<plug-in kind>``, or one named as
 ``file.py:NAME``. A plain function or a plain class becomes one (:mod:`saf_gen.core.config.plain_plugins`). Its fields
 are the keys that a recipe or a method may set, without a trailing underscore: ``from_`` is the key ``from``.
 Listing names imports nothing, so a plug-in that cannot be imported does not break the others. Names that come out of
-files are resolved by :func:`refuse_code`: only what is registered, or named on the command line too, is run.
+files are resolved by :func:`refuse_code_named_in_file`: only what is registered, or named on the command line too, is
+run.
 """
 
 import hashlib
@@ -25,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.core.config.plain_plugins import plugin_of_plain_code
+from saf_gen.core.config.plain_plugins import wrap_plain_code
 from saf_gen.errors import BadInput, SafGenError, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
@@ -35,7 +36,7 @@ _CODE_REFUSED_IN: ContextVar[str] = ContextVar("code refused in", default="")
 
 
 @contextmanager
-def refuse_code(where: str) -> Iterator[None]:
+def refuse_code_named_in_file(where: str) -> Iterator[None]:
     """Refuse to load ``package.module:Class`` and ``file.py:Class`` where names come from the file ``where``.
 
     A stranger may have written it. What this process has loaded before, since its command line named it, is taken.
@@ -63,7 +64,7 @@ def names(plugin_kind: str) -> list[str]:
     return sorted({*_own(plugin_kind), *_offered(plugin_kind), *_added[plugin_kind]})
 
 
-def is_own_plugin(plugin_kind: str, name: str) -> bool:
+def is_own_registered_name(plugin_kind: str, name: str) -> bool:
     """Return whether saf_gen itself holds a plug-in of this name."""
     return name in _own(plugin_kind)
 
@@ -78,7 +79,7 @@ def add_plugin(plugin_kind: str, plain: object, *, name: str) -> None:
         raise BadInput(f"a {PLUGIN_KINDS[plugin_kind]} cannot be called {name!r}", allowed="a name of Python")
     if name in _own(plugin_kind) or name in _offered(plugin_kind):
         raise BadInput(f"there is a {PLUGIN_KINDS[plugin_kind]} {name!r} already", hint="choose another name")
-    plugin = plugin_of_plain_code(plain, plugin_kind)
+    plugin = wrap_plain_code(plain, plugin_kind)
     if plugin is None:
         raise _no_plugin_error(f"{PLUGIN_KINDS[plugin_kind]} {name!r}")
     _added[plugin_kind][name] = plugin
@@ -133,7 +134,7 @@ def _load_plugin(load: Callable[[], Any], what: str, *, plugin_kind: str, **advi
         found = load()
     except Exception as error:  # the module is anybody's code, and may raise anything
         raise BadInput(f"{what} cannot be loaded: {type(error).__name__}: {error}", **advice) from error
-    plugin = plugin_of_plain_code(found, plugin_kind)
+    plugin = wrap_plain_code(found, plugin_kind)
     if plugin is None:
         raise _no_plugin_error(what)
     return plugin
@@ -161,7 +162,7 @@ def _import_file(path: Path) -> ModuleType:
     return module
 
 
-def plugin_option_fields(plugin_kind: str, name: str) -> dict[str, str]:
+def registered_option_fields(plugin_kind: str, name: str) -> dict[str, str]:
     """Return the keys that a plug-in takes, each with the dataclass field that holds it."""
     return {f.name.rstrip("_"): f.name for f in fields(plugin_class(plugin_kind, name)) if f.init}
 
@@ -171,7 +172,7 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
 
     Raises BadInput for an unknown name or key, a missing key, or a value that the plug-in refuses.
     """
-    cls, known = plugin_class(plugin_kind, name), plugin_option_fields(plugin_kind, name)
+    cls, known = plugin_class(plugin_kind, name), registered_option_fields(plugin_kind, name)
     for key in options:
         if key not in known:
             raise unknown(f"key of {PLUGIN_KINDS[plugin_kind]} {name!r}:", key, allowed=known)
@@ -191,7 +192,7 @@ def build_plugin(plugin_kind: str, name: str, /, **options: Any) -> Any:
         ) from error
 
 
-def sample_plugin(
+def sample_registered_function(
     plugin: object, method: Callable[[np.ndarray, float], Any], *, seconds: np.ndarray, duration_s: float
 ) -> np.ndarray:
     """Return what a method of a light schedule or a motion gives at these times, float64 of their shape.

@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 
 
-def plugin_source_digests(classes: Iterable[type]) -> list[list[str]]:
+def class_source_digests(classes: Iterable[type]) -> list[list[str]]:
     """Return the files behind these classes, each as [file name, sha256 of its code], sorted.
 
     A class without a file, such as one of an interpreter's prompt, gives [name of its module, ""].
@@ -27,7 +27,7 @@ def plugin_source_digests(classes: Iterable[type]) -> list[list[str]]:
     return sorted([*digests.values(), *without_file])
 
 
-def plugin_source_files(cls: type) -> list[Path]:
+def class_source_files(cls: type) -> list[Path]:
     """Return the file of a class, and then the private modules beside it that this imports; [] where it has none."""
     return list(_digest_files(cls))
 

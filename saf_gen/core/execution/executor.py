@@ -4,7 +4,7 @@ import multiprocessing
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 
-from saf_gen.core.execution.dask_cluster import Cluster, run_on_dask
+from saf_gen.core.execution.dask_cluster import Cluster, run_jobs_on_dask
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress, describe_job_error
 from saf_gen.core.execution.worker_pool import WorkerPool
 
@@ -24,13 +24,13 @@ def run_jobs(
     cores that are idle (a file is being written, a scene loaded) are used. Where a job fails, its error is
     yielded, nothing follows from it, and the others go on. A job whose process dies is run once more, alone; one that
     dies twice is set aside. ``tell`` is called with a line for people for each job that is run again, and why. With
-    ``cluster`` a Dask cluster runs the jobs; :func:`saf_gen.core.execution.dask_cluster.run_on_dask` says how.
+    ``cluster`` a Dask cluster runs the jobs; :func:`saf_gen.core.execution.dask_cluster.run_jobs_on_dask` says how.
     """
     if not jobs:
         nothing: tuple[JobResult, ...] = ()
         return (ended for ended in nothing)
     if cluster is not None:
-        return run_on_dask(jobs, cluster, report=report, follow_up=follow_up, tell=tell)
+        return run_jobs_on_dask(jobs, cluster, report=report, follow_up=follow_up, tell=tell)
     return _run_on_cores(jobs, workers, report=report, follow_up=follow_up, tell=tell)
 
 

@@ -2,25 +2,25 @@
 
 from matplotlib.figure import Figure
 
-from saf_gen.core.figure_style import MAX_MEASURES, PlotStyle, assign_styles, inline_svg, to_svg
+from saf_gen.core.figure_style import MAX_MEASURES, PlotStyle, assign_plot_styles, inline_svg, plot_to_svg
 from saf_gen.leaderboard.figures._figure import (
     PDF_CREATOR,
     PREDICTIONS_LABEL,
-    add_paper_background,
-    split_method_label,
-    to_pdf,
+    add_paper_to_figure,
+    figure_to_pdf,
+    split_figure_label,
 )
-from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition
-from saf_gen.leaderboard.figures.depth_of_focus_figure import plot_depth_of_focus
-from saf_gen.leaderboard.figures.error_figure import plot_errors
+from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition_figure
+from saf_gen.leaderboard.figures.depth_of_focus_figure import plot_depth_of_focus_figure
+from saf_gen.leaderboard.figures.error_figure import plot_error_figure
 from saf_gen.leaderboard.figures.focus_curve_figure import (
     Cursor,
     locate_figure_cursor,
     normalise_curve_of_figure,
-    plot_focus_curves,
+    plot_focus_curve_figure,
 )
-from saf_gen.leaderboard.figures.image_strip import ImageStrip, build_image_strip, build_spike_strip
-from saf_gen.leaderboard.figures.path_figures import plot_lens_paths, plot_search_steps
+from saf_gen.leaderboard.figures.image_strip import ImageStrip, build_figure_image_strip, build_figure_spike_strip
+from saf_gen.leaderboard.figures.path_figures import plot_lens_path_figure, plot_search_step_figure
 
 __all__ = [
     "CONDITIONS",
@@ -32,20 +32,20 @@ __all__ = [
     "Figure",
     "ImageStrip",
     "PlotStyle",
-    "add_paper_background",
-    "assign_styles",
-    "build_image_strip",
-    "build_spike_strip",
+    "add_paper_to_figure",
+    "assign_plot_styles",
+    "build_figure_image_strip",
+    "build_figure_spike_strip",
+    "figure_to_pdf",
     "inline_svg",
     "locate_figure_cursor",
     "normalise_curve_of_figure",
-    "plot_condition",
-    "plot_depth_of_focus",
-    "plot_errors",
-    "plot_focus_curves",
-    "plot_lens_paths",
-    "plot_search_steps",
-    "split_method_label",
-    "to_pdf",
-    "to_svg",
+    "plot_condition_figure",
+    "plot_depth_of_focus_figure",
+    "plot_error_figure",
+    "plot_focus_curve_figure",
+    "plot_lens_path_figure",
+    "plot_search_step_figure",
+    "plot_to_svg",
+    "split_figure_label",
 ]

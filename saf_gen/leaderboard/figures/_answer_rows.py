@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.figure_style import GREY, PAPER, PlotStyle, hide_spines
-from saf_gen.leaderboard.figures._figure import PREDICTIONS_LABEL, shorten_figure_label, split_method_label
-from saf_gen.leaderboard.figures._sweep_axis import frames_to_axis
+from saf_gen.core.figure_style import GREY, PAPER, PlotStyle, hide_plot_spines
+from saf_gen.leaderboard.figures._figure import PREDICTIONS_LABEL, shorten_figure_label, split_figure_label
+from saf_gen.leaderboard.figures._sweep_axis import frames_to_figure_axis
 
 LETTERS = 18
 """Longest name of a row, in characters."""
@@ -17,21 +17,21 @@ AnswersBySearch = Mapping[str, Mapping[str, float]]
 """The frame of each answer, by search, then by measure."""
 
 
-def group_answers(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> dict[str, dict[str, float]]:
+def group_answers_in_figure(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> dict[str, dict[str, float]]:
     """Return the answers of the measures that have styles, in the order of ``records``."""
     answers: dict[str, dict[str, float]] = {}
     for record in records:
-        measure, search = split_method_label(record.method)
+        measure, search = split_figure_label(record.method)
         if measure in styles and record.frame is not None:
             answers.setdefault(search, {})[measure] = record.frame
     return answers
 
 
-def draw_answer_rows(
+def draw_answer_rows_in_figure(
     axes: Axes, answers: AnswersBySearch, *, shown: Sequence[str], styles: Mapping[str, PlotStyle], sweep: SweepSummary
 ) -> None:
     """Draw a row per search; the measures of ``shown`` come first, in their order."""
-    to_axis = frames_to_axis(sweep)
+    to_axis = frames_to_figure_axis(sweep)
     for row, by_measure in enumerate(answers.values()):
         axes.axhline(row + 0.5, color=GREY, lw=0.6, zorder=0.1)
         ordered = [m for m in shown if m in by_measure] + [m for m in by_measure if m not in shown]
@@ -44,4 +44,4 @@ def draw_answer_rows(
     axes.set_ylim(max(len(answers), 1) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0, labelsize=7.5)
     axes.tick_params(axis="x", bottom=False, labelbottom=False)
-    hide_spines(axes, "left", "right", "top", "bottom")
+    hide_plot_spines(axes, "left", "right", "top", "bottom")

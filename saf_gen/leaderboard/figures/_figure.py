@@ -7,7 +7,7 @@ from matplotlib.backends.backend_pdf import Op, PdfFile, RendererPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from saf_gen.core.figure_style import COLUMN, PAPER, STYLE, WIDTH, use_figure_style
+from saf_gen.core.figure_style import COLUMN, PAPER, STYLE, WIDTH, use_plot_style
 
 PDF_CREATOR = "saf-gen"
 PREDICTIONS_LABEL = "predictions"
@@ -15,7 +15,7 @@ PREDICTIONS_LABEL = "predictions"
 TITLE, TITLE_LINE = 52, 0.16  # characters in a line of the title; height of each further line, inches
 
 
-def create_figure(inches: float, *, title: str) -> Figure:
+def create_leaderboard_figure(inches: float, *, title: str) -> Figure:
     """Return an empty figure of this height and WIDTH, with its title on the left."""
     lines = textwrap.wrap(title, TITLE) or [""]
     figure = Figure(figsize=(WIDTH, inches + TITLE_LINE * (len(lines) - 1)), dpi=72, layout="constrained")
@@ -38,17 +38,17 @@ def shorten_figure_label(name: str, limit: int) -> str:
     return f"{name[: limit - 1 - end]}…{name[len(name) - end :]}"
 
 
-def split_method_label(method: str) -> tuple[str, str]:
+def split_figure_label(method: str) -> tuple[str, str]:
     """Return the measure and the search of a method, with their options; the name and '' for predictions."""
     measure, _, search = method.partition("+")
     return measure, search
 
 
-def to_pdf(figure: Figure) -> bytes:
+def figure_to_pdf(figure: Figure) -> bytes:
     """Return the figure as PDF, scaled as a whole to a column of a paper (3.5 inches), its fonts embedded."""
     width, height = (72 * side for side in figure.get_size_inches())
     scale, buffer = 72 * COLUMN / width, io.BytesIO()
-    with use_figure_style({**STYLE, "pdf.fonttype": 42}):
+    with use_plot_style({**STYLE, "pdf.fonttype": 42}):
         file = PdfFile(buffer, metadata={"CreationDate": None, "Creator": PDF_CREATOR})
         try:
             figure.set_dpi(72)
@@ -64,7 +64,7 @@ def to_pdf(figure: Figure) -> bytes:
         return buffer.getvalue()
 
 
-def add_paper_background(svg: str) -> str:
+def add_paper_to_figure(svg: str) -> str:
     """Return the SVG on a white background, for viewers with a dark one."""
     end = svg.index(">", svg.index("<svg")) + 1
     return f'{svg[:end]}\n <rect width="100%" height="100%" fill="{PAPER}"/>{svg[end:]}'

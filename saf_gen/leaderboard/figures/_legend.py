@@ -20,12 +20,12 @@ HANDLE, GAP = 2.8, 1.2  # width of a sample and of the gap between columns, in f
 _WIDTHS = TextToPath()
 
 
-def legend_height(names: Sequence[str], *, columns: int = 2, note: str = "") -> float:
-    """Return the height of the legend that add_legend_below draws, inches."""
+def figure_legend_height(names: Sequence[str], *, columns: int = 2, note: str = "") -> float:
+    """Return the height of the legend that add_figure_legend draws, inches."""
     return LINE * (math.ceil(len(names) / _count_columns(names, columns)) + bool(note))
 
 
-def add_legend_below(
+def add_figure_legend(
     figure: Figure, handles: Sequence[Any], *, names: Sequence[str], columns: int = 2, note: str = ""
 ) -> None:
     """Add samples and names below the figure, in up to ``columns`` columns, with ``note`` above them."""

@@ -27,7 +27,7 @@ def find_figure_position_axis(sweep: SweepSummary) -> np.ndarray | None:
     return lens if moves.min() >= 0 and moves.any() and steps.min() > 0.02 * steps.mean() else None
 
 
-def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
+def frames_to_figure_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
     """Return the map from frames to the axis: to the focus position if it can be one, else to the frame."""
     lens = find_figure_position_axis(sweep)
     if lens is None:
@@ -35,7 +35,7 @@ def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
     return lambda frames: np.interp(frames, np.arange(len(lens)), lens)
 
 
-def plot_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
+def plot_truth_in_figure(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
     """Draw the truth as a line in the band of its depth of focus; over frames, one at every crossing."""
     over_frames = find_figure_position_axis(sweep) is None
     if over_frames and sweep.focus_position is not None:
@@ -56,7 +56,7 @@ def plot_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
         axes.text(x, 0.9, text, transform=axes.get_yaxis_transform(), ha=side)
 
 
-def is_within_depth(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
+def is_within_depth_in_figure(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
     """Return where the lens is within the depth of focus, bool (T,); False where that is unknown."""
     offset = _focus_offset(sweep, lens)
     near, far = sorted(sweep.depth_of_focus)
@@ -69,7 +69,7 @@ def find_runs_in_figure(where: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
 
 
-def find_truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
+def find_figure_truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
     """Return the frames at which the lens crosses the truth."""
     return find_focus_crossings(_focus_offset(sweep, lens), 0.0)
 
@@ -88,9 +88,9 @@ def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray
         if sweep.track is not None:
             moving = np.interp(frames, all_frames, sweep.track)
             axes.plot(frames, moving, color=INK, lw=0.9, ls=":", zorder=0.7)
-    for first, stop in find_runs_in_figure(is_within_depth(sweep, lens)):
+    for first, stop in find_runs_in_figure(is_within_depth_in_figure(sweep, lens)):
         axes.axvspan(first, stop, color=BAND, alpha=0.45, lw=0, zorder=0.5)
-    axes.vlines(find_truth_crossings(sweep, lens), 0, 1, color=INK, lw=1.1, zorder=0.6, transform=height)
+    axes.vlines(find_figure_truth_crossings(sweep, lens), 0, 1, color=INK, lw=1.1, zorder=0.6, transform=height)
 
 
 def add_frame_axis_to_figure(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from saf_gen.benchmark.records import Record
-from saf_gen.core.figure_style import BAND, GREY, MAX_MEASURES, PAPER, PlotStyle, hide_spines, use_figure_style
-from saf_gen.leaderboard.averages import mean_over_scenes, median_magnitude
+from saf_gen.core.figure_style import BAND, GREY, MAX_MEASURES, PAPER, PlotStyle, hide_plot_spines, use_plot_style
+from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_magnitude_for_ranking
 from saf_gen.leaderboard.axes import BLOCK_READOUTS
-from saf_gen.leaderboard.figures._figure import create_figure, describe_figure_omissions, split_method_label
-from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
+from saf_gen.leaderboard.figures._figure import create_leaderboard_figure, describe_figure_omissions, split_figure_label
+from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend_height
 
 BINS = 6
 POINTS = 240
@@ -73,7 +73,7 @@ def bin_sequences_for_figure(records: Sequence[Record], condition: Condition) ->
     return groups
 
 
-def plot_condition(
+def plot_condition_figure(
     records: Sequence[Record], condition: Condition, *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
     """Return the figure of one search: success within 1 DoF above, median error below, a line per measure.
@@ -82,18 +82,18 @@ def plot_condition(
     None where bin_sequences_for_figure has no group or no error is known.
     """
     groups = bin_sequences_for_figure(records, condition)
-    present = {split_method_label(r.method)[0] for r in records}
+    present = {split_figure_label(r.method)[0] for r in records}
     known = [m for m in styles if m in present]
     measures = known[:MAX_MEASURES]
     note = describe_figure_omissions((len(measures), len(known), "measures"))
     if not groups or all(r.error_dof is None for r in records):
         return None
-    with use_figure_style():
-        figure = create_figure(3.35 + legend_height(measures, note=note), title=title)
+    with use_plot_style():
+        figure = create_leaderboard_figure(3.35 + figure_legend_height(measures, note=note), title=title)
         above, below = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [1, 1.3]})
         below.axhspan(0, 1, color=BAND, alpha=0.3, lw=0)
         for measure in measures:
-            own = [r for r in records if split_method_label(r.method)[0] == measure]
+            own = [r for r in records if split_figure_label(r.method)[0] == measure]
             _draw(above, below, records=own, groups=groups, style=styles[measure])
             if len(measures) * len(own) <= POINTS:
                 _scatter(below, own, condition=condition, style=styles[measure])
@@ -111,8 +111,8 @@ def plot_condition(
         for axes in (above, below):
             axes.grid(axis="y", color=GREY, lw=0.6)
             axes.set_axisbelow(True)
-            hide_spines(axes, "top", "right")
-        add_legend_below(figure, [styles[m].legend_handle() for m in measures], names=measures, note=note)
+            hide_plot_spines(axes, "top", "right")
+        add_figure_legend(figure, [styles[m].legend_handle() for m in measures], names=measures, note=note)
     return figure
 
 
@@ -126,8 +126,8 @@ def _draw(
 ) -> None:
     """Draw the success and the median error of each group as a line."""
     members = [(x, [r for r in records if r.sequence in names]) for x, names in groups]
-    success = [(x, mean_over_scenes(group, lambda r: r.success_1dof)) for x, group in members]
-    error = [(x, median_magnitude(r.error_dof for r in group)) for x, group in members]
+    success = [(x, mean_over_scenes_for_ranking(group, lambda r: r.success_1dof)) for x, group in members]
+    error = [(x, median_magnitude_for_ranking(r.error_dof for r in group)) for x, group in members]
     for axes, points in ((above, success), (below, error)):
         known = np.array([(x, y) for x, y in points if y is not None])
         if known.size:

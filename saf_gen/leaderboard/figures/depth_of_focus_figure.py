@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from saf_gen.benchmark.judgement import truth_depth_of_focus
+from saf_gen.benchmark.judgement import judged_depth_of_focus
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.display_tone import encode_gamma, find_white_level
-from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_spines, use_figure_style
-from saf_gen.leaderboard.figures._figure import create_figure
+from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
+from saf_gen.core.figure_style import BAND, COLOURS, INK, SOFT, hide_plot_spines, use_plot_style
+from saf_gen.leaderboard.figures._figure import create_leaderboard_figure
 from saf_gen.leaderboard.figures.image_strip import WHITE_QUANTILE
 
 OFFSETS_DOF = (-4.0, -1.0, 0.0, 1.0, 4.0)
@@ -23,7 +23,7 @@ DETAIL_PX = 56
 PICTURES, PLOT = 1.05, 1.5  # inches: the row of pictures; the plot with its title and labels
 
 
-def plot_depth_of_focus(sweeps: Sequence[SweepSummary]) -> Figure:
+def plot_depth_of_focus_figure(sweeps: Sequence[SweepSummary]) -> Figure:
     """Return the figure that explains a depth of focus.
 
     Below, the blur of the target over its distance from the focus: within the depth of focus it is at most 1 pixel
@@ -31,8 +31,8 @@ def plot_depth_of_focus(sweeps: Sequence[SweepSummary]) -> Figure:
     known, resting focus: the one under the steadiest light.
     """
     found = _choose_pictures(sweeps)
-    with use_figure_style():
-        figure = create_figure(PLOT + (PICTURES if found else 0), title="What a depth of focus is")
+    with use_plot_style():
+        figure = create_leaderboard_figure(PLOT + (PICTURES if found else 0), title="What a depth of focus is")
         if not found:
             _draw_blur(figure.subplots())
             return figure
@@ -61,7 +61,7 @@ def _draw_blur(axes: Axes) -> None:
     axes.set_ylim(0, 2 * REACH_DOF)
     axes.set_xlabel("distance of the lens from the true focus, in depths of focus (DoF)")
     axes.set_ylabel("blur, pixels")
-    hide_spines(axes, "top", "right")
+    hide_plot_spines(axes, "top", "right")
 
 
 def _choose_pictures(sweeps: Sequence[SweepSummary]) -> list[tuple[float, np.ndarray]]:
@@ -78,8 +78,8 @@ def _choose_pictures(sweeps: Sequence[SweepSummary]) -> list[tuple[float, np.nda
     focus = pictures.images[int(np.abs(offsets).argmin())]
     detail = _find_detail(focus, box=pictures.box)
     crops = [pictures.images[number][detail] for number in chosen]
-    white = find_white_level(*crops, quantile=WHITE_QUANTILE) if crops else 1.0
-    return [(float(offsets[n]), encode_gamma(crop, white)) for n, crop in zip(chosen, crops, strict=True)]
+    white = find_display_white_level(*crops, quantile=WHITE_QUANTILE) if crops else 1.0
+    return [(float(offsets[n]), apply_display_gamma(crop, white)) for n, crop in zip(chosen, crops, strict=True)]
 
 
 def _find_detail(image: np.ndarray, *, box: tuple[float, float, float, float]) -> tuple[slice, slice]:
@@ -99,7 +99,7 @@ def _find_detail(image: np.ndarray, *, box: tuple[float, float, float, float]) -
 
 def _offsets_in_dof(sweep: SweepSummary) -> np.ndarray | None:
     """Return the lens minus the true focus at each picture, in depths of focus; None where unknown or moving."""
-    depth = truth_depth_of_focus(sweep.depth_of_focus)
+    depth = judged_depth_of_focus(sweep.depth_of_focus)
     pictures, lens = sweep.thumbnails, sweep.focus_position
     if pictures is None or lens is None or sweep.track is not None or not depth or not math.isfinite(sweep.truth):
         return None

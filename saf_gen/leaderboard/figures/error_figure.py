@@ -12,9 +12,13 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from saf_gen.benchmark.records import Record
-from saf_gen.core.figure_style import BAND, GREY, INK, PAPER, SOFT, assign_styles, hide_spines, use_figure_style
-from saf_gen.leaderboard.figures._figure import create_figure, describe_figure_omissions, shorten_figure_label
-from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
+from saf_gen.core.figure_style import BAND, GREY, INK, PAPER, SOFT, assign_plot_styles, hide_plot_spines, use_plot_style
+from saf_gen.leaderboard.figures._figure import (
+    create_leaderboard_figure,
+    describe_figure_omissions,
+    shorten_figure_label,
+)
+from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend_height
 
 NO_LIGHT = "recording"
 MANY_ROWS, MAX_ROWS = 30, 80
@@ -26,7 +30,7 @@ LETTERS = 34
 """Longest name of a method, in characters."""
 
 
-def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
+def plot_error_figure(records: Sequence[Record], *, title: str) -> Figure:
     """Return the errors of one scene: a row per method in the order given, a mark per answer and light schedule.
 
     Of more than MAX_MARKS answers a mark is the median of those of a method under one light, and a line holds the
@@ -40,16 +44,16 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
     if many:
         note = "; ".join([*([note] if note else []), "marks are medians, lines the middle 90 %"])
     row_inches = ROW if len(methods) <= MANY_ROWS else CLOSE_ROW
-    lights = assign_styles([r.light or NO_LIGHT for r in records])
+    lights = assign_plot_styles([r.light or NO_LIGHT for r in records])
     known = [abs(r.error_dof) for r in records if r.error_dof is not None]
     reach = max([3.0, *known]) * 1.3
     size = 4.5 if len(methods) <= MANY_ROWS else 3.6
     marks: list[Any] = [style.legend_handle(ls="") for style in lights.values()]
     marks += [Patch(color=BAND, alpha=0.3), Line2D([], [], ls="", marker="x", color=SOFT, mew=1.3)]
     names = [*lights, "success: within 1", "no answer"]
-    with use_figure_style():
-        below = legend_height(names, columns=3, note=note)
-        figure = create_figure(row_inches * len(methods) + 0.95 + below, title=title)
+    with use_plot_style():
+        below = figure_legend_height(names, columns=3, note=note)
+        figure = create_leaderboard_figure(row_inches * len(methods) + 0.95 + below, title=title)
         axes = figure.subplots()
         axes.axvspan(-1, 1, color=BAND, alpha=0.3, lw=0)
         axes.axvline(0, color=INK, lw=1.1)
@@ -72,8 +76,8 @@ def plot_errors(records: Sequence[Record], *, title: str) -> Figure:
         axes.set_yticks(range(len(methods)), [shorten_figure_label(m, LETTERS) for m in methods])
         axes.set_ylim(len(methods) - 0.4, -0.6)
         axes.tick_params(axis="y", length=0, labelsize=7.5)
-        hide_spines(axes, "left", "right", "top")
-        add_legend_below(figure, marks, names=names, columns=3, note=note)
+        hide_plot_spines(axes, "left", "right", "top")
+        add_figure_legend(figure, marks, names=names, columns=3, note=note)
     return figure
 
 

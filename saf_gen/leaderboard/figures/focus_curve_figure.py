@@ -13,16 +13,20 @@ from matplotlib.ticker import MaxNLocator
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import SweepSummary
-from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, hide_spines, use_figure_style
-from saf_gen.leaderboard.figures._answer_rows import AnswersBySearch, draw_answer_rows, group_answers
-from saf_gen.leaderboard.figures._figure import create_figure, describe_figure_omissions
-from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, hide_plot_spines, use_plot_style
+from saf_gen.leaderboard.figures._answer_rows import (
+    AnswersBySearch,
+    draw_answer_rows_in_figure,
+    group_answers_in_figure,
+)
+from saf_gen.leaderboard.figures._figure import create_leaderboard_figure, describe_figure_omissions
+from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend_height
 from saf_gen.leaderboard.figures._sweep_axis import (
     LENS_LINE,
     add_frame_axis_to_figure,
     find_figure_position_axis,
-    frames_to_axis,
-    plot_truth,
+    frames_to_figure_axis,
+    plot_truth_in_figure,
 )
 
 MAX_SEARCHES = 6
@@ -54,7 +58,7 @@ def normalise_curve_of_figure(scores: np.ndarray) -> np.ndarray:
     return np.asarray((values - finite.min()) / (finite.max() - finite.min()))
 
 
-def plot_focus_curves(
+def plot_focus_curve_figure(
     sweep: SweepSummary, records: Sequence[Record], *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure:
     """Return the curves of ``sweep`` and, above them, a row per search with the answers in ``records``.
@@ -67,7 +71,7 @@ def plot_focus_curves(
     At most MAX_MEASURES measures of ``styles`` are drawn, in its order, those with curves before those with
     only an answer; and the first MAX_SEARCHES searches.
     """
-    answers = group_answers(records, styles)
+    answers = group_answers_in_figure(records, styles)
     curved = {curve.measure for curve in sweep.curves}
     answered = {measure for by_measure in answers.values() for measure in by_measure}
     groups = _group_coincident(sweep, styles)[:MAX_MEASURES]
@@ -79,13 +83,13 @@ def plot_focus_curves(
         (len(shown), sum(m in curved or m in answered for m in styles), "measures"),
     )
     handles, names = _list_legend(groups, alone=alone, styles=styles, sweep=sweep)
-    below = legend_height(names, note=note)
-    with use_figure_style():
-        figure = create_figure(REST + ROW * len(drawn) + PLOT + below, title=title)
+    below = figure_legend_height(names, note=note)
+    with use_plot_style():
+        figure = create_leaderboard_figure(REST + ROW * len(drawn) + PLOT + below, title=title)
         ratios = [max(ROW * len(drawn), 0.01), PLOT]
         strip, axes = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": ratios, "hspace": 0.01})
         axes.set_label(CURVES)
-        to_axis = frames_to_axis(sweep)
+        to_axis = frames_to_figure_axis(sweep)
         _draw_light(axes, sweep, x=to_axis(sweep.frames))
         by_name = {curve.measure: curve for curve in sweep.curves}
         for group in groups:
@@ -94,21 +98,23 @@ def plot_focus_curves(
                 to_axis(curve.frames), normalise_curve_of_figure(curve.scores), c=style.colour, ls=style.dashes, lw=1.3
             )
         _set_height(axes, sweep, has_curves=bool(groups))
-        draw_answer_rows(strip, drawn, shown=[*(group[0] for group in groups), *alone], styles=styles, sweep=sweep)
+        draw_answer_rows_in_figure(
+            strip, drawn, shown=[*(group[0] for group in groups), *alone], styles=styles, sweep=sweep
+        )
         add_frame_axis_to_figure(strip, sweep, label=axes)
-        plot_truth(axes, sweep)
-        plot_truth(strip, sweep, note=False)
-        add_legend_below(figure, handles, names=names, note=note)
+        plot_truth_in_figure(axes, sweep)
+        plot_truth_in_figure(strip, sweep, note=False)
+        add_figure_legend(figure, handles, names=names, note=note)
     return figure
 
 
 def locate_figure_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndarray) -> Cursor:
     """Return where ``frames`` (n,) are in the image of the curves figure of ``sweep``."""
-    with use_figure_style():
+    with use_plot_style():
         figure.draw_without_rendering()
     axes = next(a for a in figure.axes if a.get_label() == CURVES)
     strip = figure.axes[0].get_position()
-    x = axes.transData.transform(np.column_stack([frames_to_axis(sweep)(frames), np.zeros(len(frames))]))[:, 0]
+    x = axes.transData.transform(np.column_stack([frames_to_figure_axis(sweep)(frames), np.zeros(len(frames))]))[:, 0]
     across = np.clip(x / figure.bbox.width, 0, 1)
     return Cursor(tuple(across.tolist()), float(1 - strip.y1), float(1 - axes.get_position().y0))
 
@@ -141,10 +147,10 @@ def _set_height(axes: Axes, sweep: SweepSummary, *, has_curves: bool) -> None:
     if has_curves or over_frames:
         axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
         axes.set_ylabel("focus score, normalised" if has_curves else "focus position")
-        hide_spines(axes, "top", "right")
+        hide_plot_spines(axes, "top", "right")
     else:
         axes.set_yticks([])
-        hide_spines(axes, "top", "right", "left")
+        hide_plot_spines(axes, "top", "right", "left")
 
 
 def _draw_light(axes: Axes, sweep: SweepSummary, *, x: np.ndarray) -> None:
@@ -158,7 +164,7 @@ def _draw_light(axes: Axes, sweep: SweepSummary, *, x: np.ndarray) -> None:
     light.set_yticks([t for t in MaxNLocator(3).tick_values(0, brightest) if 0 <= t <= brightest * 1.01])
     light.tick_params(axis="y", labelcolor=SOFT)
     light.set_ylabel("spikes per pixel and readout", color=SOFT)
-    hide_spines(light, "top", "right", "left")
+    hide_plot_spines(light, "top", "right", "left")
 
 
 def _list_legend(

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from saf_gen.core.display_tone import encode_gamma, find_white_level
-from saf_gen.stream.pictures.image_strip import ImageStrip, lay_out_pictures, shrink_picture
+from saf_gen.core.display_tone import apply_display_gamma, find_display_white_level
+from saf_gen.stream.pictures.image_strip import ImageStrip, lay_out_stream_pictures, shrink_stream_picture
 
 WIDTH = 280
 """Largest width of one picture, pixels."""
@@ -11,19 +11,19 @@ WHITE_QUANTILE = 0.998  # the brightest pixels, glints, are cut off
 QUALITIES, SHRINKAGES = (60, 40, 25, 15), (1, 1.5, 2, 3)
 
 
-def build_image_strip(images: np.ndarray, *, max_bytes: int) -> ImageStrip:
+def build_figure_image_strip(images: np.ndarray, *, max_bytes: int) -> ImageStrip:
     """Return pictures of linear light (n, h, w) as WebP, in at most ``max_bytes`` if any quality and size allows it.
 
     The quality falls first, then the size: noise needs many bytes, and averages out. All pictures have the same white,
     so that less light is darker.
     """
     rows, columns = images.shape[1:]
-    white = find_white_level(images, quantile=WHITE_QUANTILE)
+    white = find_display_white_level(images, quantile=WHITE_QUANTILE)
     for shrinkage in SHRINKAGES:
         width = max(round(min(columns, WIDTH) / shrinkage), 1)
         size = width, max(round(rows * width / columns), 1)
-        greys = (255 * encode_gamma(shrink_picture(image, size), white) for image in images)
-        sheet = lay_out_pictures((grey.round().astype(np.uint8) for grey in greys), count=len(images))
+        greys = (255 * apply_display_gamma(shrink_stream_picture(image, size), white) for image in images)
+        sheet = lay_out_stream_pictures((grey.round().astype(np.uint8) for grey in greys), count=len(images))
         for quality in QUALITIES:
             strip = sheet.encode("WEBP", quality=quality)
             if len(strip.file) <= max_bytes:
@@ -31,7 +31,7 @@ def build_image_strip(images: np.ndarray, *, max_bytes: int) -> ImageStrip:
     return strip
 
 
-def build_spike_strip(spikes: np.ndarray) -> ImageStrip:
+def build_figure_spike_strip(spikes: np.ndarray) -> ImageStrip:
     """Return readouts (n, h, w) of 0 and 1 as PNG of one bit a pixel, spikes white."""
     greys = (np.asarray(frame, dtype=np.uint8) * 255 for frame in spikes)
-    return lay_out_pictures(greys, count=len(spikes), two_tone=True).encode("PNG", optimize=True)
+    return lay_out_stream_pictures(greys, count=len(spikes), two_tone=True).encode("PNG", optimize=True)

@@ -13,21 +13,21 @@ from matplotlib.ticker import MaxNLocator
 
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath, SweepSummary
-from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, PAPER, PlotStyle, hide_spines, use_figure_style
+from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, PAPER, PlotStyle, hide_plot_spines, use_plot_style
 from saf_gen.leaderboard.figures._figure import (
     PREDICTIONS_LABEL,
-    create_figure,
+    create_leaderboard_figure,
     describe_figure_omissions,
     shorten_figure_label,
-    split_method_label,
+    split_figure_label,
 )
-from saf_gen.leaderboard.figures._legend import add_legend_below, legend_height
+from saf_gen.leaderboard.figures._legend import add_figure_legend, figure_legend_height
 from saf_gen.leaderboard.figures._sweep_axis import (
     find_figure_position_axis,
+    find_figure_truth_crossings,
     find_runs_in_figure,
-    find_truth_crossings,
-    frames_to_axis,
-    is_within_depth,
+    frames_to_figure_axis,
+    is_within_depth_in_figure,
 )
 
 T = TypeVar("T")
@@ -38,7 +38,7 @@ MIN_STEPS = 3
 """Fewest steps of a trace: with fewer nothing was narrowed down."""
 
 
-def plot_search_steps(
+def plot_search_step_figure(
     sweep: SweepSummary, records: Sequence[Record], *, styles: Mapping[str, PlotStyle], title: str
 ) -> Figure | None:
     """Return the steps of every search on the recording ``sweep``: the position it examined, step by step.
@@ -48,10 +48,10 @@ def plot_search_steps(
     found, note = _by_search([(r.method, r) for r in records if len(r.trace) >= MIN_STEPS], styles)
     if not found:
         return None
-    to_axis = frames_to_axis(sweep)
+    to_axis = frames_to_figure_axis(sweep)
     over_frames = find_figure_position_axis(sweep) is None
     measures = list(dict.fromkeys(m for own in found.values() for m in own))
-    with use_figure_style():
+    with use_plot_style():
         figure, panels = _panels(list(found), measures, styles=styles, title=title, note=note)
         for axes, own in zip(panels, found.values(), strict=False):
             _draw_truth_across(axes, sweep)
@@ -68,7 +68,7 @@ def plot_search_steps(
     return figure
 
 
-def plot_lens_paths(paths: Sequence[LensPath], *, styles: Mapping[str, PlotStyle], title: str) -> Figure | None:
+def plot_lens_path_figure(paths: Sequence[LensPath], *, styles: Mapping[str, PlotStyle], title: str) -> Figure | None:
     """Return where methods moved the lens in one sequence: a panel per search, a line per measure.
 
     A line ends where the lens was judged. None where there is no path.
@@ -77,7 +77,7 @@ def plot_lens_paths(paths: Sequence[LensPath], *, styles: Mapping[str, PlotStyle
     if not found:
         return None
     measures = list(dict.fromkeys(m for own in found.values() for m in own))
-    with use_figure_style():
+    with use_plot_style():
         figure, panels = _panels(list(found), measures, styles=styles, title=title, note=note)
         for axes, own in zip(panels, found.values(), strict=False):
             longest = max(own.values(), key=lambda p: p.seconds[-1])
@@ -102,14 +102,14 @@ def _by_search(items: Sequence[tuple[str, T]], styles: Mapping[str, PlotStyle]) 
 
     At most MAX_SEARCHES searches, in the order given, and MAX_MEASURES measures, in the order of their styles.
     """
-    present = {split_method_label(method)[0] for method, _ in items}
+    present = {split_figure_label(method)[0] for method, _ in items}
     shown = [m for m in styles if m in present][:MAX_MEASURES]
     found: dict[str, dict[str, T]] = {}
     for method, item in items:
-        measure, search = split_method_label(method)
+        measure, search = split_figure_label(method)
         if measure in shown and (search in found or len(found) < MAX_SEARCHES):
             found.setdefault(search, {})[measure] = item
-    searches = {split_method_label(method)[1] for method, _ in items}
+    searches = {split_figure_label(method)[1] for method, _ in items}
     drawn = {measure for own in found.values() for measure in own}
     return found, describe_figure_omissions(
         (len(found), len(searches), "searches"), (len(drawn), len(present), "measures")
@@ -123,18 +123,18 @@ def _panels(
     columns = min(len(searches), MAX_COLUMNS)
     rows = math.ceil(len(searches) / columns)
     names = [*measures, "true focus"]
-    figure = create_figure(0.95 + 1.35 * rows + legend_height(names, note=note), title=title)
+    figure = create_leaderboard_figure(0.95 + 1.35 * rows + figure_legend_height(names, note=note), title=title)
     panels = list(figure.subplots(rows, columns, squeeze=False, sharex=rows > 1, sharey=True).flat)
     for axes, search in zip(panels, searches, strict=False):
         axes.set_title(shorten_figure_label(search or PREDICTIONS_LABEL, LETTERS), fontsize=8, loc="left")
         axes.grid(axis="y", color=GREY, lw=0.6)
         axes.set_axisbelow(True)
-        hide_spines(axes, "top", "right")
+        hide_plot_spines(axes, "top", "right")
     for axes in panels[len(searches) :]:
         axes.set_visible(False)
     handles: list[Any] = [styles[m].legend_handle() for m in measures]
     handles.append((Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1)))
-    add_legend_below(figure, handles, names=names, note=note)
+    add_figure_legend(figure, handles, names=names, note=note)
     return figure, panels[: len(searches)]
 
 
@@ -169,7 +169,7 @@ def _draw_truth_across(axes: Axes, sweep: SweepSummary) -> None:
         if math.isfinite(sweep.truth_frame):
             axes.axhline(sweep.truth_frame, color=INK, lw=1.0)
     else:
-        for first, stop in find_runs_in_figure(is_within_depth(sweep, lens)):
+        for first, stop in find_runs_in_figure(is_within_depth_in_figure(sweep, lens)):
             axes.axhspan(first, stop, color=BAND, alpha=0.45, lw=0)
-        for frame in find_truth_crossings(sweep, lens):
+        for frame in find_figure_truth_crossings(sweep, lens):
             axes.axhline(frame, color=INK, lw=1.0)

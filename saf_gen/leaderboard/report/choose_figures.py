@@ -10,25 +10,25 @@ from typing import Any
 from saf_gen.benchmark.evaluate import DRAWN_SEQUENCES
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Evaluation, LensPath, SweepSummary
-from saf_gen.benchmark.thumbnails import select_sequences_to_show
+from saf_gen.benchmark.thumbnails import select_evaluated_to_show
 from saf_gen.leaderboard import LeaderboardRow
 from saf_gen.leaderboard.figures import (
     CONDITIONS,
     PREDICTIONS_LABEL,
     Figure,
     PlotStyle,
-    assign_styles,
+    assign_plot_styles,
     locate_figure_cursor,
-    plot_condition,
-    plot_depth_of_focus,
-    plot_errors,
-    plot_focus_curves,
-    plot_lens_paths,
-    plot_search_steps,
-    split_method_label,
-    to_svg,
+    plot_condition_figure,
+    plot_depth_of_focus_figure,
+    plot_error_figure,
+    plot_focus_curve_figure,
+    plot_lens_path_figure,
+    plot_search_step_figure,
+    plot_to_svg,
+    split_figure_label,
 )
-from saf_gen.leaderboard.report.sequence_viewer import SequenceViewer, build_viewer
+from saf_gen.leaderboard.report.sequence_viewer import SequenceViewer, build_report_viewer
 
 MAX_SEQUENCES = DRAWN_SEQUENCES
 MAX_SCENES = 48
@@ -64,7 +64,7 @@ def plot_report_figures(evaluation: Evaluation, rows: Sequence[LeaderboardRow]) 
     order = {row.method: number for number, row in enumerate(rows)}
     records = sorted(evaluation.records, key=lambda r: order.get(r.method, len(order)))
     paths = sorted(evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
-    styles = assign_styles([split_method_label(row.method)[0] for row in rows])
+    styles = assign_plot_styles([split_figure_label(row.method)[0] for row in rows])
     drawn = [*((s.split, s.scene) for s in evaluation.sweeps), *((p.split, p.scene) for p in paths)]
     return _make_names_unique(
         [
@@ -94,22 +94,22 @@ def _plot_opening(evaluation: Evaluation) -> list[ReportFigure]:
     """Return the figure of the depth of focus, unless nothing is judged by it."""
     if all(record.error_dof is None for record in evaluation.records):
         return []
-    figure = plot_depth_of_focus(evaluation.sweeps)
+    figure = plot_depth_of_focus_figure(evaluation.sweeps)
     label = "The width of the blur over the distance from the true focus, with what the camera saw at some distances"
-    return [ReportFigure(OPENING, "", OPENING, label, to_svg(figure, name=OPENING), figure)]
+    return [ReportFigure(OPENING, "", OPENING, label, plot_to_svg(figure, name=OPENING), figure)]
 
 
 def _plot_conditions(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> list[ReportFigure]:
-    searches = list(dict.fromkeys(split_method_label(r.method)[1] for r in records))
+    searches = list(dict.fromkeys(split_figure_label(r.method)[1] for r in records))
     omission = ""
     if len(searches) > MAX_SEARCHES:
         omission = f"The first {MAX_SEARCHES} of {len(searches)} searches have a figure, in the leaderboard's order."
     figures = []
     for condition in CONDITIONS:
         for search in searches[:MAX_SEARCHES]:
-            own = [r for r in records if split_method_label(r.method)[1] == search]
+            own = [r for r in records if split_figure_label(r.method)[1] == search]
             title = f"{condition.title}: {search or PREDICTIONS_LABEL}"
-            if (figure := plot_condition(own, condition, styles=styles, title=title)) is not None:
+            if (figure := plot_condition_figure(own, condition, styles=styles, title=title)) is not None:
                 subject = search or PREDICTIONS_LABEL
                 figures.append(
                     _finish(figure, kind=condition.name, scene="", subject=subject, label=title, omission=omission)
@@ -125,7 +125,7 @@ def _plot_errors_by_scene(records: Sequence[Record], *, first: Sequence[tuple[st
     omission = f"{MAX_SCENES} of {len(known):,} scenes have this figure." if len(known) > MAX_SCENES else ""
     return [
         _finish(
-            plot_errors(own, title=f"{scene}: errors"),
+            plot_error_figure(own, title=f"{scene}: errors"),
             kind="errors",
             scene=scene,
             subject=scene,
@@ -140,7 +140,7 @@ def _plot_sweeps(
     sweeps: Sequence[SweepSummary], records: Sequence[Record], *, styles: Mapping[str, PlotStyle]
 ) -> list[ReportFigure]:
     """Return for each chosen sweep its curves, or else its light and answers, and its searches' steps."""
-    chosen = select_sequences_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], MAX_SEQUENCES)
+    chosen = select_evaluated_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], MAX_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(sweeps[n].split, sweeps[n].scene) for n in chosen])
     figures = []
     for sweep in (sweeps[number] for number in chosen):
@@ -149,10 +149,10 @@ def _plot_sweeps(
         motion = ", dynamic" if sweep.scene_motion == "dynamic" else ""
         title = f"{scene}, {sweep.light or sweep.sequence}{motion}"
         truth = f"true focus at {sweep.truth:.3f} of the travel" if isfinite(sweep.truth) else "truth unknown"
-        figure = plot_focus_curves(sweep, own, styles=styles, title=title)
+        figure = plot_focus_curve_figure(sweep, own, styles=styles, title=title)
         viewer = None
         if sweep.thumbnails is not None:
-            viewer = build_viewer(sweep, locate_figure_cursor(figure, sweep, frames=sweep.thumbnails.frames))
+            viewer = build_report_viewer(sweep, locate_figure_cursor(figure, sweep, frames=sweep.thumbnails.frames))
         kind, content = ("curves", "Focus curves") if sweep.curves else ("sweep", "Light and answers")
         finished = _finish(
             figure,
@@ -163,7 +163,7 @@ def _plot_sweeps(
             omission=omissions[sweep.split, sweep.scene],
         )
         figures.append(replace(finished, viewer=viewer))
-        steps = plot_search_steps(sweep, own, styles=styles, title=f"{title}: steps of searches")
+        steps = plot_search_step_figure(sweep, own, styles=styles, title=f"{title}: steps of searches")
         if steps is not None:
             label = f"Steps of searches on {sweep.sequence}, {truth}"
             figures.append(_finish(steps, kind="steps", scene=scene, subject=sweep.sequence, label=label))
@@ -177,13 +177,13 @@ def _plot_paths(
     for path in paths:
         by_sequence.setdefault(path.sequence, []).append(path)
     firsts = [own[0] for own in by_sequence.values()]
-    chosen = select_sequences_to_show([((p.split, p.scene), p.light) for p in firsts], MAX_SEQUENCES)
+    chosen = select_evaluated_to_show([((p.split, p.scene), p.light) for p in firsts], MAX_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(firsts[n].split, firsts[n].scene) for n in chosen])
     figures = []
     for first in (firsts[number] for number in chosen):
         scene = _label_scene(first.split, first.scene)
         title = f"{scene}, {first.light or first.sequence}: path of the lens"
-        figure = plot_lens_paths(by_sequence[first.sequence], styles=styles, title=title)
+        figure = plot_lens_path_figure(by_sequence[first.sequence], styles=styles, title=title)
         if figure is not None:
             finished = _finish(
                 figure,
@@ -213,4 +213,4 @@ def _label_scene(split: str | None, scene: str) -> str:
 def _finish(figure: Figure, *, kind: str, scene: str, subject: str, label: str, omission: str = "") -> ReportFigure:
     """Return the figure as SVG, under a name that is made from its kind and subject."""
     name = re.sub(r"[^\w.-]+", "_", f"{kind}-{subject}").strip("._")
-    return ReportFigure(name, scene, kind, label, to_svg(figure, name=name), figure, omission=omission)
+    return ReportFigure(name, scene, kind, label, plot_to_svg(figure, name=name), figure, omission=omission)

@@ -16,20 +16,20 @@ from pathlib import Path
 
 from saf_gen.benchmark.records import READY, RECORDS_FILE
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.core.cores import finish_before_stopping
+from saf_gen.core.cores import defer_termination
 from saf_gen.core.files import (
     rename_durably,
     sync_folder,
     temporary_folder,
-    unwritable_error,
+    unwritable_file_error,
     write_atomically,
     write_text_atomically,
 )
-from saf_gen.core.plain_text import escape_names
+from saf_gen.core.plain_text import escape_all_text
 from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
-from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_background, to_pdf
+from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_to_figure, figure_to_pdf
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
-from saf_gen.leaderboard.report.page import build_page
+from saf_gen.leaderboard.report.page import build_report_page
 
 STAGING = "evaluation"
 STALE = "stale.txt"
@@ -69,7 +69,7 @@ def write_evaluation_report(
             paths = tuple(final / path.relative_to(part) for path in staged)
             _publish(part, final)
     except OSError as error:
-        raise unwritable_error(Path(error.filename2 or error.filename or final), error) from error
+        raise unwritable_file_error(Path(error.filename2 or error.filename or final), error) from error
     return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
 
 
@@ -83,14 +83,14 @@ def write_report(
     Raises BadInput where a file cannot be written.
     """
     out = Path(folder)
-    evaluation, rows, title = (escape_names(item) for item in (evaluation, tuple(rows), title))
+    evaluation, rows, title = (escape_all_text(item) for item in (evaluation, tuple(rows), title))
     report_figures = plot_report_figures(evaluation, rows)
     for figure in report_figures:
-        write_text_atomically(out / FIGURES / f"{figure.name}.svg", add_paper_background(figure.svg))
+        write_text_atomically(out / FIGURES / f"{figure.name}.svg", add_paper_to_figure(figure.svg))
         if pdf:
             with write_atomically(out / FIGURES / f"{figure.name}.pdf") as file:
-                file.write_bytes(to_pdf(figure.figure))
-    text = build_page(
+                file.write_bytes(figure_to_pdf(figure.figure))
+    text = build_report_page(
         rows,
         title=title,
         records=evaluation.records,
@@ -118,7 +118,7 @@ def _describe_earlier(folder: Path) -> str:
 
 def _publish(part: Path, final: Path) -> None:
     """Put the files in ``part`` in the place of the evaluation in ``final``; Ctrl-C and SIGTERM wait for that."""
-    with finish_before_stopping():
+    with defer_termination():
         _finish_publishing(final)  # of a run that was killed
         names = _list_staged(part)
         for folder in {name.parent for name in names}:

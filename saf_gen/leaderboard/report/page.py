@@ -22,11 +22,11 @@ from saf_gen.leaderboard import (
     AxisTable,
     LeaderboardRow,
     compose_leaderboard_notes,
-    keep_shown_bins,
-    list_shown_columns,
-    tabulate_by_axis,
+    keep_leaderboard_bins,
+    list_shown_leaderboard_columns,
+    tabulate_leaderboard_by_axis,
 )
-from saf_gen.leaderboard.columns import format_percent
+from saf_gen.leaderboard.columns import format_leaderboard_percent
 from saf_gen.leaderboard.figures import inline_svg
 from saf_gen.leaderboard.report import page_tables
 from saf_gen.leaderboard.report.captions import (
@@ -37,10 +37,10 @@ from saf_gen.leaderboard.report.captions import (
     OPENING_PICTURES,
 )
 from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
-from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_page
+from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_report
 from saf_gen.leaderboard.report.page_tables import PageTable
-from saf_gen.leaderboard.report.selections import list_page_selections
-from saf_gen.leaderboard.table_formats import count_noun
+from saf_gen.leaderboard.report.selections import list_report_selections
+from saf_gen.leaderboard.table_formats import count_noun_in_leaderboard
 
 SCRIPTS = ("tables.js", "board.js", "compare.js", "viewer.js")
 MAX_FAILURES = 100
@@ -67,7 +67,7 @@ class PageSection:
     caption: str = ""
 
 
-def build_page(
+def build_report_page(
     rows: Sequence[LeaderboardRow],
     *,
     title: str,
@@ -84,15 +84,15 @@ def build_page(
     ``plugins`` are the measures and searches that the page describes.
     """
     script = "\n".join(map(_read_asset, SCRIPTS))
-    selections = list_page_selections(records)
+    selections = list_report_selections(records)
     ranked = list(dict.fromkeys([tuple(rows), *(s.rows for s in selections)]))
-    held = choose_answers_for_page(records)
-    answers = page_tables.list_answers_for_page(held)
+    held = choose_answers_for_report(records)
+    answers = page_tables.list_answers_for_report(held)
     methods = [row.method for row in rows]
     digests = {r.sequence: r.data for r in records}
     numbers = {name: number for number, name in enumerate(held.sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
-    shown = list_shown_columns(rows)
+    shown = list_shown_leaderboard_columns(rows)
     opening = next((figure for figure in report_figures if figure.kind == OPENING), None)
     return (
         _templates()
@@ -110,20 +110,23 @@ def build_page(
             failures=failures[:MAX_FAILURES],
             more_failures=max(0, len(failures) - MAX_FAILURES),
             sections=_list_sections(
-                tabulate_by_axis(records, methods), curves=curves, records=records, report_figures=report_figures
+                tabulate_leaderboard_by_axis(records, methods),
+                curves=curves,
+                records=records,
+                report_figures=report_figures,
             ),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
             board=page_tables.tabulate_leaderboard(ranked) if rows else None,
             notes=" ".join(compose_leaderboard_notes(rows, records)),
-            answers=page_tables.tabulate_answers(answers[:MAX_ANSWERS]),
+            answers=page_tables.tabulate_answers_for_report(answers[:MAX_ANSWERS]),
             plugins=_group_plugins(plugins),
             code=_list_code(plugins),
             columns=shown,
             held=held,
-            data_digests=page_tables.tabulate_names_for_page(
+            data_digests=page_tables.tabulate_names_for_report(
                 {name: digests[name] for name in held.sequences}, name="sequence", value="content_sha256"
             ),
-            method_digests=page_tables.tabulate_names_for_page(
+            method_digests=page_tables.tabulate_names_for_report(
                 {r.method: f"{r.code}, constants of {r.tuning}" if r.tuning else r.code for r in records},
                 name="method",
                 value="code",
@@ -163,7 +166,7 @@ def _templates() -> Environment:
     templates.filters["inline_svg"] = lambda svg, label: Markup(inline_svg(svg, label=label))
     templates.filters["fold_rules"] = _format_fold_rules
     templates.filters["link_sources"] = _link_sources
-    templates.filters["percent"] = format_percent
+    templates.filters["percent"] = format_leaderboard_percent
     templates.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
     return templates
 
@@ -177,7 +180,7 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
     tracks = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}
     return ", ".join(
         [
-            f"{len(rows)} methods on {sequences} sequences of {count_noun(scenes, 'scene')}",
+            f"{len(rows)} methods on {sequences} sequences of {count_noun_in_leaderboard(scenes, 'scene')}",
             *sorted({tracks[r.track] + (f" ({r.terms})" if r.terms else "") for r in records}),
             *(f"region {name}" for name in sorted({r.region for r in records})),
         ]
@@ -239,17 +242,17 @@ def _list_sections(
     for figure in report_figures:
         by_scene.setdefault(figure.scene, []).append(figure)
     conditions = _group_figures(by_scene.pop(""))
-    shown = [keep_shown_bins(table) for table in axes if len(table.bins) > 1]
-    tables = [(table.axis, page_tables.tabulate_axis(table)) for table in shown]
+    shown = [keep_leaderboard_bins(table) for table in axes if len(table.bins) > 1]
+    tables = [(table.axis, page_tables.tabulate_axis_for_report(table)) for table in shown]
     sections = [
         PageSection(f"scene-{number}", scene, _group_figures(figures))
         for number, (scene, figures) in enumerate(by_scene.items(), start=1)
     ]
     if tables or conditions:
         sections.append(PageSection("conditions", "By condition", conditions, tables))
-    if measures := page_tables.tabulate_measures(curves):
+    if measures := page_tables.tabulate_measures_for_report(curves):
         sections.append(PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION))
-    if grain := page_tables.tabulate_scene_grain(records):
+    if grain := page_tables.tabulate_grain_for_report(records):
         sections.append(PageSection("grain", "Grain of the pictures", table=grain, caption=GRAIN_CAPTION))
     return sections
 

@@ -36,7 +36,7 @@ class HeldAnswers:
         return self.compared == self.total
 
 
-def choose_answers_for_page(records: Sequence[Record], *, most: int = MAX_HELD) -> HeldAnswers:
+def choose_answers_for_report(records: Sequence[Record], *, most: int = MAX_HELD) -> HeldAnswers:
     """Return all answers, the worst first, or of more than ``most`` those of sequences spread evenly over them all.
 
     Beside these are then the MAX_ANSWERS worst of all, and WORST_OF_METHOD of each method, or fewer where there are

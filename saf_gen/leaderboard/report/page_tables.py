@@ -6,12 +6,18 @@ from itertools import groupby
 
 from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.records import RECORDS_FILE, Record
-from saf_gen.leaderboard import AxisTable, Column, LeaderboardRow, list_shown_columns, summarise_measures
+from saf_gen.leaderboard import (
+    AxisTable,
+    Column,
+    LeaderboardRow,
+    list_shown_leaderboard_columns,
+    rank_measures_by_curves,
+)
 from saf_gen.leaderboard.columns import ESSENTIAL, USUAL
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
-from saf_gen.leaderboard.grain_tables import tabulate_grain
+from saf_gen.leaderboard.grain_tables import tabulate_leaderboard_grain
 from saf_gen.leaderboard.report.page_answers import HeldAnswers
-from saf_gen.leaderboard.table_formats import count_noun, format_bin
+from saf_gen.leaderboard.table_formats import count_noun_in_leaderboard, format_leaderboard_bin
 
 MAX_GRAIN_ROWS = 100
 MAX_LIGHT_CHARACTERS = 60
@@ -69,7 +75,7 @@ def tabulate_leaderboard(ranked: Sequence[Sequence[LeaderboardRow]]) -> PageTabl
 
     ``ranked`` holds the rows for all sequences, which decide the columns, and then those of each selection.
     """
-    shown = list_shown_columns(ranked[0])
+    shown = list_shown_leaderboard_columns(ranked[0])
     kinds = {"method": "name", "success_1dof": "main"}
     rooms = _find_room(shown)
     return PageTable(
@@ -81,27 +87,30 @@ def tabulate_leaderboard(ranked: Sequence[Sequence[LeaderboardRow]]) -> PageTabl
     )
 
 
-def tabulate_axis(table: AxisTable) -> PageTable:
+def tabulate_axis_for_report(table: AxisTable) -> PageTable:
     """Return the methods by the bins of one axis: success within 1 DoF and the median error in DoF."""
     counts = zip(table.bins, table.scenes, table.sequences, strict=True)
     return PageTable(
         f"{table.axis.title}: success within 1 DoF, median error in DoF",
         [
             PageColumn("method", kind="name"),
-            *(PageColumn(b, f"{count_noun(n, 'scene')}, {count_noun(m, 'sequence')}") for b, n, m in counts),
+            *(
+                PageColumn(b, f"{count_noun_in_leaderboard(n, 'scene')}, {count_noun_in_leaderboard(m, 'sequence')}")
+                for b, n, m in counts
+            ),
         ],
         [
             [
-                PageRow([PageCell(method), *(PageCell(format_bin(b), b.success_1dof) for b in bins)])
+                PageRow([PageCell(method), *(PageCell(format_leaderboard_bin(b), b.success_1dof) for b in bins)])
                 for method, bins in table.cells.items()
             ]
         ],
     )
 
 
-def tabulate_measures(curves: Sequence[AssessedCurve]) -> PageTable | None:
+def tabulate_measures_for_report(curves: Sequence[AssessedCurve]) -> PageTable | None:
     """Return the quality of each measure's focus curves; None where there is no curve."""
-    rows = summarise_measures(curves)
+    rows = rank_measures_by_curves(curves)
     if not rows:
         return None
     counted = "Sequences with a curve; in brackets those whose lens comes back, rests, or is not recorded."
@@ -130,9 +139,9 @@ def tabulate_measures(curves: Sequence[AssessedCurve]) -> PageTable | None:
     )
 
 
-def tabulate_scene_grain(records: Sequence[Record]) -> PageTable | None:
+def tabulate_grain_for_report(records: Sequence[Record]) -> PageTable | None:
     """Return the grain of each scene, at rest and moving, of many the worst; None where no recording states it."""
-    tables = tabulate_grain(records)
+    tables = tabulate_leaderboard_grain(records)
     if not tables:
         return None
     if len(tables) > MAX_GRAIN_ROWS:
@@ -166,7 +175,7 @@ def tabulate_scene_grain(records: Sequence[Record]) -> PageTable | None:
     )
 
 
-def tabulate_names_for_page(values: Mapping[str, str], *, name: str, value: str) -> PageTable:
+def tabulate_names_for_report(values: Mapping[str, str], *, name: str, value: str) -> PageTable:
     """Return a table of names with a text for each; ``name`` and ``value`` are its headings."""
     return PageTable(
         f"{value} of each {name}",
@@ -175,7 +184,7 @@ def tabulate_names_for_page(values: Mapping[str, str], *, name: str, value: str)
     )
 
 
-def list_answers_for_page(held: HeldAnswers) -> list[list[str]]:
+def list_answers_for_report(held: HeldAnswers) -> list[list[str]]:
     """Return the texts of each answer's row, the worst first: no answer before any error."""
     return [
         [
@@ -193,8 +202,8 @@ def list_answers_for_page(held: HeldAnswers) -> list[list[str]]:
     ]
 
 
-def tabulate_answers(answers: Sequence[Sequence[str]]) -> PageTable:
-    """Return the table of these rows of list_answers_for_page; the line number links to the file of records."""
+def tabulate_answers_for_report(answers: Sequence[Sequence[str]]) -> PageTable:
+    """Return the table of these rows of list_answers_for_report; the line number links to the file of records."""
     columns = [
         PageColumn("method", kind="name"),
         PageColumn("sequence", kind="name"),

@@ -4,7 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from saf_gen.benchmark.records import Record
-from saf_gen.leaderboard import AXES, Axis, LeaderboardRow, group_by_bin, list_shown_bins, rank_methods
+from saf_gen.leaderboard import (
+    AXES,
+    Axis,
+    LeaderboardRow,
+    group_by_leaderboard_bin,
+    list_leaderboard_bins,
+    rank_methods,
+)
 
 SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.split)
 
@@ -19,7 +26,7 @@ class Selection:
     rows: tuple[LeaderboardRow, ...]
 
 
-def list_page_selections(records: Sequence[Record]) -> list[Selection]:
+def list_report_selections(records: Sequence[Record]) -> list[Selection]:
     """Return a selection for each bin, of many for the largest, of each axis along which sequences differ.
 
     Selections of the same sequences have the same rows.
@@ -27,9 +34,9 @@ def list_page_selections(records: Sequence[Record]) -> list[Selection]:
     ranked: dict[tuple[str, ...], tuple[LeaderboardRow, ...]] = {}
     selections = []
     for axis in (SPLIT, *AXES):
-        bins = group_by_bin(records, axis)
+        bins = group_by_leaderboard_bin(records, axis)
         members = {name: tuple(dict.fromkeys(r.sequence for r in own)) for name, own in bins.items()}
-        for name in list_shown_bins({name: len(own) for name, own in members.items()}) if len(bins) > 1 else ():
+        for name in list_leaderboard_bins({name: len(own) for name, own in members.items()}) if len(bins) > 1 else ():
             sequences = members[name]
             if sequences not in ranked:
                 ranked[sequences] = rank_methods(bins[name])

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import truth_depth_of_focus
+from saf_gen.benchmark.judgement import judged_depth_of_focus
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
-from saf_gen.leaderboard.figures import Cursor, ImageStrip, build_image_strip, build_spike_strip
+from saf_gen.leaderboard.figures import Cursor, ImageStrip, build_figure_image_strip, build_figure_spike_strip
 
 MAX_TFP_BYTES, MAX_TFI_BYTES = 100_000, 80_000
 """Largest image strips of a viewer; spikes, 1 bit a pixel, take about 55,000 bytes. Twelve viewers are then 4 MB."""
@@ -29,7 +29,7 @@ class SequenceViewer:
     """Top, left, bottom and right edge of the region that measures see, as fractions of the picture."""
 
 
-def build_viewer(sweep: SweepSummary, cursor: Cursor) -> SequenceViewer | None:
+def build_report_viewer(sweep: SweepSummary, cursor: Cursor) -> SequenceViewer | None:
     """Return the viewer of a sweep; None where it has no pictures."""
     pictures = sweep.thumbnails
     if pictures is None:
@@ -39,9 +39,9 @@ def build_viewer(sweep: SweepSummary, cursor: Cursor) -> SequenceViewer | None:
     return SequenceViewer(
         sweep.sequence,
         (
-            ("TFP", "spikes counted", build_image_strip(pictures.images, max_bytes=MAX_TFP_BYTES)),
-            ("TFI", "time between two spikes", build_image_strip(pictures.textures, max_bytes=MAX_TFI_BYTES)),
-            ("spikes", "one readout, magnified", build_spike_strip(pictures.spikes)),
+            ("TFP", "spikes counted", build_figure_image_strip(pictures.images, max_bytes=MAX_TFP_BYTES)),
+            ("TFI", "time between two spikes", build_figure_image_strip(pictures.textures, max_bytes=MAX_TFI_BYTES)),
+            ("spikes", "one readout, magnified", build_figure_spike_strip(pictures.spikes)),
         ),
         cursor,
         tuple(_describe(sweep, float(f), offset=o) for f, o in zip(pictures.frames, offsets, strict=True)),
@@ -64,7 +64,7 @@ def _describe(sweep: SweepSummary, frame: float, *, offset: float) -> str:
     parts = [f"frame {frame:,.0f}"]
     if (lens := sweep.focus_position) is not None:
         parts.append(f"lens at {np.interp(frame, np.arange(len(lens)), lens):.3f}")
-    if math.isfinite(offset) and (depth := truth_depth_of_focus(sweep.depth_of_focus)) is not None:
+    if math.isfinite(offset) and (depth := judged_depth_of_focus(sweep.depth_of_focus)) is not None:
         parts.append(f"{offset / depth:+.1f} DoF from the focus".replace("-", "−"))
     if len(sweep.rate):
         parts.append(f"{np.interp(frame, sweep.frames, sweep.rate):.3f} spikes per pixel and readout")

@@ -11,13 +11,13 @@ from typing import Literal
 from saf_gen.benchmark.method_spec import split_method_options, split_method_region
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records
 from saf_gen.benchmark.tracks.predictions import read_method_predictions
-from saf_gen.benchmark.tracks.sequence_tasks import list_sequence_tasks
+from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
 from saf_gen.benchmark.tuned_method import read_tuned_method
 from saf_gen.core.config.document import check_plain_file
 from saf_gen.core.config.registry import names
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard.submission.card import SubmissionCard, read_submission
-from saf_gen.leaderboard.verification import DIFFERS, HERE, read_row_states
+from saf_gen.leaderboard.verification import DIFFERS, HERE, read_leaderboard_row_states
 
 EVALUATION = "evaluation"
 JUDGED_SPLIT = "test"
@@ -139,7 +139,7 @@ def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[SubmissionF
 
 def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) -> Iterator[SubmissionFinding]:
     again = f"run saf-gen evaluate DATASET --split {JUDGED_SPLIT} --out {folder / EVALUATION} with your method"
-    tasks = None if dataset is None else {t.id for t in list_sequence_tasks(dataset, split=JUDGED_SPLIT)}
+    tasks = None if dataset is None else {t.id for t in list_sequences_to_evaluate(dataset, split=JUDGED_SPLIT)}
     if not (folder / EVALUATION / RECORDS_FILE).is_file():
         yield SubmissionFinding("answers", "error", f"there is no {EVALUATION}/{RECORDS_FILE}: {again}")
         return
@@ -154,7 +154,7 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
         yield SubmissionFinding("answers", "error", f"no row is of {card.method or card.name}, but of {rows}")
         return
     yield from _check_records(own, card, tasks=tasks)
-    state = read_row_states(folder / EVALUATION, every).get(own[0].method)
+    state = read_leaderboard_row_states(folder / EVALUATION, every).get(own[0].method)
     if state == DIFFERS:
         yield SubmissionFinding("verified", "error", f"answers differ when they are run again: {again}")
     elif state == HERE or card.predictions:

@@ -16,7 +16,7 @@ from saf_gen.optics.actuators.trajectory import (
     Trajectory,
     actuator_trajectory_at,
     apply_actuator_backlash,
-    plan_actuator_move,
+    move_actuator_fastest,
 )
 
 BLOCK = 4096
@@ -120,7 +120,7 @@ class ActuatedLens:
         begin = self.frames / self.readout_hz + actuator.latency_s
         position, speed = actuator_trajectory_at(self._motor, begin)
         limits = {"max_speed": actuator.speed, "acceleration": actuator.acceleration}
-        motor = plan_actuator_move(aim, begin, position=position, speed=speed, **limits)
+        motor = move_actuator_fastest(aim, begin, position=position, speed=speed, **limits)
         seat = apply_actuator_backlash(motor, actuator_trajectory_at(self._seat, begin)[0], backlash=actuator.backlash)
         return miss, _until(self._motor, begin) + motor, _until(self._seat, begin) + seat
 

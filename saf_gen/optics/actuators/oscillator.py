@@ -15,7 +15,7 @@ HALVINGS = 50
 
 
 @compiled
-def oscillator_propagator(angle: Any, damping: Any) -> Any:
+def lens_oscillator_propagator(angle: Any, damping: Any) -> Any:
     """Return exp(angle·[[0, 1], [-1, -2ζ]]) by rows: a Taylor series to the 14th power, then squared."""
     halvings, small = 0, angle
     while small * (1 + 2 * damping) > 0.5:
@@ -45,7 +45,7 @@ def _hit(piece: Any, begin: Any, end: Any, off: Any, swing: Any, stop: Any, omeg
     low, high = begin, end
     for _ in range(HALVINGS):
         middle = low + (high - low) / 2
-        a, b, _c, _d = oscillator_propagator(omega * (middle - begin), damping)
+        a, b, _c, _d = lens_oscillator_propagator(omega * (middle - begin), damping)
         position = _smooth(piece, middle, omega, damping)[0] + a * off + b * swing
         if (position > stop) == (stop > 0.5):
             high = middle
@@ -71,7 +71,7 @@ def _advance(piece: Any, begin: Any, end: Any, off: Any, swing: Any, turned: Any
         hit = _hit(piece, begin, end, off, swing, stop, omega, damping)
         at_hit, speed_at_hit = _smooth(piece, hit, omega, damping)
         off_hit, swing_hit = stop - at_hit, -speed_at_hit / omega
-        a, b, c, d = oscillator_propagator(omega * (end - hit), damping)
+        a, b, c, d = lens_oscillator_propagator(omega * (end - hit), damping)
         off_then, swing_then = a * off_hit + b * swing_hit, c * off_hit + d * swing_hit
     return off_then, swing_then
 
@@ -86,20 +86,20 @@ def integrate_lens_oscillator(
     readout before ``first``; state float64 (2,), e and its speed over ω there, replaced by those of the last
     readout. Returns the number of the piece that contains the last readout.
     """
-    every = oscillator_propagator(omega / readout_hz, damping)
+    every = lens_oscillator_propagator(omega / readout_hz, damping)
     off, swing, now, j = state[0], state[1], (first - 0.5) / readout_hz, 0
     for k in range(out.shape[0]):
         time, whole = (first + k + 0.5) / readout_hz, True
         while j + 1 < pieces.shape[0] and pieces[j + 1, 0] < time:
             border, whole = pieces[j + 1, 0], False
-            turned = oscillator_propagator(omega * (border - now), damping)
+            turned = lens_oscillator_propagator(omega * (border - now), damping)
             off, swing = _advance(pieces[j], now, border, off, swing, turned, omega, damping)
             base, speed = _smooth(pieces[j], border, omega, damping)
             next_base, next_speed = _smooth(pieces[j + 1], border, omega, damping)
             off += base - next_base
             swing += (speed - next_speed) / omega
             now, j = border, j + 1
-        turned = every if whole else oscillator_propagator(omega * (time - now), damping)
+        turned = every if whole else lens_oscillator_propagator(omega * (time - now), damping)
         off, swing = _advance(pieces[j], now, time, off, swing, turned, omega, damping)
         out[k] = min(max(_smooth(pieces[j], time, omega, damping)[0] + off, 0.0), 1.0)
         now = time

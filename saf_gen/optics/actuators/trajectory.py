@@ -19,7 +19,7 @@ def actuator_trajectory_at(trajectory: Trajectory, seconds: float) -> tuple[floa
     return position + elapsed * (speed + acceleration * elapsed / 2), speed + acceleration * elapsed
 
 
-def plan_actuator_move(
+def move_actuator_fastest(
     target: float, begin: float, *, position: float, speed: float, max_speed: float, acceleration: float
 ) -> Trajectory:
     """Return the fastest trajectory from a state to rest at ``target``.
@@ -33,7 +33,7 @@ def plan_actuator_move(
     if ahead < 0:  # it must reverse first
         reversed_at = begin - ahead / acceleration
         limits = {"max_speed": max_speed, "acceleration": acceleration}
-        rest = plan_actuator_move(target, reversed_at, position=stop, speed=0.0, **limits)
+        rest = move_actuator_fastest(target, reversed_at, position=stop, speed=0.0, **limits)
         return [(begin, position, speed, direction * acceleration), *rest]
     distance = direction * (target - position)
     peak = sqrt(max(acceleration * distance + ahead * ahead / 2, 0.0))

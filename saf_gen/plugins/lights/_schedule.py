@@ -150,7 +150,7 @@ def get_light(
     ------
     BadInput : for an unknown name or key, and for a value that is not allowed.
     """
-    known = registry.plugin_option_fields("lights", name)
+    known = registry.registered_option_fields("lights", name)
     for key in options:
         if key not in known:
             raise unknown(f"key of light schedule {name!r}:", key, allowed=(*known, *COMMON_KEYS))
@@ -195,7 +195,7 @@ def light_gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> 
     Raises BadInput where the schedule goes below 0.
     """
     edges = np.arange(frames + 1) / readout_hz
-    integral = registry.sample_plugin(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
+    integral = registry.sample_registered_function(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
     gains = np.diff(integral) * readout_hz
     if not gains.min() >= -1e-9:
         raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 and more")

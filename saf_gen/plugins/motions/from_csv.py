@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saf_gen.core.csv_table import parse_table
+from saf_gen.core.csv_table import parse_csv_table
 from saf_gen.errors import BadInput
 
 SLACK_S = 1e-9  # decimals in a file and quotients of readouts may differ in their last digits
@@ -26,7 +26,7 @@ class FromCsv:
     first readout to that of the last."""
 
     def __post_init__(self) -> None:
-        times, positions = parse_table(self.file, ("time_s", "position"))
+        times, positions = parse_csv_table(self.file, ("time_s", "position"))
         outside = np.flatnonzero((positions < 0) | (positions > 1))
         if outside.size:
             raise BadInput(
@@ -37,7 +37,7 @@ class FromCsv:
 
     def positions(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the position at each time; raises BadInput for a time that the table does not reach."""
-        times, positions = parse_table(self.file, ("time_s", "position"))
+        times, positions = parse_csv_table(self.file, ("time_s", "position"))
         seconds = np.asarray(seconds, dtype=np.float64)
         outside = seconds[(seconds < times[0] - SLACK_S) | (seconds > times[-1] + SLACK_S)]
         if outside.size:

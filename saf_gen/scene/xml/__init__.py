@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.errors import BadInput, unknown
-from saf_gen.scene.xml._allowlist import ALLOWED_PLUGINS, SceneFile, check_scene_xml_element, resolve_scene_xml_file
-from saf_gen.scene.xml._element_tree import Element, format_scene_xml, parse_xml_file, require_scene_xml_attribute
+from saf_gen.scene.xml._allowlist import ALLOWED_PLUGINS, SceneFile, resolve_scene_xml_file, vet_scene_xml_element
+from saf_gen.scene.xml._element_tree import Element, format_scene_xml, parse_scene_xml_file, require_scene_xml_attribute
 
 __all__ = ["ALLOWED_PLUGINS", "SceneXml", "read_scene_xml"]
 
@@ -48,7 +48,7 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
     missing or lies outside of its folder, or that needs a plug-in which is not known to be harmless; and for a
     parameter that the file does not have.
     """
-    root = parse_xml_file(path)
+    root = parse_scene_xml_file(path)
     if "version" not in root.attributes:
         raise BadInput(
             "the version is missing", where=root.where, allowed='<scene version="3.0.0">, as exporters write'
@@ -61,7 +61,7 @@ def read_scene_xml(path: Path, params: Mapping[str, Any]) -> SceneXml:
             raise unknown("parameter", name, allowed=resolver.values, where=card, hint=PARAMETER_HINT)
     files = [*resolver.included]
     for element in (*elements, *resolver.cameras):
-        files += check_scene_xml_element(element, resolver.folder)
+        files += vet_scene_xml_element(element, resolver.folder)
     _assign_ids(elements)
     version = root.attributes["version"]
 
@@ -99,7 +99,7 @@ class _Resolver:
                 if file in open_files:
                     raise BadInput("the file includes itself", where=element.where, hint="remove the include")
                 self.included.append((name, file))
-                yield from self.resolve(parse_xml_file(file), (*open_files, file))
+                yield from self.resolve(parse_scene_xml_file(file), (*open_files, file))
             elif element.tag == "default":
                 name = require_scene_xml_attribute(element, "name")
                 if name in self.params:

@@ -36,7 +36,7 @@ OTHER_ELEMENTS = frozenset(
 )
 
 
-def check_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
+def vet_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
     """Check an element and all within it, make their file names absolute, and return the files.
 
     ``folder`` is the scene's, resolved. Raises BadInput for an element that is unknown or could do harm.
@@ -68,7 +68,7 @@ def check_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
         elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")
     for inner in element.children:
-        files += check_scene_xml_element(inner, folder)
+        files += vet_scene_xml_element(inner, folder)
     return files
 
 

@@ -28,7 +28,7 @@ class Element:
         return f"{self.file}:{self.line}: <{self.tag}{f' {name}' if name else ''}>"
 
 
-def parse_xml_file(path: Path) -> Element:
+def parse_scene_xml_file(path: Path) -> Element:
     """Return the outermost element of a file, <scene>; raise BadInput for a file that is not a scene."""
     parser = expat.ParserCreate()
     parser.buffer_text = True

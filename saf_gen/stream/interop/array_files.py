@@ -44,7 +44,7 @@ class SlicedArray(Protocol):
     def __getitem__(self, span: slice) -> np.ndarray: ...
 
 
-def open_array_file(path: str | os.PathLike[str], *, key: str | None = None) -> SlicedArray:
+def open_imported_array(path: str | os.PathLike[str], *, key: str | None = None) -> SlicedArray:
     """Return an array of a .npy, .npz or .mat file; of a .mat its last axis comes first, as MATLAB keeps frames last.
 
     ``key`` names it where the file has several with three axes or more.
@@ -83,7 +83,7 @@ def _starts_hdf5(head: bytes) -> bool:
     return head.startswith(HDF5_START) or head[512:520] == HDF5_START  # MATLAB writes 512 bytes before it
 
 
-def choose_array(found: Mapping[str, tuple[int, ...]], key: str | None, *, where: str) -> str:
+def _choose_array(found: Mapping[str, tuple[int, ...]], key: str | None, *, where: str) -> str:
     """Return the name of the array that is meant among those found, by name and shape."""
     if key is not None:
         if key not in found:
@@ -109,7 +109,7 @@ class _ArchivedArray:
             if info.filename.endswith(".npy"):
                 with self._archive.open(info) as file:
                     headers[info.filename.removesuffix(".npy")] = (*_read_header(file), info)
-        name = choose_array({n: h[0] for n, h in headers.items()}, key, where=str(path))
+        name = _choose_array({n: h[0] for n, h in headers.items()}, key, where=str(path))
         self.shape, in_columns, self.dtype, self._begin, self._info = headers[name]
         if self.dtype.hasobject or in_columns:
             problem = "objects" if self.dtype.hasobject else "an array in Fortran order"
@@ -153,7 +153,7 @@ class _HdfArray:
             plain = isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external
             if plain and item.dtype.kind in "buif" and _is_stored_plainly(item):
                 found[name] = item
-        name = choose_array({n: d.shape for n, d in found.items()}, key, where=str(path))
+        name = _choose_array({n: d.shape for n, d in found.items()}, key, where=str(path))
         self._data = found[name]
         self.shape = (self._data.shape[0], *self._data.shape[:0:-1])
         self.dtype = self._data.dtype
@@ -183,7 +183,7 @@ def _load_old_matlab(path: Path, *, key: str | None) -> np.ndarray:
         listed = {name: shape for name, shape, kind in io.whosmat(str(path), appendmat=False) if kind in numeric}
     except MatReadError as error:
         raise ValueError(error) from error
-    name = choose_array(listed, key, where=str(path))
+    name = _choose_array(listed, key, where=str(path))
     if 8 * prod(listed[name]) > MAX_MAT_BYTES * 8:
         raise BadInput(
             f"{name} has {prod(listed[name])} values", where=str(path), allowed=f"at most {MAX_MAT_BYTES}",

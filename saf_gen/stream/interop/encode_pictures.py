@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.camera import Encoder, Sensor, camera_exposure_scale
-from saf_gen.core.files import name_as_text
+from saf_gen.core.files import file_name_as_text
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.picture_frames import PictureFrames
 from saf_gen.stream.metadata import stream_metadata_from_options
@@ -47,7 +47,7 @@ class PictureEncoding:
         return self.sensor.readout_hz / self.rate_hz
 
 
-def plan_encoding(
+def prepare_stream_of_pictures(
     pictures: PictureFrames,
     sensor: Sensor,
     *,
@@ -100,7 +100,9 @@ def plan_encoding(
     return PictureEncoding(pictures, sensor, count, assert_rate, int(length or 1), scale, mean_rate)
 
 
-def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed: int = 0, **optional: Any) -> str:
+def encode_pictures_as_stream(
+    plan: PictureEncoding, out: str | os.PathLike[str], *, seed: int = 0, **optional: Any
+) -> str:
     """Write the spikes of pictures as the stream file ``out`` and return its content_sha256.
 
     Picture k is the light at the time k/rate_hz; between two pictures light changes linearly, and a readout collects
@@ -108,7 +110,7 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
     :class:`Metadata` beside the provenance. Raises BadInput where a picture does not fit.
     """
     settings = {
-        "pictures": name_as_text(plan.pictures.path.name), "count": plan.count, "rate_hz": plan.rate_hz,
+        "pictures": file_name_as_text(plan.pictures.path.name), "count": plan.count, "rate_hz": plan.rate_hz,
         "values": "linear" if plan.pictures.linear else "sRGB, decoded", "between": "linear cross-fade",
         "sensor": plan.sensor.name, "mean_rate": plan.mean_rate, "scale": plan.scale, "seed": seed,
     }  # fmt: skip

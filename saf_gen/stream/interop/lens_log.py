@@ -13,7 +13,7 @@ from saf_gen.stream.metadata import Truth
 TIMES = ("frame", "seconds")
 
 
-def read_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.ndarray:
+def import_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.ndarray:
     """Return the position of the lens at each readout, float32 (frames,), fraction of its travel.
 
     The file is a CSV table with the heading ``frame,position`` or ``seconds,position``; its first column rises. A
@@ -32,11 +32,11 @@ def read_lens_log(path: str | Path, *, frames: int, readout_hz: float) -> np.nda
     return position
 
 
-def read_light_log(path: str | Path, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
+def import_light_log(path: str | Path, *, frames: int, readout_hz: float) -> dict[str, np.ndarray]:
     """Return the gain of each light at each readout, float32 (frames,), by its name; 1 is the light's usual strength.
 
     The file is a CSV table as that of the lens, with a column for each light: ``seconds,lamp`` or
-    ``frame,lamp,window``. Raises BadInput as :func:`read_lens_log` does, for names that are empty or equal, and for a
+    ``frame,lamp,window``. Raises BadInput as :func:`import_lens_log` does, for names that are empty or equal, and for a
     gain below 0.
     """
     gains = _read_log(Path(path), None, frames=frames, readout_hz=readout_hz)
@@ -69,7 +69,7 @@ def _read_log(path: Path, column: str | None, *, frames: int, readout_hz: float)
     return {name: np.interp(readouts, at, value).astype(np.float32) for name, value in zip(kinds, values, strict=True)}
 
 
-def truth_from_text(
+def import_truth_from_text(
     text: str, *, focus_position: np.ndarray | None, depth_of_focus: tuple[float, float] | None = None
 ) -> Truth:
     """Return the true focus that a user names: a position such as "0.42", or a frame of the lens log, "frame:812".

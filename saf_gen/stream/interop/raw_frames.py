@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import name_as_text, write_atomically
+from saf_gen.core.files import file_name_as_text, write_atomically
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.metadata import stream_metadata_from_options
 from saf_gen.stream.stream_file import open_stream
@@ -58,7 +58,7 @@ READERS = {"saf": "416", "rsir": "416", "spikecv": "dense", "spike-zoo": "dense"
 _SNIFFED_FRAMES = 200  # frames that tell a layout
 
 
-def sniff_raw_layout(source: str | os.PathLike[str]) -> str:
+def sniff_imported_layout(source: str | os.PathLike[str]) -> str:
     """Return the layout of a file of raw frames, by its size and by bytes that one layout leaves 0.
 
     Raises BadInput for a size that fits no layout, and where two layouts fit and nothing tells them apart.
@@ -161,7 +161,7 @@ def import_raw_frames(
     _check_apart(path, out)
     flipped = kind.flip if flip is None else bool(flip)
     bit = kind.bit_indices(flipped)
-    settings = {"file": name_as_text(path.name), "layout": layout, "flip": flipped, "frames": total}
+    settings = {"file": file_name_as_text(path.name), "layout": layout, "flip": flipped, "frames": total}
     provenance = {"import": dumps(settings, ensure_ascii=False), **optional.pop("provenance", {})}
     metadata = stream_metadata_from_options({**optional, "provenance": provenance})
     shape = (total, kind.rows, kind.columns)

@@ -9,7 +9,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.raw_frames import count_raw_frames, import_raw_frames
-from saf_gen.stream.interop.spreadsheet import read_first_sheet
+from saf_gen.stream.interop.spreadsheet import read_imported_sheet
 from saf_gen.stream.metadata import Truth
 
 CONFIG = "config.xlsx"
@@ -27,7 +27,7 @@ class SafRecording:
     focal_frame: int
 
 
-def read_saf_config(folder: str | Path) -> list[SafRecording]:
+def read_imported_saf_config(folder: str | Path) -> list[SafRecording]:
     """Return the recordings that ``config.xlsx`` of a folder lists; its columns are COLUMNS, in this order.
 
     Paths are relative to the folder or to the one above it, in which SAF's programs run. The focal frame counts from 1,
@@ -43,7 +43,7 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
             where=str(folder),
             allowed="a file of raw frames, an array, SAF's folder",
         )
-    table = read_first_sheet(root / CONFIG)
+    table = read_imported_sheet(root / CONFIG)
     rows = [(number, row) for number, row in enumerate(table, start=1) if any(cell.strip() for cell in row)]
     if rows and not _is_whole(rows[0][1][2] if len(rows[0][1]) > 2 else ""):
         rows = rows[1:]  # the heading
@@ -92,7 +92,7 @@ def import_saf_folder(folder: str | Path, out: str | Path, *, readout_hz: float 
     answers can be judged; the true position follows, and the depth of focus is not known. A stream that is there
     already is made again.
     """
-    for recording in read_saf_config(folder):
+    for recording in read_imported_saf_config(folder):
         lens = ((np.arange(recording.frames) + 0.5) / recording.frames).astype(np.float32)
         target = Path(out) / f"{recording.name}.h5"
         import_raw_frames(

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import name_as_text
+from saf_gen.core.files import file_name_as_text
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.interop.array_files import SlicedArray, open_array_file
+from saf_gen.stream.interop.array_files import SlicedArray, open_imported_array
 from saf_gen.stream.metadata import stream_metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -74,7 +74,7 @@ class SpikeArray:
     ) -> None:
         if layout not in (None, *ARRAY_LAYOUTS):
             raise unknown("layout of an array", layout, allowed=ARRAY_LAYOUTS)
-        array = open_array_file(path, key=key)
+        array = open_imported_array(path, key=key)
         if len(array.shape) != 3 or 0 in array.shape or array.dtype.kind not in "buif":
             raise BadInput(
                 f"the array is {array.dtype} {array.shape}", where=str(path), allowed="numbers (frames, rows, columns)",
@@ -108,7 +108,7 @@ class SpikeArray:
     def write(self, out: str | os.PathLike[str], *, readout_hz: float, **optional: Any) -> str:
         """Write the spikes as the stream file ``out`` and return its content_sha256; a part is in memory at a time."""
         settings = {
-            "file": name_as_text(self.path.name),
+            "file": file_name_as_text(self.path.name),
             "layout": self.layout,
             "flip": self.flip,
             "frames": self.shape[0],

@@ -22,7 +22,7 @@ _DAMAGE = (
 _NAME = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 
 
-def read_first_sheet(path: str | Path) -> list[list[str]]:
+def read_imported_sheet(path: str | Path) -> list[list[str]]:
     """Return the rows of the first sheet, from its first column; an empty cell is "".
 
     Raises BadInput for a file that is missing, too large, or no spreadsheet.

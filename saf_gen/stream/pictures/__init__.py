@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from saf_gen.core.files import name_as_text, write_atomically
+from saf_gen.core.files import file_name_as_text, write_atomically
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.measure_input import choose_method_region
-from saf_gen.stream.pictures.windows import KINDS, WindowPictures, choose_windows
+from saf_gen.stream.measure_input import choose_stream_region
+from saf_gen.stream.pictures.windows import KINDS, WindowPictures, choose_windows_of_stream
 from saf_gen.stream.readable import ReadableStream
 
 __all__ = ["FORMS", "KINDS", "ViewForm", "write_view"]
@@ -75,15 +75,15 @@ def write_view(
     if not 0 < fps <= 100:
         raise BadInput(f"{fps:g} pictures per second", allowed="above 0, at most 100")
     of = FORMS[form]
-    pictures = choose_windows(
+    pictures = choose_windows_of_stream(
         stream, kind=kind, window=window, first=first, stop=stop, every=every, count=of.count, most=of.most
     )
     # Imported late: matplotlib takes a second, and an error should not wait for it.
     from saf_gen.stream.pictures import movie, player, still
-    from saf_gen.stream.pictures.timeline import read_timeline
+    from saf_gen.stream.pictures.timeline import read_stream_timeline
 
-    box, _ = choose_method_region(stream, region)
-    timeline = read_timeline(
+    box, _ = choose_stream_region(stream, region)
+    timeline = read_stream_timeline(
         stream,
         first=first,
         stop=stream.shape[0] if stop is None else stop,
@@ -93,15 +93,15 @@ def write_view(
     )
     with write_atomically(target) as part:
         if form == "html":
-            player.write_player(
-                pictures, timeline, region=box, path=part, title=name_as_text(stream.path.stem), fps=fps
+            player.write_stream_player(
+                pictures, timeline, region=box, path=part, title=file_name_as_text(stream.path.stem), fps=fps
             )
         elif form in ("gif", "mp4"):
             screen = movie.Screen(pictures, timeline, region=box)
             if form == "gif":
-                movie.write_gif(screen, part, fps=fps)
+                movie.write_gif_of_stream(screen, part, fps=fps)
             else:
-                movie.write_mp4(screen, part, size=screen.size, fps=fps)
+                movie.write_mp4_of_stream(screen, part, size=screen.size, fps=fps)
         else:
-            still.draw_still(pictures, timeline, region=box, path=part, form=form)
+            still.draw_still_of_stream(pictures, timeline, region=box, path=part, form=form)
     return pictures

@@ -11,11 +11,11 @@ from matplotlib.font_manager import FontProperties, findfont
 from PIL import Image, ImageDraw, ImageFont
 
 from saf_gen.core.extras import require_extra
-from saf_gen.core.figure_style import STYLE, use_figure_style
+from saf_gen.core.figure_style import STYLE, use_plot_style
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
-from saf_gen.stream.pictures.panels import draw_panels, list_panels
-from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment
+from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
+from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, describe_moment_of_stream
 from saf_gen.stream.pictures.windows import WindowPictures
 
 PLOTS, PANEL, LINE, DOTS_PER_INCH = 380, 110, 26, 100  # pixels: width and height of plots, a line of text
@@ -36,15 +36,15 @@ class Screen:
         larger = min(-(-PICTURE // width), LARGEST // height)
         scale = larger if larger >= 1 and width < PICTURE else min(1.0, LARGEST / width, LARGEST / height)
         self._shown = max(round(width * scale), 1), max(round(height * scale), 1)
-        tall = max(self._shown[1] + LINE, PANEL * len(list_panels(timeline)) + LINE)
+        tall = max(self._shown[1] + LINE, PANEL * len(list_stream_panels(timeline)) + LINE)
         self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
         style: dict[Any, Any] = {**STYLE, "figure.facecolor": "white"}
-        with use_figure_style(style):
+        with use_plot_style(style):
             inches = self.size[0] / DOTS_PER_INCH, self.size[1] / DOTS_PER_INCH
             figure = Figure(figsize=inches, dpi=DOTS_PER_INCH, layout="constrained")
             canvas = FigureCanvasAgg(figure)
             halves: Any = figure.subfigures(1, 2, width_ratios=[self._shown[0], self.size[0] - self._shown[0]])
-            axes = draw_panels(halves[1], timeline)
+            axes = draw_stream_panels(halves[1], timeline)
             canvas.draw()
             self._background = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
             boxes = [ax.get_window_extent() for ax in axes]
@@ -58,7 +58,7 @@ class Screen:
         stream, window = self._pictures.stream, self._pictures.window
         for number, grey in enumerate(self._pictures):
             first = int(self._pictures.starts[number])
-            yield self._draw(grey, number, words=describe_moment(stream, first=first, window=window))
+            yield self._draw(grey, number, words=describe_moment_of_stream(stream, first=first, window=window))
 
     def _draw(self, grey: np.ndarray, number: int, *, words: str) -> np.ndarray:
         out = self._background.copy()
@@ -88,7 +88,7 @@ class Screen:
         return SEPARATOR.join(parts)
 
 
-def write_gif(screen: Screen, path: Path, *, fps: float) -> None:
+def write_gif_of_stream(screen: Screen, path: Path, *, fps: float) -> None:
     """Write a screen as a GIF that repeats for ever; one palette serves all of it."""
     frames = iter(screen)
     first = Image.fromarray(next(frames))
@@ -111,7 +111,7 @@ def write_gif(screen: Screen, path: Path, *, fps: float) -> None:
     )
 
 
-def write_mp4(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
+def write_mp4_of_stream(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
     """Write frames uint8 (height, width, 3) as H.264 video; a frame is in memory at a time.
 
     Raises BadInput where imageio-ffmpeg, which brings an encoder, is missing or fails.

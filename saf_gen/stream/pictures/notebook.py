@@ -3,9 +3,9 @@
 from base64 import b64encode
 from html import escape
 
-from saf_gen.stream.description import describe_content
-from saf_gen.stream.pictures.image_strip import encode_small_jpeg, lay_out_pictures
-from saf_gen.stream.pictures.windows import choose_windows
+from saf_gen.stream.description import describe_stream_content
+from saf_gen.stream.pictures.image_strip import encode_stream_pictures_as_jpeg, lay_out_stream_pictures
+from saf_gen.stream.pictures.windows import choose_windows_of_stream
 from saf_gen.stream.readable import ReadableStream
 
 PICTURES, MAX_BYTES = 5, 300_000
@@ -16,12 +16,14 @@ def format_stream_as_html(stream: ReadableStream) -> str:
 
     Five windows are read, so that it takes as long for a long recording as for a short one.
     """
-    pictures = choose_windows(stream, count=PICTURES)
-    strip = encode_small_jpeg(lay_out_pictures(pictures, count=len(pictures.starts)), max_bytes=MAX_BYTES)
+    pictures = choose_windows_of_stream(stream, count=PICTURES)
+    strip = encode_stream_pictures_as_jpeg(
+        lay_out_stream_pictures(pictures, count=len(pictures.starts)), max_bytes=MAX_BYTES
+    )
     source = f"data:{strip.media_type};base64,{b64encode(strip.file).decode()}"
     rows = "".join(
         f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(text)}</td></tr>'
-        for name, text in describe_content(stream, with_rates=False).items()
+        for name, text in describe_stream_content(stream, with_rates=False).items()
     )
     centres = ", ".join(f"{centre:,.0f}" for centre in pictures.centres)
     words = f"{pictures.window} frames each, round the frames {centres}"

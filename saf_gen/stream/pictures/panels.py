@@ -8,7 +8,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, SOFT, PlotStyle, assign_styles, hide_spines
+from saf_gen.core.figure_style import (
+    BAND,
+    GREY,
+    INK,
+    MAX_MEASURES,
+    SOFT,
+    PlotStyle,
+    assign_plot_styles,
+    hide_plot_spines,
+)
 from saf_gen.errors import BadInput
 from saf_gen.stream.pictures.timeline import Extremes, Timeline
 
@@ -16,7 +25,7 @@ TICKS = [1, 2, 5, 10]
 Panel = Callable[[Axes, Timeline], None]
 
 
-def list_panels(timeline: Timeline) -> list[Panel]:
+def list_stream_panels(timeline: Timeline) -> list[Panel]:
     """Return what there is to draw. Raises BadInput for more measures than can be told apart."""
     if len(timeline.scores) > MAX_MEASURES:
         raise BadInput(f"{len(timeline.scores)} measures", allowed=f"at most {MAX_MEASURES} in one picture")
@@ -27,9 +36,9 @@ def list_panels(timeline: Timeline) -> list[Panel]:
     ]
 
 
-def draw_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
+def draw_stream_panels(figure: FigureBase, timeline: Timeline) -> list[Axes]:
     """Draw all that is known, aligned, over the same frames; returns the axes from the top."""
-    panels = list_panels(timeline)
+    panels = list_stream_panels(timeline)
     axes: list[Axes] = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0].tolist()
     for ax, draw in zip(axes, panels, strict=True):
         draw(ax, timeline)
@@ -50,11 +59,11 @@ def _draw_lens(axes: Axes, timeline: Timeline) -> None:
             axes.fill_between(truth.frames, middle + near, middle + far, color=BAND, alpha=0.6, lw=0)
         axes.plot(truth.frames, middle, color=INK, lw=0.9, label="true focus, its depth of focus")
     if timeline.lens is not None:
-        draw_extremes(axes, timeline.lens, style=PlotStyle("#0072b2", "-", "o"), label="lens")
+        _draw_extremes(axes, timeline.lens, style=PlotStyle("#0072b2", "-", "o"), label="lens")
     axes.set_ylim(-0.03, 1.03)
     axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
     axes.set_ylabel("position")
-    hide_spines(axes, "top", "right")
+    hide_plot_spines(axes, "top", "right")
     _put_legend_above(axes)
 
 
@@ -66,7 +75,7 @@ def _draw_light(axes: Axes, timeline: Timeline) -> None:
     rate.fill_between(centres, shown, color=GREY, lw=0, step="mid", label="spikes per readout")
     rate.set_ylim(0, 1.1 * timeline.rate.max() or 1)
     rate.yaxis.set_major_locator(MaxNLocator(3, steps=TICKS))
-    hide_spines(rate, "top", "right" if rate is axes else "left")
+    hide_plot_spines(rate, "top", "right" if rate is axes else "left")
     if rate is axes:
         axes.set_ylabel("spikes")
     else:
@@ -74,10 +83,10 @@ def _draw_light(axes: Axes, timeline: Timeline) -> None:
         rate.spines["right"].set_visible(False)
         axes.set_zorder(rate.get_zorder() + 1)
         axes.patch.set_visible(False)
-        hide_spines(axes, "top", "right")
+        hide_plot_spines(axes, "top", "right")
         alike = _group_alike(timeline.gains)
         for names, style in zip(alike, _styles(alike, after=1), strict=True):
-            draw_extremes(axes, timeline.gains[names.split(", ")[0]], style=style, label=f"gain of {names}")
+            _draw_extremes(axes, timeline.gains[names.split(", ")[0]], style=style, label=f"gain of {names}")
         axes.set_ylim(0, 1.1 * max(gain.high.max() for gain in timeline.gains.values()) or 1)
         axes.yaxis.set_major_locator(MaxNLocator(3, steps=TICKS))
         axes.set_ylabel("gain")
@@ -94,11 +103,11 @@ def _draw_scores(axes: Axes, timeline: Timeline) -> None:
     axes.set_ylim(-0.03, 1.03)
     axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
     axes.set_ylabel("score")
-    hide_spines(axes, "top", "right")
+    hide_plot_spines(axes, "top", "right")
     _put_legend_above(axes)
 
 
-def draw_extremes(axes: Axes, values: Extremes, *, style: PlotStyle, label: str) -> None:
+def _draw_extremes(axes: Axes, values: Extremes, *, style: PlotStyle, label: str) -> None:
     """Draw a quantity as a line, and as a band where it changes faster than the line can tell."""
     axes.fill_between(values.frames, values.low, values.high, color=style.colour, alpha=0.3, lw=0)
     axes.plot(values.frames, (values.low + values.high) / 2, color=style.colour, ls=style.dashes, lw=1.1, label=label)
@@ -114,7 +123,7 @@ def _group_alike(gains: Mapping[str, Extremes]) -> list[str]:
 
 def _styles(names: Iterable[str], *, after: int = 0) -> list[PlotStyle]:
     given = [*map(str, range(after)), *names]
-    styles = assign_styles(given)
+    styles = assign_plot_styles(given)
     return [styles[name] for name in given[after:]]
 
 

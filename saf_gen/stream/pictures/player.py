@@ -13,36 +13,42 @@ import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from saf_gen.core.display_tone import encode_gamma
-from saf_gen.core.figure_style import WIDTH, inline_svg, to_svg, use_figure_style
+from saf_gen.core.display_tone import apply_display_gamma
+from saf_gen.core.figure_style import WIDTH, inline_svg, plot_to_svg, use_plot_style
 from saf_gen.core.region import Region
-from saf_gen.stream.pictures.image_strip import encode_small_jpeg, lay_out_pictures, shrink_picture
-from saf_gen.stream.pictures.panels import draw_panels, list_panels
-from saf_gen.stream.pictures.timeline import Timeline, describe_moment
+from saf_gen.stream.pictures.image_strip import (
+    encode_stream_pictures_as_jpeg,
+    lay_out_stream_pictures,
+    shrink_stream_picture,
+)
+from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
+from saf_gen.stream.pictures.timeline import Timeline, describe_moment_of_stream
 from saf_gen.stream.pictures.windows import KINDS, WindowPictures
 
 PANEL, AXIS = 0.95, 0.45  # inches
 WIDEST, MAX_BYTES = 400, 4_000_000
 
 
-def write_player(
+def write_stream_player(
     pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, title: str, fps: float
 ) -> None:
     """Write the page to ``path``; it needs no network, and all but the moving works without scripts."""
     stream, two_tone = pictures.stream, pictures.kind == "spikes"
-    sheet = lay_out_pictures(_small_pictures(pictures), count=len(pictures.starts), two_tone=two_tone)
-    strip = sheet.encode("PNG", optimize=True) if two_tone else encode_small_jpeg(sheet, max_bytes=MAX_BYTES)
-    with use_figure_style():
-        panels = len(list_panels(timeline))
+    sheet = lay_out_stream_pictures(_small_pictures(pictures), count=len(pictures.starts), two_tone=two_tone)
+    strip = (
+        sheet.encode("PNG", optimize=True) if two_tone else encode_stream_pictures_as_jpeg(sheet, max_bytes=MAX_BYTES)
+    )
+    with use_plot_style():
+        panels = len(list_stream_panels(timeline))
         figure = Figure(figsize=(WIDTH, PANEL * panels + AXIS), dpi=72, layout="constrained")
         FigureCanvasSVG(figure)
-        axes = draw_panels(figure, timeline)
+        axes = draw_stream_panels(figure, timeline)
         figure.draw_without_rendering()
         x = axes[0].transData.transform([(f, 0) for f in pictures.centres])[:, 0] / figure.bbox.width
         top, bottom = 1 - axes[0].get_position().y1, 1 - axes[-1].get_position().y0
-        svg = inline_svg(to_svg(figure, name="view"), label="Lens, light and scores over the frames")
+        svg = inline_svg(plot_to_svg(figure, name="view"), label="Lens, light and scores over the frames")
     frames, rows, columns = stream.shape
-    words = [describe_moment(stream, first=int(a), window=pictures.window) for a in pictures.starts]
+    words = [describe_moment_of_stream(stream, first=int(a), window=pictures.window) for a in pictures.starts]
     size = f"{columns} × {rows} pixels, {frames:,} readouts at {stream.readout_hz:,.0f} a second"
     rest = "." if pictures.kind == "spikes" else f"; {pictures.window} readouts each."
     play = {"across": strip.columns, "down": strip.rows, "x": [round(f, 5) for f in x.tolist()], "words": words}
@@ -73,7 +79,7 @@ def _small_pictures(pictures: WindowPictures) -> Iterator[np.ndarray]:
         return
     size = WIDEST, max(round(rows * WIDEST / columns), 1)
     for number in range(len(pictures.starts)):
-        grey = encode_gamma(shrink_picture(pictures.linear(number), size), pictures.white)
+        grey = apply_display_gamma(shrink_stream_picture(pictures.linear(number), size), pictures.white)
         yield (255 * grey).round().astype(np.uint8)
 
 

@@ -7,9 +7,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from saf_gen.core.figure_style import COLUMN, COLUMN_STYLE, SOFT, use_figure_style
+from saf_gen.core.figure_style import COLUMN, COLUMN_STYLE, SOFT, use_plot_style
 from saf_gen.core.region import Region
-from saf_gen.stream.pictures.panels import draw_panels, list_panels
+from saf_gen.stream.pictures.panels import draw_stream_panels, list_stream_panels
 from saf_gen.stream.pictures.timeline import Timeline
 from saf_gen.stream.pictures.windows import WindowPictures
 
@@ -18,15 +18,17 @@ DOTS_PER_INCH = 300
 BOX = "#ffd84a"
 
 
-def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, form: str) -> None:
+def draw_still_of_stream(
+    pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, form: str
+) -> None:
     """Write pictures and plots to ``path`` as png, pdf or svg (``form``), 3.5 inches wide; same input, same bytes."""
     count = len(pictures.starts)
     across = min(count, 3 if count <= 9 else 4 if count <= 16 else 6)
     down = -(-count // across)
     _, height, width = pictures.stream.shape
     each = min(COLUMN / across * height / width, TALLEST) + CAPTION
-    above, below = down * each, PANEL * len(list_panels(timeline)) + AXIS
-    with use_figure_style(COLUMN_STYLE):
+    above, below = down * each, PANEL * len(list_stream_panels(timeline)) + AXIS
+    with use_plot_style(COLUMN_STYLE):
         figure = Figure(figsize=(COLUMN, above + below), dpi=DOTS_PER_INCH, layout="constrained")
         FigureCanvasAgg(figure)
         layout: Any = figure.get_layout_engine()
@@ -40,7 +42,7 @@ def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region |
             cell.set_title(_caption(pictures, centre), pad=2)
             if region is not None:
                 cell.add_patch(_outline(region))
-        axes = draw_panels(halves[1], timeline)
+        axes = draw_stream_panels(halves[1], timeline)
         for ax in axes:
             for centre in pictures.centres:
                 ax.axvline(centre, color=SOFT, lw=0.5, ls=":")

@@ -96,7 +96,7 @@ class DatasetFacts:
     responsible: Mapping[str, str] = field(default_factory=dict)
 
 
-def describe_dataset(manifest: Manifest, facts: DatasetFacts, *, digest: str) -> dict[str, Any]:
+def describe_dataset_as_croissant(manifest: Manifest, facts: DatasetFacts, *, digest: str) -> dict[str, Any]:
     """Return the Croissant description of a dataset folder, as JSON-LD; ``digest`` is the SHA-256 of its manifest file.
 
     Raises BadInput for a licence that is no SPDX name.
@@ -111,7 +111,7 @@ def describe_dataset(manifest: Manifest, facts: DatasetFacts, *, digest: str) ->
         "conformsTo": list(SPECIFICATIONS),
         "name": name,
         "description": facts.description,
-        **({"license": licence_urls(facts.licences)} if facts.licences else {}),
+        **({"license": licence_urls_for_croissant(facts.licences)} if facts.licences else {}),
         **({"url": facts.url} if facts.url else {}),
         **({"creator": {"@type": "sc:Organization", "name": facts.creator}} if facts.creator else {}),
         "datePublished": facts.published or datetime.now(UTC).date().isoformat(),
@@ -128,7 +128,7 @@ def describe_dataset(manifest: Manifest, facts: DatasetFacts, *, digest: str) ->
     }
 
 
-def point_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str, Any]:
+def point_croissant_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str, Any]:
     """Return a description whose files lie in tar shards, given by name with their SHA-256."""
     files = [one for one in card["distribution"] if one["@type"] == "cr:FileObject" and one["@id"] == MANIFEST_NAME]
     files += [_file(name, "application/x-tar", digest=digest) for name, digest in shards.items()]
@@ -141,15 +141,15 @@ def point_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str
 def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) -> None:
     """Write ``croissant.json`` into a dataset folder beside its manifest; the date of an earlier one is kept."""
     path = folder / CARD_NAME
-    digest = sha256_of(folder / MANIFEST_NAME)
-    card = describe_dataset(manifest, facts, digest=digest)
+    digest = sha256_of_shared_file(folder / MANIFEST_NAME)
+    card = describe_dataset_as_croissant(manifest, facts, digest=digest)
     if path.is_file():
         found = re.search(r'"datePublished": "(\d{4}-\d\d-\d\d)"', path.read_text(encoding="utf-8", errors="replace"))
         card["datePublished"] = found[1] if found else card["datePublished"]
     write_text_atomically(path, json.dumps(card, indent=1, ensure_ascii=False) + "\n")
 
 
-def front_matter(manifest: Manifest, licences: Sequence[str], *, pattern: str) -> str:
+def front_matter_for_sharing(manifest: Manifest, licences: Sequence[str], *, pattern: str) -> str:
     """Return the lines that begin README.md as the Hugging Face Hub reads them, with a configuration of all splits.
 
     ``pattern`` is the path of a split's files, with {split} in it.
@@ -171,7 +171,7 @@ def front_matter(manifest: Manifest, licences: Sequence[str], *, pattern: str) -
     return f"---\n{''.join(lines)}---\n"
 
 
-def read_licences(expressions: Iterable[str]) -> list[str]:
+def read_licences_for_croissant(expressions: Iterable[str]) -> list[str]:
     """Return the names in SPDX expressions such as "MIT AND CC-BY-4.0"; none where one is empty or prose."""
     found: set[str] = set()
     for expression in expressions:
@@ -185,7 +185,7 @@ def read_licences(expressions: Iterable[str]) -> list[str]:
     return sorted(found)
 
 
-def licence_urls(licences: Iterable[str]) -> list[str]:
+def licence_urls_for_croissant(licences: Iterable[str]) -> list[str]:
     """Return the addresses of SPDX licences; raises BadInput for what cannot be such a name."""
     for name in licences:
         if not LICENCE.fullmatch(name):
@@ -193,7 +193,7 @@ def licence_urls(licences: Iterable[str]) -> list[str]:
     return [f"https://spdx.org/licenses/{name}" for name in licences]
 
 
-def sha256_of(path: Path) -> str:
+def sha256_of_shared_file(path: Path) -> str:
     """Return the SHA-256 of a file; raises BadInput where it cannot be read."""
     try:
         with path.open("rb") as file:

@@ -8,12 +8,19 @@ from hashlib import sha256
 from pathlib import Path
 from typing import IO
 
-from saf_gen.core.files import check_writable, unwritable_error
+from saf_gen.core.files import check_folder_writable, unwritable_file_error
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME
-from saf_gen.stream.sharing.croissant import sha256_of
-from saf_gen.stream.sharing.origin import BLOCK, Origin, Report, find_origin
-from saf_gen.stream.sharing.shard_index import INDEX_NAME, MAX_INDEX_BYTES, PackedFile, Shard, ShardIndex, parse_index
+from saf_gen.stream.sharing.croissant import sha256_of_shared_file
+from saf_gen.stream.sharing.origin import BLOCK, Origin, Report, find_origin_of_shards
+from saf_gen.stream.sharing.shard_index import (
+    INDEX_NAME,
+    MAX_INDEX_BYTES,
+    PackedFile,
+    Shard,
+    ShardIndex,
+    parse_shard_index,
+)
 
 PARTS = ".fetch"
 """The folder, in the dataset's, of what is not whole yet; it is removed at the end."""
@@ -47,18 +54,18 @@ def fetch_dataset(
     BadInput : no index there, another digest than stated or indexed, too little disk, a folder that holds another
         dataset, or a server that does not answer.
     """
-    origin = find_origin(source)
+    origin = find_origin_of_shards(source)
     text = origin.read(INDEX_NAME, limit=MAX_INDEX_BYTES)
     digest, where = sha256(text).hexdigest(), origin.name(INDEX_NAME)
     if index_sha256 and digest != index_sha256.strip().lower():
         raise BadInput(f"has the SHA-256 {digest}", where=where, allowed=index_sha256, hint="ask its publisher")
-    index = parse_index(text.decode("utf-8", errors="replace"), where)
+    index = parse_shard_index(text.decode("utf-8", errors="replace"), where)
     folder = Path(out) if out is not None else Path("datasets") / index.name
     _check_folder(folder, index)
     try:
         _fetch_into(folder, index, origin=origin, report=report)
     except OSError as error:
-        raise unwritable_error(folder, error) from error
+        raise unwritable_file_error(folder, error) from error
     finally:
         if [one.name for one in folder.glob("*")] == [PARTS]:  # where nothing was fetched, nothing stays
             with suppress(OSError):
@@ -68,7 +75,7 @@ def fetch_dataset(
 
 
 def _check_folder(folder: Path, index: ShardIndex) -> None:
-    check_writable(folder)
+    check_folder_writable(folder)
     manifest = next(one for one in index.files if one.file == MANIFEST_NAME)
     if (folder / MANIFEST_NAME).exists() and not _is_there(folder, manifest):
         raise BadInput(f"{folder} holds another dataset", hint="give another folder with --out")
@@ -116,7 +123,7 @@ def _fetch_into(folder: Path, index: ShardIndex, *, origin: Origin, report: Call
 def _fetch_checked(one: PackedFile | Shard, origin: Origin, *, parts: Path, report: Report) -> Path:
     """Return the path of a file with the digest of the index; a downloaded one that has another is deleted."""
     path = origin.fetch(one, parts=parts, report=report)
-    if (found := sha256_of(path)) != one.sha256:
+    if (found := sha256_of_shared_file(path)) != one.sha256:
         if path.parent == parts:
             path.unlink()
         raise BadInput(
@@ -170,4 +177,4 @@ def _write_checked(content: IO[bytes], one: PackedFile, *, folder: Path, where: 
 
 def _is_there(folder: Path, one: PackedFile) -> bool:
     path = folder / one.file
-    return path.is_file() and path.stat().st_size == one.bytes and sha256_of(path) == one.sha256
+    return path.is_file() and path.stat().st_size == one.bytes and sha256_of_shared_file(path) == one.sha256

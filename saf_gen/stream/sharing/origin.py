@@ -35,7 +35,7 @@ class Origin(Protocol):
         """Return a path that holds as many bytes of a file as the index says, in ``parts`` or where it lies."""
 
 
-def find_origin(source: str) -> Origin:
+def find_origin_of_shards(source: str) -> Origin:
     """Return the origin at an address or path, of the folder or of the index in it."""
     if "://" not in source:
         folder = Path(source)

@@ -64,13 +64,13 @@ class ShardIndex:
         return sum(one.bytes for one in self.shards) + sum(one.bytes for one in self.files)
 
 
-def write_index(folder: Path, index: ShardIndex) -> None:
+def write_shard_index(folder: Path, index: ShardIndex) -> None:
     """Write the index of a packed dataset into its folder."""
     document = {"format": FORMAT, "layout": LAYOUT, **asdict(index)}
     write_text_atomically(folder / INDEX_NAME, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
 
 
-def parse_index(text: str, where: str) -> ShardIndex:
+def parse_shard_index(text: str, where: str) -> ShardIndex:
     """Return the index that a text holds; ``where`` names it in errors.
 
     Raises BadInput for what is no index, has a newer layout, names a file twice or one outside the folder, or has no
@@ -95,10 +95,10 @@ def _check_names(index: ShardIndex, document: Document) -> None:
     beside = [*(one.file for one in index.shards), *(one.file for one in index.files)]
     inside = [member.file for shard in index.shards for member in shard.members]
     for name in beside:
-        if not is_plain_path(name) or "/" in name or name == INDEX_NAME:
+        if not is_plain_path_in_shard(name) or "/" in name or name == INDEX_NAME:
             raise BadInput(f"has the file {name!r}", where=where, allowed="the name of a file beside the index")
     for name in inside:
-        if not is_plain_path(name):
+        if not is_plain_path_in_shard(name):
             raise BadInput(f"has the member {name!r}", where=where, allowed="a relative path with '/', without ..")
     unpacked = Counter(name.casefold() for name in (*inside, *(one.file for one in index.files)))
     for name, count in (unpacked + Counter(one.file.casefold() for one in index.shards)).items():
@@ -108,7 +108,7 @@ def _check_names(index: ShardIndex, document: Document) -> None:
         raise BadInput(f"has no {MANIFEST_NAME}", where=where, hint="pack the dataset again")
 
 
-def is_plain_path(name: str) -> bool:
+def is_plain_path_in_shard(name: str) -> bool:
     """Return whether a name is a relative path of visible files that means the same on every system."""
     parts = PurePosixPath(name).parts
     plain = all(re.fullmatch(r"[^\x00-\x1f\\:*?\"<>|/]{1,255}", part) and not part.startswith(".") for part in parts)

@@ -38,7 +38,7 @@ from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.cli._terminal import out
 from saf_gen.errors import BadInput, SafGenError
-from saf_gen.generate.cost import read_machine_rates
+from saf_gen.generate.cost import read_rates_for_plan
 from saf_gen.render import backend
 
 PLACES = ("best focus", "a quarter away", "position 0", "position 1")
@@ -152,7 +152,7 @@ def test_a_plan_reads_the_rates_that_the_bench_measures(tmp_path):
     assert ("paths_per_s" in names) is ("load_s" in names) is (len(figures) == len(found))
     path = tmp_path / "rates.json"
     path.write_text(json.dumps([asdict(figure) for figure in figures]))
-    rates = read_machine_rates(path)
+    rates = read_rates_for_plan(path)
     assert {f.what: f.value for f in figures if hasattr(rates, f.what)}.items() <= asdict(rates).items()
 
 
@@ -171,7 +171,7 @@ def test_the_grain_of_a_moving_scene_is_measured_at_rest_and_in_slices(tmp_path,
     for place in PLACES:
         ratio = values[f"plane, slice, {place}: rms over mean"] / values[f"plane, still, {place}: rms over mean"]
         assert 1.1 < ratio < 3
-    worst = {f.what.partition(" (")[0]: f for f in bench_grain.find_worst(found)}
+    worst = {f.what.partition(" (")[0]: f for f in bench_grain.find_worst_benched_grain(found)}
     assert {what: f.target for what, f in worst.items()} == {
         "worst slice: rms over mean": 4.0,
         "worst slice away from focus: noise over signal in C²": 5.0,
@@ -233,14 +233,14 @@ def measure_with(log, *, fails=()):
 def test_a_stopped_bench_of_grain_goes_on_with_the_scenes_that_are_left(three_scenes, tmp_path):
     """b has failed and is tried again; what was kept is the same, figure by figure."""
     log, folder = [], tmp_path / "kept"
-    stopped = grain_by_scene.measure_scenes(THREE, measure=measure_with(log, fails="b"), folder=folder)
+    stopped = grain_by_scene.bench_each_scene(THREE, measure=measure_with(log, fails="b"), folder=folder)
     first = [next(stopped), next(stopped)]  # killed here
     assert first[1].found == ("grain: b is left out: its process died",)
-    again = list(grain_by_scene.measure_scenes(THREE, measure=measure_with(log), folder=folder))
+    again = list(grain_by_scene.bench_each_scene(THREE, measure=measure_with(log), folder=folder))
     assert log == ["a", "b", "b", "c"]
     assert again[0].found == first[0].found
     assert [(scene.scene, scene.number, scene.count) for scene in again] == [("a", 1, 3), ("b", 2, 3), ("c", 3, 3)]
-    assert list(grain_by_scene.measure_scenes(THREE, measure=measure_with(log), folder=folder))[2] == again[2]
+    assert list(grain_by_scene.bench_each_scene(THREE, measure=measure_with(log), folder=folder))[2] == again[2]
     assert len(log) == 4
 
 
@@ -253,7 +253,7 @@ def test_a_scene_that_was_left_out_is_not_kept(three_scenes, tmp_path):
         return ["grain: a is left out: no LLVM", BenchFigure("grain", "peak memory of a process", 0.5, "GiB", 2.0)]
 
     for _ in range(2):
-        list(grain_by_scene.measure_scenes(replace(SMALL, scenes=("a",)), measure=measure, folder=tmp_path / "kept"))
+        list(grain_by_scene.bench_each_scene(replace(SMALL, scenes=("a",)), measure=measure, folder=tmp_path / "kept"))
     assert len(log) == 2
 
 
@@ -266,15 +266,15 @@ def test_grain_is_that_of_the_code_with_which_it_began(three_scenes, tmp_path):
         script.write_text(script.read_text() + "# another\n")
         return measure_with(log)(size)
 
-    list(grain_by_scene.measure_scenes(size, measure=measure, folder=folder))
-    list(grain_by_scene.measure_scenes(size, measure=measure_with(log), folder=folder))
+    list(grain_by_scene.bench_each_scene(size, measure=measure, folder=folder))
+    list(grain_by_scene.bench_each_scene(size, measure=measure_with(log), folder=folder))
     assert log == ["a", "a"]
 
 
 @pytest.mark.parametrize("what", ["samples", "scene", "card", "code", "damaged"])
 def test_grain_of_another_workload_scene_or_code_is_measured_anew(three_scenes, tmp_path, monkeypatch, what):
     log, size, folder = [], replace(SMALL, scenes=("a",)), tmp_path / "kept"
-    list(grain_by_scene.measure_scenes(size, measure=measure_with(log), folder=folder))
+    list(grain_by_scene.bench_each_scene(size, measure=measure_with(log), folder=folder))
     if what == "samples":
         size = replace(size, still_samples=128)
     elif what == "scene":
@@ -289,7 +289,7 @@ def test_grain_of_another_workload_scene_or_code_is_measured_anew(three_scenes, 
         monkeypatch.setattr(grain_by_scene.saf_gen, "__file__", str(tmp_path / "package/__init__.py"))
     else:
         (folder / "a.json").write_text('{"of"')
-    list(grain_by_scene.measure_scenes(size, measure=measure_with(log), folder=folder))
+    list(grain_by_scene.bench_each_scene(size, measure=measure_with(log), folder=folder))
     assert log == ["a", "a"]
 
 
@@ -297,11 +297,11 @@ def test_the_time_left_is_told_from_the_time_taken(three_scenes, tmp_path, monke
     """A scene that moves is taken for four; what is kept takes no time."""
     clock = iter([0.0, 10.0, 20.0, 60.0])
     monkeypatch.setattr(grain_by_scene, "perf_counter", lambda: next(clock))
-    left = [s.seconds_left for s in grain_by_scene.measure_scenes(THREE, measure=measure_with([]), folder=tmp_path)]
+    left = [s.seconds_left for s in grain_by_scene.bench_each_scene(THREE, measure=measure_with([]), folder=tmp_path)]
     assert left == [50.0, 40.0, 0.0]
     (tmp_path / "b.json").unlink()
     clock = iter([0.0, 10.0, 20.0])
-    left = [s.seconds_left for s in grain_by_scene.measure_scenes(THREE, measure=measure_with([]), folder=tmp_path)]
+    left = [s.seconds_left for s in grain_by_scene.bench_each_scene(THREE, measure=measure_with([]), folder=tmp_path)]
     assert left == [None, 0.0, 0.0]
 
 
@@ -309,17 +309,17 @@ def test_a_broken_scene_is_left_out_of_all_and_refused_by_name(three_scenes, mon
     (three_scenes / "a/scene.yaml").write_text("id: a\n")
     monkeypatch.setattr(grain_by_scene, "scene_names", lambda: ["a", "b"])
     log = []
-    found = list(grain_by_scene.measure_scenes(replace(THREE, scenes=()), measure=measure_with(log)))
+    found = list(grain_by_scene.bench_each_scene(replace(THREE, scenes=()), measure=measure_with(log)))
     assert [scene.scene for scene in found] == log == ["a", "b"]
     with pytest.raises(BadInput, match="a/scene.yaml"):
-        next(grain_by_scene.measure_scenes(THREE, measure=measure_with(log)))
+        next(grain_by_scene.bench_each_scene(THREE, measure=measure_with(log)))
 
 
 def test_a_folder_that_cannot_be_written_is_told_before_grain_is_measured(three_scenes, tmp_path):
     (tmp_path / "file").write_text("")
     log = []
     with pytest.raises(BadInput, match="file/kept cannot be written"):
-        next(grain_by_scene.measure_scenes(THREE, measure=measure_with(log), folder=tmp_path / "file/kept"))
+        next(grain_by_scene.bench_each_scene(THREE, measure=measure_with(log), folder=tmp_path / "file/kept"))
     assert log == []
 
 
@@ -397,7 +397,7 @@ def test_benches_run_in_processes_of_their_own_and_one_that_fails_leaves_the_oth
     assert peak.what == "peak memory of a process"
     assert peak.target == 2.0
     assert 0 < peak.value < held.nbytes / 2**30, "the child's memory is its own, not its parent's"
-    assert fresh_process.peak_memory_gib() > 0.5
+    assert fresh_process.peak_memory_of_bench_gib() > 0.5
     assert stages[0].startswith("stream: ")
     assert isinstance(results.failed["job"], BadInput)
     assert "missing.yaml does not exist" in str(results.failed["job"])
@@ -423,8 +423,8 @@ def test_a_target_is_met_on_its_own_side():
 
 def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
     monkeypatch.setattr(bench_encode.saf_gen, "__file__", "/nowhere/saf_gen/__init__.py")
-    monkeypatch.setattr(bench_stream, "bytes_read", lambda: None)
-    assert bench_encode.load_public_encoders() is None
+    monkeypatch.setattr(bench_stream, "bytes_read_by_bench", lambda: None)
+    assert bench_encode.load_encoders_to_bench() is None
     remarks = [f for f in measured("stream")[0] if isinstance(f, str)]
     assert len(remarks) == 3
     assert all("the system does not count" in remark for remark in remarks)
@@ -436,7 +436,7 @@ def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
 def test_without_llvm_the_stack_bench_says_what_to_install(monkeypatch):
     monkeypatch.setattr(backend, "probe_render_backends", lambda: backend.BackendProbe(None, False))
     with pytest.raises(BadInput, match="install LLVM"):
-        bench_stack.set_up_timed_scene(SMALL.sensor)
+        bench_stack.set_up_benched_scene(SMALL.sensor)
 
 
 RESULTS = BenchResults(
@@ -489,7 +489,7 @@ def test_a_failed_bench_is_named_after_the_figures_of_the_others(capsys, monkeyp
 
 @pytest.fixture(scope="module")
 def public():
-    return bench_encode.load_public_encoders()
+    return bench_encode.load_encoders_to_bench()
 
 
 def test_every_public_encoder_gives_a_spike_or_none_at_our_rate(public):

@@ -13,9 +13,13 @@ import pytest
 from scipy import stats
 
 from saf_gen.acceptance import validation
-from saf_gen.acceptance.validation import all_checks, choose_checks, inference, runner
+from saf_gen.acceptance.validation import all_validation_checks, choose_validation_checks, inference, runner
 from saf_gen.acceptance.validation.check import Check, CheckSkipped, Comparison, Curve, Finding, Plot, Verdict
-from saf_gen.acceptance.validation.page import format_number, tolerance_used, write_page
+from saf_gen.acceptance.validation.page import (
+    format_validation_number,
+    tolerance_used_in_validation,
+    write_validation_page,
+)
 from saf_gen.errors import BadInput, SafGenError
 
 PLOT = Plot(
@@ -43,7 +47,7 @@ def planted(monkeypatch):
     """Puts checks in the place of the real ones."""
 
     def plant(*checks):
-        monkeypatch.setattr(validation, "all_checks", lambda: {check.name: check for check in checks})
+        monkeypatch.setattr(validation, "all_validation_checks", lambda: {check.name: check for check in checks})
         monkeypatch.setattr(validation, "SUBJECTS", tuple({check.subject for check in checks}))
 
     return plant
@@ -92,21 +96,21 @@ def test_a_run_that_was_stopped_goes_on(tmp_path):
     first = make_check("noise_first", 1.0, calls=calls)
     second = Check("noise_second", "", "", "", "", "", stopping)
     with pytest.raises(KeyboardInterrupt):
-        runner.run_checks([first, second], tmp_path)
+        runner.run_validation_checks([first, second], tmp_path)
     stop[0] = False
-    verdicts = runner.run_checks([first, second], tmp_path)
+    verdicts = runner.run_validation_checks([first, second], tmp_path)
     assert [v.outcome for v in verdicts] == ["passed", "passed"]
     assert calls == [("noise_first", False)]
-    runner.run_checks([first], tmp_path, quick=True)
+    runner.run_validation_checks([first], tmp_path, quick=True)
     assert calls == [("noise_first", False), ("noise_first", True)]
 
 
 def test_what_other_code_found_is_not_used(tmp_path, monkeypatch):
     calls = []
     check = make_check("noise_first", 1.0, calls=calls)
-    runner.run_checks([check], tmp_path)
-    monkeypatch.setattr(runner, "source_fingerprint", lambda: "0" * 64)
-    runner.run_checks([check], tmp_path)
+    runner.run_validation_checks([check], tmp_path)
+    monkeypatch.setattr(runner, "fingerprint_validated_source", lambda: "0" * 64)
+    runner.run_validation_checks([check], tmp_path)
     assert len(calls) == 2
     assert [p.name for p in (tmp_path / runner.KEPT).iterdir()] == ["000000000000-whole"]
 
@@ -129,7 +133,7 @@ def test_a_check_that_cannot_run_is_neither_passed_nor_kept(call, planted, tmp_p
 
 def test_without_its_package_the_referee_is_skipped_before_anything_is_made(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "emva1288.process.results", None)
-    (verdict,) = runner.run_checks(choose_checks(["referee"]), tmp_path, quick=True)
+    (verdict,) = runner.run_validation_checks(choose_validation_checks(["referee"]), tmp_path, quick=True)
     assert verdict.outcome == "skipped"
     assert "saf-gen[validation]" in verdict.reason
     assert not list(tmp_path.rglob("*.h5"))
@@ -137,7 +141,7 @@ def test_without_its_package_the_referee_is_skipped_before_anything_is_made(monk
 
 def test_a_check_without_figures_does_not_pass(tmp_path):
     empty = Check("noise_empty", "", "", "", "", "", lambda maker, quick: Finding(()))
-    assert runner.run_checks([empty], tmp_path)[0].outcome == "failed"
+    assert runner.run_validation_checks([empty], tmp_path)[0].outcome == "failed"
 
 
 def test_an_unknown_check_is_one_line(call, tmp_path):
@@ -160,16 +164,16 @@ def test_a_folder_that_cannot_be_written_is_one_line(call, planted, tmp_path):
 
 
 def test_a_subject_stands_for_its_checks():
-    everything = all_checks()
-    assert [c.name for c in choose_checks([])] == list(everything)
-    assert [c.name for c in choose_checks(["noise"])] == [n for n in everything if n.startswith("noise_")]
-    assert [c.name for c in choose_checks(["noise_spectrum"])] == ["noise_spectrum"]
+    everything = all_validation_checks()
+    assert [c.name for c in choose_validation_checks([])] == list(everything)
+    assert [c.name for c in choose_validation_checks(["noise"])] == [n for n in everything if n.startswith("noise_")]
+    assert [c.name for c in choose_validation_checks(["noise_spectrum"])] == ["noise_spectrum"]
     with pytest.raises(BadInput):
-        choose_checks(["noise", "no"])
+        choose_validation_checks(["noise", "no"])
 
 
 def test_every_check_says_what_it_needs_to():
-    for check in all_checks().values():
+    for check in all_validation_checks().values():
         words = (check.law, check.formula, check.source, check.workload, check.tolerance)
         assert all(len(text) > 10 and "  " not in text for text in words), check.name
         assert check.subject in validation.SUBJECTS
@@ -195,43 +199,46 @@ def test_right_samples_fail_as_rarely_as_promised_and_wrong_ones_are_found():
     """Of 4,000 checks of ten means of 50, 0.4 fail on average (P(≥ 5) = 10⁻⁴); all off by 1.5 sd do. Seed 1."""
     samples = np.random.default_rng(1).normal(size=(4000, 10, 50))
     failed = sum(
-        not all(inference.compare_mean("m", one, expected=0.0, figures=10).passed for one in check) for check in samples
+        not all(inference.compare_mean_with_law("m", one, expected=0.0, figures=10).passed for one in check)
+        for check in samples
     )
     assert failed < 5
-    assert not any(inference.compare_mean("m", one, expected=1.5, figures=10).passed for one in samples[:100, 0])
+    assert not any(
+        inference.compare_mean_with_law("m", one, expected=1.5, figures=10).passed for one in samples[:100, 0]
+    )
 
 
 def test_the_interval_of_a_mean_holds_it_95_times_in_100():
     """2,000 means of 8 numbers; seed 2; bounds at ±4 standard deviations of a binomial."""
     samples = np.random.default_rng(2).normal(3.0, 2.0, size=(2000, 8))
-    found = [inference.compare_mean("m", one, expected=0.0, figures=1) for one in samples]
+    found = [inference.compare_mean_with_law("m", one, expected=0.0, figures=1) for one in samples]
     held = np.mean([one.low <= 3.0 <= one.high for one in found])
     assert held == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / 2000))
 
 
 def test_chi_squared_is_refused_at_both_ends():
     middle, low, high = 20.0, *stats.chi2.ppf([1e-6, 1 - 1e-6], 20)
-    passed = [inference.compare_chi_squared("c", x, freedom=20, figures=1).passed for x in (low, middle, high)]
+    passed = [inference.compare_chi_squared_with_law("c", x, freedom=20, figures=1).passed for x in (low, middle, high)]
     assert passed == [False, True, False]
 
 
 def test_numbers_of_the_page_have_as_many_digits_as_needed():
-    assert [format_number(x) for x in (0.0, 12345.6, 1.23456, 0.000123, -0.5)] == [
+    assert [format_validation_number(x) for x in (0.0, 12345.6, 1.23456, 0.000123, -0.5)] == [
         "0",
         "12,346",
         "1.235",
         "1.23e-04",
         "-0.5",
     ]
-    assert [format_number(x, 1e-6) for x in (0.9999848, 12.0, 0.0)] == ["0.999985", "12.000000", "0"]
-    assert format_number(1.23e-9, 1e-11) == "1.23e-09"
-    assert math.isnan(tolerance_used(Verdict("a", "broken", 0.0)))
+    assert [format_validation_number(x, 1e-6) for x in (0.9999848, 12.0, 0.0)] == ["0.999985", "12.000000", "0"]
+    assert format_validation_number(1.23e-9, 1e-11) == "1.23e-09"
+    assert math.isnan(tolerance_used_in_validation(Verdict("a", "broken", 0.0)))
 
 
 def test_pages_are_written_again_the_same(tmp_path):
     check = make_check("noise_right", 1.0)
     verdicts = [Verdict("noise_right", "passed", 1.0, (Comparison("x", 1.0, 1.0, 0.9, 1.1),), PLOT)]
-    pages = [write_page([check], verdicts, folder=tmp_path / name, quick=False) for name in "ab"]
+    pages = [write_validation_page([check], verdicts, folder=tmp_path / name, quick=False) for name in "ab"]
     assert pages[0].read_bytes() == pages[1].read_bytes()
     pictures = [(tmp_path / name / "pictures/validation-noise-right.png").read_bytes() for name in "ab"]
     assert pictures[0] == pictures[1]
