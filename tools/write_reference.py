@@ -49,6 +49,7 @@ from saf_gen.generate.recipe import Recipe
 from saf_gen.generate.recipe_schema import make_recipe_schema
 from saf_gen.leaderboard.axes import AXES
 from saf_gen.leaderboard.columns import list_leaderboard_columns
+from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import make_scene_card_schema
@@ -323,6 +324,11 @@ def leaderboard_conditions() -> str:
     return table("condition", "axis", "meaning", "bins", rows=rows)
 
 
+def rank_agreement() -> str:
+    """What is told of the rankings under two bins of a condition."""
+    return table("number", "meaning", rows=([f"`{key}`", said] for key, said in AGREEMENT_MEANINGS.items()))
+
+
 def curve_criteria() -> str:
     """The criteria of a focus curve."""
     return table(
@@ -454,6 +460,7 @@ PARTS: dict[str, Callable[[], str]] = {
         leaderboard_columns,
         leaderboard_conditions,
         curve_criteria,
+        rank_agreement,
         record_keys,
         python_interface,
         names_in_the_code,

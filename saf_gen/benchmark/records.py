@@ -25,9 +25,9 @@ from saf_gen.errors import BadInput
 RECORDS_FILE = "records.jsonl"
 READY = ".evaluation.ready"
 """The folder, inside that of an evaluation, in which a new one lies whole until its files have been moved."""
-RECORD_FORMAT, EARLIER_FORMAT = "saf-gen record 5", "saf-gen record 4"
-KEYS_SINCE_EARLIER = ("grain_rms", "grain_of_curve")
-"""Keys that a record of the earlier format does not have: they are then unknown."""
+RECORD_FORMAT = "saf-gen record 6"
+KEYS_SINCE = {"saf-gen record 5": ("sensor",), "saf-gen record 4": ("grain_rms", "grain_of_curve", "sensor")}
+"""Keys that records of earlier formats do not have: they are then unknown."""
 HINT = "run saf-gen evaluate again"
 
 MAX_COUNT = 2**53
@@ -151,6 +151,9 @@ class Record:
     noise-free sharpness for ``sd`` and its kin, of their own energy for ``brenner``, ``tenengrad``,
     ``squared_gradient``, ``energy_of_laplacian`` and ``variance_of_laplacian``; None for other measures, and for
     methods that look at the frame."""
+    sensor: str | None = None
+    """The sensor that recorded, by name; six digits of a digest follow where its numbers are not those of that name.
+    None for a recording that does not state its sensor."""
 
 
 def benchmark_record_to_json(record: Record) -> dict[str, Any]:
@@ -222,8 +225,8 @@ def pop_benchmark_record_format(document: Document, expected: str, *, what: str,
 
 
 def _parse_record(document: Document) -> Record:
-    if isinstance(document.data, dict) and document.data.get("format") == EARLIER_FORMAT:
-        document.data |= {"format": RECORD_FORMAT, **{key: document.data.get(key) for key in KEYS_SINCE_EARLIER}}
+    if isinstance(document.data, dict) and (keys := KEYS_SINCE.get(str(document.data.get("format")))):
+        document.data |= {"format": RECORD_FORMAT, **{key: document.data.get(key) for key in keys}}
     pop_benchmark_record_format(document, RECORD_FORMAT, what="record", hint=HINT)
     # Most texts stand in many records, and are then in memory once.
     document.data = {key: sys.intern(value) if type(value) is str else value for key, value in document.data.items()}

@@ -95,8 +95,12 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Rank the methods of several evaluations in one table, or run their rows again.",
-        {"merge": leaderboard_commands.merge_command, "verify": leaderboard_commands.verify_evaluation_command},
+        "Rank the methods of several evaluations, compare rankings under two conditions, or run rows again.",
+        {
+            "merge": leaderboard_commands.merge_command,
+            "compare": leaderboard_commands.compare_rankings_command,
+            "verify": leaderboard_commands.verify_evaluation_command,
+        },
     ),
     "submit": (
         "Hand in a method: begin a submission, or check one.",

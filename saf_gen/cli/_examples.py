@@ -15,6 +15,10 @@ EXAMPLES = {
     ),
     "leaderboard": ("leaderboard mine/evaluation other/evaluation --out merged", "leaderboard verify mine/evaluation"),
     "leaderboard merge": ("leaderboard merge mine/evaluation other/evaluation --out merged",),
+    "leaderboard compare": (
+        "leaderboard compare mine/evaluation",
+        "leaderboard compare nominal/evaluation noisy/evaluation --by sensor",
+    ),
     "leaderboard verify": (
         "leaderboard verify datasets/quickstart/evaluation",
         "leaderboard verify theirs --on mine --method their.py:Measure+argmax",

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
-from saf_gen.cli._tables import TableColumn, print_table
+from saf_gen.cli._tables import TableColumn, print_json, print_table
 from saf_gen.cli._terminal import AsJson, OutFolder, make_terminal_reporter, out, print_progress_bars
 from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_command_options
 from saf_gen.errors import BadInput
@@ -40,6 +40,42 @@ def merge_command(
         print_written_paths(
             write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
         )
+
+
+def compare_rankings_command(
+    runs: Annotated[list[Path], typer.Argument(help="Evaluation folders, or their records.jsonl.")],
+    *,
+    by: Annotated[
+        str | None, typer.Option(help="One condition, such as sensor, region or grain (default: all).")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say how far the ranking of methods hangs on a condition: Kendall's tau under two of its bins, with intervals.
+
+    Several evaluations may differ in the sensor of their datasets and in the region where methods look.
+    """
+    from dataclasses import asdict
+
+    from saf_gen.leaderboard import AGREEMENT_MEANINGS, read_rank_agreement
+    from saf_gen.leaderboard.table_formats import AGREEMENT_HEADERS, AGREEMENT_NOTE, format_rank_agreement
+
+    found = read_rank_agreement(*runs, by=by)
+    if as_json:
+        print_json({"meanings": AGREEMENT_MEANINGS, "pairs": [asdict(one) for one in found]})
+        return
+    if not found:
+        out.print(
+            f"Nothing to compare: {f'the condition {by!r}' if by else 'each condition'} has one bin, "
+            "or fewer than three methods have answers under two."
+        )
+        return
+    print_table(
+        [TableColumn(name, justify="left" if n in (0, 1, 2, 9) else "right", detail=int(n in (3, 4)), folds=n == 9)
+         for n, name in enumerate(AGREEMENT_HEADERS)],
+        map(format_rank_agreement, found),
+        title="Rankings by success within 1 DoF under two conditions",
+    )  # fmt: skip
+    out.print(AGREEMENT_NOTE)
 
 
 def verify_evaluation_command(

@@ -18,7 +18,8 @@ from saf_gen.leaderboard.columns import Column, list_leaderboard_columns, list_s
 from saf_gen.leaderboard.curve_tables import rank_measures_by_curves, write_leaderboard_curves
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
 from saf_gen.leaderboard.merging import merge_leaderboard_records
-from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard
+from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS, CONDITIONS, RankAgreement, compare_rankings
+from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard, read_rank_agreement
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.table_formats import (
     compose_leaderboard_notes,
@@ -27,12 +28,16 @@ from saf_gen.leaderboard.table_formats import (
 )
 
 __all__ = [
+    "AGREEMENT_MEANINGS",
     "AXES",
+    "CONDITIONS",
     "Axis",
     "AxisTable",
     "Column",
     "Leaderboard",
     "LeaderboardRow",
+    "RankAgreement",
+    "compare_rankings",
     "compose_leaderboard_notes",
     "format_leaderboard_latex",
     "format_leaderboard_markdown",
@@ -45,6 +50,7 @@ __all__ = [
     "rank_measures_by_curves",
     "rank_methods",
     "read_leaderboard",
+    "read_rank_agreement",
     "tabulate_leaderboard_by_axis",
     "write_leaderboard",
     "write_leaderboard_curves",

@@ -1,4 +1,4 @@
-"""Tables by condition: how methods do under each light, motion, photon budget and position of the focus.
+"""Tables by condition: how methods do under each light, motion, photon budget, position of the focus, grain and sensor.
 
 The bin of a sequence depends on the sequence alone, so all methods meet the same sequences in a bin.
 """
@@ -142,6 +142,7 @@ def _focus_position(record: Record) -> str | None:
 _BUDGETS = ("below 1", "1 to 3", "3 to 10", "10 to 30", "30 and more")
 _RATIOS = ("up to 1.1", "1.1 to 2", "2 to 5", "5 and more")
 _POSITIONS = ("first 10 %", "middle", "last 10 %", "outside")
+_GRAINS = ("below 1 %", "1 to 2 %", "2 to 4 %", "4 % and more")
 AXES = (
     Axis("light", "Light schedule", "The light schedule's name in the recipe.", lambda r: r.light),
     Axis(
@@ -167,6 +168,19 @@ AXES = (
         "outside: it never comes within 1 DoF.",
         _focus_position,
         _POSITIONS,
+    ),
+    Axis(
+        "grain",
+        "Grain",
+        "Noise that the renderer left in the pictures: its rms over the mean in the target's box at best focus.",
+        _bin_between((0.01, 0.02, 0.04), _GRAINS, value=lambda r: r.grain_rms),
+        _GRAINS,
+    ),
+    Axis(
+        "sensor",
+        "Sensor",
+        "The sensor that recorded; # and six digits follow its name where its numbers were changed.",
+        lambda r: r.sensor,
     ),
     Axis("scene", "Scene", "Each scene alone.", lambda r: r.scene),
 )

@@ -15,14 +15,17 @@ from saf_gen.leaderboard.axes import AxisTable, BinSummary, keep_leaderboard_bin
 from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_leaderboard_columns
 from saf_gen.leaderboard.csv_output import format_leaderboard_csv
 from saf_gen.leaderboard.grain_tables import tabulate_leaderboard_grain
+from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS, RankAgreement, compare_rankings
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.scene_intervals import CONFIDENCE
 from saf_gen.leaderboard.table_formats import (
+    AGREEMENT_NOTE,
     compose_leaderboard_notes,
     explain_leaderboard_columns,
     format_leaderboard_axis,
     format_leaderboard_latex,
     format_leaderboard_markdown,
+    format_rank_agreement_markdown,
 )
 
 
@@ -33,21 +36,23 @@ def write_leaderboard(
     records: Sequence[Record],
     failures: Sequence[SequenceFailure] = (),
 ) -> list[Path]:
-    """Write leaderboard.json, .csv, .md, .tex, axes.csv and records.jsonl into ``folder``; return the paths.
+    """Write the leaderboard's tables and records.jsonl into ``folder``; return the paths.
 
     Each file is replaced at once, never seen half written. None becomes null, or an empty field of a CSV.
     Raises BadInput where a file cannot be written.
     """
     axes = tabulate_leaderboard_by_axis(records, [row.method for row in rows])
+    agreement = compare_rankings(records)
     columns = list_leaderboard_columns(rows)
     texts = {
-        "leaderboard.json": _format_json(rows, records=records, failures=failures, axes=axes),
+        "leaderboard.json": _format_json(rows, records=records, failures=failures, axes=axes, agreement=agreement),
         "leaderboard.csv": format_leaderboard_csv(
             [c.key for c in columns], [[c.value(row) for c in columns] for row in rows]
         ),
-        "leaderboard.md": _format_page(rows, records=records, failures=failures, axes=axes),
+        "leaderboard.md": _format_page(rows, records=records, failures=failures, axes=axes, agreement=agreement),
         "leaderboard.tex": format_leaderboard_latex(rows),
         "axes.csv": _format_axes(axes),
+        "agreement.csv": _format_agreement(agreement),
     }
     for name, text in texts.items():
         write_text_atomically(Path(folder) / name, text)
@@ -61,6 +66,7 @@ def _format_json(
     records: Sequence[Record],
     failures: Sequence[SequenceFailure],
     axes: Sequence[AxisTable],
+    agreement: Sequence[RankAgreement],
 ) -> str:
     columns = list_leaderboard_columns(rows)
     document = {
@@ -78,6 +84,7 @@ def _format_json(
             "unknown": next((row.missing_reason for row in rows if row.missing_reason), None),
         },
         "axes": [_axis_to_json(table) for table in axes],
+        "rank_agreement": [asdict(one) for one in agreement],
         "notes": compose_leaderboard_notes(rows, records),
         "grain": [asdict(table) for table in tabulate_leaderboard_grain(records)],
         "data": {r.sequence: r.data for r in records},
@@ -113,12 +120,19 @@ def _format_axes(axes: Sequence[AxisTable]) -> str:
     return format_leaderboard_csv(header, lines)
 
 
+def _format_agreement(agreement: Sequence[RankAgreement]) -> str:
+    *header, _ = AGREEMENT_MEANINGS
+    lines = [[*astuple(one)[:-1], *one.most_moved] for one in agreement]
+    return format_leaderboard_csv([*header, "most_moved", "rank_under_first", "rank_under_second"], lines)
+
+
 def _format_page(
     rows: Sequence[LeaderboardRow],
     *,
     records: Sequence[Record],
     failures: Sequence[SequenceFailure],
     axes: Sequence[AxisTable],
+    agreement: Sequence[RankAgreement],
 ) -> str:
     parts = [
         "# Leaderboard\n",
@@ -136,4 +150,6 @@ def _format_page(
         for table in map(keep_leaderboard_bins, axes)
         if len(table.bins) > 1
     ]
+    if agreement:
+        parts.append(f"## Agreement of ranks\n\n{AGREEMENT_NOTE}\n\n" + format_rank_agreement_markdown(agreement))
     return "\n".join(parts)

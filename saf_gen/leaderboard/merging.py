@@ -1,6 +1,7 @@
 """Decides which records may stand in one table: the same data, code, track and version of the evaluator."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from saf_gen.benchmark.records import Record
 from saf_gen.core.region import REGIONS
@@ -27,6 +28,7 @@ _SEQUENCE_KEYS = {
     "focus_place": "focus position",
     "focus_off_dof": "distance to the focus",
     "mean_rate": "photon budget",
+    "sensor": "sensor",
 }
 """Keys of a record that describe its sequence, and their names: tables weigh and sort by them."""
 
@@ -39,6 +41,7 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
     version, code, or in what they say about a sequence, and where a method lacks a sequence, has two answers for one,
     or occurs twice in one run. The message names both sides.
     """
+    runs = tell_ranked_sensors_apart(runs)
     kept: dict[tuple[str, str], tuple[str, Record]] = {}
     first_claims: dict[tuple[str, str], tuple[str, str]] = {}
     for run, records in runs.items():
@@ -64,6 +67,30 @@ def merge_leaderboard_records(runs: Mapping[str, Sequence[Record]]) -> list[Reco
                 hint="run saf-gen evaluate for all methods on one dataset and split",
             )
     return [kept[s, m][1] for s in sequences for m in methods]
+
+
+def tell_ranked_sensors_apart(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[Record]]:
+    """Return the runs with ``@SENSOR`` after the names of sequences, where two sensors recorded the same one.
+
+    That is so for two datasets of one recipe that differ in the sensor alone. Where a record does not state its
+    sensor, as those of earlier versions, another record of the same data does; else the sequence stays as it is.
+    """
+    sensors = {(r.sequence, r.data): r.sensor for own in runs.values() for r in own if r.sensor is not None}
+    if not sensors:
+        return runs
+    bare = {name: name.removesuffix(f"@{sensor}") for (name, _), sensor in sensors.items()}
+    both = {(bare[name], sensor) for (name, _), sensor in sensors.items()}
+    differ = len(both) > len({name for name, _ in both})
+
+    def name_sensor(record: Record) -> Record:
+        sensor = sensors.get((record.sequence, record.data))
+        if sensor is None:
+            return record
+        name = f"{bare[record.sequence]}@{sensor}" if differ else record.sequence
+        same = name == record.sequence and sensor == record.sensor
+        return record if same else replace(record, sequence=name, sensor=sensor)
+
+    return {run: [name_sensor(record) for record in own] for run, own in runs.items()}
 
 
 def _claims(record: Record, run: str, *, is_only_run: bool) -> Iterator[tuple[str, str, str, str]]:

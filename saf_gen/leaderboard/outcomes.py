@@ -16,6 +16,7 @@ class Outcomes:
     Attributes
     ----------
     methods, scenes : names.
+    sequences : a record of each sequence, for what it says of the sequence.
     scene_of : int (N,), the number of each sequence's scene.
     weights : float (N,), the weight of each sequence within its scene: its lights weigh the same, and sum to 1.
     success : bool (M, N), within one depth of focus.
@@ -24,6 +25,7 @@ class Outcomes:
 
     methods: tuple[str, ...]
     scenes: tuple[str, ...]
+    sequences: tuple[Record, ...]
     scene_of: np.ndarray
     weights: np.ndarray
     success: np.ndarray
@@ -39,6 +41,15 @@ class Outcomes:
         weights = np.zeros((len(self.scene_of), len(self.scenes)))
         weights[np.arange(len(self.scene_of)), self.scene_of] = self.weights
         return np.asarray(values @ weights)
+
+    def select(self, methods: Mapping[str, str], sequences: Sequence[bool] | None = None) -> "Outcomes":
+        """Return the outcomes of some methods, named anew, on some of the sequences, which are weighed again."""
+        rows = [self.methods.index(name) for name in methods]
+        kept = np.ones(len(self.sequences), bool) if sequences is None else np.asarray(sequences, bool)
+        judged = [record for record, is_kept in zip(self.sequences, kept, strict=True) if is_kept]
+        return _weigh(
+            tuple(methods.values()), judged, success=self.success[rows][:, kept], errors=self.errors[rows][:, kept]
+        )
 
     def find_wins(self) -> np.ndarray:
         """Return the fraction of each scene's sequences that method j solves and method k does not: float (M, M, S)."""
@@ -60,10 +71,6 @@ def collect_outcomes_to_rank(by_method: Mapping[str, Sequence[Record]]) -> Outco
     first = next(iter(known.values()), ())
     judged = [record for record in first if record.sequence not in unknown]
     columns = {record.sequence: number for number, record in enumerate(judged)}
-    scenes = sorted({record.scene for record in judged})
-    numbers = {scene: number for number, scene in enumerate(scenes)}
-    of_light = Counter((record.scene, record.light) for record in judged)
-    lights = Counter(scene for scene, _ in of_light)
     success = np.zeros((len(known), len(judged)), dtype=bool)
     errors = np.full((len(known), len(judged)), np.nan)
     for row, own in enumerate(known.values()):
@@ -72,11 +79,20 @@ def collect_outcomes_to_rank(by_method: Mapping[str, Sequence[Record]]) -> Outco
                 success[row, column] = record.success_1dof
                 if record.error_dof is not None:
                     errors[row, column] = abs(record.error_dof)
+    return _weigh(tuple(known), judged, success=success, errors=errors)
+
+
+def _weigh(methods: tuple[str, ...], sequences: Sequence[Record], **values: np.ndarray) -> Outcomes:
+    """Return the outcomes with the weights that these sequences have within their scenes."""
+    scenes = sorted({record.scene for record in sequences})
+    numbers = {scene: number for number, scene in enumerate(scenes)}
+    of_light = Counter((record.scene, record.light) for record in sequences)
+    lights = Counter(scene for scene, _ in of_light)
     return Outcomes(
-        tuple(known),
+        methods,
         tuple(scenes),
-        np.array([numbers[r.scene] for r in judged], dtype=np.intp),
-        np.array([1 / (lights[r.scene] * of_light[r.scene, r.light]) for r in judged]),
-        success,
-        errors,
+        tuple(sequences),
+        np.array([numbers[r.scene] for r in sequences], dtype=np.intp),
+        np.array([1 / (lights[r.scene] * of_light[r.scene, r.light]) for r in sequences]),
+        **values,
     )

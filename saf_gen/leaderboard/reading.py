@@ -10,6 +10,7 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.columns import ALL, list_leaderboard_columns, list_shown_leaderboard_columns
 from saf_gen.leaderboard.merging import merge_leaderboard_records
+from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_rankings, name_regions_to_rank
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, ELSEWHERE, HERE, read_leaderboard_row_states
 
@@ -68,6 +69,30 @@ class Leaderboard(Sequence[LeaderboardRow]):
         )
         caption = f"<caption>{self.size}</caption>"
         return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def read_rank_agreement(*evaluations: str | Path, by: str | None = None) -> list[RankAgreement]:
+    """Compare the rankings of one or several evaluations under different conditions; nothing is written.
+
+    Evaluations may differ in the region where methods look, and in the sensor of their datasets.
+
+    Parameters
+    ----------
+    evaluations : folders that ``saf-gen evaluate`` wrote, or their ``records.jsonl``.
+    by : a condition, such as ``sensor``, ``region`` or ``grain``; all by default.
+
+    Returns
+    -------
+    list of RankAgreement : one for each pair of bins of a condition.
+
+    Raises
+    ------
+    BadInput : no such condition, an evaluation that cannot be read, or several whose data, code or track differ.
+    """
+    runs = {str(one): read_records(Path(one)) for one in evaluations}
+    named = iter(name_regions_to_rank([record for own in runs.values() for record in own]))
+    runs = {run: [next(named) for _ in own] for run, own in runs.items()}
+    return compare_rankings(merge_leaderboard_records(runs), by=by)
 
 
 def read_leaderboard(*evaluations: str | Path) -> Leaderboard:

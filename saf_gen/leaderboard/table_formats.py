@@ -9,9 +9,15 @@ from saf_gen.errors import escape_controls
 from saf_gen.leaderboard.axes import AxisTable, BinSummary
 from saf_gen.leaderboard.columns import ALL, Column, format_leaderboard_percent, list_shown_leaderboard_columns
 from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes
+from saf_gen.leaderboard.rank_agreement import RankAgreement
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.scene_intervals import MIN_SCENES
 
+AGREEMENT_HEADERS = ("condition", "first", "second", "methods", "scenes", "τ", "95 %", "by chance", "p", "most moved")
+AGREEMENT_NOTE = (
+    "τ is 1 where both order the methods alike. By chance: what it would be if the condition changed nothing; p: how"
+    " often it would then be as low, of this pair alone."
+)
 _LATEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
     "\\": r"\textbackslash{}",
@@ -100,6 +106,28 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
     if len(machines) > 1:
         notes.append(f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}.")
     return notes
+
+
+def format_rank_agreement(one: RankAgreement) -> list[str]:
+    """Return the texts of AGREEMENT_HEADERS."""
+
+    def text(value: float | None, digits: int = 2) -> str:
+        return "–" if value is None else f"{value:.{digits}f}"
+
+    name, before, after = one.most_moved
+    interval = "–" if one.low is None else f"{text(one.low)} to {text(one.high)}"
+    scenes = str(one.scenes) if one.shared == one.scenes else f"{one.scenes} ({one.shared} in both)"
+    moved = "none" if before == after else f"{name}: {before} to {after}"
+    return [
+        *(one.condition.replace("_", " "), one.first, one.second, str(one.methods), scenes),
+        *(text(one.tau), interval, text(one.by_chance), text(one.p_value, 3), moved),
+    ]
+
+
+def format_rank_agreement_markdown(found: Sequence[RankAgreement]) -> str:
+    """Return the table of rank agreements as Markdown."""
+    body = [[escape_markdown(text) for text in format_rank_agreement(one)] for one in found]
+    return _format_grid(AGREEMENT_HEADERS, body, is_left=[n in (0, 1, 2, 9) for n in range(len(AGREEMENT_HEADERS))])
 
 
 def format_leaderboard_bin(summary: BinSummary) -> str:

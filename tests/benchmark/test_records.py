@@ -163,14 +163,18 @@ def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, said)
     error = refusal(read, line)
     assert "not a record of this version" in error.problem
     assert said in error.problem
-    assert error.allowed == '"format": "saf-gen record 5"'
+    assert error.allowed == '"format": "saf-gen record 6"'
     assert error.hint == "run saf-gen evaluate again"
 
 
 def test_a_record_from_before_grain_was_known_is_read(read):
     """Format 4 is format 5 without these keys; a line of format 5 must have them."""
     line = {k: v for k, v in benchmark_record_to_json(FULL).items() if not k.startswith("grain_")}
-    assert read({**line, "format": "saf-gen record 4"}) == [replace(FULL, grain_rms=None, grain_of_curve=None)]
+    assert read({**line, "format": "saf-gen record 4"}) == [
+        replace(FULL, grain_rms=None, grain_of_curve=None, sensor=None)
+    ]
+    later = {key: value for key, value in benchmark_record_to_json(FULL).items() if key != "sensor"}
+    assert read({**later, "format": "saf-gen record 5"}) == [replace(FULL, sensor=None)]
     assert "'grain_rms' is missing" in refusal(read, line).problem
 
 

@@ -66,8 +66,19 @@ def digest(values: object) -> str:
 
 
 def numbers(records: list[Record]) -> list[dict[str, object]]:
-    """What these records say but for seconds, for what names data, code and versions, and for the grain of the file."""
-    left_out = ("seconds", "note", "data", "code", "machine", "parameters", "rig", "grain_rms", "grain_of_curve")
+    """What these records say but for seconds, data, code, versions, and for grain and sensor of the file."""
+    left_out = (
+        "seconds",
+        "note",
+        "data",
+        "code",
+        "machine",
+        "parameters",
+        "rig",
+        "grain_rms",
+        "grain_of_curve",
+        "sensor",
+    )
     names = [f.name for f in fields(Record) if f.name not in left_out]
     return [{name: getattr(record, name) for name in names} for record in records]
 

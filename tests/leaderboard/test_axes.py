@@ -37,6 +37,7 @@ def one(number, error=0.0, *, method="a+s", **more):
             "mean_rate",
             {0.0099: "below 1", 0.01: "1 to 3", 0.05: "3 to 10", 0.2: "10 to 30", 0.3: "30 and more"},
         ),
+        ("grain", "grain_rms", {0.0099: "below 1 %", 0.01: "1 to 2 %", 0.02: "2 to 4 %", 0.3: "4 % and more"}),
         ("light_ratio", "light_ratio", {1.0: "up to 1.1", 1.1: "1.1 to 2", 4.0: "2 to 5", 1000.0: "5 and more"}),
     ],
 )
@@ -52,6 +53,7 @@ def test_numbers_fall_into_their_bins(name, field, bins):
         ("scene_motion", "scene_motion", ("dynamic", "static")),
         ("lens_motion", "lens_motion", ("hold", "sweep")),
         ("scene", "scene", ("camel", "fan")),
+        ("sensor", "sensor", ("vidar_400x250", "vidar_400x250_noisy")),
     ],
 )
 def test_names_are_bins_of_their_own(name, field, values):
@@ -148,5 +150,5 @@ def test_the_files_tell_every_axis(tmp_path):
 
 
 def test_every_axis_has_a_name_a_title_and_a_meaning():
-    assert len({a.name for a in AXES}) == len({a.title for a in AXES}) == len(AXES) == 7
+    assert len({a.name for a in AXES}) == len({a.title for a in AXES}) == len(AXES) == 9
     assert all(a.meaning.endswith(".") for a in AXES)

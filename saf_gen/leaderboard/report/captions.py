@@ -42,6 +42,11 @@ FIGURE_CAPTIONS = {
     ),
 }
 """By kind of figure: a heading and what the figures show."""
+AGREEMENT_CAPTION = (
+    "How far the ranking hangs on a condition: Kendall's τ of the rankings under two of its bins is 1 where both order"
+    " the methods alike. Beside it stand its interval over scenes, what it would be by chance if the condition changed"
+    " nothing, and how often it would then be as low (p, of this pair alone)."
+)
 GRAIN_CAPTION = (
     "Noise that the renderer left in the pictures: its root mean square over the mean in the box round the target, at"
     " best focus, and its largest energy over the range of each measure's focus curve. Above a tenth it may move the"

@@ -21,6 +21,8 @@ from saf_gen.leaderboard import (
     Axis,
     AxisTable,
     LeaderboardRow,
+    RankAgreement,
+    compare_rankings,
     compose_leaderboard_notes,
     keep_leaderboard_bins,
     list_shown_leaderboard_columns,
@@ -30,6 +32,7 @@ from saf_gen.leaderboard.columns import format_leaderboard_percent
 from saf_gen.leaderboard.figures import inline_svg
 from saf_gen.leaderboard.report import page_tables
 from saf_gen.leaderboard.report.captions import (
+    AGREEMENT_CAPTION,
     FIGURE_CAPTIONS,
     GRAIN_CAPTION,
     MEASURES_CAPTION,
@@ -111,6 +114,7 @@ def build_report_page(
             more_failures=max(0, len(failures) - MAX_FAILURES),
             sections=_list_sections(
                 tabulate_leaderboard_by_axis(records, methods),
+                agreement=compare_rankings(records),
                 curves=curves,
                 records=records,
                 report_figures=report_figures,
@@ -233,6 +237,7 @@ def _link_sources(text: str) -> Markup:
 def _list_sections(
     axes: Sequence[AxisTable],
     *,
+    agreement: Sequence[RankAgreement],
     curves: Sequence[AssessedCurve],
     records: Sequence[Record],
     report_figures: Sequence[ReportFigure],
@@ -249,7 +254,8 @@ def _list_sections(
         for number, (scene, figures) in enumerate(by_scene.items(), start=1)
     ]
     if tables or conditions:
-        sections.append(PageSection("conditions", "By condition", conditions, tables))
+        agreed = page_tables.tabulate_rank_agreement(agreement)
+        sections.append(PageSection("conditions", "By condition", conditions, tables, agreed, AGREEMENT_CAPTION))
     if measures := page_tables.tabulate_measures_for_report(curves):
         sections.append(PageSection("measures", "Curves of the measures", table=measures, caption=MEASURES_CAPTION))
     if grain := page_tables.tabulate_grain_for_report(records):

@@ -7,9 +7,11 @@ from itertools import groupby
 from saf_gen.benchmark.curve_quality import AssessedCurve
 from saf_gen.benchmark.records import RECORDS_FILE, Record
 from saf_gen.leaderboard import (
+    AGREEMENT_MEANINGS,
     AxisTable,
     Column,
     LeaderboardRow,
+    RankAgreement,
     list_shown_leaderboard_columns,
     rank_measures_by_curves,
 )
@@ -17,9 +19,15 @@ from saf_gen.leaderboard.columns import ESSENTIAL, USUAL
 from saf_gen.leaderboard.curve_tables import QUALITY_MEANINGS
 from saf_gen.leaderboard.grain_tables import tabulate_leaderboard_grain
 from saf_gen.leaderboard.report.page_answers import HeldAnswers
-from saf_gen.leaderboard.table_formats import count_noun_in_leaderboard, format_leaderboard_bin
+from saf_gen.leaderboard.table_formats import (
+    AGREEMENT_HEADERS,
+    count_noun_in_leaderboard,
+    format_leaderboard_bin,
+    format_rank_agreement,
+)
 
 MAX_GRAIN_ROWS = 100
+_AGREEMENT_TITLES = [text for key, text in AGREEMENT_MEANINGS.items() if key not in ("shared", "high")]
 MAX_LIGHT_CHARACTERS = 60
 """Longest names of light schedules, together, whose columns are shown at first; the tables by condition have all."""
 
@@ -105,6 +113,19 @@ def tabulate_axis_for_report(table: AxisTable) -> PageTable:
                 for method, bins in table.cells.items()
             ]
         ],
+    )
+
+
+def tabulate_rank_agreement(found: Sequence[RankAgreement]) -> PageTable | None:
+    """Return how the rankings under two bins of a condition agree; None where nothing can be compared."""
+    if not found:
+        return None
+    texts = (0, 1, 2, len(AGREEMENT_HEADERS) - 1)
+    titles = dict(zip(AGREEMENT_HEADERS, _AGREEMENT_TITLES, strict=True))
+    return PageTable(
+        "Agreement of ranks under two conditions",
+        [PageColumn(h, titles[h], "text" if n in texts else "") for n, h in enumerate(AGREEMENT_HEADERS)],
+        [[PageRow([PageCell(text) for text in format_rank_agreement(one)]) for one in found]],
     )
 
 

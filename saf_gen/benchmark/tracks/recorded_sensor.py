@@ -1,0 +1,40 @@
+"""Which sensor made a recording, as a name that tells sensors of other numbers apart."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import lru_cache
+
+from saf_gen.camera import Sensor, get_sensor, sensor_names
+from saf_gen.camera.sensor import parse_sensor
+from saf_gen.errors import BadInput
+
+
+def name_sensor_for_record(provenance: Mapping[str, str]) -> str | None:
+    """Return the name of the sensor that a recording states; None where it states none that can be read.
+
+    A sensor whose numbers are not those of the one of its name, because a recipe changed them or because it is a file
+    of somebody's own, has six digits of their digest after its name: ``vidar_400x250#1c2d3e``.
+    """
+    text = provenance.get("sensor")
+    return None if text is None else _name(text)
+
+
+@lru_cache(maxsize=64)
+def _name(text: str) -> str | None:
+    try:
+        sensor = parse_sensor(text, "/provenance/sensor")
+    except BadInput:  # of another version, or of a stranger
+        return None
+    digest = _digest(sensor)
+    if sensor.name in sensor_names() and digest == _digest(get_sensor(sensor.name)):
+        return sensor.name
+    return f"{sensor.name}#{digest[:6]}"
+
+
+def _digest(sensor: Sensor) -> str:
+    """Return the digest of a sensor's numbers, without its words."""
+    numbers = asdict(sensor)
+    del numbers["name"], numbers["sources"]
+    return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
