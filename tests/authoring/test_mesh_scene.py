@@ -127,7 +127,7 @@ def test_a_base_texture_is_copied_with_its_coordinates(here):
         ("a.fbx", b"", "is a file of FBX | allowed: a scene.xml, or a mesh: .obj, .ply, .glb, .gltf, .stl"),
         ("a.obj", None, "a.obj cannot be read: there is no such file"),
         ("a.obj", b"v 0 0 0\n", "a.obj: "),
-        ("a.ply", b"ply\n", "a.ply: Mitsuba cannot read the mesh"),
+        ("a.ply", b"ply\n", "a.ply: the mesh is damaged: its header has no end"),
         ("a.obj", b"v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "the mesh has no size"),
         ("a.obj", b"v 1 1 1\nv nan 1 1\nv 1 2 1\nf 1 2 3\n", "a.obj: "),
         pytest.param(

@@ -1,6 +1,8 @@
 """Spikes in .npy, .npz and .mat files, and SAF's folders: read as they are meant, in parts; nothing of it is run."""
 
+import struct
 import zipfile
+from contextlib import suppress
 
 import h5py
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from refusals import assert_says, refusal
 from scipy import io
 
+from saf_gen.errors import BadInput
 from saf_gen.stream.interop import SpikeArray, export_raw_frames, spreadsheet
 from saf_gen.stream.interop.array_files import open_imported_array
 from saf_gen.stream.interop.saf_folder import import_saf_folder, read_imported_saf_config
@@ -147,11 +150,50 @@ def test_an_option_that_does_not_fit_is_one_line(tmp_path, call):
     assert_says(refusal(SpikeArray(tmp_path / "late.npy").frames, 0, 300), "holds 9 | --layout packed")
 
 
-def test_a_matlab_file_that_is_too_large_is_not_read(tmp_path, monkeypatch):
-    io.savemat(tmp_path / "a.mat", {"spk": SPIKES})
-    monkeypatch.setattr("saf_gen.stream.interop.array_files.MAX_MAT_BYTES", 100)
-    monkeypatch.setattr(io, "loadmat", None)
-    assert_says(refusal(open_imported_array, tmp_path / "a.mat"), "spk has 1230 values | -v7.3")
+@pytest.mark.parametrize("packed", [False, True], ids=["plain", "deflated"])
+def test_slices_of_a_matlab_file_are_what_scipy_reads_in_any_order(tmp_path, packed):
+    """Twelve kinds of number, in frames that take several blocks of what is inflated."""
+    kinds = (*"bhilBHILfd?", np.int64)
+    arrays = {f"a{k}": np.random.default_rng(k).integers(0, 2, (3, 4, 9)).astype(t) for k, t in enumerate(kinds)}
+    arrays["large"] = np.random.default_rng(3).integers(0, 255, (300, 400, 20), np.uint8)
+    arrays |= {"text": np.array("abc"), "complex": arrays["large"] * 1j}
+    io.savemat(tmp_path / "a.mat", arrays, do_compression=packed)
+    known = io.loadmat(tmp_path / "a.mat")
+    for name in [*arrays][:-2]:
+        found = open_imported_array(tmp_path / "a.mat", key=name)
+        whole = np.moveaxis(known[name], -1, 0)
+        assert found.shape == whole.shape
+        assert name == "a10" or found.dtype == whole.dtype  # scipy gives truth values as whole numbers
+        for span in (slice(0, 2), slice(5, 9), slice(3, 4), slice(0, len(whole))):
+            assert np.array_equal(found[span], whole[span])
+    assert_says(refusal(open_imported_array, tmp_path / "a.mat", key="text"), "unknown array 'text'")
+    assert_says(refusal(open_imported_array, tmp_path / "a.mat", key="complex"), "unknown array 'complex'")
+
+
+def test_a_matlab_file_of_the_other_byte_order_is_read(tmp_path):
+    def element(kind, raw):
+        return struct.pack(">II", kind, len(raw)) + raw + b"\0" * (-len(raw) % 8)
+
+    values = SPIKES.astype(">i2")
+    head = element(6, struct.pack(">II", 10, 0)) + element(5, struct.pack(">iii", 5, 6, 41)) + element(1, b"spk")
+    matrix = element(14, head + element(3, values.transpose(1, 2, 0).tobytes(order="F")))
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 5.0".ljust(124) + b"\1\0MI" + matrix)
+    assert np.array_equal(open_imported_array(tmp_path / "a.mat")[0:41], SPIKES)
+
+
+def test_no_damaged_matlab_file_ends_the_process(tmp_path):
+    """scipy's reader ended it for one file in 3,000. Two kinds of file, 400 of each with a byte changed, seed 5."""
+    random = np.random.default_rng(5)
+    for packed in (False, True):
+        io.savemat(tmp_path / "a.mat", {"rate": 20_000.0, "spk": SPIKES.transpose(1, 2, 0)}, do_compression=packed)
+        whole = (tmp_path / "a.mat").read_bytes()
+        for _ in range(400):
+            spoilt = bytearray(whole)
+            spoilt[random.integers(124, min(len(whole), 400))] ^= 1 << random.integers(8)
+            (tmp_path / "b.mat").write_bytes(spoilt)
+            with suppress(BadInput):
+                found = open_imported_array(tmp_path / "b.mat", key="spk")
+                assert found[0 : found.shape[0]].nbytes < 1e6
 
 
 # --- SAF's folders ------------------------------------------------------------------------------------

@@ -237,6 +237,10 @@ SPOILT = {
     "a newer layout": (set_key("layout", 2), r"has layout 2; allowed: layout 1; update saf_gen"),
     "another format": (set_key("format", "x"), "is not the index of a packed dataset"),
     "an unknown key": (set_key("shard", []), "shard"),
+    "a size that no number of this machine holds": (
+        lambda f: edit_index(f, lambda index: index["shards"][0].update(bytes=10**400)),
+        r"shards\.0\.bytes is 1000",
+    ),
     "no manifest": (set_key("files", []), r"has no manifest\.json"),
     "no index": (lambda f: (f / "index.json").unlink(), "holds no packed dataset"),
     "no JSON": (lambda f: (f / "index.json").write_text("x"), "this is not JSON"),

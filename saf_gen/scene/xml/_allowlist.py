@@ -4,6 +4,7 @@ import posixpath
 from pathlib import Path, PureWindowsPath
 
 from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.scene.ply_file import check_ply_file, is_ply_file
 from saf_gen.scene.xml._element_tree import Element, require_scene_xml_attribute
 
 SceneFile = tuple[str, Path]
@@ -12,8 +13,7 @@ SceneFile = tuple[str, Path]
 ALLOWED_PLUGINS: dict[str, frozenset[str]] = {
     tag: frozenset(names.split())
     for tag, names in {
-        "shape": "bsplinecurve cube cylinder disk instance linearcurve obj ply rectangle sdfgrid serialized"
-        " shapegroup sphere",
+        "shape": "bsplinecurve cube cylinder disk instance linearcurve obj ply rectangle sdfgrid shapegroup sphere",
         "emitter": "area constant directional directionalarea envmap point projector spot sunsky timed_sunsky",
         "bsdf": "blendbsdf bumpmap conductor dielectric diffuse hair mask measured normalmap null plastic"
         " pplastic principled principledthin roughconductor roughdielectric roughplastic thindielectric"
@@ -56,6 +56,8 @@ def vet_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
             hint = "no other plug-in is loaded from an XML scene"
             if plugin == "blender":
                 hint = "it reads Blender's memory: export meshes as PLY"
+            if plugin == "serialized":  # a damaged one ends Mitsuba without a word
+                hint = "convert it to PLY: Mitsuba's Mesh.write_ply does"
             raise unknown("type", plugin, allowed=ALLOWED_PLUGINS[tag], where=element.where, hint=hint)
     if tag == "spectrum" and "filename" in attributes:
         files.append(resolve_scene_xml_file(element, "filename", folder=folder))
@@ -64,6 +66,8 @@ def vet_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
         value = require_scene_xml_attribute(element, "value")
         if "file" in attributes.get("name", ""):
             files.append(resolve_scene_xml_file(element, "value", folder=folder))
+            if is_ply_file(files[-1][1]):
+                check_ply_file(files[-1][1])
             attributes["value"] = str(files[-1][1])
         elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")

@@ -18,12 +18,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from saf_gen.errors import BadInput, unknown
+from saf_gen.stream.interop.matlab_arrays import MatlabSlices, list_matlab_arrays
 
 ENDINGS = (".npy", ".npz", ".mat")
-MAX_MAT_BYTES = 2 << 30
-"""Largest array of an old MATLAB file, which can only be read as a whole."""
 MAX_CHUNK_BYTES = 64 << 20
-"""Largest chunk of a new one, which HDF5 inflates as a whole."""
+"""Largest chunk of a MATLAB file of version 7.3, which HDF5 inflates as a whole."""
 DAMAGE = (
     *(OSError, ValueError, EOFError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError),
     *(SyntaxError, TokenError, NotImplementedError, zipfile.BadZipFile, zlib.error, struct.error),
@@ -68,7 +67,7 @@ def open_imported_array(path: str | os.PathLike[str], *, key: str | None = None)
             return _ArchivedArray(where, key=key)
         with where.open("rb") as file:
             is_hdf5 = _starts_hdf5(file.read(1024))
-        return _HdfArray(where, key=key) if is_hdf5 else _load_old_matlab(where, key=key)
+        return _HdfArray(where, key=key) if is_hdf5 else _OldMatlabArray(where, key=key)
 
 
 @contextmanager
@@ -174,20 +173,15 @@ def _is_stored_plainly(item: Any) -> bool:
     return filters <= allowed and prod(item.chunks or (1,)) * item.dtype.itemsize <= MAX_CHUNK_BYTES
 
 
-def _load_old_matlab(path: Path, *, key: str | None) -> np.ndarray:
-    from scipy import io
-    from scipy.io.matlab import MatReadError
+class _OldMatlabArray:
+    """An array of a MATLAB file of version 5 to 7.2, its last axis first."""
 
-    numeric = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
-    try:
-        listed = {name: shape for name, shape, kind in io.whosmat(str(path), appendmat=False) if kind in numeric}
-    except MatReadError as error:
-        raise ValueError(error) from error
-    name = _choose_array(listed, key, where=str(path))
-    if 8 * prod(listed[name]) > MAX_MAT_BYTES * 8:
-        raise BadInput(
-            f"{name} has {prod(listed[name])} values", where=str(path), allowed=f"at most {MAX_MAT_BYTES}",
-            hint="save it with -v7.3, which is read in parts",
-        )  # fmt: skip
-    array = np.asarray(io.loadmat(str(path), variable_names=[name], appendmat=False)[name])
-    return np.moveaxis(array, -1, 0)
+    def __init__(self, path: Path, *, key: str | None) -> None:
+        listed = list_matlab_arrays(path)
+        name = _choose_array({n: array.dimensions for n, array in listed.items()}, key, where=str(path))
+        self._path, self._slices = path, MatlabSlices(path, listed[name])
+        self.shape, self.dtype = self._slices.shape, self._slices.dtype
+
+    def __getitem__(self, span: slice) -> np.ndarray:
+        with _report_damage(self._path):
+            return self._slices[span]

@@ -21,7 +21,7 @@ LAYOUT = 1
 MAX_INDEX_BYTES = 1 << 26
 """Some 300,000 streams; reading it takes a dozen times as much memory."""
 
-Bytes = Annotated[int, Field(strict=True, ge=0)]
+Bytes = Annotated[int, Field(strict=True, ge=0, le=1 << 60)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 

@@ -1,0 +1,175 @@
+"""PLY meshes of strangers, checked before Mitsuba reads them: its reader does not hold indices against the vertices."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+
+from saf_gen.errors import BadInput
+
+MAX_HEADER_LINES, MAX_LINE_BYTES, MAX_CORNERS = 1_000, 4_096, 1 << 16
+LEAST_ROWS, MOST_ROWS = 16, 1 << 16
+"""Rows that are read at once."""
+TYPES = {
+    **{"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2"},
+    **{"uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4"},
+    **{"double": "f8", "float64": "f8"},
+}
+ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
+CORNERS = ("vertex_index", "vertex_indices")
+
+
+class _Property(NamedTuple):
+    name: str
+    kind: str
+    counted: str
+    """Type of the number of values of a list; "" for one value."""
+
+
+class _Element(NamedTuple):
+    name: str
+    rows: int
+    properties: list[_Property]
+
+
+def is_ply_file(path: Path) -> bool:
+    """Return whether a file begins as a PLY mesh does, whatever its name is."""
+    with path.open("rb") as file:
+        return file.read(3) == b"ply"
+
+
+def check_ply_file(path: Path) -> None:
+    """Raise BadInput unless a PLY file is as long as its header says, and each face names vertices that it has.
+
+    References
+    ----------
+    G. Turk, "The PLY Polygon File Format", Stanford University, 1994.
+    """
+    try:
+        with path.open("rb") as file:
+            order, elements = _read_header(file)
+            vertices = next((element.rows for element in elements if element.name == "vertex"), 0)
+            for element in elements:
+                for corners in _read_corners(file, element, order=order):
+                    if corners.size and not 0 <= (worst := _farthest(corners, vertices)) < vertices:
+                        raise ValueError(f"a face names the vertex {worst} of {vertices}")
+    except (OSError, ValueError, OverflowError, MemoryError) as error:
+        raise BadInput(f"the mesh is damaged: {error}", where=str(path), hint="export it again") from error
+
+
+def _farthest(corners: np.ndarray, vertices: int) -> int:
+    """Return the index that lies farthest outside of 0 <= index < vertices, or some index where none does."""
+    low, high = int(corners.min()), int(corners.max())
+    return low if low < 0 else high
+
+
+def _read_header(file: BinaryIO) -> tuple[str, list[_Element]]:
+    order, elements = None, list[_Element]()
+    for _ in range(MAX_HEADER_LINES):
+        line = file.readline(MAX_LINE_BYTES)
+        if not line.endswith(b"\n"):
+            break
+        words = line.decode("ascii", "replace").split()
+        match words:
+            case ["end_header"] if order is not None:
+                return order, elements
+            case ["format", name, _] if name in ORDERS:
+                order = ORDERS[name]
+            case ["element", name, rows] if rows.isdigit():
+                elements.append(_Element(name, int(rows), []))
+            case ["property", "list", count, kind, name] if elements and {count, kind} <= TYPES.keys():
+                elements[-1].properties.append(_Property(name, TYPES[kind], TYPES[count]))
+            case ["property", kind, name] if elements and kind in TYPES:
+                elements[-1].properties.append(_Property(name, TYPES[kind], ""))
+            case ["ply"] | ["comment", *_] | ["obj_info", *_]:
+                pass
+            case _:
+                raise ValueError(f"its header has the line {' '.join(words)[:80]!r}")
+    raise ValueError("its header has no end")
+
+
+def _read_corners(file: BinaryIO, element: _Element, *, order: str) -> Iterator[np.ndarray]:
+    """Read an element to its end, and yield the indices of vertices in it, of any shape."""
+    wanted = [n for n, one in enumerate(element.properties) if one.name in CORNERS and element.name == "face"]
+    if order == "":
+        for _ in range(element.rows):
+            words = _line(file).split()
+            at = 0
+            for n, one in enumerate(element.properties):
+                count = 1
+                if one.counted:
+                    count, at = _checked(int(words[at]) if at < len(words) else -1), at + 1
+                if n in wanted:
+                    yield np.array([int(word) for word in words[at : at + count]], dtype=np.int64)
+                at += count
+            if at != len(words):  # Mitsuba would read on in the next line
+                raise ValueError(f"a {element.name} stands on a line of {len(words)} numbers in place of {at}")
+    elif not any(one.counted for one in element.properties):
+        size = sum(np.dtype(one.kind).itemsize for one in element.properties)
+        _skip(file, size * element.rows)
+    else:
+        yield from _read_lists(file, element, order=order, wanted=wanted)
+
+
+def _read_lists(file: BinaryIO, element: _Element, *, order: str, wanted: list[int]) -> Iterator[np.ndarray]:
+    """Read rows of lists, ever more at once while their lists are as long as those of the first."""
+    left, at_once = element.rows, LEAST_ROWS
+    while left:
+        at = file.tell()
+        lengths = _read_lengths(file, element, order=order)
+        fields: list[tuple[str, str, tuple[int, ...]]] = []
+        for n, one in enumerate(element.properties):
+            if one.counted:
+                fields.append((f"count{n}", order + one.counted, ()))
+            fields.append((f"value{n}", order + one.kind, (lengths[n],) if one.counted else ()))
+        alike = np.dtype(fields)
+        file.seek(at)
+        raw = file.read(alike.itemsize * min(left, at_once))
+        rows = np.frombuffer(raw, alike, len(raw) // alike.itemsize)
+        same = np.ones(rows.size, bool)
+        for n, one in enumerate(element.properties):
+            if one.counted:
+                same &= rows[f"count{n}"] == lengths[n]
+        kept = rows.size if same.all() else int(same.argmin())
+        for n in wanted:
+            yield rows[f"value{n}"][:kept]
+        file.seek(at + kept * alike.itemsize)
+        left -= kept
+        at_once = min(2 * at_once, MOST_ROWS) if kept == rows.size else LEAST_ROWS
+
+
+def _read_lengths(file: BinaryIO, element: _Element, *, order: str) -> list[int]:
+    """Read one row and return how long its lists are, 1 for a single value."""
+    lengths = []
+    for one in element.properties:
+        count = 1
+        if one.counted:
+            kind = np.dtype(order + one.counted)
+            raw = file.read(kind.itemsize)
+            if len(raw) < kind.itemsize:
+                raise ValueError("it is truncated")
+            count = int(np.frombuffer(raw, kind)[0])
+        lengths.append(_checked(count))
+        _skip(file, lengths[-1] * np.dtype(one.kind).itemsize)
+    return lengths
+
+
+def _checked(count: int) -> int:
+    if not 0 <= count <= MAX_CORNERS:
+        raise ValueError(f"a list has {count} values")
+    return count
+
+
+def _line(file: BinaryIO) -> bytes:
+    line = file.readline(1 << 20)
+    if not line.endswith(b"\n") and len(line) == 1 << 20:
+        raise ValueError("a line is too long")
+    return line
+
+
+def _skip(file: BinaryIO, count: int) -> None:
+    end = file.seek(0, 1) + count
+    if end > file.seek(0, 2):
+        raise ValueError("it is truncated")
+    file.seek(end)
