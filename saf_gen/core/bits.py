@@ -125,7 +125,7 @@ def _transpose(rows, trains):
                 trains[8 * c + i, b] = np.uint8(word >> np.uint64(8 * i) & np.uint64(255))
 
 
-def transpose_bits_to_pixels(rows: np.ndarray) -> np.ndarray:
+def transpose_bits_to_trains(rows: np.ndarray) -> np.ndarray:
     """Return a bit matrix transposed: uint8 (n, B) to uint8 (8 B, ceil(n/8)), least significant bit first.
 
     Row t of ``rows`` is one frame of a foreign file; row p of the result is bit p of the frames over time.
@@ -138,7 +138,7 @@ def transpose_bits_to_pixels(rows: np.ndarray) -> np.ndarray:
 def transpose_bits_to_frames(trains: np.ndarray, count: int) -> np.ndarray:
     """Return the first ``count`` frames, uint8 (count, B), of spike trains, uint8 (8 B, bytes).
 
-    This is the inverse of :func:`transpose_bits_to_pixels`.
+    This is the inverse of :func:`transpose_bits_to_trains`.
     """
     frames = np.empty((8 * trains.shape[1], trains.shape[0] // 8), np.uint8)
     _transpose(trains, frames)

@@ -7,7 +7,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.render import backend
-from saf_gen.scene.ply_file import check_ply_file
+from saf_gen.scene.ply_file import validate_scene_ply_file
 
 MITSUBA_MESHES = {".obj": "obj", ".ply": "ply"}
 """Plug-in of Mitsuba by the ending of a file."""
@@ -19,7 +19,7 @@ def measure_mitsuba_mesh(path: Path) -> np.ndarray:
     Raises BadInput for a file that Mitsuba does not read, and for one without a face.
     """
     if path.suffix.lower() == ".ply":
-        check_ply_file(path)
+        validate_scene_ply_file(path)
     backend.activate_render_backend("scalar")
     try:
         mesh = mi.load_dict({"type": MITSUBA_MESHES[path.suffix.lower()], "filename": str(path)})

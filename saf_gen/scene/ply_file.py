@@ -33,13 +33,13 @@ class _Element(NamedTuple):
     properties: list[_Property]
 
 
-def is_ply_file(path: Path) -> bool:
+def is_scene_ply_file(path: Path) -> bool:
     """Return whether a file begins as a PLY mesh does, whatever its name is."""
     with path.open("rb") as file:
         return file.read(3) == b"ply"
 
 
-def check_ply_file(path: Path) -> None:
+def validate_scene_ply_file(path: Path) -> None:
     """Raise BadInput unless a PLY file is as long as its header says, and each face names vertices that it has.
 
     References

@@ -49,7 +49,7 @@ def test_counts_add_up_and_take_views():
 @pytest.mark.parametrize("count", [1, 8, 13, 16])
 def test_turning_a_bit_matrix_is_a_transpose(count):
     rows = np.random.default_rng(1).integers(0, 256, (count, 3), np.uint8)
-    tracks = bits.transpose_bits_to_pixels(rows)
+    tracks = bits.transpose_bits_to_trains(rows)
     expected = np.unpackbits(rows, axis=1, bitorder="little").T
     assert np.array_equal(np.unpackbits(tracks, axis=1, bitorder="little")[:, :count], expected)
     assert not np.unpackbits(tracks, axis=1, bitorder="little")[:, count:].any()

@@ -7,7 +7,7 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.errors import BadInput
-from saf_gen.scene.ply_file import check_ply_file, is_ply_file
+from saf_gen.scene.ply_file import is_scene_ply_file, validate_scene_ply_file
 
 HEADER = """ply
 format {order} 1.0
@@ -45,8 +45,8 @@ def test_a_whole_mesh_passes(tmp_path, order):
     """Triangles and quadrilaterals, in runs that are longer and shorter than what is read at once."""
     faces = [(0, 1, 2)] * 100 + [(0, 1, 2, 3), (3, 2, 1)] * 20 + [(0, 1, 2, 3)] * 50
     write_ply(tmp_path / "a.ply", faces, order=order)
-    check_ply_file(tmp_path / "a.ply")
-    assert is_ply_file(tmp_path / "a.ply")
+    validate_scene_ply_file(tmp_path / "a.ply")
+    assert is_scene_ply_file(tmp_path / "a.ply")
 
 
 @pytest.mark.parametrize("order", FORMATS)
@@ -56,7 +56,9 @@ def test_a_vertex_that_is_not_there_is_told_wherever_it_is_named(tmp_path, order
     faces = [(0, 1, 2)] * 100 + [(0, 1, 2, 3), (3, 2, 1)] * 20
     faces[at] = (bad, *faces[at][1:])
     write_ply(tmp_path / "a.ply", faces, order=order)
-    assert_says(refusal(check_ply_file, tmp_path / "a.ply"), f"a face names the vertex {bad} of 4 | export it again")
+    assert_says(
+        refusal(validate_scene_ply_file, tmp_path / "a.ply"), f"a face names the vertex {bad} of 4 | export it again"
+    )
 
 
 @pytest.mark.parametrize("order", FORMATS)
@@ -65,13 +67,13 @@ def test_a_mesh_that_ends_too_early_is_told(tmp_path, order):
     whole = (tmp_path / "a.ply").read_bytes()
     for end in (100, len(whole) - 200, len(whole) - 7):
         (tmp_path / "a.ply").write_bytes(whole[:end])
-        assert_says(refusal(check_ply_file, tmp_path / "a.ply"), "the mesh is damaged")
+        assert_says(refusal(validate_scene_ply_file, tmp_path / "a.ply"), "the mesh is damaged")
 
 
 def test_more_vertices_than_stand_there_are_told(tmp_path):
     for order in FORMATS:
         write_ply(tmp_path / "a.ply", [(0, 1, 2)], order=order, told=10**9)
-        assert_says(refusal(check_ply_file, tmp_path / "a.ply"), "the mesh is damaged")
+        assert_says(refusal(validate_scene_ply_file, tmp_path / "a.ply"), "the mesh is damaged")
 
 
 def test_a_line_of_too_few_numbers_is_told(tmp_path):
@@ -79,7 +81,9 @@ def test_a_line_of_too_few_numbers_is_told(tmp_path):
     write_ply(tmp_path / "a.ply", [(0, 1, 2)], order="ascii")
     text = (tmp_path / "a.ply").read_text()
     (tmp_path / "a.ply").write_text(text.replace("3.0 4.0 5.0\n", "3.0 4.0\n5.0 "))
-    assert_says(refusal(check_ply_file, tmp_path / "a.ply"), "a vertex stands on a line of 2 numbers in place of 3")
+    assert_says(
+        refusal(validate_scene_ply_file, tmp_path / "a.ply"), "a vertex stands on a line of 2 numbers in place of 3"
+    )
 
 
 def test_no_damaged_mesh_raises_anything_else(tmp_path):
@@ -93,4 +97,4 @@ def test_no_damaged_mesh_raises_anything_else(tmp_path):
             spoilt[random.integers(len(whole))] ^= 1 << random.integers(8)
             (tmp_path / "a.ply").write_bytes(spoilt)
             with suppress(BadInput):
-                check_ply_file(tmp_path / "a.ply")
+                validate_scene_ply_file(tmp_path / "a.ply")

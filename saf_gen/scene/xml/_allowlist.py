@@ -4,7 +4,7 @@ import posixpath
 from pathlib import Path, PureWindowsPath
 
 from saf_gen.errors import BadInput, closest, unknown
-from saf_gen.scene.ply_file import check_ply_file, is_ply_file
+from saf_gen.scene.ply_file import is_scene_ply_file, validate_scene_ply_file
 from saf_gen.scene.xml._element_tree import Element, require_scene_xml_attribute
 
 SceneFile = tuple[str, Path]
@@ -66,8 +66,8 @@ def vet_scene_xml_element(element: Element, folder: Path) -> list[SceneFile]:
         value = require_scene_xml_attribute(element, "value")
         if "file" in attributes.get("name", ""):
             files.append(resolve_scene_xml_file(element, "value", folder=folder))
-            if is_ply_file(files[-1][1]):
-                check_ply_file(files[-1][1])
+            if is_scene_ply_file(files[-1][1]):
+                validate_scene_ply_file(files[-1][1])
             attributes["value"] = str(files[-1][1])
         elif "/" in value or "\\" in value or ".." in value:  # some names of materials become names of files
             raise BadInput(f"the value is {value!r}", where=element.where, allowed="no path here")

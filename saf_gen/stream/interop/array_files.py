@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.interop.matlab_arrays import MatlabSlices, list_matlab_arrays
+from saf_gen.stream.interop.matlab_arrays import MatlabSlices, list_imported_arrays
 
 ENDINGS = (".npy", ".npz", ".mat")
 MAX_CHUNK_BYTES = 64 << 20
@@ -177,7 +177,7 @@ class _OldMatlabArray:
     """An array of a MATLAB file of version 5 to 7.2, its last axis first."""
 
     def __init__(self, path: Path, *, key: str | None) -> None:
-        listed = list_matlab_arrays(path)
+        listed = list_imported_arrays(path)
         name = _choose_array({n: array.dimensions for n, array in listed.items()}, key, where=str(path))
         self._path, self._slices = path, MatlabSlices(path, listed[name])
         self.shape, self.dtype = self._slices.shape, self._slices.dtype

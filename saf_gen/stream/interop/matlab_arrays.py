@@ -40,7 +40,7 @@ class MatlabArray(NamedTuple):
     packed_at: int | None
 
 
-def list_matlab_arrays(path: Path) -> dict[str, MatlabArray]:
+def list_imported_arrays(path: Path) -> dict[str, MatlabArray]:
     """Return the arrays of real numbers in a file by name.
 
     Raises ValueError or zlib.error for a file that is damaged, or none of these versions.

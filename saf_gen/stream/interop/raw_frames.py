@@ -171,7 +171,7 @@ def import_raw_frames(
             raw = np.fromfile(file, np.uint8, count * kind.frame_bytes)
             if raw.size != count * kind.frame_bytes:
                 raise BadInput("was truncated while it was read", where=str(source), hint="import it again")
-            trains = bits.transpose_bits_to_pixels(raw.reshape(count, kind.frame_bytes))
+            trains = bits.transpose_bits_to_trains(raw.reshape(count, kind.frame_bytes))
             writer.write(trains[bit].reshape(kind.rows, kind.columns, -1))
     return writer.content_sha256
 
