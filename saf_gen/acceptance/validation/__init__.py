@@ -1,8 +1,8 @@
 """Validation: the product, run as a user runs it, held against theory, itself, published figures and other code.
 
 A check is one law (:class:`Check`). The checks of one subject stand in one module of this folder; nothing else must be
-told of a new one but its module's list. :func:`run_validation` runs them, keeps what they find, and goes on after a
-stop; :mod:`saf_gen.acceptance.validation.page` writes the page.
+told of a new one but its module's list. :func:`run_validation_checks` runs them, keeps what they find, and goes on
+after a stop; :mod:`saf_gen.acceptance.validation.page` writes the page.
 """
 
 from importlib import import_module

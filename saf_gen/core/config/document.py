@@ -1,7 +1,7 @@
 """Documents that users write or programs hand over, checked against a model, with a line for every error.
 
 :mod:`saf_gen.core.config.yaml_document` and :mod:`saf_gen.core.config.json_document` read a file into a
-:class:`Document`; :func:`validate` turns it into a value of a frozen pydantic model.
+:class:`Document`; :func:`validate_document` turns it into a value of a frozen pydantic model.
 """
 
 import stat
