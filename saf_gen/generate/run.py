@@ -205,14 +205,15 @@ def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -
                 hint="give another folder with --out",
             )
     check_folder_writable(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    check_file_system(folder)
-    needed, free = resolved.estimate_bytes(folder, keep_slices), shutil.disk_usage(folder).free
+    there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    needed, free = resolved.estimate_bytes(folder, keep_slices), shutil.disk_usage(there).free
     if needed > free:
         raise BadInput(
             f"the dataset needs about {needed / 1e6:,.0f} MB in {folder}, {free / 1e6:,.0f} MB are free",
             hint="free some, or give another folder with --out",
         )
+    folder.mkdir(parents=True, exist_ok=True)
+    check_file_system(folder)
 
 
 def _write_previews(resolved: ResolvedRecipe, folder: Path) -> None:
