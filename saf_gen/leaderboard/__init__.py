@@ -18,6 +18,7 @@ from saf_gen.leaderboard.columns import Column, list_leaderboard_columns, list_s
 from saf_gen.leaderboard.curve_tables import rank_measures_by_curves, write_leaderboard_curves
 from saf_gen.leaderboard.leaderboard_files import write_leaderboard
 from saf_gen.leaderboard.merging import merge_leaderboard_records
+from saf_gen.leaderboard.method_comparison import MethodComparison, NeighbourComparison, Profile, compare_ranked_methods
 from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS, CONDITIONS, RankAgreement, compare_rankings
 from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard, read_rank_agreement
 from saf_gen.leaderboard.rows import LeaderboardRow, rank_methods
@@ -36,7 +37,11 @@ __all__ = [
     "Column",
     "Leaderboard",
     "LeaderboardRow",
+    "MethodComparison",
+    "NeighbourComparison",
+    "Profile",
     "RankAgreement",
+    "compare_ranked_methods",
     "compare_rankings",
     "compose_leaderboard_notes",
     "format_leaderboard_latex",

@@ -15,6 +15,7 @@ from saf_gen.leaderboard.axes import AxisTable, BinSummary, keep_leaderboard_bin
 from saf_gen.leaderboard.columns import list_leaderboard_columns, list_shown_leaderboard_columns
 from saf_gen.leaderboard.csv_output import format_leaderboard_csv
 from saf_gen.leaderboard.grain_tables import tabulate_leaderboard_grain
+from saf_gen.leaderboard.method_comparison import MethodComparison, NeighbourComparison, Profile, compare_ranked_methods
 from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS, RankAgreement, compare_rankings
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.scene_intervals import CONFIDENCE
@@ -25,6 +26,8 @@ from saf_gen.leaderboard.table_formats import (
     format_leaderboard_axis,
     format_leaderboard_latex,
     format_leaderboard_markdown,
+    format_neighbour_markdown_of_leaderboard,
+    format_profile_markdown_of_leaderboard,
     format_rank_agreement_markdown,
 )
 
@@ -43,16 +46,25 @@ def write_leaderboard(
     """
     axes = tabulate_leaderboard_by_axis(records, [row.method for row in rows])
     agreement = compare_rankings(records)
+    comparison = compare_ranked_methods(records, [row.method for row in rows])
     columns = list_leaderboard_columns(rows)
     texts = {
-        "leaderboard.json": _format_json(rows, records=records, failures=failures, axes=axes, agreement=agreement),
+        "leaderboard.json": _format_json(
+            rows, records=records, failures=failures, axes=axes, agreement=agreement, comparison=comparison
+        ),
         "leaderboard.csv": format_leaderboard_csv(
             [c.key for c in columns], [[c.value(row) for c in columns] for row in rows]
         ),
-        "leaderboard.md": _format_page(rows, records=records, failures=failures, axes=axes, agreement=agreement),
+        "leaderboard.md": _format_page(
+            rows, records=records, failures=failures, axes=axes, agreement=agreement, comparison=comparison
+        ),
         "leaderboard.tex": format_leaderboard_latex(rows),
         "axes.csv": _format_axes(axes),
         "agreement.csv": _format_agreement(agreement),
+        "profiles.csv": _format_profiles(comparison.profiles),
+        "neighbours.csv": format_leaderboard_csv(
+            [f.name for f in fields(NeighbourComparison)], map(astuple, comparison.neighbours)
+        ),
     }
     for name, text in texts.items():
         write_text_atomically(Path(folder) / name, text)
@@ -67,6 +79,7 @@ def _format_json(
     failures: Sequence[SequenceFailure],
     axes: Sequence[AxisTable],
     agreement: Sequence[RankAgreement],
+    comparison: MethodComparison,
 ) -> str:
     columns = list_leaderboard_columns(rows)
     document = {
@@ -84,6 +97,8 @@ def _format_json(
             "unknown": next((row.missing_reason for row in rows if row.missing_reason), None),
         },
         "axes": [_axis_to_json(table) for table in axes],
+        "profiles": [asdict(one) for one in comparison.profiles],
+        "neighbours": [asdict(one) for one in comparison.neighbours],
         "rank_agreement": [asdict(one) for one in agreement],
         "notes": compose_leaderboard_notes(rows, records),
         "grain": [asdict(table) for table in tabulate_leaderboard_grain(records)],
@@ -120,6 +135,15 @@ def _format_axes(axes: Sequence[AxisTable]) -> str:
     return format_leaderboard_csv(header, lines)
 
 
+def _format_profiles(profiles: Sequence[Profile]) -> str:
+    lines = []
+    for one in profiles:
+        unknown = [None] * len(one.limits)
+        for values in zip(one.limits, one.fractions, one.low or unknown, one.high or unknown, strict=True):
+            lines.append([one.quantity, one.method, *values])
+    return format_leaderboard_csv(["quantity", "method", "limit", "fraction", "low", "high"], lines)
+
+
 def _format_agreement(agreement: Sequence[RankAgreement]) -> str:
     *header, _ = AGREEMENT_MEANINGS
     lines = [[*astuple(one)[:-1], *one.most_moved] for one in agreement]
@@ -133,6 +157,7 @@ def _format_page(
     failures: Sequence[SequenceFailure],
     axes: Sequence[AxisTable],
     agreement: Sequence[RankAgreement],
+    comparison: MethodComparison,
 ) -> str:
     parts = [
         "# Leaderboard\n",
@@ -144,6 +169,11 @@ def _format_page(
         parts.append(
             "Not read:\n\n" + "".join(f"- {escape_markdown(f'{f.sequence}: {f.problem}')}\n" for f in failures)
         )
+    if comparison.neighbours:
+        parts.append(f"## Neighbours in rank\n\n{format_neighbour_markdown_of_leaderboard(comparison.neighbours)}")
+        for quantity, heading in (("error_dof", "Within depths of focus"), ("time_s", "In focus within seconds")):
+            if own := [profile for profile in comparison.profiles if profile.quantity == quantity]:
+                parts.append(f"## {heading}\n\n{format_profile_markdown_of_leaderboard(own)}")
     parts += [
         f"## {table.axis.title}\n\n{table.axis.meaning} Success within 1 DoF (median error in DoF).\n\n"
         + format_leaderboard_axis(table)

@@ -21,6 +21,8 @@ class Outcomes:
     weights : float (N,), the weight of each sequence within its scene: its lights weigh the same, and sum to 1.
     success : bool (M, N), within one depth of focus.
     errors : float (M, N), absolute error of the answers in depths of focus; NaN where there is none.
+    abstained : bool (M, N), where the search said that it cannot tell.
+    times : float (M, N), seconds to focus; NaN where they are not known.
     """
 
     methods: tuple[str, ...]
@@ -30,6 +32,8 @@ class Outcomes:
     weights: np.ndarray
     success: np.ndarray
     errors: np.ndarray
+    abstained: np.ndarray
+    times: np.ndarray
 
     @property
     def counts(self) -> np.ndarray:
@@ -47,9 +51,15 @@ class Outcomes:
         rows = [self.methods.index(name) for name in methods]
         kept = np.ones(len(self.sequences), bool) if sequences is None else np.asarray(sequences, bool)
         judged = [record for record, is_kept in zip(self.sequences, kept, strict=True) if is_kept]
-        return _weigh(
-            tuple(methods.values()), judged, success=self.success[rows][:, kept], errors=self.errors[rows][:, kept]
-        )
+        values = {name: getattr(self, name)[rows][:, kept] for name in ("success", "errors", "abstained", "times")}
+        return _weigh(tuple(methods.values()), judged, **values)
+
+    def find_answers_within(self, limit_dof: float) -> np.ndarray:
+        """Return which answers lie within this limit, or abstain where none could: bool (M, N), at 1 as ``success``."""
+        off = np.array([np.nan if r.focus_off_dof is None else r.focus_off_dof for r in self.sequences])
+        is_unreachable = np.where(np.isnan(off), self.success & (limit_dof <= 1), off > limit_dof)
+        with np.errstate(invalid="ignore"):
+            return np.asarray((self.errors <= limit_dof) | (self.abstained & is_unreachable))
 
     def find_wins(self) -> np.ndarray:
         """Return the fraction of each scene's sequences that method j solves and method k does not: float (M, M, S)."""
@@ -72,14 +82,18 @@ def collect_outcomes_to_rank(by_method: Mapping[str, Sequence[Record]]) -> Outco
     judged = [record for record in first if record.sequence not in unknown]
     columns = {record.sequence: number for number, record in enumerate(judged)}
     success = np.zeros((len(known), len(judged)), dtype=bool)
-    errors = np.full((len(known), len(judged)), np.nan)
+    abstained = np.zeros_like(success)
+    errors, times = np.full((2, len(known), len(judged)), np.nan)
     for row, own in enumerate(known.values()):
         for record in own:
             if (column := columns.get(record.sequence)) is not None:
                 success[row, column] = record.success_1dof
+                abstained[row, column] = record.status == "abstained"
                 if record.error_dof is not None:
                     errors[row, column] = abs(record.error_dof)
-    return _weigh(tuple(known), judged, success=success, errors=errors)
+                if record.time_to_focus_s is not None:
+                    times[row, column] = record.time_to_focus_s
+    return _weigh(tuple(known), judged, success=success, errors=errors, abstained=abstained, times=times)
 
 
 def _weigh(methods: tuple[str, ...], sequences: Sequence[Record], **values: np.ndarray) -> Outcomes:

@@ -9,10 +9,12 @@ from saf_gen.errors import escape_controls
 from saf_gen.leaderboard.axes import AxisTable, BinSummary
 from saf_gen.leaderboard.columns import ALL, Column, format_leaderboard_percent, list_shown_leaderboard_columns
 from saf_gen.leaderboard.grain_tables import compose_leaderboard_grain_notes
+from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
 from saf_gen.leaderboard.rank_agreement import RankAgreement
 from saf_gen.leaderboard.rows import LeaderboardRow
 from saf_gen.leaderboard.scene_intervals import MIN_SCENES
 
+NEIGHBOUR_HEADERS = ("method", "next in rank", "difference, points", "95 %", "P(nearer)", "95 % ", "told apart")
 AGREEMENT_HEADERS = ("condition", "first", "second", "methods", "scenes", "τ", "95 %", "by chance", "p", "most moved")
 AGREEMENT_NOTE = (
     "τ is 1 where both order the methods alike. By chance: what it would be if the condition changed nothing; p: how"
@@ -106,6 +108,33 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
     if len(machines) > 1:
         notes.append(f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}.")
     return notes
+
+
+def format_ranked_neighbours(pair: NeighbourComparison) -> list[str]:
+    """Return the texts of NEIGHBOUR_HEADERS."""
+    known = pair.difference_low is not None and pair.difference_high is not None
+    points = [f"{100 * (value or 0):+.0f}".replace("-", "−") for value in (pair.difference_low, pair.difference_high)]
+    improved = [f"{value or 0:.2f}" for value in (pair.improvement_low, pair.improvement_high)]
+    return [
+        *(pair.first, pair.second, f"{100 * pair.difference:+.0f}".replace("-", "−")),
+        " to ".join(points) if known else "–",
+        f"{pair.improvement:.2f}",
+        " to ".join(improved) if known else "–",
+        ("yes" if pair.told_apart else "no") if known else "–",
+    ]
+
+
+def format_neighbour_markdown_of_leaderboard(neighbours: Sequence[NeighbourComparison]) -> str:
+    """Return the table of neighbours in rank as Markdown."""
+    body = [[escape_markdown(text) for text in format_ranked_neighbours(pair)] for pair in neighbours]
+    return _format_grid(NEIGHBOUR_HEADERS, body, is_left=[n < 2 for n in range(len(NEIGHBOUR_HEADERS))])
+
+
+def format_profile_markdown_of_leaderboard(profiles: Sequence[Profile]) -> str:
+    """Return the profiles of one quantity as Markdown: the fraction within each limit."""
+    headers = ["method", *(f"≤{limit:.3g}" for limit in profiles[0].limits)]
+    body = [[escape_markdown(one.method), *map(format_leaderboard_percent, one.fractions)] for one in profiles]
+    return _format_grid(headers, body, is_left=[True] + [False] * (len(headers) - 1))
 
 
 def format_rank_agreement(one: RankAgreement) -> list[str]:

@@ -14,7 +14,8 @@ from saf_gen.stream.stream_writer import write_stream
 
 pytestmark = pytest.mark.slow
 
-FILES = ["axes.csv", "index.html", "leaderboard.csv", "leaderboard.json", "leaderboard.md", "leaderboard.tex"]
+FILES = ["agreement.csv", "axes.csv", "index.html", "leaderboard.csv", "leaderboard.json", "leaderboard.md"]
+FILES += ["leaderboard.tex", "neighbours.csv", "profiles.csv"]
 
 
 def exit_code(*arguments):

@@ -21,15 +21,19 @@ from saf_gen.leaderboard.report import evaluation_folder, write_evaluation_repor
 pytestmark = pytest.mark.slow
 
 TABLES = {
+    "agreement.csv",
     "axes.csv",
     "index.html",
     "leaderboard.csv",
     "leaderboard.json",
     "leaderboard.md",
     "leaderboard.tex",
+    "neighbours.csv",
+    "profiles.csv",
     "records.jsonl",
 }
-CURVES = {"curves.csv", "measures.csv", "figures/curves-camel-constant.svg"}
+OF_TWO_METHODS = {"figures/neighbours-in-rank.svg", "figures/profile-error_dof.svg"}
+CURVES = {"curves.csv", "measures.csv", "figures/curves-camel-constant.svg", *OF_TWO_METHODS}
 ERRORS = "figures/errors-camel_test.svg"
 OPENING = "figures/depth-of-focus.svg"
 
@@ -192,7 +196,7 @@ def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tm
     write(tmp_path, with_curves())
     before = {name: (tmp_path / name).read_bytes() for name in held(tmp_path)}
 
-    def stopped(*_):
+    def stopped(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(evaluation_folder, "plot_report_figures", stopped)

@@ -187,6 +187,7 @@ def test_sweeps_come_before_the_tables_of_conditions(whole):
     assert sections == [
         "leaderboard",
         "compare",
+        "neighbours",
         *(f"scene-{number}" for number in (1, 2, 3)),
         "conditions",
         "measures",

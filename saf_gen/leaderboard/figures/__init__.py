@@ -10,6 +10,7 @@ from saf_gen.leaderboard.figures._figure import (
     figure_to_pdf,
     split_figure_label,
 )
+from saf_gen.leaderboard.figures.comparison_figures import plot_neighbour_figure, plot_profile_figure
 from saf_gen.leaderboard.figures.condition_figure import CONDITIONS, Condition, plot_condition_figure
 from saf_gen.leaderboard.figures.depth_of_focus_figure import plot_depth_of_focus_figure
 from saf_gen.leaderboard.figures.error_figure import plot_error_figure
@@ -45,6 +46,8 @@ __all__ = [
     "plot_error_figure",
     "plot_focus_curve_figure",
     "plot_lens_path_figure",
+    "plot_neighbour_figure",
+    "plot_profile_figure",
     "plot_search_step_figure",
     "plot_to_svg",
     "split_figure_label",

@@ -31,6 +31,17 @@ FIGURE_CAPTIONS = {
         "Where methods moved the lens, against the true focus. A line ends where the lens was judged; "
         "a cross marks a method that failed.",
     ),
+    "profile": (
+        "Performance profiles",
+        "How many answers lie within each limit: a method is better where its line is higher. Bands, of the first"
+        " three methods, are 95 % intervals of each point alone; profiles.csv has all. The line at"
+        " one depth of focus is what ranks.",
+    ),
+    "neighbours": (
+        "Probability of improvement",
+        "How often the upper of two neighbours in rank is nearer to the truth on a sequence, ties counted half, with"
+        " 95 % intervals of each pair alone. A half is no improvement; rank goes by success, so it may be less.",
+    ),
     "light-ratio": (
         "Against the light ratio",
         "Sequences in order of how much the light changed: success within one depth of focus above, "
@@ -42,6 +53,11 @@ FIGURE_CAPTIONS = {
     ),
 }
 """By kind of figure: a heading and what the figures show."""
+NEIGHBOUR_CAPTION = (
+    "Methods that follow each other in rank: their difference in success within 1 DoF, and the probability that the"
+    " first is nearer to the truth on a sequence, with 95 % intervals of each pair alone. Told apart: whether the"
+    " difference is too large for chance among all neighbours together."
+)
 AGREEMENT_CAPTION = (
     "How far the ranking hangs on a condition: Kendall's τ of the rankings under two of its bins is 1 where both order"
     " the methods alike. Beside it stand its interval over scenes, what it would be by chance if the condition changed"

@@ -11,7 +11,7 @@ from saf_gen.benchmark.evaluate import DRAWN_SEQUENCES
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Evaluation, LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import select_evaluated_to_show
-from saf_gen.leaderboard import LeaderboardRow
+from saf_gen.leaderboard import LeaderboardRow, MethodComparison
 from saf_gen.leaderboard.figures import (
     CONDITIONS,
     PREDICTIONS_LABEL,
@@ -24,6 +24,8 @@ from saf_gen.leaderboard.figures import (
     plot_error_figure,
     plot_focus_curve_figure,
     plot_lens_path_figure,
+    plot_neighbour_figure,
+    plot_profile_figure,
     plot_search_step_figure,
     plot_to_svg,
     split_figure_label,
@@ -38,6 +40,7 @@ MAX_SEARCHES = 4
 
 
 OPENING = "depth-of-focus"
+NO_COMPARISON = MethodComparison()
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,10 @@ class ReportFigure:
     """A sentence on the figures of this kind and scene that are left out, else ''."""
 
 
-def plot_report_figures(evaluation: Evaluation, rows: Sequence[LeaderboardRow]) -> list[ReportFigure]:
-    """Return all figures: the depth of focus, those against conditions, then those of each scene, kind by kind."""
+def plot_report_figures(
+    evaluation: Evaluation, rows: Sequence[LeaderboardRow], *, comparison: MethodComparison = NO_COMPARISON
+) -> list[ReportFigure]:
+    """Return all figures: the depth of focus, methods compared, conditions, then those of each scene, kind by kind."""
     order = {row.method: number for number, row in enumerate(rows)}
     records = sorted(evaluation.records, key=lambda r: order.get(r.method, len(order)))
     paths = sorted(evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
@@ -69,6 +74,7 @@ def plot_report_figures(evaluation: Evaluation, rows: Sequence[LeaderboardRow]) 
     return _make_names_unique(
         [
             *_plot_opening(evaluation),
+            *_plot_comparison(comparison),
             *_plot_conditions(records, styles),
             *_plot_errors_by_scene(records, first=drawn),
             *_plot_sweeps(evaluation.sweeps, records, styles=styles),
@@ -97,6 +103,20 @@ def _plot_opening(evaluation: Evaluation) -> list[ReportFigure]:
     figure = plot_depth_of_focus_figure(evaluation.sweeps)
     label = "The width of the blur over the distance from the true focus, with what the camera saw at some distances"
     return [ReportFigure(OPENING, "", OPENING, label, plot_to_svg(figure, name=OPENING), figure)]
+
+
+def _plot_comparison(comparison: MethodComparison) -> list[ReportFigure]:
+    """Return the profiles of each quantity and the pairs of neighbours; nothing of a single method."""
+    if not comparison.neighbours:
+        return []
+    figures = []
+    for quantity, title in (("error_dof", "Error profiles"), ("time_s", "Time profiles")):
+        if own := [profile for profile in comparison.profiles if profile.quantity == quantity]:
+            figure = plot_profile_figure(own, title=title)
+            figures.append(_finish(figure, kind="profile", scene="", subject=quantity, label=title))
+    title = "Probability of improvement, neighbours in rank"
+    figure = plot_neighbour_figure(comparison.neighbours, title=title)
+    return [*figures, _finish(figure, kind="neighbours", scene="", subject="in-rank", label=title)]
 
 
 def _plot_conditions(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> list[ReportFigure]:

@@ -26,7 +26,7 @@ from saf_gen.core.files import (
     write_text_atomically,
 )
 from saf_gen.core.plain_text import escape_all_text
-from saf_gen.leaderboard import LeaderboardRow, write_leaderboard, write_leaderboard_curves
+from saf_gen.leaderboard import LeaderboardRow, compare_ranked_methods, write_leaderboard, write_leaderboard_curves
 from saf_gen.leaderboard.figures import PDF_CREATOR, add_paper_to_figure, figure_to_pdf
 from saf_gen.leaderboard.report.choose_figures import plot_report_figures
 from saf_gen.leaderboard.report.page import build_report_page
@@ -84,7 +84,8 @@ def write_report(
     """
     out = Path(folder)
     evaluation, rows, title = (escape_all_text(item) for item in (evaluation, tuple(rows), title))
-    report_figures = plot_report_figures(evaluation, rows)
+    comparison = compare_ranked_methods(evaluation.records, [row.method for row in rows])
+    report_figures = plot_report_figures(evaluation, rows, comparison=comparison)
     for figure in report_figures:
         write_text_atomically(out / FIGURES / f"{figure.name}.svg", add_paper_to_figure(figure.svg))
         if pdf:
@@ -98,6 +99,7 @@ def write_report(
         failures=evaluation.failures,
         report_figures=report_figures,
         plugins=evaluation.plugins,
+        comparison=comparison,
     )
     write_text_atomically(out / PAGE, text)
     return [out / PAGE, *([out / FIGURES] if report_figures else [])]

@@ -21,6 +21,7 @@ from saf_gen.leaderboard import (
     Axis,
     AxisTable,
     LeaderboardRow,
+    MethodComparison,
     RankAgreement,
     compare_rankings,
     compose_leaderboard_notes,
@@ -36,10 +37,11 @@ from saf_gen.leaderboard.report.captions import (
     FIGURE_CAPTIONS,
     GRAIN_CAPTION,
     MEASURES_CAPTION,
+    NEIGHBOUR_CAPTION,
     OPENING_CAPTION,
     OPENING_PICTURES,
 )
-from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
+from saf_gen.leaderboard.report.choose_figures import NO_COMPARISON, OPENING, ReportFigure
 from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_report
 from saf_gen.leaderboard.report.page_tables import PageTable
 from saf_gen.leaderboard.report.selections import list_report_selections
@@ -47,6 +49,8 @@ from saf_gen.leaderboard.table_formats import count_noun_in_leaderboard
 
 SCRIPTS = ("tables.js", "board.js", "compare.js", "viewer.js")
 MAX_FAILURES = 100
+COMPARISONS = ("profile", "neighbours")
+"""Kinds of figures that compare methods over all sequences."""
 
 
 @dataclass(frozen=True)
@@ -79,12 +83,13 @@ def build_report_page(
     failures: Sequence[SequenceFailure] = (),
     report_figures: Sequence[ReportFigure] = (),
     plugins: Sequence[PluginDescription] = (),
+    comparison: MethodComparison = NO_COMPARISON,
 ) -> str:
     """Return the page as HTML, readable without its script.
 
     ``rows`` is the leaderboard of ``records``, best first; ``title`` is the heading, such as the name of the dataset.
     The table of measures summarises ``curves``; ``failures`` are sequences that could not be read.
-    ``plugins`` are the measures and searches that the page describes.
+    ``plugins`` are the measures and searches that the page describes, ``comparison`` that of methods beside each other.
     """
     script = "\n".join(map(_read_asset, SCRIPTS))
     selections = list_report_selections(records)
@@ -115,6 +120,7 @@ def build_report_page(
             sections=_list_sections(
                 tabulate_leaderboard_by_axis(records, methods),
                 agreement=compare_rankings(records),
+                comparison=comparison,
                 curves=curves,
                 records=records,
                 report_figures=report_figures,
@@ -238,6 +244,7 @@ def _list_sections(
     axes: Sequence[AxisTable],
     *,
     agreement: Sequence[RankAgreement],
+    comparison: MethodComparison,
     curves: Sequence[AssessedCurve],
     records: Sequence[Record],
     report_figures: Sequence[ReportFigure],
@@ -246,10 +253,19 @@ def _list_sections(
     by_scene: dict[str, list[ReportFigure]] = {"": []}
     for figure in report_figures:
         by_scene.setdefault(figure.scene, []).append(figure)
-    conditions = _group_figures(by_scene.pop(""))
+    general = by_scene.pop("")
+    conditions = _group_figures([figure for figure in general if figure.kind not in COMPARISONS])
+    compared = _group_figures([figure for figure in general if figure.kind in COMPARISONS])
     shown = [keep_leaderboard_bins(table) for table in axes if len(table.bins) > 1]
     tables = [(table.axis, page_tables.tabulate_axis_for_report(table)) for table in shown]
-    sections = [
+    sections = []
+    if neighbours := page_tables.tabulate_ranked_neighbours(comparison.neighbours):
+        sections.append(
+            PageSection(
+                "neighbours", "Methods beside each other", compared, table=neighbours, caption=NEIGHBOUR_CAPTION
+            )
+        )
+    sections += [
         PageSection(f"scene-{number}", scene, _group_figures(figures))
         for number, (scene, figures) in enumerate(by_scene.items(), start=1)
     ]

@@ -11,6 +11,7 @@ from saf_gen.leaderboard import (
     AxisTable,
     Column,
     LeaderboardRow,
+    NeighbourComparison,
     RankAgreement,
     list_shown_leaderboard_columns,
     rank_measures_by_curves,
@@ -21,9 +22,11 @@ from saf_gen.leaderboard.grain_tables import tabulate_leaderboard_grain
 from saf_gen.leaderboard.report.page_answers import HeldAnswers
 from saf_gen.leaderboard.table_formats import (
     AGREEMENT_HEADERS,
+    NEIGHBOUR_HEADERS,
     count_noun_in_leaderboard,
     format_leaderboard_bin,
     format_rank_agreement,
+    format_ranked_neighbours,
 )
 
 MAX_GRAIN_ROWS = 100
@@ -113,6 +116,17 @@ def tabulate_axis_for_report(table: AxisTable) -> PageTable:
                 for method, bins in table.cells.items()
             ]
         ],
+    )
+
+
+def tabulate_ranked_neighbours(neighbours: Sequence[NeighbourComparison]) -> PageTable | None:
+    """Return the comparison of each method with the next in rank; None for a single method."""
+    if not neighbours:
+        return None
+    return PageTable(
+        "Neighbours in rank",
+        [PageColumn(header, kind="name" if n < 2 else "") for n, header in enumerate(NEIGHBOUR_HEADERS)],
+        [[PageRow([PageCell(text) for text in format_ranked_neighbours(pair)]) for pair in neighbours]],
     )
 
 
