@@ -1,7 +1,9 @@
 """What tests share: the scenes of this folder, and a sensor small enough to be quick."""
 
+import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from inline_jobs import run_jobs_inline
@@ -59,6 +61,29 @@ def cluster_address() -> Iterator[str]:
     scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False, "dashboard_address": ":0"}}
     with distributed.SpecCluster(workers, scheduler=scheduler, silence_logs="CRITICAL") as made:
         yield made.scheduler_address
+
+
+@pytest.fixture(scope="session")
+def s3() -> Iterator[Any]:
+    """fsspec's file system of an S3 server in a thread of this process, with an empty bucket ``data``.
+
+    Its address and a user's credentials stand in the environment, where commands find them.
+    """
+    import fsspec
+    from moto.server import ThreadedMotoServer
+
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    user = {"AWS_ACCESS_KEY_ID": "somebody", "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1"}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {"AWS_ENDPOINT_URL": f"http://{host}:{port}", **user}.items():
+            patch.setenv(name, value)
+        files = fsspec.filesystem("s3", use_listings_cache=False)
+        files.mkdir("data")
+        yield files
+    server.stop()
 
 
 @pytest.fixture

@@ -19,6 +19,8 @@ DOORS = {
     "mitsuba": ["render", "scene.library.surfaces_1"],  # a piece of scene scripts, which only render/ runs
     "drjit": ["render"],
     "OpenEXR": ["stack.exr"],
+    "fsspec": ["core.object_store"],
+    "s3fs": [],
     "h5py": ["stream.checked_file", "stream.stream_file", "stream.stream_writer", "stream.interop.array_files"],
     "typer": ["cli"],
     "rich": ["cli"],

@@ -31,6 +31,7 @@ from saf_gen.benchmark.tracks.recorded_track import check_method_leaves_lens
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, list_sequences_to_evaluate
 from saf_gen.benchmark.view import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
+from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.parts import Measure
@@ -49,7 +50,7 @@ ProgressCallback = Callable[[int, int, str], None]
 
 
 def evaluate(
-    source: str | Path,
+    source: str | Path | StorePath,
     *,
     methods: Sequence[str] | None = None,
     split: str | None = None,
@@ -66,7 +67,7 @@ def evaluate(
 
     Parameters
     ----------
-    source : a dataset folder or a stream file.
+    source : a dataset folder or a stream file, on a disk or in an object store.
     methods : names of methods; None means DEFAULT_RECORDED_METHODS, or DEFAULT_CLOSED_LOOP_METHODS with a protocol, or
         no method where there are predictions.
     split, scene_motion : leave out the other sequences; scene_motion is ``static`` or ``dynamic``.
@@ -96,11 +97,14 @@ def evaluate(
         for a worker that cannot be used.
     SafGenError : where the scheduler of the cluster is lost.
     """
-    path = Path(source)
+    path = find_path(source)
     if methods is None and predictions is not None:
         methods = ()
     elif methods is None:
         methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
+    if isinstance(path, StorePath) and (protocol is not None or cluster is not None):
+        what = "the closed loop" if protocol is not None else "--cluster"
+        raise BadInput(f"{what} on a dataset in an object store", where=str(path), hint="copy it to a disk first")
     chosen = parse_methods(methods)
     if protocol is None:
         check_method_leaves_lens(list(chosen.values()))
@@ -131,7 +135,7 @@ def evaluate(
     run: Callable[..., Generator[EndedSequence]] = _run_here
     if cluster is not None:
         named = NamedMethods.of(methods, region, groups=groups)
-        run = partial(_run_on_cluster, cluster=Cluster(cluster, path), methods=named, tell=tell)
+        run = partial(_run_on_cluster, cluster=Cluster(cluster, Path(str(path))), methods=named, tell=tell)
     ended = run(tasks, groups, drawn=drawn, kept=kept, protocol=protocol, predictions=prediction_set, step=step)
     try:
         with kept, closing(ended):

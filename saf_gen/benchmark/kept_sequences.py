@@ -26,7 +26,9 @@ from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.core.files import write_atomically
+from saf_gen.core.object_store import AnyPath
 from saf_gen.core.user_folder import SIGNATURE_BYTES, is_signed_by_user, sign_as_user
+from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -62,7 +64,7 @@ class KeptSequences:
         *,
         protocol: "ClosedLoopProtocol | None",
         predictions: PredictionSet | None,
-        stacks: Path,
+        stacks: AnyPath,
     ) -> Self:
         """Read what is there, for an evaluation of these methods by region, this protocol and these predictions.
 
@@ -73,7 +75,7 @@ class KeptSequences:
         ]
         version = evaluator_version("recorded" if protocol is None else "closed_loop")
         answers = None if predictions is None else predictions.code
-        state = [] if protocol is None else sorted((p.name, p.stat().st_mtime_ns) for p in stacks.glob("*"))
+        state = [] if protocol is None else sorted((p.name, p.stat().st_mtime_ns) for p in Path(str(stacks)).glob("*"))
         self._decisive = [FORMAT, __version__, version, methods, repr(protocol), answers, state]
         for path in sorted(self._folder.glob("*.npz")) if self._folder else ():
             self._found |= _read(path)
@@ -118,7 +120,7 @@ class KeptSequences:
         try:
             status = task.path.stat()
             file = [status.st_size, status.st_mtime_ns]
-        except OSError:
+        except (OSError, BadInput):  # a store has errors of its own
             file = []
         decisive = [*self._decisive, {**asdict(task), "path": file}, draw]
         return hashlib.sha256(json.dumps(decisive).encode()).hexdigest()

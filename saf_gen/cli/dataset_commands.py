@@ -7,18 +7,23 @@ import typer
 from rich.progress import TaskID
 
 from saf_gen.cli._tables import TableColumn, print_table
-from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, print_progress_bars
+from saf_gen.cli._terminal import ClusterAddress, RecipeName, err, out, print_error, print_progress_bars
 from saf_gen.core.cores import defer_interrupts
+from saf_gen.core.object_store import AnyPath, StorePath, find_path
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
+    from saf_gen.generate.plan import PlannedSequence
     from saf_gen.generate.resolve import ResolvedRecipe
+    from saf_gen.generate.to_store import StorePlan
 
 
 def generate_command(
     recipe: RecipeName,
     *,
-    folder: OutFolder = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", help="Folder to write to, or s3://BUCKET/FOLDER in an object store.")
+    ] = None,
     workers: Annotated[int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")] = 1,
     cluster: ClusterAddress = None,
     split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
@@ -35,16 +40,22 @@ def generate_command(
         from saf_gen.generate.job_order import validate_generated_slices_kept
         from saf_gen.generate.resolve import resolve_recipe
         from saf_gen.generate.run import generate as make
+        from saf_gen.generate.to_store import generate_to_store, plan_for_store
 
     validate_generated_slices_kept(keep_slices)
     work = resolve_recipe(recipe, part=parse_shard_of_command(shard), split=split)
-    target = folder or Path("datasets") / work.recipe.name
-    if work.stacks_to_render(target, keep_slices) and not cluster:
+    target = find_path(folder or Path("datasets") / work.recipe.name)
+    in_store = plan_for_store(work, target) if isinstance(target, StorePath) else None
+    to_render = in_store.stacks if in_store else work.stacks_to_render(Path(str(target)), keep_slices)
+    if to_render and not cluster:
         _look_for_renderer(variant, dry_run=dry_run)
     for line in find_coarse_recipe_sampling(work):
         err.print(f"warning: {line}")
+    if in_store and in_store.upload_bytes:
+        size = in_store.scratch_bytes
+        err.print(f"scratch: at most about {_gigabytes(size)} in {in_store.scratch}, deleted when all is in the store")
     if dry_run:
-        _print_plan(work, target, keep_slices=keep_slices)
+        _print_plan(work, target, keep_slices=keep_slices, in_store=in_store)
         return
     with print_progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
@@ -61,9 +72,9 @@ def generate_command(
                 bars.remove_task(tasks.pop(name))
                 err.print(f"done: {name}")
 
-        result = make(
+        result = (generate_to_store if in_store else make)(
             work,
-            target,
+            target,  # type: ignore[arg-type]  # each takes its own kind of path
             workers=workers,
             variant=variant,
             cluster=cluster,
@@ -110,28 +121,45 @@ def parse_shard_of_command(text: str) -> tuple[int, int]:
     return int(index), int(count)
 
 
-def _print_plan(work: "ResolvedRecipe", target: Path, *, keep_slices: str) -> None:
+def _gigabytes(size: float) -> str:
+    return f"{size / 1e9:.2f} GB"
+
+
+def _print_plan(
+    work: "ResolvedRecipe", target: AnyPath, *, keep_slices: str, in_store: "StorePlan | None" = None
+) -> None:
     from saf_gen.generate.job_order import KEEP_SLICES
+
+    def is_there(sequence: "PlannedSequence") -> bool:
+        return sequence.id in in_store.there if in_store else (target / sequence.file).exists()
 
     planned, frames = [sequence.planned for sequence in work.sequences], f"{work.recipe.camera.frames:,}"
     columns = TableColumn("sequence"), TableColumn("split"), TableColumn("frames", detail=1)
     print_table(
         [*columns, TableColumn("seed", detail=2), TableColumn("there already")],
-        [(s.id, s.split, frames, str(s.seed), "yes" if (target / s.file).exists() else "no") for s in planned],
+        [(s.id, s.split, frames, str(s.seed), "yes" if is_there(s) else "no") for s in planned],
         title=f"{work.recipe.name}: {len(planned)} sequences in {target}",
         elsewhere="in a wider terminal or a pipe",
     )
-    missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(target, keep_slices).items()]
+    here = Path(str(target))
+    if in_store:
+        work, here = in_store.missing, in_store.scratch
+        missing = in_store.stacks
+    else:
+        missing = [users[0].stack_label(stack) for stack, users in work.stacks_to_render(here, keep_slices).items()]
     out.print(f"focal stacks to render: {'; '.join(missing) or 'none, all are there'}")
-    seconds, needed = work.estimate_seconds(target, keep_slices), work.estimate_bytes(target, keep_slices)
+    seconds, needed = work.estimate_seconds(here, keep_slices), work.estimate_bytes(here, keep_slices)
     sizes = {choice: work.kept_slice_bytes(choice) for choice in KEEP_SLICES}
     if sizes["all"]:
-        listed = ", ".join(f"{choice} {size / 1e9:.2f} GB" for choice, size in sizes.items())
+        listed = ", ".join(f"{choice} {_gigabytes(size)}" for choice, size in sizes.items())
         out.print(f"time slices kept in the end: {listed}; chosen: --keep-slices {keep_slices}")
-    out.print(f"disk still needed: about {needed / 1e9:.2f} GB; time: about {seconds:.0f} s on two cores with LLVM")
+    if in_store:
+        out.print(f"to upload to {target}: about {_gigabytes(in_store.upload_bytes)}")
+        needed = in_store.scratch_bytes
+    out.print(f"disk still needed: about {_gigabytes(needed)}; time: about {seconds:.0f} s on two cores with LLVM")
 
 
-def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder.")]) -> None:
+def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder, or s3://BUCKET/FOLDER.")]) -> None:
     """Check every file of a dataset against the digest in its manifest."""
     from saf_gen.stream.inspection import verify_streams_of_dataset
 

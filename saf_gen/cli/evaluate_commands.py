@@ -29,7 +29,7 @@ SweepMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds p
 
 
 def evaluate_command(
-    source: Annotated[Path, typer.Argument(help="Dataset folder or stream file.")],
+    source: Annotated[Path, typer.Argument(help="Dataset folder or stream file, here or at s3://BUCKET/NAME.")],
     *,
     split: Annotated[str | None, typer.Option(help="Evaluate only this split.")] = None,
     scene_motion: Annotated[str | None, typer.Option(help="Evaluate only static, or only dynamic, sequences.")] = None,
@@ -60,6 +60,7 @@ def evaluate_command(
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.method_spec import parse_method, read_method_list
     from saf_gen.core.files import check_folder_writable
+    from saf_gen.core.object_store import StorePath, find_path
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.report import write_evaluation_report
 
@@ -68,12 +69,16 @@ def evaluate_command(
     named = [*(method or ()), *(read_method_list(methods) if methods else ())]
     protocol = protocol_from_command_options(track, actuator=actuator, budget=budget, sweep=sweep)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
-    target = folder or (source / name if source.is_dir() else source.with_name(f"{source.stem}-{name}"))
+    data = find_path(source)
+    if isinstance(data, StorePath):
+        target = folder or Path(f"{data.stem}-{name}")
+    else:
+        target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))
     check_folder_writable(target)
     kept = KeptSequences(target / ".evaluation.unfinished")
     with print_progress_bars() as bars:
         result = run(
-            source,
+            data,
             methods=named or None,
             split=split,
             scene_motion=scene_motion,
@@ -92,9 +97,9 @@ def evaluate_command(
     print_leaderboard(
         rows,
         records=result.records,
-        title=f"{source}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
+        title=f"{data}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
     )
-    title = source.resolve().name
+    title = data.resolve().name
     print_written_paths(write_evaluation_report(target, rows=rows, evaluation=result, title=title, pdf=pdf))
     kept.remove()
     for failure in result.failures:

@@ -202,7 +202,9 @@ def index_command(
     out.print(f"{len(manifest.sequences)} sequences in splits {', '.join(manifest.splits)}: saf-gen evaluate {folder}")
 
 
-def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
+def inspect_command(
+    stream: Annotated[Path, typer.Argument(help="Stream file, or s3://BUCKET/NAME.")], *, as_json: AsJson = False
+) -> None:
     """Describe a stream: what is in it (length, rates, light, lens, true focus), and how it was made."""
     from saf_gen.stream.description import describe_stream_content, describe_stream_making
     from saf_gen.stream.stream_file import open_stream
@@ -213,6 +215,6 @@ def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")]
     if as_json:
         print_table(columns, [*content.items(), *making.items()], as_json=True)
         return
-    print_table(columns, content.items(), title=str(stream))
+    print_table(columns, content.items(), title=str(opened.path))
     out.print()
     print_table(columns, making.items(), title="how it was made")

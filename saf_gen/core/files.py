@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
+from saf_gen.core.object_store import check_on_disk
 from saf_gen.errors import BadInput
 
 ABANDONED_S = 86_400.0
@@ -35,6 +36,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises BadInput when the disk is full or the folder cannot be written.
     """
     final = Path(path)
+    check_on_disk(final)
     part = temporary_file_name(final)
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
@@ -79,6 +81,7 @@ def write_folder_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
     """Yield a new folder under a temporary name beside ``path``; it is removed at the end."""
+    check_on_disk(path)
     part = temporary_file_name(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftover_files(path.parent)
@@ -107,6 +110,7 @@ def sync_folder(folder: Path) -> None:
 
 def check_folder_writable(folder: Path) -> None:
     """Raise BadInput where ``folder`` could not be made or written to; nothing is made."""
+    check_on_disk(folder)
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     if not there.is_dir():
         raise unwritable_file_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))

@@ -15,6 +15,7 @@ from saf_gen.core import seeds
 from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
 from saf_gen.core.extras import RESULT_PACKAGES, installed_version
 from saf_gen.core.files import check_file_system, check_folder_writable, remove_leftover_files
+from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_generated_dataset_card
 from saf_gen.generate.job_order import JobOrder, find_stacks_to_generate, validate_generated_slices_kept
@@ -38,7 +39,7 @@ class GenerationResult:
     ``freed_bytes`` is the disk that deleted time slices took.
     """
 
-    folder: Path
+    folder: AnyPath
     manifest: Manifest
     rendered: list[str]
     recorded: list[str]
@@ -99,7 +100,7 @@ def generate(
     machines = None if cluster is None else Cluster(cluster, folder, writes=True)
 
     def choose_backend() -> tuple[str, bool]:
-        return _choose_backend(variant, cluster=machines, tell=tell)
+        return choose_recipe_renderer(variant, cluster=machines, tell=tell)
 
     backend_name, renders_waves = choose_backend() if to_render else (variant, True)
     leave_out = not renders_waves and resolved.recipe.render.diffraction is not False
@@ -158,7 +159,7 @@ def generate(
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
 
-def _choose_backend(requested: str, *, cluster: Cluster | None, tell: Callable[[str], None]) -> tuple[str, bool]:
+def choose_recipe_renderer(requested: str, *, cluster: Cluster | None, tell: Callable[[str], None]) -> tuple[str, bool]:
     """Return the backend to render with, here or on a worker of the cluster, and whether it renders diffraction."""
     job = ChooseBackendJob(requested)
     if cluster is None:
@@ -196,14 +197,21 @@ def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
     }
 
 
+def check_same_recipe_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | None:
+    """Return the manifest in a folder, None where there is none; raise BadInput where it is of another dataset."""
+    if not (folder / "manifest.json").exists():
+        return None
+    manifest = read_manifest(folder)
+    if manifest.name != resolved.recipe.name:
+        raise BadInput(
+            f"{folder} holds the dataset {manifest.name!r}, the recipe makes {resolved.recipe.name!r}",
+            hint="give another folder with --out",
+        )
+    return manifest
+
+
 def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -> None:
-    if (folder / "manifest.json").exists():
-        name = read_manifest(folder).name
-        if name != resolved.recipe.name:
-            raise BadInput(
-                f"{folder} holds the dataset {name!r}, the recipe makes {resolved.recipe.name!r}",
-                hint="give another folder with --out",
-            )
+    check_same_recipe_dataset(resolved, folder)
     check_folder_writable(folder)
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     needed, free = resolved.estimate_bytes(folder, keep_slices), shutil.disk_usage(there).free
@@ -241,14 +249,21 @@ def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
         stack = sequence.time_stack
         if stack not in digests:
             digests[stack] = None if stack.find_missing(stacks) else stack.digest(stacks)
-        entries.append(_entry(sequence, folder, stack_digest=digests[stack]))
+        entries.append(find_generated_entry(sequence, folder, stack_digest=digests[stack]))
+    return write_generated_manifest(resolved, folder, entries=[e for e in entries if e is not None], stacks=stacks)
+
+
+def write_generated_manifest(
+    resolved: ResolvedRecipe, folder: Path, *, entries: list[SequenceEntry], stacks: Path
+) -> Manifest:
+    """Write manifest.json, README.md and croissant.json over these sequences; notes in ``stacks`` name the renderer."""
     specs = (spec for stack in resolved.sequences_by_stack() for spec in stack.specs)
     backends: set[str] = set().union(*(StackStore(stacks, spec).backends() for spec in specs))
     manifest = Manifest(
         name=resolved.recipe.name,
         recipe_fingerprint=recipe_fingerprint(resolved.recipe),
         variant=", ".join(sorted(backends)),
-        sequences=tuple(entry for entry in entries if entry is not None),
+        sequences=tuple(entries),
     )
     write_manifest(folder, manifest)
     write_generated_dataset_card(
@@ -257,7 +272,9 @@ def _write_manifest(resolved: ResolvedRecipe, folder: Path) -> Manifest:
     return manifest
 
 
-def _entry(sequence: ResolvedSequence, folder: Path, *, stack_digest: str | None) -> SequenceEntry | None:
+def find_generated_entry(
+    sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str | None
+) -> SequenceEntry | None:
     """Return a sequence's line in the manifest; None where its file is missing, cut, or of another recipe.
 
     ``stack_digest`` is None where the stacks have been deleted; what the file says of them counts then.

@@ -6,12 +6,14 @@ A stream has a few known datasets, stored inside the file, and all of that is ch
 
 import math
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
+from saf_gen.core.object_store import ObjectReader
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.metadata import ARRAY_DATASETS
 
@@ -60,8 +62,10 @@ def open_stream_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     return spikes
 
 
-def read_small_stream_datasets(file: h5py.File, where: str) -> Iterator[tuple[str, Any]]:
-    """Yield name and value of every dataset but ``/spikes``; text as str.
+def read_small_stream_datasets(
+    file: h5py.File, where: str, *, reader: ObjectReader | None = None
+) -> Iterator[tuple[str, Any]]:
+    """Yield name and value of every dataset but ``/spikes``; text as str. ``reader`` is what ``file`` is read through.
 
     Raises BadInput for whatever a stream does not hold, before it is read.
     """
@@ -81,7 +85,7 @@ def read_small_stream_datasets(file: h5py.File, where: str) -> Iterator[tuple[st
             if is_text != (group == "provenance" or name == "names"):
                 raise BadInput(f"/{group}/{name} holds {item.dtype}", where=where, allowed="numbers; text in names")
             if is_text:
-                _check_text_length(file, item, where=where)
+                _check_text_length(file, item, where=where, reader=reader)
             yield f"/{group}/{name}", (item.asstr() if is_text else item)[()]
 
 
@@ -129,7 +133,7 @@ def _open_dataset(file: h5py.File, name: str, *, where: str) -> h5py.Dataset:
     return item
 
 
-def _check_text_length(file: h5py.File, item: h5py.Dataset, *, where: str) -> None:
+def _check_text_length(file: h5py.File, item: h5py.Dataset, *, where: str, reader: ObjectReader | None) -> None:
     """Refuse text that is too long; how long it is stands beside the reference to it."""
     if item.ndim > 1 or item.size > MAX_NAMES:
         raise BadInput(f"{item.name} holds text of the shape {item.shape}", where=where, allowed="one text, or a list")
@@ -140,7 +144,7 @@ def _check_text_length(file: h5py.File, item: h5py.Dataset, *, where: str) -> No
             if item.id.get_storage_size():
                 raise BadInput(f"{item.name} is stored in pieces", where=where, allowed="text stored as one")
             return
-        with Path(file.filename).open("rb") as raw:
+        with Path(file.filename).open("rb") if reader is None else nullcontext(reader) as raw:
             raw.seek(at)
             references = np.frombuffer(raw.read(_REFERENCE_BYTES * item.size), np.uint8).reshape(-1, _REFERENCE_BYTES)
         total = int(references[:, :4].copy().view("<u4").sum(dtype=np.int64))

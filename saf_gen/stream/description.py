@@ -2,7 +2,6 @@
 
 import math
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,7 +56,7 @@ def describe_stream_content(stream: ReadableStream, *, with_rates: bool = True) 
 
 def describe_stream_making(stream: ReadableStream) -> dict[str, str]:
     """Return how a stream was made as text, by name: size on the disk, versions, seeds, digests."""
-    facts = {"size": f"{Path(stream.path).stat().st_size * 8 / math.prod(stream.shape):.3f} bit per pixel and frame"}
+    facts = {"size": f"{stream.path.stat().st_size * 8 / math.prod(stream.shape):.3f} bit per pixel and frame"}
     for name, text in stream.metadata.provenance.items():
         if name == "versions":
             facts["made with"] = ", ".join(f"{k} {v}" for k, v in _read_json(stream, name).items())

@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+from saf_gen.core.object_store import StorePath
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import read_manifest, verify_manifest_entry
 
 
-def verify_streams_of_dataset(folder: str | Path) -> tuple[int, dict[str, str]]:
+def verify_streams_of_dataset(folder: str | Path | StorePath) -> tuple[int, dict[str, str]]:
     """Read every sequence of a dataset and compare it with the manifest.
 
     Returns the number of sequences, and the problem of each faulty one. Raises BadInput without a manifest.

@@ -15,6 +15,7 @@ from pydantic import ConfigDict, Field
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.files import write_text_atomically
+from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.stream_file import open_stream
 
@@ -72,22 +73,22 @@ class Manifest:
         return tuple(dict.fromkeys(s.split for s in self.sequences))
 
 
-def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
-    """Return the manifest of a dataset folder.
+def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
+    """Return the manifest of a dataset folder, on a disk or in an object store.
 
     Raises BadInput if the folder or its manifest is missing, and if the manifest is not JSON, has a newer
     layout, an unknown or missing key, a value of the wrong type, a repeated id, or a file outside the folder, or is not
     what was written.
     """
-    where = Path(folder)
+    where = find_path(folder)
     if not where.is_dir():
         if where.exists():
-            raise BadInput("this is not a folder", where=str(folder), allowed="a dataset folder")
+            raise BadInput("this is not a folder", where=str(where), allowed="a dataset folder")
         others = [p.name for p in where.parent.iterdir() if p.is_dir()] if where.parent.is_dir() else []
-        raise BadInput("there is no such folder", where=str(folder), nearest=closest(where.name, others))
+        raise BadInput("there is no such folder", where=str(where), nearest=closest(where.name, others))
     path = where / MANIFEST_NAME
     if not path.is_file():
-        raise BadInput(f"has no {MANIFEST_NAME}", where=str(folder), hint="make the dataset with saf-gen generate")
+        raise BadInput(f"has no {MANIFEST_NAME}", where=str(where), hint="make the dataset with saf-gen generate")
     document = parse_checked_json(read_text(path, hint=HINT), path, hint=HINT)
     if not isinstance(document.data, dict) or document.data.pop("format", None) != FORMAT:
         raise BadInput("is not the manifest of a dataset", where=str(path), allowed=f'"format": "{FORMAT}"')
@@ -103,9 +104,9 @@ def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
     return manifest
 
 
-def verify_manifest_entry(folder: str | os.PathLike[str], entry: SequenceEntry) -> None:
+def verify_manifest_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> None:
     """Read the whole stream of ``entry``; raises BadInput if it is missing, damaged or not as listed."""
-    with open_stream(Path(folder) / entry.file) as stream:
+    with open_stream(find_path(folder) / entry.file) as stream:
         frames = stream.shape[0]
         if stream.content_sha256 != entry.content_sha256 or frames != entry.frames:
             raise BadInput(

@@ -1,10 +1,10 @@
 """What an open stream offers to those who describe, draw or score it: they need not know how it is stored."""
 
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from saf_gen.core.object_store import AnyPath
 from saf_gen.core.region import Region
 from saf_gen.stream.metadata import Metadata, Truth
 
@@ -12,7 +12,7 @@ from saf_gen.stream.metadata import Metadata, Truth
 class ReadableStream(Protocol):
     """An open recording with what is known of it; :class:`saf_gen.stream.stream_file.SpikeStream` is one."""
 
-    path: Path
+    path: AnyPath
     shape: tuple[int, int, int]
     readout_hz: float
     content_sha256: str

@@ -15,13 +15,13 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from pathlib import Path
 from typing import Any, Self
 
 import h5py
 import numpy as np
 
 from saf_gen.core import bits
+from saf_gen.core.object_store import AnyPath, ObjectReader, StorePath, find_path
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
@@ -31,12 +31,12 @@ from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk
 from saf_gen.stream.window_counts import count_stream_windows
 
 
-def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
+def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None = None) -> "SpikeStream":
     """Open a stream file for reading, best in a ``with`` statement.
 
     Parameters
     ----------
-    path : a stream file (.h5).
+    path : a stream file (.h5), on a disk or in an object store (``s3://bucket/name.h5``), which is read by ranges.
     threads : threads that inflate; one per core by default, eight at most.
 
     Returns
@@ -46,35 +46,43 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
     Raises
     ------
     BadInput : a file that is missing, truncated or damaged, not HDF5, not a stream, or of a newer layout; one that
-        leads to other files or holds what a stream does not, or not the small datasets that it was made with.
+        leads to other files or holds what a stream does not, or not the small datasets that it was made with; a store
+        that cannot be used.
     """
-    where = Path(path)
+    where = find_path(path)
     if not where.is_file():
         if where.exists():
             what = "a folder" if where.is_dir() else "not a file on a disk"
-            raise BadInput(f"this is {what}", where=str(path), allowed="a stream file (.h5)")
+            raise BadInput(f"this is {what}", where=str(where), allowed="a stream file (.h5)")
         others = [p.name for p in where.parent.iterdir()] if where.parent.is_dir() else []
         missing = "there is no such file" if where.parent.is_dir() else f"there is no folder {str(where.parent)!r}"
-        raise BadInput(missing, where=str(path), nearest=closest(where.name, others))
+        raise BadInput(missing, where=str(where), nearest=closest(where.name, others))
+    reader: ObjectReader | None = None
     try:
-        with where.open("rb") as raw:
-            start = raw.read(8)
-        if start != b"\x89HDF\r\n\x1a\n":
-            problem = "is empty" if not start else "is not an HDF5 file"
-            raise BadInput(problem, where=str(path), allowed="a saf-gen stream", hint="import foreign files first")
         with ExitStack() as undo:
-            stream = SpikeStream(where, undo.enter_context(h5py.File(where, "r")), threads=threads)
+            raw = undo.enter_context(where.open("rb"))
+            start = raw.read(8)
+            if start != b"\x89HDF\r\n\x1a\n":
+                problem = "is empty" if not start else "is not an HDF5 file"
+                raise BadInput(problem, where=str(where), allowed="a saf-gen stream", hint="import foreign files first")
+            reader = raw if isinstance(raw, ObjectReader) else None
+            if reader is None:
+                raw.close()
+            file = undo.enter_context(h5py.File(reader or where, "r"))
+            stream = SpikeStream(where, file, reader=reader, threads=threads)
             undo.pop_all()
             return stream
     except _DAMAGE as error:
-        raise _damaged(where, error) from error
+        raise _damaged(where, error, reader=reader) from error
 
 
 _DAMAGE = (DamagedChunk, OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError)
 """What h5py raises for damaged files, by where the damage is."""
 
 
-def _damaged(path: Path, error: Exception) -> BadInput:
+def _damaged(path: AnyPath, error: Exception, *, reader: ObjectReader | None = None) -> BadInput:
+    if reader is not None and reader.problem is not None:
+        return reader.problem  # the store failed, not the file
     reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
     return BadInput(f"is truncated, damaged or cannot be read: {reason}", where=str(path), hint="make it again")
 
@@ -90,7 +98,7 @@ class SpikeStream:
 
     Attributes
     ----------
-    path : the file.
+    path : the file, a Path, or a StorePath in an object store.
     shape : (T, H, W).
     readout_hz : readouts per second.
     content_sha256 : as stored; :meth:`verify` compares it with the content.
@@ -98,8 +106,11 @@ class SpikeStream:
         its fields, None if absent.
     """
 
-    def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
+    def __init__(
+        self, path: AnyPath, file: h5py.File, *, reader: ObjectReader | None = None, threads: int | None = None
+    ) -> None:
         self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
+        self._reader = reader
         where = str(path)
         kind, layout = (read_stream_attribute(file, name) for name in ("format", "layout"))
         if kind != FORMAT:
@@ -113,7 +124,7 @@ class SpikeStream:
             raise BadInput("/spikes does not say frames and readout_hz", where=where, hint="make it again")
         frames, self.readout_hz = int(frames), float(hz)
         self.content_sha256 = str(read_stream_attribute(file, "content_sha256"))
-        small = dict(read_small_stream_datasets(file, where))
+        small = dict(read_small_stream_datasets(file, where, reader=reader))
         self.metadata = stream_metadata_from_datasets(small, (frames, rows, columns))
         if length != -(-frames // 8) or frames < 1:
             raise BadInput(
@@ -160,6 +171,8 @@ class SpikeStream:
         """Close the file and free the memory of what was read."""
         self._time_blocks.close()
         self._file.close()
+        if self._reader is not None:
+            self._reader.close()
 
     def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
         """Return frames ``first <= t < stop``, uint8 (frames, h, w) of 0 and 1.
@@ -222,7 +235,9 @@ class SpikeStream:
             with self._report_damage():
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)
-        self._check_digests(read_small_stream_datasets(self._file, str(self.path)), sha.hexdigest())
+        self._check_digests(
+            read_small_stream_datasets(self._file, str(self.path), reader=self._reader), sha.hexdigest()
+        )
 
     def _check_digests(self, datasets: Iterable[tuple[str, Any]], spikes: str) -> None:
         """Raise BadInput unless the small datasets and spikes of this SHA-256 are what the file was made with."""
@@ -254,7 +269,7 @@ class SpikeStream:
         try:
             yield
         except _DAMAGE as error:
-            raise _damaged(self.path, error) from error
+            raise _damaged(self.path, error, reader=self._reader) from error
 
     def _has_own_chunks(self) -> bool:
         """Return whether chunks can be read as stored: our shape, only deflate, none missing."""

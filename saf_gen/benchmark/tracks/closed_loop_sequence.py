@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from saf_gen.benchmark.records import Record
@@ -41,7 +42,7 @@ class ClosedLoopSequence:
         Raises BadInput where the stream is not the one that the manifest names, or cannot be captured again.
         """
         check_stream_to_evaluate(task, stream)
-        capture = Capture.from_stream(stream, task.path.parent.parent / "stacks")
+        capture = Capture.from_stream(stream, Path(str(task.path)).parent.parent / "stacks")
         data = stream.content_sha256
         if capture.slices:
             data = hashlib.sha256(f"{data} {capture.slices}".encode()).hexdigest()

@@ -1,7 +1,6 @@
 """The sequences to evaluate, where methods look, and what the records of all methods say of a sequence."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +16,7 @@ from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.files import file_name_as_text
+from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
@@ -33,7 +33,7 @@ class SequenceTask:
     split: str | None
     scene: str
     light: str | None
-    path: Path
+    path: AnyPath
     content_sha256: str | None
     variant: int | None = None
     scene_motion: str | None = None
@@ -42,7 +42,7 @@ class SequenceTask:
 
 
 def list_sequences_to_evaluate(
-    path: Path, *, split: str | None = None, scene_motion: str | None = None
+    path: AnyPath, *, split: str | None = None, scene_motion: str | None = None
 ) -> list[SequenceTask]:
     """Return the sequences of a dataset folder, of this split and scene motion, or the one stream of a file.
 
@@ -80,7 +80,7 @@ def list_sequences_to_evaluate(
     ]
 
 
-def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None) -> SequenceTask:
+def _make_stream_task(path: AnyPath, *, split: str | None, scene_motion: str | None) -> SequenceTask:
     if not path.exists():
         raise BadInput(
             f"no dataset or stream at {str(path)!r}",
@@ -95,7 +95,7 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
     return SequenceTask(name, None, name, None, path, None)
 
 
-def _siblings(path: Path) -> list[str]:
+def _siblings(path: AnyPath) -> list[str]:
     return [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
 
 

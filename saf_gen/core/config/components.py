@@ -73,7 +73,7 @@ def _with_text(value: Any, document: Document, *, where: str) -> Any:
         return {"choice": [_with_text(one, document, where=where) for one in value["choice"]]}
     if not isinstance(value, str):
         return value  # read before, or refused by the plug-in
-    return {"path": value, "text": read_text_beside(document.path.parent, value, where=where)}
+    return {"path": value, "text": read_text_beside(str(document.path.parent), value, where=where)}
 
 
 def draw_config_component(

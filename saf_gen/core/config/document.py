@@ -15,6 +15,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_typ
 from pydantic import BaseModel, ConfigDict, Tag, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, closest
 
 Key = str | int
@@ -39,7 +40,7 @@ class Document:
     ``find_lines`` is called when the first line is asked for, so that reading a file without errors stays fast.
     """
 
-    def __init__(self, data: Any, path: Path, *, find_lines: Callable[[], Lines]) -> None:
+    def __init__(self, data: Any, path: AnyPath, *, find_lines: Callable[[], Lines]) -> None:
         self.data, self.path = data, path
         self._find_lines = find_lines
 
@@ -65,7 +66,7 @@ MAX_LINE = 1 << 24
 """Characters of a line of a file that programs write, such as the records of an evaluation."""
 
 
-def read_text(path: Path, *, most: int = MAX_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
+def read_text(path: AnyPath, *, most: int = MAX_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
     """Return the text of a file; ends of lines become a newline.
 
     Raises BadInput, with the nearest name, where it cannot be read, is no file on a disk, or has over ``most`` bytes.
@@ -74,14 +75,15 @@ def read_text(path: Path, *, most: int = MAX_BYTES, encoding: str = "utf-8", hin
         check_plain_file(path, most=most, hint=hint)
         return path.read_text(encoding=encoding)
     except FileNotFoundError:
-        near = closest(path.name, [p.name for p in path.parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")])
+        others = Path(str(path)).parent.glob(f"*{path.suffix[:2]}*" if path.suffix else "*")
+        near = closest(path.name, [p.name for p in others])
         nearest = str(path.with_name(near)) if near else ""
         raise BadInput(f"{path} does not exist", nearest=nearest, hint=hint) from None
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
 
 
-def check_plain_file(path: Path, *, most: int = MAX_BYTES, hint: str = "") -> None:
+def check_plain_file(path: AnyPath, *, most: int = MAX_BYTES, hint: str = "") -> None:
     """Raise BadInput for a folder, a pipe, a device, or a file of over ``most`` bytes.
 
     Raises OSError where there is nothing.

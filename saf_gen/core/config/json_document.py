@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from saf_gen.core.config.document import Document, Key, Lines, check_letters_whole, read_text
+from saf_gen.core.object_store import AnyPath, StorePath
 from saf_gen.errors import BadInput
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
@@ -26,9 +27,9 @@ def read_json(path: str | Path, *, hint: str = "") -> Document:
     return parse_json(read_text(Path(path), hint=hint), path, hint=hint)
 
 
-def parse_json(text: str, path: str | Path, *, first_line: int = 1, hint: str = "") -> Document:
+def parse_json(text: str, path: str | AnyPath, *, first_line: int = 1, hint: str = "") -> Document:
     """Read JSON text that begins in line ``first_line`` of the file ``path``; raises as :func:`read_json`."""
-    path = Path(path)
+    path = path if isinstance(path, StorePath) else Path(path)
     try:
         data = json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse)
         if "\\u" in text:
@@ -51,7 +52,7 @@ def format_checked_json(document: Mapping[str, Any], *, indent: int | None = Non
     return f"{text[:at]}{_digits(text[:at])}{text[at:]}"
 
 
-def parse_checked_json(text: str, path: str | Path, *, first_line: int = 1, hint: str = "") -> Document:
+def parse_checked_json(text: str, path: str | AnyPath, *, first_line: int = 1, hint: str = "") -> Document:
     """Read JSON text as :func:`parse_json` does, and hold it against its checksum, which the document then lacks.
 
     An object without one, as earlier versions wrote, is taken as it is. Raises BadInput as :func:`read_json`, and for

@@ -1,0 +1,134 @@
+"""What goes between a dataset in an object store and the scratch folder in which it is made."""
+
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from saf_gen.core.execution import ReportProgress
+from saf_gen.core.object_store import StorePath
+from saf_gen.core.object_transfers import download_file, list_objects, upload_file
+from saf_gen.generate.plan import recipe_fingerprint
+from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
+from saf_gen.generate.run import check_same_recipe_dataset, find_generated_entry, write_generated_manifest
+from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.time_resolved import TimeResolvedStack
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry
+
+TRANSFERS = 4
+"""Files that go up or down at a time; each of them may take 150 MB of memory."""
+CARDS = ("README.md", "croissant.json", MANIFEST_NAME)
+"""What is said of the dataset, in the order in which it goes up: the manifest comes last."""
+
+
+class StoreTransfer:
+    """Moves stacks, streams and manifests of one dataset; ``stop`` ends what goes up after the current files."""
+
+    def __init__(self, resolved: ResolvedRecipe, store: StorePath, scratch: Path, *, report: ReportProgress) -> None:
+        self._resolved, self._store, self._scratch, self._report = resolved, store, scratch, report
+        self._stacks = scratch / "stacks"
+        self._objects = list_objects(store)
+        self.stop = threading.Event()
+
+    def find_entries(self, listed: Mapping[str, SequenceEntry]) -> dict[str, SequenceEntry]:
+        """Return the sequences of the recipe that the store holds, by id; ``listed`` is what its manifest says.
+
+        The notes of all stacks are fetched, as they tell what a sequence of this recipe must be made from. Streams that
+        the manifest does not list so are opened, by ranges.
+        """
+        keys = {spec.key for sequence in self._resolved.plan for spec in sequence.time_stack.specs}
+        self._fetch(name for name in self._objects if name.endswith(".json") and _stack_key(name) in keys)
+        digests: dict[TimeResolvedStack, str | None] = {}
+        found = {}
+        for sequence in self._resolved.plan:
+            stack, name = sequence.time_stack, sequence.planned.id
+            if sequence.planned.file not in self._objects:
+                continue
+            if stack not in digests:
+                digests[stack] = stack.digest(self._stacks) if stack.has_all_notes(self._stacks) else None
+            digest, entry = digests[stack], listed.get(name)
+            if entry is None or digest is None or entry.fingerprint != sequence.fingerprint(digest):
+                entry = find_generated_entry(sequence, self._store, stack_digest=digest)
+            if entry is not None:
+                found[name] = entry
+        return found
+
+    def fetch_stacks(self, batch: Sequence[ResolvedSequence]) -> None:
+        """Fetch what the store holds of the stacks of these sequences, so that it is not rendered again."""
+        keys = {spec.key for spec in stacks_of_generated_sequences(batch)}
+        self._fetch(name for name in self._objects if _stack_key(name) in keys)
+
+    def _fetch(self, names: Iterable[str]) -> None:
+        missing = [name for name in names if not (self._scratch / name).exists()]
+        with ThreadPoolExecutor(TRANSFERS) as pool:
+            list(pool.map(lambda name: download_file(self._store / name, self._scratch / name), missing))
+
+    def send_up(
+        self,
+        batch: Sequence[ResolvedSequence],
+        finished: Sequence[SequenceEntry],
+        *,
+        there: Mapping[str, SequenceEntry],
+    ) -> None:
+        """Send up the stacks of a batch and its finished streams, delete them here, and list all that is there."""
+        specs = stacks_of_generated_sequences(batch)
+        of_stacks = [path for spec in specs for path in (self._stacks / spec.key).glob("[!.]*")]
+        of_stacks += [path for spec in specs if (path := self._scratch / "preview" / f"{spec.key}.png").exists()]
+        streams = [self._scratch / entry.file for entry in finished]
+        for files in (of_stacks, streams):
+            with ThreadPoolExecutor(TRANSFERS) as pool:
+                list(pool.map(self._send, files))
+        if self.stop.is_set():
+            return
+        for stream in streams:
+            stream.unlink(missing_ok=True)
+        for spec in specs:
+            StackStore(self._stacks, spec).delete_pictures()  # notes stay: the manifest names what rendered them
+        self.publish(there, with_others=True)
+
+    def _send(self, file: Path) -> None:
+        name = file.relative_to(self._scratch).as_posix()
+        if self.stop.is_set() or (name in self._objects and _stack_key(name)):  # fetched from there
+            return
+        report = self._report if file.suffix == ".h5" else lambda name, done: None  # a stack may have 1,000 pieces
+        report(f"upload {name}", 0.0)
+        upload_file(file, self._store / name)
+        report(f"upload {name}", 1.0)
+
+    def publish(self, there: Mapping[str, SequenceEntry], *, with_others: bool) -> Manifest:
+        """Write the manifest and the cards of the sequences that are there, in the store too; the manifest comes last.
+
+        ``with_others`` keeps what other shards of the recipe have listed meanwhile.
+        """
+        known = dict(there)
+        now = check_same_recipe_dataset(self._resolved, self._store) if with_others else None
+        if now is not None and now.recipe_fingerprint == recipe_fingerprint(self._resolved.recipe):
+            known = {entry.id: entry for entry in now.sequences} | known
+        entries = [known[s.planned.id] for s in self._resolved.plan if s.planned.id in known]
+        card = CARDS[1]
+        if card in self._objects:
+            self._fetch([card])  # it holds the date of the first publication
+        manifest = write_generated_manifest(self._resolved, self._scratch, entries=entries, stacks=self._stacks)
+        for name in CARDS:
+            upload_file(self._scratch / name, self._store / name)
+        return manifest
+
+
+def stacks_of_generated_sequences(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
+    """Return all stacks of sequences, those of the closed loop too, each once."""
+    found: dict[StackSpec, None] = {}
+    for sequence in sequences:
+        for stack in (sequence.time_stack, sequence.closed_loop_slices):
+            found |= dict.fromkeys(stack.specs if stack else ())
+    return list(found)
+
+
+def names_of_generated_pictures(specs: Iterable[StackSpec]) -> set[str]:
+    """Return the names of the objects that hold the pictures of stacks."""
+    return {f"stacks/{spec.key}/{piece}.exr" for spec in specs for piece in StackStore(Path(), spec).pieces}
+
+
+def _stack_key(name: str) -> str:
+    """Return the key of the stack that an object belongs to; '' for none."""
+    parts = name.split("/")
+    return parts[1] if len(parts) == 3 and parts[0] == "stacks" else ""

@@ -1,0 +1,200 @@
+"""From a recipe to a dataset in an object store, through a scratch folder on this machine that stays small.
+
+The dataset is made in batches, of whole focal stacks and what is recorded from them. While one is made, the one before
+goes up: its stacks, then its streams, each checked when it has arrived; then it is deleted here, and the manifest that
+lists it is written. So a manifest never lists what is not whole, and a run that was killed goes on from what is in the
+store and in the scratch folder.
+"""
+
+import hashlib
+import shutil
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from urllib.parse import quote
+
+from saf_gen.core.execution import Cluster, ReportProgress
+from saf_gen.core.files import check_folder_writable
+from saf_gen.core.object_store import StorePath
+from saf_gen.core.object_transfers import abort_unfinished_uploads, check_store_writable, list_objects
+from saf_gen.generate.cost import plan_stack_bytes, plan_stream_bytes
+from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
+from saf_gen.generate.run import GenerationResult, check_same_recipe_dataset, choose_recipe_renderer, generate
+from saf_gen.generate.store_transfer import StoreTransfer, names_of_generated_pictures, stacks_of_generated_sequences
+from saf_gen.stack.focal_stack import StackSpec
+
+BATCH_BYTES = 8_000_000_000
+"""Stacks and streams of a batch, about; a stack that is larger, with its streams, is a batch of its own."""
+
+
+@dataclass(frozen=True)
+class StorePlan:
+    """What a run would do for a dataset in a store.
+
+    there : ids of the sequences that the store holds, by the names of its objects.
+    missing : the recipe with all other sequences.
+    stacks : labels of the stacks to render.
+    upload_bytes, scratch_bytes : what goes up, and what lies in the folder ``scratch`` at a time, at most, about.
+    """
+
+    scratch: Path
+    there: frozenset[str]
+    missing: ResolvedRecipe
+    stacks: list[str]
+    upload_bytes: int
+    scratch_bytes: int
+
+
+def plan_for_store(resolved: ResolvedRecipe, store: StorePath) -> StorePlan:
+    """Return what a run would do; nothing is written, in the store or here.
+
+    Raises BadInput where the store cannot be asked, or holds another dataset.
+    """
+    check_same_recipe_dataset(resolved, store)
+    objects = list_objects(store)
+    there = frozenset(s.planned.id for s in resolved.sequences if s.planned.file in objects)
+    missing = [s for s in resolved.sequences if s.planned.id not in there]
+    users = {stack: s for s in reversed(missing) for stack in (s.closed_loop_slices, s.time_stack) if stack}
+    labels = [
+        user.stack_label(stack)
+        for stack, user in users.items()
+        if not names_of_generated_pictures(stack.specs) <= objects
+    ]
+    sizes = [_count_bytes(batch) for batch in split_recipe_into_batches(missing)]
+    return StorePlan(
+        scratch=find_generate_scratch(resolved, store),
+        there=there,
+        missing=replace(resolved, sequences=tuple(missing)),
+        stacks=labels[::-1],
+        upload_bytes=sum(sizes),
+        scratch_bytes=max(a + b for a, b in pairwise([0, *sizes, 0])),
+    )
+
+
+def find_generate_scratch(resolved: ResolvedRecipe, store: StorePath) -> Path:
+    """Return the folder of this machine in which these sequences are made; another shard has another."""
+    ids = "\n".join(s.planned.id for s in resolved.sequences)
+    name = quote(f"{store.scheme}-{store.key}", safe="")
+    return Path("datasets") / f".{name}.{hashlib.sha256(ids.encode()).hexdigest()[:8]}"
+
+
+def generate_to_store(
+    resolved: ResolvedRecipe,
+    store: StorePath,
+    *,
+    workers: int = 1,
+    variant: str = "auto",
+    cluster: str | None = None,
+    keep_slices: str = "all",
+    report: ReportProgress = lambda name, done: None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> GenerationResult:
+    """Make a dataset in an object store, or what is missing of it there.
+
+    What the store holds of this recipe is kept: by the word of the manifest where it lists a stream with the right
+    fingerprint, else by what the stream says of itself. ``saf-gen verify`` reads all of it.
+
+    Parameters
+    ----------
+    resolved : what :func:`saf_gen.generate.resolve.resolve_recipe` returns.
+    store : the dataset's folder in the store, as :func:`saf_gen.core.object_store.find_path` returns it.
+    workers, variant, cluster, keep_slices, report, tell : as for :func:`saf_gen.generate.run.generate`; uploads are
+        reported too. The workers of a cluster must see the scratch folder, which lies in the working folder.
+
+    Raises
+    ------
+    BadInput : as ``generate`` does, and where the store cannot be written to or fails; the same call goes on from what
+        is there by then.
+    """
+    scratch = find_generate_scratch(resolved, store).resolve()
+    before = check_same_recipe_dataset(resolved, store)
+    check_store_writable(store)
+    check_folder_writable(scratch)
+    aborted, left = abort_unfinished_uploads(store, ours={s.planned.file for s in resolved.sequences})
+    if aborted or left:
+        tell(f"uploads that were broken off: {aborted} removed, {left} that may be of other runs left")
+    listed = {entry.id: entry for entry in before.sequences} if before else {}
+    transfer = StoreTransfer(resolved, store, scratch, report=report)
+    there = transfer.find_entries(listed)
+    leave_out = False
+    if any(s.planned.id not in there for s in resolved.sequences) and resolved.recipe.render.diffraction is None:
+        scratch.mkdir(parents=True, exist_ok=True)
+        machines = None if cluster is None else Cluster(cluster, scratch, writes=True)
+        leave_out = not choose_recipe_renderer(variant, cluster=machines, tell=tell)[1]
+    if leave_out:
+        resolved = resolved.without_diffraction()
+        transfer = StoreTransfer(resolved, store, scratch, report=report)
+        there = transfer.find_entries(listed)
+    if any(there.get(name) != entry for name, entry in listed.items()):
+        transfer.publish(there, with_others=False)  # what is made again is not listed meanwhile
+    kept = [s.planned.id for s in resolved.sequences if s.planned.id in there]
+    parts: list[GenerationResult] = []
+    with ThreadPoolExecutor(1, "upload") as behind:
+        going_up: Future[None] | None = None
+        try:
+            for batch in split_recipe_into_batches([s for s in resolved.sequences if s.planned.id not in there]):
+                transfer.fetch_stacks(batch)
+                part = generate(
+                    replace(resolved, plan=tuple(batch), sequences=tuple(batch)),
+                    scratch,
+                    workers=workers,
+                    variant=variant,
+                    cluster=cluster,
+                    keep_slices=keep_slices,
+                    report=report,
+                    tell=tell,
+                )
+                parts.append(part)
+                if going_up is not None:
+                    going_up.result()
+                there |= {entry.id: entry for entry in part.manifest.sequences}
+                going_up = behind.submit(transfer.send_up, batch, part.manifest.sequences, there=dict(there))
+            if going_up is not None:
+                going_up.result()
+            manifest = transfer.publish(there, with_others=True)
+        except BaseException:
+            transfer.stop.set()
+            raise
+    failed = {name: error for part in parts for name, error in part.failed.items()}
+    if not failed:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return GenerationResult(
+        store,
+        manifest,
+        rendered=[name for part in parts for name in part.rendered],
+        recorded=[name for part in parts for name in part.recorded],
+        kept=[*kept, *(name for part in parts for name in part.kept)],
+        failed=failed,
+        without_diffraction=leave_out,
+        freed_bytes=sum(part.freed_bytes for part in parts),
+    )
+
+
+def split_recipe_into_batches(sequences: Iterable[ResolvedSequence]) -> list[list[ResolvedSequence]]:
+    """Return sequences in batches of about BATCH_BYTES, so that no stack belongs to two of them."""
+    group_of: dict[StackSpec, list[ResolvedSequence]] = {}
+    for sequence in sequences:
+        group, specs = [sequence], stacks_of_generated_sequences([sequence])
+        for spec in specs:
+            other = group_of.get(spec, group)
+            if other is not group:
+                other += group
+                group_of |= dict.fromkeys(stacks_of_generated_sequences(group), other)
+                group = other
+        group_of |= dict.fromkeys(specs, group)
+    batches: list[list[ResolvedSequence]] = []
+    room = 0
+    for group in {id(one): one for one in group_of.values()}.values():
+        size = _count_bytes(group)
+        if not batches or size > room:
+            batches, room = [*batches, []], BATCH_BYTES
+        batches[-1].extend(group)
+        room -= size
+    return batches
+
+
+def _count_bytes(sequences: list[ResolvedSequence]) -> int:
+    pixel_frames = sum(s.frames * s.sensor.rows * s.sensor.columns for s in sequences)
+    return plan_stack_bytes(stacks_of_generated_sequences(sequences)) + plan_stream_bytes(pixel_frames)

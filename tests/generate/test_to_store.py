@@ -1,0 +1,234 @@
+"""Generating into an object store: whole, resumed from any moment, with a small folder of this machine."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+from refusals import assert_says, refusal
+from small_dataset import SCENES, SMALL_RECIPE
+
+from saf_gen.core.object_store import StorePath
+from saf_gen.errors import BadInput
+from saf_gen.generate import store_transfer, to_store
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.generate.to_store import find_generate_scratch, generate_to_store, split_recipe_into_batches
+from saf_gen.render import backend
+from saf_gen.stream.inspection import verify_streams_of_dataset
+from saf_gen.stream.manifest import read_manifest
+
+VARIANT = "llvm" if backend.probe_render_backends().llvm_usable else "scalar"
+NAMES = ["plane-constant-00", "plane-continuous-00", "plane-lamp_only-00"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The recipe and a local dataset of it; rendered once, and copied where a run is to find its work done."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "small.yaml").write_text(SMALL_RECIPE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SAF_GEN_SCENES", str(SCENES))
+        result = generate(resolve_recipe(folder / "small.yaml"), folder / "local", variant=VARIANT)
+    assert result.failed == {}
+    return folder
+
+
+@pytest.fixture
+def here(made, tmp_path, monkeypatch, test_scenes):
+    """A working folder."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(made / "small.yaml", tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def store(s3):
+    """A folder in the store, empty."""
+    yield StorePath("s3", "data/sets/small")
+    if s3.exists("data/sets"):
+        s3.rm("data/sets", recursive=True)
+
+
+@pytest.fixture
+def work(here):
+    return resolve_recipe(here / "small.yaml")
+
+
+def lay_in_scratch(made, work, store):
+    """What an earlier run had made and not sent up: the next finds it there."""
+    shutil.copytree(made / "local", find_generate_scratch(work, store))
+
+
+def run(work, store, **options):
+    return generate_to_store(work, store, variant=VARIANT, **options)
+
+
+def test_a_dataset_in_a_store_is_the_one_on_a_disk_and_nothing_is_left_here(made, work, store, here, s3):
+    told = []
+    result = run(work, store, report=lambda name, done: told.append(name) if done >= 1 else None)
+    assert (result.recorded, result.kept, result.failed) == (NAMES, [], {})
+    assert result.manifest == read_manifest(store) == read_manifest(made / "local")
+    assert verify_streams_of_dataset(store) == (3, {})
+    names = {path.relative_to(made / "local").as_posix() for path in (made / "local").rglob("*") if path.is_file()}
+    assert {key.removeprefix("data/sets/small/") for key in s3.find("data/sets/small")} == names
+    assert [path.name for path in here.rglob("*") if path.name != "datasets"] == ["small.yaml"]
+    assert sorted(name for name in told if name.startswith("upload")) == [f"upload test/{name}.h5" for name in NAMES]
+
+
+def test_what_the_store_holds_is_neither_rendered_nor_recorded_nor_sent_again(made, work, store, s3, monkeypatch):
+    lay_in_scratch(made, work, store)
+    first = run(work, store)
+    before = s3.find("data/sets/small", detail=True)
+    monkeypatch.setattr(to_store, "generate", lambda *args, **options: pytest.fail("something is made again"))
+    again = run(work, store)
+    assert (again.recorded, again.kept, again.manifest) == ([], NAMES, first.manifest)
+    after = s3.find("data/sets/small", detail=True)
+    assert {key: facts["ETag"] for key, facts in after.items()} == {k: facts["ETag"] for k, facts in before.items()}
+
+
+def test_a_lost_stream_is_recorded_from_the_stack_in_the_store_and_a_lost_manifest_is_written_anew(
+    made, work, store, s3
+):
+    lay_in_scratch(made, work, store)
+    first = run(work, store)
+    s3.rm_file(f"{store.key}/test/{NAMES[1]}.h5")
+    s3.rm_file(f"{store.key}/manifest.json")
+    again = run(work, store)
+    assert (again.rendered, again.recorded, sorted(again.kept)) == ([], [NAMES[1]], [NAMES[0], NAMES[2]])
+    assert again.manifest == first.manifest
+    assert verify_streams_of_dataset(store) == (3, {})
+
+
+class Killed(BaseException):
+    pass
+
+
+@pytest.mark.slow
+def test_a_run_that_ends_before_or_after_any_upload_lists_nothing_that_is_not_whole_and_goes_on(
+    made, work, store, s3, monkeypatch
+):
+    """Eight files of stacks, three streams, and twice three cards go up: it ends before (even) or after one of them."""
+    send, sent = store_transfer.upload_file, []
+    for steps in (0, 7, 16, 17, 21, 24, 27, 34):
+        lay_in_scratch(made, work, store)
+        sent.clear()
+
+        def stop(file, target, at=steps):
+            if len(sent) == at // 2 and at % 2 == 0:
+                raise Killed
+            sent.append(target)
+            send(file, target)
+            if len(sent) == at // 2 + 1:
+                raise Killed
+
+        monkeypatch.setattr(store_transfer, "upload_file", stop)
+        monkeypatch.setattr(store_transfer, "TRANSFERS", 1)
+        ended = False
+        try:
+            run(work, store)
+            ended = True
+        except Killed:
+            pass
+        if s3.exists(f"{store.key}/manifest.json"):
+            assert verify_streams_of_dataset(store)[1] == {}
+        monkeypatch.setattr(store_transfer, "upload_file", send)
+        shutil.rmtree(find_generate_scratch(work, store), ignore_errors=True) if steps % 4 == 3 else None
+        result = run(work, store)
+        assert result.failed == {}
+        assert result.manifest.sequences == read_manifest(made / "local").sequences
+        assert verify_streams_of_dataset(store) == (3, {})
+        assert not find_generate_scratch(work, store).exists()
+        s3.rm(store.key, recursive=True)
+        assert ended == (steps == 34)
+
+
+def test_a_stream_of_another_recipe_is_not_listed_while_it_is_made_again(made, work, store, s3, monkeypatch):
+    lay_in_scratch(made, work, store)
+    run(work, store)
+    s3.copy(f"{store.key}/test/{NAMES[0]}.h5", f"{store.key}/test/{NAMES[1]}.h5")
+    text = json.loads(s3.cat_file(f"{store.key}/manifest.json"))
+    text.pop("checksum")
+    text["sequences"][1]["fingerprint"] = "of another recipe"
+    s3.pipe_file(f"{store.key}/manifest.json", json.dumps(text).encode())
+
+    def look(*args, **options):
+        assert [entry.id for entry in read_manifest(store).sequences] == [NAMES[0], NAMES[2]]
+        return generate(*args, **options)
+
+    monkeypatch.setattr(to_store, "generate", look)
+    assert run(work, store).recorded == [NAMES[1]]
+    assert verify_streams_of_dataset(store) == (3, {})
+
+
+def test_shards_list_what_others_have_made(made, here, store):
+    for part in (1, 2):
+        shard = resolve_recipe(here / "small.yaml", part=(part, 2))
+        lay_in_scratch(made, shard, store)
+        result = run(shard, store)
+    assert [entry.id for entry in result.manifest.sequences] == NAMES
+    assert verify_streams_of_dataset(store) == (3, {})
+
+
+def test_batches_hold_whole_stacks_and_about_so_many_bytes(work, monkeypatch):
+    sequences = list(work.sequences)
+    assert split_recipe_into_batches(sequences) == [sequences]
+    other = [replace(s, time_stack=replace(s.time_stack, slice_frames=(0, 8)), scene=None) for s in sequences]
+    assert split_recipe_into_batches([*sequences, *other]) == [[*sequences, *other]]  # the same pictures
+    specs = [replace(spec, samples=99) for spec in sequences[0].time_stack.specs]
+    apart = [replace(s, time_stack=replace(s.time_stack, specs=tuple(specs))) for s in sequences]
+    mixed = [one for pair in zip(sequences, apart, strict=True) for one in pair]
+    monkeypatch.setattr(to_store, "BATCH_BYTES", 1)
+    assert split_recipe_into_batches(mixed) == [sequences, apart]
+    assert split_recipe_into_batches([]) == []
+
+
+def test_a_dry_run_tells_what_goes_up_and_writes_nothing(made, work, store, here, s3, call):
+    code, out, err = call("generate", "small.yaml", "--out", str(store), "--dry-run")
+    assert code == 0, err
+    assert "3 sequences in s3://data/sets/small" in out
+    assert "to upload to s3://data/sets/small: about 0.00 GB" in out
+    assert "scratch: at most about 0.00 GB in datasets/.s3-data%2Fsets%2Fsmall" in err
+    assert "focal stacks to render: plane" in out
+    assert (s3.exists(store.key), [path.name for path in here.iterdir()]) == (False, ["small.yaml"])
+    lay_in_scratch(made, work, store)
+    run(work, store)
+    code, out, err = call("generate", "small.yaml", "--out", str(store), "--dry-run")
+    assert (code, out.count(" yes ") + out.count(" yes\n"), "scratch" in err) == (0, 3, False)
+    assert "focal stacks to render: none, all are there" in out
+
+
+def test_bad_stores_are_refused_before_anything_is_made(work, store, here, s3, call, monkeypatch):
+    code, _, err = call("generate", "small.yaml", "--out", "s3://none/small")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "there is no bucket 'none'" in err
+    s3.pipe_file(store.key, b"an object")
+    assert_says(refusal(run, work, store), "s3://data/sets/small: this is an object | a folder")
+    s3.rm_file(store.key)
+
+    def refuse(key, data):
+        raise PermissionError(13, "Access Denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(s3, "pipe_file", refuse)
+        assert_says(refusal(run, work, store), "the store refuses: Access Denied")
+    s3.pipe_file(f"{store.key}/manifest.json", b"{}")
+    assert_says(refusal(run, work, store), "s3://data/sets/small/manifest.json | is not the manifest of a dataset")
+    assert [path.name for path in here.iterdir()] == ["small.yaml"]
+
+
+def test_a_store_that_fails_later_ends_the_run_in_one_line_and_the_next_one_goes_on(made, work, store, monkeypatch):
+    lay_in_scratch(made, work, store)
+    send = store_transfer.upload_file
+
+    def fail(file, target):
+        if file.suffix == ".h5":
+            raise BadInput("the store does not answer", where=str(target))
+        send(file, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store_transfer, "upload_file", fail)
+        assert_says(refusal(run, work, store), "s3://data/sets/small/test/ | does not answer")
+    result = run(work, store)
+    assert (result.recorded, result.rendered) == ([], [])
+    assert verify_streams_of_dataset(store) == (3, {})

@@ -1,0 +1,193 @@
+"""Streams and datasets in an object store: the same content as on a disk, by ranges, with the same care."""
+
+import gc
+import pickle
+import re
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from planted_sweeps import list_streams, write_sweep
+from refusals import assert_says, refusal
+
+import saf_gen
+from saf_gen.core.object_store import find_path
+from saf_gen.stream.inspection import verify_streams_of_dataset
+from saf_gen.stream.manifest import read_manifest
+
+FRAMES = 8_000
+
+
+@pytest.fixture(scope="module")
+def long_stream(tmp_path_factory):
+    """A file whose four time blocks are far larger than what lies beside the spikes: random bits hardly deflate."""
+    path = tmp_path_factory.mktemp("long") / "long.h5"
+    spikes = np.random.default_rng(5).random((FRAMES, 64, 200), dtype=np.float32) < 0.5
+    saf_gen.write_stream(path, spikes, focus_position=np.linspace(0, 1, FRAMES), provenance={"note": "one" * 100})
+    return path
+
+
+@pytest.fixture(scope="module")
+def address(s3, long_stream):
+    s3.put_file(str(long_stream), "data/streams/long.h5")
+    return "s3://data/streams/long.h5"
+
+
+@pytest.fixture
+def asked(s3, monkeypatch):
+    """The bytes of each range that the server is asked for."""
+    ranges = []
+    call = type(s3)._call_s3
+
+    async def listen(self, method, *args, **options):
+        if method == "get_object":
+            first, last = re.fullmatch(r"bytes=(\d+)-(\d+)", options["Range"]).groups()
+            ranges.append(int(last) - int(first) + 1)
+        return await call(self, method, *args, **options)
+
+    monkeypatch.setattr(type(s3), "_call_s3", listen)
+    return ranges
+
+
+def test_a_window_of_100_frames_fetches_its_time_block_and_not_the_file(address, long_stream, asked):
+    with saf_gen.open_stream(address) as there, saf_gen.open_stream(long_stream) as here:
+        at_opening = sum(asked)
+        assert np.array_equal(there.counts(4_100, 4_200), here.counts(4_100, 4_200))
+        size = long_stream.stat().st_size
+        assert (FRAMES, at_opening < size / 20) == (here.shape[0], True)
+        assert size / 4 * 0.95 < sum(asked) - at_opening < size / 4 * 1.6  # a quarter, and what was read ahead
+        few = len(asked)
+        there.counts(4_300, 4_400)
+        assert len(asked) == few  # it is in memory
+
+
+def test_a_stream_in_a_store_has_the_content_of_the_file(address, long_stream, asked):
+    with saf_gen.open_stream(address) as there, saf_gen.open_stream(long_stream) as here:
+        assert there.content_sha256 == here.content_sha256
+        assert there.metadata.provenance == here.metadata.provenance
+        assert np.array_equal(there.frames(1_990, 2_010), here.frames(1_990, 2_010))
+        asked.clear()
+        there.verify()
+        assert sum(asked) < 1.1 * long_stream.stat().st_size
+        assert max(asked) <= 1 << 20
+        again = pickle.loads(pickle.dumps(there))
+        with again:
+            assert np.array_equal(again.counts(0, 8), here.counts(0, 8))
+
+
+def test_garbage_of_hdf5_is_not_collected_while_hdf5_waits_for_an_object(address, long_stream):
+    """It would be freed in the client's thread, which would wait for h5py's lock, and who holds that for the client."""
+    before = gc.get_threshold()
+    with h5py.File(long_stream) as file, saf_gen.open_stream(address) as stream:
+        gc.set_threshold(50, 2, 2)
+        try:
+            for first in range(0, FRAMES, 2_000):
+                for _ in range(20):
+                    circle = [file["spikes"]]
+                    circle.append(circle)
+                stream.counts(first, first + 10)
+        finally:
+            gc.set_threshold(*before)
+    assert gc.isenabled()
+
+
+def test_an_object_that_is_replaced_or_deleted_while_it_is_read_is_told(s3, long_stream):
+    for end, words in ((s3.rm_file, "there is no such object"), (lambda key: s3.pipe_file(key, b"x"), "was replaced")):
+        s3.put_file(str(long_stream), "data/streams/short-lived.h5")
+        with saf_gen.open_stream("s3://data/streams/short-lived.h5") as stream:
+            stream.counts(0, 100)
+            end("data/streams/short-lived.h5")
+            error = refusal(stream.counts, 6_000, 6_100)
+            assert_says(error, f"s3://data/streams/short-lived.h5: | {words}")
+
+
+def test_what_is_no_stream_is_refused_as_on_a_disk(s3, tmp_path, long_stream):
+    def refuse(name, change):
+        shutil.copy(long_stream, tmp_path / name)
+        change(tmp_path / name)
+        s3.put_file(str(tmp_path / name), f"data/strange/{name}")
+        return refusal(saf_gen.open_stream, f"s3://data/strange/{name}")
+
+    def lead_elsewhere(path):
+        with h5py.File(path, "r+") as file:
+            del file["focus"]
+            file["focus"] = h5py.ExternalLink(str(long_stream), "focus")
+
+    def lengthen(path):
+        with h5py.File(path, "r+") as file:
+            del file["provenance/note"]
+            file["provenance/note"] = "a" * (1 << 24) + "b"
+
+    assert_says(refuse("link.h5", lead_elsewhere), "s3://data/strange/link.h5 | /focus is a link to elsewhere")
+    assert_says(refuse("text.h5", lengthen), "holds 16,777,217 bytes of text")
+    assert_says(refuse("cut.h5", lambda path: path.write_bytes(path.read_bytes()[:100_000])), "cut.h5 | truncated")
+    assert_says(refuse("empty.h5", lambda path: path.write_bytes(b"")), "is empty")
+    assert_says(refuse("text.txt", lambda path: path.write_bytes(b"text")), "is not an HDF5 file")
+    assert_says(refusal(saf_gen.open_stream, "s3://data/strange/lnik.h5"), "no such file | link.h5")
+    assert_says(refusal(saf_gen.open_stream, "s3://data/strange"), "this is a folder")
+
+
+@pytest.fixture
+def dataset(s3, tmp_path):
+    """A dataset of two small sweeps, here and in the store."""
+    for name, peak in (("one", 300.0), ("two", 500.0)):
+        write_sweep(tmp_path / f"small/test/{name}.h5", peak)
+    list_streams(tmp_path / "small", {"id": "one"}, {"id": "two"})
+    s3.put(str(tmp_path / "small") + "/", "data/small/", recursive=True)
+    yield "s3://data/small"
+    s3.rm("data/small", recursive=True)
+
+
+def test_a_dataset_in_a_store_is_listed_and_verified(s3, dataset, tmp_path):
+    assert read_manifest(dataset) == read_manifest(tmp_path / "small")
+    assert verify_streams_of_dataset(dataset) == (2, {})
+    s3.rm_file("data/small/test/two.h5")
+    count, problems = verify_streams_of_dataset(dataset)
+    assert (count, list(problems)) == (2, ["two"])
+    assert "s3://data/small/test/two.h5: there is no such file" in problems["two"]
+    assert_says(refusal(read_manifest, "s3://data/smal"), "there is no such folder | small")
+    assert_says(refusal(read_manifest, "s3://data/small/test"), "has no manifest.json")
+    text = s3.cat_file("data/small/manifest.json")
+    s3.pipe_file("data/small/manifest.json", text.replace(b'"seed": 1', b'"seed": 2', 1))
+    assert "s3://data/small/manifest.json" in str(refusal(read_manifest, dataset))
+
+
+def test_an_evaluation_of_a_store_is_that_of_a_disk_and_lies_here(dataset, tmp_path, call, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for source in (dataset, "small"):
+        code, out, err = call("evaluate", source, "--method", "sd+argmax", "--out", f"of-{len(source)}")
+        assert (code, err) == (0, ""), out
+    answers = [
+        re.findall(r'"(?:sequence|frame|error)": [^,]*', (tmp_path / name / "records.jsonl").read_text())
+        for name in ("of-15", "of-5")
+    ]
+    assert answers[0] == answers[1] != []
+    code, _, err = call("evaluate", dataset, "--method", "sd+argmax", "--track", "closed_loop")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "the closed loop on a dataset in an object store" in err
+    code, _, err = call("evaluate", dataset, "--method", "sd+argmax", "--out", "s3://data/evaluation")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "s3://data/evaluation is in an object store" in err
+
+
+def test_a_sequence_that_a_store_has_lost_is_named_and_the_others_are_evaluated(s3, dataset, tmp_path, call):
+    s3.rm_file("data/small/test/one.h5")
+    code, _, err = call("evaluate", dataset, "--method", "sd+argmax", "--out", str(tmp_path / "results"))
+    assert (code, err.count("\n")) == (1, 1)
+    assert "one could not be evaluated: s3://data/small/test/one.h5: there is no such file" in err
+    assert (tmp_path / "results/records.jsonl").read_text().count("\n") == 1
+
+
+def test_streams_in_stores_are_inspected_scored_and_drawn(dataset, tmp_path, call):
+    code, out, _ = call("inspect", f"{dataset}/test/one.h5")
+    assert code == 0
+    assert f"{dataset}/test/one.h5" in out
+    size = (tmp_path / "small/test/one.h5").stat().st_size * 8 / (800 * 48 * 64)
+    assert f"{size:.3f} bit per pixel and frame" in out
+    code, out, _ = call("score", f"{dataset}/test/one.h5", "--measure", "sd", "--window", "200")
+    assert (code, out.count("\n")) == (0, 5)
+    code, _, _ = call("view", f"{dataset}/test/one.h5", "--out", str(tmp_path / "one.png"))
+    assert code == 0
+    assert (tmp_path / "one.png").stat().st_size > 1_000
+    assert find_path(dataset).is_dir()
