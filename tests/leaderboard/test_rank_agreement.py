@@ -9,6 +9,7 @@ from refusals import refusal
 from scipy.stats import kendalltau
 
 from saf_gen.benchmark.records import write_benchmark_records
+from saf_gen.cli import main
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import (
     compare_rankings,
@@ -148,3 +149,29 @@ def test_the_files_hold_the_agreement(tmp_path):
         (line,) = csv.DictReader(file)
     assert (line["first"], line["tau"], line["rank_under_second"]) == (SENSORS[0], "1.0", "1")
     assert "## Agreement of ranks" in (tmp_path / "leaderboard.md").read_text()
+
+
+def run_compare(*arguments):
+    with pytest.raises(SystemExit) as stop:
+        main(["leaderboard", "compare", *map(str, arguments)])
+    return stop.value.code
+
+
+def test_the_command_prints_the_table_or_json_and_tells_nonsense_in_one_line(tmp_path, capsys):
+    for name, own in zip("ab", two_sensors(by_skill, by_skill), strict=True):
+        (tmp_path / name).mkdir()
+        write_benchmark_records(tmp_path / name / "records.jsonl", own)
+    folders = tmp_path / "a", tmp_path / "b"
+    assert run_compare(*folders, "--by", "sensor") == 0
+    printed = capsys.readouterr().out
+    assert "vidar_400x250_noisy" in printed
+    assert "1.00 to 1.00" in printed
+    assert run_compare(*folders, "--json") == 0
+    (pair,) = json.loads(capsys.readouterr().out)["pairs"]
+    assert (pair["condition"], pair["tau"]) == ("sensor", 1)
+    assert run_compare(folders[0], "--by", "light") == 0
+    assert "Nothing to compare: the condition 'light' has one bin" in capsys.readouterr().out
+    assert run_compare(*folders, "--by", "sensr") == 2
+    assert "did you mean 'sensor'" in capsys.readouterr().err
+    assert run_compare(tmp_path / "nowhere") == 2
+    assert "there is no records.jsonl" in capsys.readouterr().err
