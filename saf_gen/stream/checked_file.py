@@ -5,10 +5,11 @@ A stream has a few known datasets, stored inside the file, and all of that is ch
 """
 
 import math
+import struct
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import h5py
 import numpy as np
@@ -30,6 +31,7 @@ MAX_CHUNK_BYTES = 1 << 24
 MAX_TEXT_BYTES = 1 << 24
 MAX_NAMES = 1_000
 ALLOWED_FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE)
+_HEAP_HEAD, _HEAP_PIECE = struct.Struct("<5s3xQ"), struct.Struct("<H6xQ")
 _REFERENCE_BYTES = 16
 """What a text of any length takes in its dataset: four bytes of length, and where the text lies."""
 
@@ -69,6 +71,7 @@ def read_small_stream_datasets(
 
     Raises BadInput for whatever a stream does not hold, before it is read.
     """
+    checked_heaps = {0}
     _check_names(file, "", where=where, known=[*GROUPS, "spikes"])
     for group in GROUPS:
         if group not in file:
@@ -85,7 +88,7 @@ def read_small_stream_datasets(
             if is_text != (group == "provenance" or name == "names"):
                 raise BadInput(f"/{group}/{name} holds {item.dtype}", where=where, allowed="numbers; text in names")
             if is_text:
-                _check_text_length(file, item, where=where, reader=reader)
+                _check_text_length(file, item, where=where, reader=reader, checked_heaps=checked_heaps)
             yield f"/{group}/{name}", (item.asstr() if is_text else item)[()]
 
 
@@ -133,7 +136,9 @@ def _open_dataset(file: h5py.File, name: str, *, where: str) -> h5py.Dataset:
     return item
 
 
-def _check_text_length(file: h5py.File, item: h5py.Dataset, *, where: str, reader: ObjectReader | None) -> None:
+def _check_text_length(
+    file: h5py.File, item: h5py.Dataset, *, where: str, reader: ObjectReader | None, checked_heaps: set[int]
+) -> None:
     """Refuse text that is too long; how long it is stands beside the reference to it."""
     if item.ndim > 1 or item.size > MAX_NAMES:
         raise BadInput(f"{item.name} holds text of the shape {item.shape}", where=where, allowed="one text, or a list")
@@ -147,6 +152,28 @@ def _check_text_length(file: h5py.File, item: h5py.Dataset, *, where: str, reade
         with Path(file.filename).open("rb") if reader is None else nullcontext(reader) as raw:
             raw.seek(at)
             references = np.frombuffer(raw.read(_REFERENCE_BYTES * item.size), np.uint8).reshape(-1, _REFERENCE_BYTES)
+            for heap in {int(begin) for begin in references[:, 4:12].copy().view("<u8").ravel()} - checked_heaps:
+                _check_text_heap(raw, heap, where=f"{where}: {item.name}")
+                checked_heaps.add(heap)
         total = int(references[:, :4].copy().view("<u4").sum(dtype=np.int64))
     if total > MAX_TEXT_BYTES:
         raise BadInput(f"{item.name} holds {total:,} bytes of text", where=where, allowed=f"at most {MAX_TEXT_BYTES:,}")
+
+
+def _check_text_heap(raw: IO[bytes] | ObjectReader, begin: int, *, where: str) -> None:
+    """Refuse a collection of texts whose pieces do not follow each other to its end: HDF5 would look for it for ever.
+
+    HDF5 File Format Specification 3.0, section III.E, Global Heap.
+    """
+    raw.seek(begin)
+    head = raw.read(_HEAP_HEAD.size)
+    signature, size = _HEAP_HEAD.unpack(head) if len(head) == _HEAP_HEAD.size else (b"", 0)
+    if signature != b"GCOL\1" or not _HEAP_HEAD.size < size <= 2 * MAX_TEXT_BYTES:
+        raise BadInput("its text lies nowhere", where=where, hint="make the file again")
+    pieces, at = raw.read(size - _HEAP_HEAD.size), 0
+    while at + _HEAP_PIECE.size <= len(pieces):
+        number, length = _HEAP_PIECE.unpack_from(pieces, at)
+        step = length if number == 0 else _HEAP_PIECE.size + -(-length // 8) * 8  # 0 is the room that is left
+        if step < _HEAP_PIECE.size or at + step > len(pieces):
+            raise BadInput("its text is stored in broken pieces", where=where, hint="make the file again")
+        at += step

@@ -112,11 +112,14 @@ class SpikeStream:
         self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
         self._reader = reader
         where = str(path)
-        kind, layout = (read_stream_attribute(file, name) for name in ("format", "layout"))
-        if kind != FORMAT:
-            raise BadInput("is HDF5, but not a saf-gen stream", where=where, allowed=f"attribute format = {FORMAT!r}")
-        if layout != LAYOUT:
+        foreign = BadInput("is HDF5, but not a saf-gen stream", where=where, allowed=f"attribute format = {FORMAT!r}")
+        if "format" not in file.attrs:
+            raise foreign
+        if (layout := read_stream_attribute(file, "layout")) != LAYOUT:
             raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
+        small = dict(read_small_stream_datasets(file, where, reader=reader))  # texts are checked before one is read
+        if read_stream_attribute(file, "format") != FORMAT:
+            raise foreign
         self._spikes = open_stream_spikes(file, where)
         rows, columns, length = self._spikes.shape
         frames, hz = (read_stream_attribute(self._spikes, name) for name in ("frames", "readout_hz"))
@@ -124,7 +127,6 @@ class SpikeStream:
             raise BadInput("/spikes does not say frames and readout_hz", where=where, hint="make it again")
         frames, self.readout_hz = int(frames), float(hz)
         self.content_sha256 = str(read_stream_attribute(file, "content_sha256"))
-        small = dict(read_small_stream_datasets(file, where, reader=reader))
         self.metadata = stream_metadata_from_datasets(small, (frames, rows, columns))
         if length != -(-frames // 8) or frames < 1:
             raise BadInput(
