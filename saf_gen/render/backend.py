@@ -4,6 +4,8 @@ LLVM 15 and 16 abort the whole process at the first kernel ("cannot select fmini
 that. The choice is therefore made from version numbers, without running a kernel.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import drjit as dr
@@ -83,3 +85,19 @@ def activate_render_backend(name: str, *, threads: int | None = None) -> None:
     numba.set_num_threads(min(threads or usable_cores(), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     mi.set_log_level(mi.LogLevel.Error)
     mi.set_variant(MITSUBA_VARIANTS[name])
+
+
+@contextmanager
+def prepare_meshes_on_one_thread() -> Iterator[None]:
+    """Let Mitsuba compute the normals of smooth meshes on one thread.
+
+    It adds those of the faces round each vertex up, and several threads do so in any order: in one of five scenes some
+    normals then differed in their last digit, and with them the digest of all that was rendered.
+    """
+    threads = dr.thread_count()
+    dr.set_thread_count(1)
+    try:
+        yield
+        dr.sync_thread()
+    finally:
+        dr.set_thread_count(threads)

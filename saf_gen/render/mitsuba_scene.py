@@ -7,6 +7,7 @@ import mitsuba as mi
 
 from saf_gen.errors import BadInput, unknown
 from saf_gen.render import xml_scene
+from saf_gen.render.backend import prepare_meshes_on_one_thread
 from saf_gen.render.posed_shapes import validate_rendered_motions
 from saf_gen.render.scene_script import call_mitsuba_scene_script
 from saf_gen.scene.keyframes import RigidMotion
@@ -21,7 +22,8 @@ def build_mitsuba_scene_dict(scene: Scene) -> dict[str, Any]:
 
     Raises BadInput where the geometry fails, and where a name on the card is missing from it.
     """
-    described = _read_geometry(scene)
+    with prepare_meshes_on_one_thread():
+        described = _read_geometry(scene)
     lamps = mitsuba_emitter_names(described)
     shapes = [name for name, entry in described.items() if _is_shape(entry)]
     card = str(scene.folder / "scene.yaml")
@@ -80,7 +82,8 @@ def load_lit_mitsuba_scene(
     try:
         # Loaded by one thread: several would number the shapes in the order in which they finish. A kernel's
         # code holds these numbers, so every load would compile its kernels anew.
-        loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
+        with prepare_meshes_on_one_thread():
+            loaded = mi.load_dict({"type": "scene", **lit}, parallel=False, optimize=False)
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise BadInput(f"Mitsuba cannot load the scene: {error}") from error
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})

@@ -131,6 +131,20 @@ def test_text_that_claims_to_be_endless_is_refused_before_it_is_read(stranger):
         open_stream(stranger)
 
 
+@pytest.mark.parametrize("length", [0, 2**63])
+def test_text_whose_pieces_have_no_end_is_refused_before_hdf5_looks_for_it(stranger, length):
+    content = bytearray(stranger.read_bytes())
+    heap = content.index(b"GCOL")
+    at, end = heap + 16, heap + int.from_bytes(content[heap + 8 : heap + 16], "little")
+    while int.from_bytes(content[at : at + 2], "little"):  # 0 is the room that is left
+        at += 16 + -(-int.from_bytes(content[at + 8 : at + 16], "little") // 8) * 8
+    assert at < end
+    content[at + 8 : at + 16] = length.to_bytes(8, "little")
+    stranger.write_bytes(content)
+    with pytest.raises(BadInput, match="its text is stored in broken pieces; make the file again"):
+        open_stream(stranger)
+
+
 @pytest.mark.parametrize("chunks", [(12, 10, 50), (6, 10, 25)], ids=["our chunks", "others"])
 def test_a_chunk_that_inflates_a_thousandfold_fills_no_memory(stranger, chunks):
     with h5py.File(stranger, "r+") as file:
