@@ -123,7 +123,11 @@ def _shaped(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.ndarray
     if given.ndim != len(axes) or any(w not in (-1, g) for w, g in zip(wanted, given.shape, strict=True)):
         text = ", ".join(str(w) if w >= 0 else f"any {axis}" for w, axis in zip(wanted, axes, strict=True))
         raise BadInput(f"{name} has shape {given.shape}", allowed=f"({text}) for T, H, W = {shape}")
-    return np.ascontiguousarray(given, dtype=dtype).reshape(given.shape)
+    with np.errstate(over="ignore"):
+        held = np.ascontiguousarray(given, dtype=dtype).reshape(given.shape)
+    if given.dtype.kind == "f" and (beyond := np.isinf(held) & np.isfinite(given)).any():
+        raise BadInput(f"{name} holds {given[beyond].flat[0]:g}", allowed=f"numbers that {dtype} can hold")
+    return held
 
 
 def _check_finite(name: str, array: np.ndarray) -> None:

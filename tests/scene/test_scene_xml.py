@@ -392,6 +392,11 @@ def test_a_mesh_or_picture_that_is_broken_is_one_line(exported, name, kept):
     assert file.name in str(refusal(load))
 
 
+def test_a_device_in_the_place_of_a_scene_is_not_read(tmp_path):
+    (tmp_path / "scene.xml").symlink_to("/dev/zero")
+    assert "is not a file on a disk" in str(refusal(read_scene_xml, tmp_path / "scene.xml", {}))
+
+
 def test_every_plug_in_that_is_allowed_is_one_of_mitsubas():
     there = {path.name.removesuffix(".so") for path in Path(mi.__path__[0], "plugins").iterdir()}
     assert set().union(*ALLOWED_PLUGINS.values()) <= there

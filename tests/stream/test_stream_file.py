@@ -279,6 +279,7 @@ def test_frames_must_hold_zero_and_one(tmp_path, value):
         ("gain", np.zeros(10), r"gain has shape \(10,\); allowed: \(10, any G\)"),
         ("gain", np.zeros((9, 2)), r"gain has shape \(9, 2\)"),
         ("image_distance", ["a"] * 10, "image_distance has dtype"),
+        ("image_distance", [1e300] * 10, r"image_distance holds 1e\+300; allowed: numbers that float32 can hold"),
         ("truth", {"depth": np.zeros((2, 2))}, r"depth has shape \(2, 2\); allowed: \(2, 3\)"),
         ("truth", {"depth_of_focus": (1, 2, 3)}, r"depth_of_focus has shape \(3,\); allowed: \(2\)"),
         ("truth", {"positon": 1}, "unknown field of truth 'positon'.*did you mean 'position'"),

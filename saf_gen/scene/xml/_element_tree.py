@@ -6,9 +6,11 @@ from typing import Any
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+from saf_gen.core.config.document import check_plain_file
 from saf_gen.errors import BadInput
 
 MAX_DEPTH = 64  # levels of nested elements
+MAX_BYTES = 1 << 26
 
 
 @dataclass
@@ -53,6 +55,7 @@ def parse_scene_xml_file(path: Path) -> Element:
     parser.EndElementHandler = lambda tag: inside.pop()
     parser.StartDoctypeDeclHandler = refuse_doctype
     try:
+        check_plain_file(path, most=MAX_BYTES)
         parser.Parse(path.read_bytes(), True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
