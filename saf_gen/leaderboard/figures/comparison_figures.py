@@ -74,7 +74,7 @@ def plot_neighbour_figure(neighbours: Sequence[NeighbourComparison], *, title: s
     shown = list(neighbours[:MAX_PAIRS])
     note = describe_figure_omissions((len(shown), len(neighbours), "pairs"))
     with use_plot_style():
-        figure = create_leaderboard_figure(0.9 + 0.3 * len(shown), title=title)
+        figure = create_leaderboard_figure(0.9 + 0.33 * len(shown), title=title)
         axes = figure.subplots()
         axes.axvline(0.5, color=INK, lw=1.1)
         for row, pair in enumerate(shown):
@@ -82,7 +82,7 @@ def plot_neighbour_figure(neighbours: Sequence[NeighbourComparison], *, title: s
                 axes.plot([pair.improvement_low, pair.improvement_high], [row, row], color=SOFT, lw=1.3)
             axes.plot(pair.improvement, row, "o", color=INK, ms=4)
         labels = [f"{shorten_figure_label(p.first, LETTERS)}\n{shorten_figure_label(p.second, LETTERS)}" for p in shown]
-        axes.set_yticks(range(len(shown)), labels, fontsize=6.5)
+        axes.set_yticks(range(len(shown)), labels, fontsize=7.5)
         axes.set_ylim(len(shown) - 0.5, -0.5)
         axes.set_xlim(0, 1)
         axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
