@@ -90,10 +90,12 @@ def remember_figures(folder: Path) -> None:
     """Let the figures of an evaluation be drawn once, and then be read from a folder: drawing changes no disk."""
     draw = evaluation_folder.plot_report_figures
 
-    def remembered(evaluation: Any, rows: Any) -> Any:
+    def remembered(evaluation: Any, rows: Any, **options: Any) -> Any:
         path = folder / f"{'-'.join(row.method for row in rows)}-{len(evaluation.sweeps)}"
         if not path.exists():
-            path.write_bytes(pickle.dumps([replace(figure, figure=None) for figure in draw(evaluation, rows)]))
+            path.write_bytes(
+                pickle.dumps([replace(figure, figure=None) for figure in draw(evaluation, rows, **options)])
+            )
         return pickle.loads(path.read_bytes())
 
     evaluation_folder.plot_report_figures = remembered
@@ -377,6 +379,8 @@ def main_of_tool() -> int:
                         result.write_text(json.dumps(counted))
                         code = 0
                     finally:
+                        if code:  # the process would end without a word
+                            traceback.print_exc()
                         os._exit(code)
                 children.append((child, result))
             for child, _ in children:
