@@ -108,10 +108,19 @@ def sync_folder(folder: Path) -> None:
             os.close(opened)
 
 
+def free_disk_bytes(folder: Path) -> int:
+    """Return the bytes that are free where ``folder`` lies, or would be made."""
+    return shutil.disk_usage(_nearest_existing(folder)).free
+
+
+def _nearest_existing(folder: Path) -> Path:
+    return next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+
+
 def check_folder_writable(folder: Path) -> None:
     """Raise BadInput where ``folder`` could not be made or written to; nothing is made."""
     check_on_disk(folder)
-    there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    there = _nearest_existing(folder)
     if not there.is_dir():
         raise unwritable_file_error(folder, NotADirectoryError(errno.ENOTDIR, "", str(there)))
     if not os.access(there, os.W_OK):

@@ -2,7 +2,6 @@
 
 import json
 import platform
-import shutil
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -14,7 +13,7 @@ import saf_gen
 from saf_gen.core import seeds
 from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
 from saf_gen.core.extras import RESULT_PACKAGES, installed_version
-from saf_gen.core.files import check_file_system, check_folder_writable, remove_leftover_files
+from saf_gen.core.files import check_file_system, check_folder_writable, free_disk_bytes, remove_leftover_files
 from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.dataset_card import write_generated_dataset_card
@@ -213,8 +212,7 @@ def check_same_recipe_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Mani
 def _check_folder(resolved: ResolvedRecipe, folder: Path, *, keep_slices: str) -> None:
     check_same_recipe_dataset(resolved, folder)
     check_folder_writable(folder)
-    there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
-    needed, free = resolved.estimate_bytes(folder, keep_slices), shutil.disk_usage(there).free
+    needed, free = resolved.estimate_bytes(folder, keep_slices), free_disk_bytes(folder)
     if needed > free:
         raise BadInput(
             f"the dataset needs about {needed / 1e6:,.0f} MB in {folder}, {free / 1e6:,.0f} MB are free",

@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import IO
 
-from saf_gen.core.files import check_folder_writable, unwritable_file_error
+from saf_gen.core.files import check_folder_writable, free_disk_bytes, unwritable_file_error
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME
 from saf_gen.stream.sharing.croissant import sha256_of_shared_file
@@ -87,7 +87,7 @@ def _check_folder(folder: Path, index: ShardIndex) -> None:
         raise BadInput(f"{folder} holds other files", hint="give a folder that is empty or new with --out")
     missing = [one for shard in index.shards for one in shard.members if not (folder / one.file).exists()]
     needed = sum(one.bytes for one in missing) + max((one.bytes for one in index.shards), default=0) * bool(missing)
-    free = shutil.disk_usage(next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())).free
+    free = free_disk_bytes(folder)
     if needed > free:
         raise BadInput(
             f"the dataset needs {needed / 1e6:,.0f} MB in {folder}, {free / 1e6:,.0f} MB are free",
