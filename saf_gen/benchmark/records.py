@@ -25,8 +25,12 @@ from saf_gen.errors import BadInput
 RECORDS_FILE = "records.jsonl"
 READY = ".evaluation.ready"
 """The folder, inside that of an evaluation, in which a new one lies whole until its files have been moved."""
-RECORD_FORMAT = "saf-gen record 6"
-KEYS_SINCE = {"saf-gen record 5": ("sensor",), "saf-gen record 4": ("grain_rms", "grain_of_curve", "sensor")}
+RECORD_FORMAT = "saf-gen record 7"
+KEYS_SINCE = {
+    "saf-gen record 6": ("benchmark",),
+    "saf-gen record 5": ("benchmark", "sensor"),
+    "saf-gen record 4": ("benchmark", "sensor", "grain_rms", "grain_of_curve"),
+}
 """Keys that records of earlier formats do not have: they are then unknown."""
 HINT = "run saf-gen evaluate again"
 
@@ -154,6 +158,8 @@ class Record:
     sensor: str | None = None
     """The sensor that recorded, by name; six digits of a digest follow where its numbers are not those of that name.
     None for a recording that does not state its sensor."""
+    benchmark: str | None = None
+    """Name and digest of the frozen benchmark that the sequence belongs to; None where it belongs to none."""
 
 
 def benchmark_record_to_json(record: Record) -> dict[str, Any]:

@@ -36,6 +36,7 @@ def generate_command(
 ) -> None:
     """Generate a dataset from a recipe, or resume one that was stopped."""
     with defer_interrupts():
+        from saf_gen.generate.benchmark_digest import name_generated_benchmark
         from saf_gen.generate.coarse_sampling import find_coarse_recipe_sampling
         from saf_gen.generate.job_order import validate_generated_slices_kept
         from saf_gen.generate.resolve import resolve_recipe
@@ -44,6 +45,7 @@ def generate_command(
 
     validate_generated_slices_kept(keep_slices)
     work = resolve_recipe(recipe, part=parse_shard_of_command(shard), split=split)
+    name_generated_benchmark(work)
     target = find_path(folder or Path("datasets") / work.recipe.name)
     in_store = plan_for_store(work, target) if isinstance(target, StorePath) else None
     to_render = in_store.stacks if in_store else work.stacks_to_render(Path(str(target)), keep_slices)

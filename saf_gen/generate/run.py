@@ -11,11 +11,13 @@ import yaml
 
 import saf_gen
 from saf_gen.core import seeds
+from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY
 from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
 from saf_gen.core.extras import RESULT_PACKAGES, installed_version
 from saf_gen.core.files import check_file_system, check_folder_writable, free_disk_bytes, remove_leftover_files
 from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, SafGenError, unknown
+from saf_gen.generate.benchmark_digest import name_generated_benchmark
 from saf_gen.generate.dataset_card import write_generated_dataset_card
 from saf_gen.generate.job_order import JobOrder, find_stacks_to_generate, validate_generated_slices_kept
 from saf_gen.generate.jobs import ChooseBackendJob, RecordJob, RenderJob
@@ -88,7 +90,8 @@ def generate(
     Raises
     ------
     BadInput : before anything is made: for an unknown backend or choice of slices, for a backend that cannot run here,
-        and for a folder that cannot be used, here or on a worker.
+        for a folder that cannot be used, here or on a worker, and for a recipe that has the name of a frozen benchmark
+        and would give other spikes.
     SafGenError : where the scheduler of the cluster is lost; the manifest lists what was finished before.
     """
     if variant not in BACKENDS:
@@ -97,6 +100,7 @@ def generate(
     folder = (Path(folder) if folder is not None else Path("datasets") / resolved.recipe.name).resolve()
     to_render = find_stacks_to_generate(resolved, folder, keep_slices=keep_slices)
     machines = None if cluster is None else Cluster(cluster, folder, writes=True)
+    benchmark = name_generated_benchmark(resolved)
 
     def choose_backend() -> tuple[str, bool]:
         return choose_recipe_renderer(variant, cluster=machines, tell=tell)
@@ -106,7 +110,7 @@ def generate(
     if leave_out:
         if resolved.recipe.render.diffraction:
             raise _no_waves_error(backend_name, "the recipe asks for")
-        resolved = resolved.without_diffraction()
+        resolved, benchmark = resolved.without_diffraction(), ""
         to_render = find_stacks_to_generate(resolved, folder, keep_slices=keep_slices)
     _check_folder(resolved, folder, keep_slices=keep_slices)
     remove_leftover_files(folder, below=True)
@@ -114,7 +118,7 @@ def generate(
         sensor=resolved.sensor,
         frames=resolved.recipe.camera.frames,
         device_seed=seeds.derive_seed(resolved.recipe.seed, "device"),
-        provenance=_provenance(resolved),
+        provenance=_provenance(resolved, benchmark),
     )
     order = JobOrder(
         resolved,
@@ -185,7 +189,7 @@ def _no_waves_error(backend_name: str, which: str) -> BadInput:
     )
 
 
-def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
+def _provenance(resolved: ResolvedRecipe, benchmark: str) -> dict[str, str]:
     versions = {"saf_gen": saf_gen.__version__, "python": platform.python_version()}
     versions |= {name: installed_version(name) for name in RESULT_PACKAGES}
     return {
@@ -193,6 +197,7 @@ def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
         "recipe_fingerprint": recipe_fingerprint(resolved.recipe),
         "sensor": yaml.safe_dump(asdict(resolved.sensor), sort_keys=False),
         "versions": json.dumps(versions, indent=1),
+        **({BENCHMARK_KEY: benchmark} if benchmark else {}),
     }
 
 

@@ -85,6 +85,7 @@ def _format_json(
     document = {
         "format": "saf-gen leaderboard",
         "version": __version__,
+        "benchmark": sorted({r.benchmark or "" for r in records}),
         "ranked_by": "success_1dof",
         "track": sorted({r.track for r in records}),
         "rig": sorted({r.rig for r in records}),

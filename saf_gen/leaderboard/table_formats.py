@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from saf_gen.benchmark.records import Record
+from saf_gen.core.config.frozen_benchmarks import read_frozen_benchmarks
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import escape_controls
 from saf_gen.leaderboard.axes import AxisTable, BinSummary
@@ -93,7 +94,8 @@ def explain_leaderboard_columns(shown: Sequence[Column]) -> str:
 
 def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
     """Return what a reader must know to interpret the numbers, a sentence each."""
-    notes = ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
+    notes = _name_benchmark(records)
+    notes += ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
     reason = next((row.missing_reason for row in rows if row.missing_reason), "")
     scenes = len({r.scene for r in records if r.success_1dof is not None})
     if reason:
@@ -108,6 +110,24 @@ def compose_leaderboard_notes(rows: Sequence[LeaderboardRow], records: Sequence[
     if len(machines) > 1:
         notes.append(f"Seconds do not compare, they come from {len(machines)} machines: {'; '.join(machines)}.")
     return notes
+
+
+def _name_benchmark(records: Sequence[Record]) -> list[str]:
+    """Return a sentence on the frozen benchmark that all records belong to, and how much of its splits they cover."""
+    named = {r.benchmark for r in records}
+    label = named.pop() if len(named) == 1 else None
+    if label is None:
+        return []
+    frozen = read_frozen_benchmarks().get(label.partition(" ")[0])
+    whole = frozen.sequences if frozen is not None else {}
+    judged: dict[str, set[str]] = {}
+    for record in records:
+        judged.setdefault(record.split or "", set()).add(record.sequence)
+    covered = [
+        f"{len(own)}{f' of {whole[split]}' if split in whole else ''} sequences of {split or 'no split'}"
+        for split, own in sorted(judged.items())
+    ]
+    return [f"The benchmark is {label}: {', '.join(covered)}."]
 
 
 def format_ranked_neighbours(pair: NeighbourComparison) -> list[str]:

@@ -163,7 +163,7 @@ def test_a_record_of_another_format_is_refused_with_what_to_do(read, line, said)
     error = refusal(read, line)
     assert "not a record of this version" in error.problem
     assert said in error.problem
-    assert error.allowed == '"format": "saf-gen record 6"'
+    assert error.allowed == '"format": "saf-gen record 7"'
     assert error.hint == "run saf-gen evaluate again"
 
 
@@ -171,10 +171,13 @@ def test_a_record_from_before_grain_was_known_is_read(read):
     """Format 4 is format 5 without these keys; a line of format 5 must have them."""
     line = {k: v for k, v in benchmark_record_to_json(FULL).items() if not k.startswith("grain_")}
     assert read({**line, "format": "saf-gen record 4"}) == [
-        replace(FULL, grain_rms=None, grain_of_curve=None, sensor=None)
+        replace(FULL, grain_rms=None, grain_of_curve=None, sensor=None, benchmark=None)
     ]
     later = {key: value for key, value in benchmark_record_to_json(FULL).items() if key != "sensor"}
-    assert read({**later, "format": "saf-gen record 5"}) == [replace(FULL, sensor=None)]
+    assert read({**later, "format": "saf-gen record 5"}) == [replace(FULL, sensor=None, benchmark=None)]
+    unnamed = {key: value for key, value in benchmark_record_to_json(FULL).items() if key != "benchmark"}
+    assert read({**unnamed, "format": "saf-gen record 6"}) == [replace(FULL, benchmark=None)]
+    assert "'benchmark' is missing" in refusal(read, unnamed).problem
     assert "'grain_rms' is missing" in refusal(read, line).problem
 
 

@@ -11,6 +11,7 @@ from saf_gen.benchmark.tracks.focus_location import (
     judge_where_focus_lies,
     truncate_truth_to_judge,
 )
+from saf_gen.benchmark.tracks.recorded_benchmark import name_benchmark_for_record
 from saf_gen.benchmark.tracks.recorded_sensor import name_sensor_for_record
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view import WindowCounts
@@ -148,6 +149,7 @@ def describe_evaluated_sequence(
         "mean_rate": float(mean_rate.mean()),
         "light_ratio": light_ratio_for_record(gain),
         "sensor": name_sensor_for_record(stream.metadata.provenance),
+        "benchmark": name_benchmark_for_record(stream.metadata.provenance),
         "machine": describe_machine(),
         "rig": evaluator_version(track),
     }

@@ -1,0 +1,96 @@
+"""Frozen benchmarks: a published recipe keeps its digest, and results name it."""
+
+import shutil
+from datetime import date
+
+import pytest
+from small_dataset import SCENES
+
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.tracks import recorded_benchmark
+from saf_gen.benchmark.tracks.recorded_benchmark import name_benchmark_for_record
+from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_benchmarks
+from saf_gen.generate import benchmark_digest
+from saf_gen.generate.benchmark_digest import digest_resolved_recipe, name_generated_benchmark
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.leaderboard import rank_methods, table_formats
+from saf_gen.scene.trusted_folders import register_scene_folder
+from saf_gen.stream.stream_file import open_stream
+
+
+@pytest.mark.parametrize("name", sorted(read_frozen_benchmarks()))
+def test_a_frozen_recipe_gives_the_spikes_that_it_gave(name):
+    resolved, frozen = resolve_recipe(name), read_frozen_benchmarks()[name]
+    assert digest_resolved_recipe(resolved) == frozen.digest, "another benchmark needs another name"
+    counted = [s.planned.split for s in resolved.plan]
+    assert {split: counted.count(split) for split in counted} == frozen.sequences
+
+
+def test_the_digest_moves_with_what_decides_the_spikes_and_with_nothing_else(small_recipe, tmp_path, own_folder):
+    shutil.copytree(SCENES / "plane", own_folder / "scenes/plane")
+    register_scene_folder(own_folder / "scenes")
+    text = small_recipe.read_text()
+
+    def digest(text):
+        path = tmp_path / "changed.yaml"
+        path.write_text(text)
+        return digest_resolved_recipe(resolve_recipe(path))
+
+    before = digest(text)
+    assert digest(f"# in other words\n{text}") == before
+    changes = [("seed: 3", "seed: 4"), ("frames: 400", "frames: 401"), ("to: 2.0", "to: 2.5")]
+    changes += [("name: small", "name: other"), ("samples: 16", "samples: 17"), ("mean_rate: 0.2", "mean_rate: 0.3")]
+    for old, new in changes:
+        assert old in text
+        assert digest(text.replace(old, new, 1)) != before
+    sensor = (SCENES.parent / "small_sensor.yaml").read_text()
+    (tmp_path / "sensor.yaml").write_text(sensor.replace("readout_hz: 20000", "readout_hz: 10000"))
+    assert digest(text.replace(str(SCENES.parent / "small_sensor.yaml"), "sensor.yaml")) != before
+    script = own_folder / "scenes/plane/scene.py"
+    script.write_text(script.read_text() + "# changed\n")
+    assert digest(text) != before
+
+
+@pytest.fixture
+def frozen_small(small_recipe, test_scenes, monkeypatch):
+    """The small recipe without waves, which any renderer makes, frozen; its digest."""
+    small_recipe.write_text(small_recipe.read_text().replace("max_depth: 3", "max_depth: 3, diffraction: false"))
+    digest = digest_resolved_recipe(resolve_recipe(small_recipe))
+    benchmark = FrozenBenchmark(digest=digest, since=date(2026, 11, 23), sequences={"test": 3})
+    for module in (benchmark_digest, recorded_benchmark, table_formats):
+        monkeypatch.setattr(module, "read_frozen_benchmarks", lambda: {"small": benchmark})
+    return digest
+
+
+def test_a_frozen_name_with_other_spikes_is_refused_before_anything_is_made(call, frozen_small, small_recipe, tmp_path):
+    assert f"digest {frozen_small:.12}, a frozen benchmark" in call("recipes", "check", small_recipe)[1].replace(
+        "\n", " "
+    )
+    small_recipe.write_text(small_recipe.read_text().replace("seed: 3", "seed: 4"))
+    for words in (("generate", small_recipe, "--out", tmp_path / "d"), ("recipes", "check", small_recipe)):
+        code, _, err = call(*words)
+        assert (code, err.count("\n")) == (2, 1)
+        assert "the benchmark 'small' is frozen" in err
+        assert f"{frozen_small:.12}…, as on 2026-11-23" in err
+        assert "another name" in err
+    assert not (tmp_path / "d").exists()
+
+
+def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(frozen_small, small_recipe, tmp_path):
+    resolved = resolve_recipe(small_recipe, part=(1, 2))
+    assert name_generated_benchmark(resolved) == f"small {frozen_small}"
+    generate(resolved, tmp_path / "data")
+    label = f"small {frozen_small:.12}"
+    with open_stream(next((tmp_path / "data/test").glob("*.h5"))) as stream:
+        assert stream.metadata.provenance["benchmark"] == f"small {frozen_small}"
+    records = evaluate(tmp_path / "data", methods=["sd+argmax"]).records
+    assert {record.benchmark for record in records} == {label}
+    notes = table_formats.compose_leaderboard_notes(rank_methods(records), records)
+    assert f"The benchmark is {label}: 2 of 3 sequences of test." in notes
+
+
+@pytest.mark.parametrize("claim", ["", "small", "small 0123456789ab", "unheard_of 00", "saf_bench-v2 " + "0" * 64])
+def test_a_recording_that_claims_an_unknown_benchmark_belongs_to_none(claim):
+    assert name_benchmark_for_record({"benchmark": claim}) is None
+    assert name_benchmark_for_record({}) is None
