@@ -95,10 +95,11 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Rank the methods of several evaluations, compare rankings under two conditions, or run rows again.",
+        "Rank the methods of several evaluations or on SAF's recordings, compare rankings, or run rows again.",
         {
             "merge": leaderboard_commands.merge_command,
             "compare": leaderboard_commands.compare_rankings_command,
+            "saf": leaderboard_commands.rank_on_saf_folder_command,
             "verify": leaderboard_commands.verify_evaluation_command,
         },
     ),
@@ -118,7 +119,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "validate", "fetch", "evaluate", "tune"),
+        ("generate", "validate", "fetch", "evaluate", "tune", "leaderboard saf"),
         "what was done is kept: run the same command again to go on",
     ),
     **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "view", "sensors"), NOTHING_WRITTEN),
@@ -219,9 +220,10 @@ def main(argv: list[str] | None = None) -> NoReturn:
         check_address_space(LEAST_MEMORY)
         code = app(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
-            command = next(iter(sys.argv[1:] if argv is None else argv), "")
+            words = (sys.argv[1:] if argv is None else argv)[:2]
+            left = STOP_MESSAGES.get(" ".join(words)) or STOP_MESSAGES.get("".join(words[:1]))
             code = stopped[0] if stopped else STOPPED_EXIT_CODE
-            print_error("; ".join(filter(None, ("stopped", STOP_MESSAGES.get(command)))), code)
+            print_error("; ".join(filter(None, ("stopped", left))), code)
     except SafGenError as error:
         code = print_error(str(error), error.exit_code)
     except typer.TyperException as error:

@@ -19,6 +19,10 @@ EXAMPLES = {
         "leaderboard compare mine/evaluation",
         "leaderboard compare nominal/evaluation noisy/evaluation --by sensor",
     ),
+    "leaderboard saf": (
+        "leaderboard saf SAF/datasets --out ranked",
+        "leaderboard saf SAF/datasets --out ranked --beside mine/evaluation",
+    ),
     "leaderboard verify": (
         "leaderboard verify datasets/quickstart/evaluation",
         "leaderboard verify theirs --on mine --method their.py:Measure+argmax",

@@ -1,15 +1,19 @@
 """The commands of the group ``leaderboard``: evaluations merged into one table, and rows run again."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from saf_gen.cli._leaderboard_table import print_leaderboard, print_written_paths
 from saf_gen.cli._tables import TableColumn, print_json, print_table
-from saf_gen.cli._terminal import AsJson, OutFolder, make_terminal_reporter, out, print_progress_bars
+from saf_gen.cli._terminal import AsJson, OutFolder, err, make_terminal_reporter, out, print_progress_bars
 from saf_gen.cli.evaluate_commands import ActuatorName, BudgetMs, SweepMs, protocol_from_command_options
 from saf_gen.errors import BadInput
+
+if TYPE_CHECKING:
+    from saf_gen.leaderboard import RankAgreement
 
 
 def merge_command(
@@ -57,7 +61,7 @@ def compare_rankings_command(
     from dataclasses import asdict
 
     from saf_gen.leaderboard import AGREEMENT_MEANINGS, read_rank_agreement
-    from saf_gen.leaderboard.table_formats import AGREEMENT_HEADERS, AGREEMENT_NOTE, format_rank_agreement
+    from saf_gen.leaderboard.table_formats import AGREEMENT_NOTE
 
     found = read_rank_agreement(*runs, by=by)
     if as_json:
@@ -69,13 +73,88 @@ def compare_rankings_command(
             "or fewer than three methods have answers under two."
         )
         return
+    _print_agreement(found, title="Rankings by success within 1 DoF under two conditions")
+    out.print(AGREEMENT_NOTE)
+
+
+def _print_agreement(found: "Sequence[RankAgreement]", *, title: str) -> None:
+    from saf_gen.leaderboard.table_formats import AGREEMENT_HEADERS, format_rank_agreement
+
     print_table(
         [TableColumn(name, justify="left" if n in (0, 1, 2, 9) else "right", detail=int(n in (3, 4)), folds=n == 9)
          for n, name in enumerate(AGREEMENT_HEADERS)],
         map(format_rank_agreement, found),
-        title="Rankings by success within 1 DoF under two conditions",
+        title=title,
     )  # fmt: skip
-    out.print(AGREEMENT_NOTE)
+
+
+def rank_on_saf_folder_command(
+    folder: Annotated[Path, typer.Argument(help="SAF's folder: config.xlsx and the recordings that it lists.")],
+    target: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
+    *,
+    beside: Annotated[
+        list[Path] | None, typer.Option(help="Evaluation of other data to compare rankings with; repeatable.")
+    ] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="MEASURE+SEARCH (default: all that stand in --beside); repeatable.")
+    ] = None,
+    methods: Annotated[Path | None, typer.Option(help="File with one method per line.")] = None,
+    rate: Annotated[float, typer.Option(help="Readouts per second; such files do not record it.")] = 20_000.0,
+    as_json: AsJson = False,
+) -> None:
+    """Rank methods on SAF's recordings by its authors' protocol, beside ours and beside other evaluations.
+
+    Their protocol: blocks of dt frames, the last frame of the best block, a truth chosen by hand.
+    """
+    from saf_gen.benchmark.method_spec import parse_method, read_method_list
+    from saf_gen.core.files import check_folder_writable
+    from saf_gen.leaderboard import rank_methods
+    from saf_gen.leaderboard.report import write_evaluation_report
+    from saf_gen.leaderboard.saf_output import (
+        PROTOCOL_NOTES,
+        describe_saf_ranking,
+        format_saf_ranking_row,
+        list_saf_ranking_headers,
+        write_saf_ranking,
+    )
+    from saf_gen.leaderboard.saf_protocol import rank_methods_on_saf_folder, remove_kept_results_of_ranking
+
+    for one in method or ():
+        parse_method(one)  # code that is named here may be named by a list too
+    named = [*(method or ()), *(read_method_list(methods) if methods else ())]
+    check_folder_writable(target)
+    with print_progress_bars() as bars:
+        ranking = rank_methods_on_saf_folder(
+            folder,
+            target,
+            methods=named or None,
+            beside=beside or (),
+            readout_hz=rate,
+            progress=make_terminal_reporter("rank", bars),
+            tell=err.print,
+        )
+    rows = rank_methods(ranking.own.records)
+    written = write_evaluation_report(target / "ours", rows=rows, evaluation=ranking.own, title=folder.resolve().name)
+    paths = [*write_saf_ranking(target, ranking), written.paths[0].parent]
+    remove_kept_results_of_ranking(target)
+    headers = list_saf_ranking_headers(ranking)
+    print_table(
+        [TableColumn(name, justify="left" if n == 1 else "right", detail=int(n > 3)) for n, name in enumerate(headers)],
+        map(format_saf_ranking_row, ranking.rows),
+        title=describe_saf_ranking(ranking),
+        elsewhere=f"{target / 'ranking.md'} has them",
+        as_json=as_json,
+    )
+    if as_json:
+        return
+    for note in PROTOCOL_NOTES:
+        out.print(note)
+    if ranking.agreement:
+        _print_agreement(ranking.agreement, title="Agreement of ranks")
+    for name, reason in ranking.left_out.items():
+        out.print(f"not run: {name}: {reason}")
+    for path in paths:
+        out.print(str(path), soft_wrap=True)
 
 
 def verify_evaluation_command(

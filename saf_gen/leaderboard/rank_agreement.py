@@ -143,6 +143,32 @@ def _split(outcomes: Outcomes, axis: Axis, *, regions: Mapping[str, str]) -> lis
     ]
 
 
+def compare_ranked_scores(
+    first: tuple[str, Mapping[str, Mapping[str, float]]],
+    second: tuple[str, Mapping[str, Mapping[str, float]]],
+    *,
+    condition: str,
+) -> RankAgreement | None:
+    """Return the agreement of two rankings of the same methods by scores of any two kinds, larger for better.
+
+    Each ranking is its name, and the score of each method in each scene. Methods that either lacks are left out; a
+    scene of one name stands in both rankings. None for fewer than MIN_METHODS methods. What chance alone would give is
+    not known, because scores of two kinds cannot be exchanged.
+    """
+    scored = [scores for _, scores in (first, second)]
+    common = [set.intersection(*map(set, own.values())) if own else set() for own in scored]
+    methods = sorted(common[0] & common[1])
+    if len(methods) < MIN_METHODS:
+        return None
+    scenes = sorted({*scored[0], *scored[1]})
+    tables = np.full((2, len(scenes), len(methods)), np.nan)
+    for table, own in zip(tables, scored, strict=True):
+        for scene, scores in own.items():
+            table[scenes.index(scene)] = [scores[method] for method in methods]
+    fewest, shared = min(map(len, scored)), len(set(scored[0]) & set(scored[1]))
+    return _summarise(tables, methods, names=(condition, first[0], second[0]), fewest=fewest, shared=shared)
+
+
 def _compare(one: Outcomes, other: Outcomes, *, condition: str, first: str, second: str) -> RankAgreement:
     methods = [name for name in one.methods if name in other.methods]
     one, other = (own.select({name: name for name in methods}) for own in (one, other))
@@ -150,27 +176,41 @@ def _compare(one: Outcomes, other: Outcomes, *, condition: str, first: str, seco
     tables = np.full((2, len(scenes), len(methods)), np.nan)
     for table, own in zip(tables, (one, other), strict=True):
         table[[scenes.index(scene) for scene in own.scenes]] = own.average_by_scene(own.success).T
+    shared = len(set(one.scenes) & set(other.scenes))
+    found = _summarise(tables, methods, names=(condition, first, second), fewest=len(scenes), shared=shared)
+    if found.tau is None or len(scenes) < MIN_SCENES:
+        return found
+    without = _draw_taus_by_chance(one, other, scenes=scenes)
+    if not without.size:
+        return found
+    p_value = ((without <= found.tau + _TIE).sum() + 1) / (without.size + 1)
+    return replace(found, by_chance=float(np.median(without)), p_value=float(p_value))
+
+
+def _summarise(
+    tables: np.ndarray, methods: Sequence[str], *, names: tuple[str, str, str], fewest: int, shared: int
+) -> RankAgreement:
+    """Return the agreement of two tables of scores (2, S, M), without what chance would give.
+
+    The interval is known where ``fewest`` scenes are MIN_SCENES.
+    """
     means = np.nanmean(tables, axis=1)
     ranks = 1 + (means[:, None, :] > means[:, :, None] + _TIE).sum(axis=2)
     most = int(np.abs(ranks[0] - ranks[1]).argmax())
     tau = float(compute_ranking_tau(*means[:, None])[0])
-    is_known = len(scenes) >= MIN_SCENES and not np.isnan(tau)
-    drawn = _draw_taus(tables) if is_known else np.empty(0)
-    without = _draw_taus_by_chance(one, other, scenes=scenes) if is_known else np.empty(0)
+    drawn = _draw_taus(tables) if fewest >= MIN_SCENES and not np.isnan(tau) else np.empty(0)
     tail = (1 - CONFIDENCE) / 2
     low, high = (float(np.quantile(drawn, level)) if drawn.size else None for level in (tail, 1 - tail))
     return RankAgreement(
-        condition,
-        first,
-        second,
+        *names,
         len(methods),
-        len(scenes),
-        len(set(one.scenes) & set(other.scenes)),
+        tables.shape[1],
+        shared,
         None if np.isnan(tau) else tau,
         low,
         high,
-        float(np.median(without)) if without.size else None,
-        float(((without <= tau + _TIE).sum() + 1) / (without.size + 1)) if without.size else None,
+        None,
+        None,
         (methods[most], int(ranks[0, most]), int(ranks[1, most])),
     )
 

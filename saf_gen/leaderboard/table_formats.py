@@ -43,7 +43,9 @@ def format_leaderboard_markdown(rows: Sequence[LeaderboardRow]) -> str:
     """Return the table as GitHub-flavoured Markdown."""
     shown = list_shown_leaderboard_columns(rows)
     body = [[escape_markdown(c.format_value(row)) for c in shown] for row in rows]
-    return _format_grid([escape_markdown(c.header) for c in shown], body, is_left=[c.justify == "left" for c in shown])
+    return format_ranking_grid(
+        [escape_markdown(c.header) for c in shown], body, is_left=[c.justify == "left" for c in shown]
+    )
 
 
 def format_leaderboard_axis(table: AxisTable) -> str:
@@ -54,7 +56,7 @@ def format_leaderboard_axis(table: AxisTable) -> str:
         for name, scenes, sequences in zip(table.bins, table.scenes, table.sequences, strict=True)
     ]
     body = [[escape_markdown(method), *map(format_leaderboard_bin, cells)] for method, cells in table.cells.items()]
-    return _format_grid(["method", *headers], body, is_left=[True] + [False] * len(headers))
+    return format_ranking_grid(["method", *headers], body, is_left=[True] + [False] * len(headers))
 
 
 def format_leaderboard_latex(rows: Sequence[LeaderboardRow]) -> str:
@@ -147,14 +149,14 @@ def format_ranked_neighbours(pair: NeighbourComparison) -> list[str]:
 def format_neighbour_markdown_of_leaderboard(neighbours: Sequence[NeighbourComparison]) -> str:
     """Return the table of neighbours in rank as Markdown."""
     body = [[escape_markdown(text) for text in format_ranked_neighbours(pair)] for pair in neighbours]
-    return _format_grid(NEIGHBOUR_HEADERS, body, is_left=[n < 2 for n in range(len(NEIGHBOUR_HEADERS))])
+    return format_ranking_grid(NEIGHBOUR_HEADERS, body, is_left=[n < 2 for n in range(len(NEIGHBOUR_HEADERS))])
 
 
 def format_profile_markdown_of_leaderboard(profiles: Sequence[Profile]) -> str:
     """Return the profiles of one quantity as Markdown: the fraction within each limit."""
     headers = ["method", *(f"≤{limit:.3g}" for limit in profiles[0].limits)]
     body = [[escape_markdown(one.method), *map(format_leaderboard_percent, one.fractions)] for one in profiles]
-    return _format_grid(headers, body, is_left=[True] + [False] * (len(headers) - 1))
+    return format_ranking_grid(headers, body, is_left=[True] + [False] * (len(headers) - 1))
 
 
 def format_rank_agreement(one: RankAgreement) -> list[str]:
@@ -176,7 +178,9 @@ def format_rank_agreement(one: RankAgreement) -> list[str]:
 def format_rank_agreement_markdown(found: Sequence[RankAgreement]) -> str:
     """Return the table of rank agreements as Markdown."""
     body = [[escape_markdown(text) for text in format_rank_agreement(one)] for one in found]
-    return _format_grid(AGREEMENT_HEADERS, body, is_left=[n in (0, 1, 2, 9) for n in range(len(AGREEMENT_HEADERS))])
+    return format_ranking_grid(
+        AGREEMENT_HEADERS, body, is_left=[n in (0, 1, 2, 9) for n in range(len(AGREEMENT_HEADERS))]
+    )
 
 
 def format_leaderboard_bin(summary: BinSummary) -> str:
@@ -192,6 +196,7 @@ def count_noun_in_leaderboard(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def _format_grid(headers: Sequence[str], body: Sequence[Sequence[str]], *, is_left: Sequence[bool]) -> str:
+def format_ranking_grid(headers: Sequence[str], body: Sequence[Sequence[str]], *, is_left: Sequence[bool]) -> str:
+    """Return a Markdown table of texts that are escaped already."""
     lines = [headers, ["---" if left else "---:" for left in is_left], *body]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)

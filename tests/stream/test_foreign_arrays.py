@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from refusals import assert_says, refusal
 from scipy import io
+from spreadsheets import HEADING, write_xlsx
 
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop import SpikeArray, export_raw_frames, spreadsheet
@@ -198,35 +199,6 @@ def test_no_damaged_matlab_file_ends_the_process(tmp_path):
 
 # --- SAF's folders ------------------------------------------------------------------------------------
 
-SHEET = (
-    '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>'
-)
-HEADING = ("id", "scene name", "frames", "focal frame", "dt", "path")
-
-
-def write_xlsx(path, rows, *, shared=True, prolog=""):
-    """A spreadsheet as Excel writes it, its texts shared, or as other programs do, its texts in the cells."""
-    texts: list[str] = []
-
-    def cell(text, name):
-        if isinstance(text, int | float):
-            return f'<c r="{name}"><v>{text}</v></c>'
-        if not shared:
-            return f'<c r="{name}" t="inlineStr"><is><t>{text}</t></is></c>'
-        texts.append(text)
-        return f'<c r="{name}" t="s"><v>{len(texts) - 1}</v></c>'
-
-    lines = [
-        f'<row r="{y}">{"".join(cell(t, "ABCDEF"[x] + str(y)) for x, t in enumerate(row) if t != "")}</row>'
-        for y, row in enumerate(rows, start=1)
-    ]
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("xl/worksheets/sheet1.xml", prolog + SHEET.format("".join(lines)))
-        if shared:
-            items = "".join(f"<si><t>{text}</t></si>" for text in texts)
-            space = SHEET.split('"')[1]
-            archive.writestr("xl/sharedStrings.xml", f'<sst xmlns="{space}">{items}</sst>')
-
 
 @pytest.fixture(scope="module")
 def raw(tmp_path_factory):
@@ -256,6 +228,13 @@ def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw
         assert stream.shape[0] == 16
     if not shared:
         return
+    before = (tmp_path / "mine" / "desk-recorded-02.h5").stat().st_mtime_ns
+    list(import_saf_folder(folder, tmp_path / "mine"))
+    assert (tmp_path / "mine" / "desk-recorded-02.h5").stat().st_mtime_ns == before
+    write_xlsx(folder / "config.xlsx", [*rows[:2], (2, "desk", 16, 5, 4, "desk/a.dat")])
+    list(import_saf_folder(folder, tmp_path / "mine"))
+    with open_stream(tmp_path / "mine" / "desk-recorded-02.h5") as stream:
+        assert stream.truth.frame == 4
     assert call("dataset", "index", tmp_path / "mine")[0] == 0
     assert call("evaluate", tmp_path / "mine", "--method", "sd+argmax")[0] == 0
 

@@ -1,5 +1,6 @@
 """The folder of SAF's own recordings: ``config.xlsx`` lists them, and each is a file of raw frames."""
 
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.interop.raw_frames import count_raw_frames, import_raw_frames
 from saf_gen.stream.interop.spreadsheet import read_imported_sheet
 from saf_gen.stream.metadata import Truth
+from saf_gen.stream.stream_file import open_stream
 
 CONFIG = "config.xlsx"
 COLUMNS = ("id", "scene name", "frames", "focal frame", "dt", "path")
@@ -19,12 +21,16 @@ LAYOUT = "416"
 
 @dataclass(frozen=True)
 class SafRecording:
-    """A line of the list: a recording of ``frames`` frames, in focus at ``focal_frame``, counted from 0."""
+    """A line of the list: a recording of ``frames`` frames, in focus at ``focal_frame``, counted from 0.
+
+    ``block`` is its ``dt``, the frames per block in which SAF's programs score it; None where the list does not say.
+    """
 
     name: str
     file: Path
     frames: int
     focal_frame: int
+    block: int | None
 
 
 def read_imported_saf_config(folder: str | Path) -> list[SafRecording]:
@@ -82,27 +88,49 @@ def _read_recording(row: list[str], *, root: Path, where: str) -> SafRecording:
     number = f"{int(float(cells['id'])):02}" if _is_whole(cells["id"]) else cells["id"]
     name = re.sub(r"[^\w.-]+", "_", f"{cells['scene name'] or file.stem}-recorded-{number}")
     count_raw_frames(file, LAYOUT, frames=frames)
-    return SafRecording(name, file, frames, focal - 1)
+    dt = cells["dt"]
+    block = int(float(dt)) if _is_whole(dt) and 1 <= float(dt) <= frames else None
+    return SafRecording(name, file, frames, focal - 1, block)
 
 
-def import_saf_folder(folder: str | Path, out: str | Path, *, readout_hz: float = 20_000) -> Iterator[Path]:
+def import_saf_folder(
+    folder: str | Path, out: str | Path, *, readout_hz: float = 20_000, by_block: bool = False
+) -> Iterator[Path]:
     """Write each recording of a folder as a stream below ``out``, and yield its path.
+
+    ``by_block`` writes it into a folder below, ``blocks-DT``: in a dataset, the split of the recordings of this DT.
 
     The list gives the frame in focus and no lens positions. The lens is taken to move evenly from 0 to 1, so that
     answers can be judged; the true position follows, and the depth of focus is not known. A stream that is there
-    already is made again.
+    already, newer than the list and its raw file, stays as it is.
     """
     for recording in read_imported_saf_config(folder):
         lens = ((np.arange(recording.frames) + 0.5) / recording.frames).astype(np.float32)
-        target = Path(out) / f"{recording.name}.h5"
-        import_raw_frames(
-            recording.file,
-            target,
-            layout=LAYOUT,
-            frames=recording.frames,
-            readout_hz=readout_hz,
-            focus_position=lens,
-            truth=Truth(float(lens[recording.focal_frame]), frame=float(recording.focal_frame)),
-            provenance={"assumed": "the lens moves evenly from 0 to 1; the focal frame was chosen by the authors"},
-        )
+        target = Path(out) / (f"blocks-{recording.block}" if by_block else "") / f"{recording.name}.h5"
+        if not _is_imported(target, recording, newer_than=Path(folder) / CONFIG, readout_hz=readout_hz):
+            import_raw_frames(
+                recording.file,
+                target,
+                layout=LAYOUT,
+                frames=recording.frames,
+                readout_hz=readout_hz,
+                focus_position=lens,
+                truth=Truth(float(lens[recording.focal_frame]), frame=float(recording.focal_frame)),
+                provenance={"assumed": "the lens moves evenly from 0 to 1; the focal frame was chosen by the authors"},
+            )
         yield target
+
+
+def _is_imported(target: Path, recording: SafRecording, *, newer_than: Path, readout_hz: float) -> bool:
+    """Return whether a stream is that of a recording, made since the list and the raw file were."""
+    sources = (recording.file, newer_than)
+    if not target.is_file() or target.stat().st_mtime <= max(source.stat().st_mtime for source in sources):
+        return False
+    try:
+        with open_stream(target) as stream:
+            made = (stream.shape[0], stream.readout_hz, stream.truth.frame)
+            origin = json.loads(stream.metadata.provenance.get("import", "{}"))
+    except (BadInput, ValueError):
+        return False
+    is_same = made == (recording.frames, readout_hz, recording.focal_frame)
+    return is_same and origin.get("file") == recording.file.name

@@ -1,0 +1,104 @@
+"""The files of a ranking on SAF's recordings, and its table for the terminal."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+
+from saf_gen import __version__
+from saf_gen.core.files import write_text_atomically
+from saf_gen.core.plain_text import escape_markdown
+from saf_gen.leaderboard.columns import format_leaderboard_percent
+from saf_gen.leaderboard.csv_output import format_leaderboard_csv
+from saf_gen.leaderboard.rank_agreement import AGREEMENT_MEANINGS
+from saf_gen.leaderboard.saf_protocol import SafAnswer, SafRanking, SafRow
+from saf_gen.leaderboard.table_formats import (
+    count_noun_in_leaderboard,
+    format_rank_agreement_markdown,
+    format_ranking_grid,
+)
+
+PROTOCOL_NOTES = (
+    "SAF's protocol: blocks of dt frames as config.xlsx gives them, the last frame of the best block counted from 1,"
+    " the truth a frame chosen by hand. Its authors state no limit within which an answer is right, and no table of"
+    " errors; they draw the printed frame beside the chosen one. The rank is by the mean error as a fraction of the"
+    " recording, over scenes; no answer counts as the largest error there is.",
+    "Ours: the same recordings, each search with its own windows, answers at the centre of a window. Either way"
+    " measures look at the whole frame, because these recordings name no target.",
+    "Not known of these recordings: lens, aperture, pixels, where the lens was at a frame (taken to move evenly), how"
+    " far off the chosen frame may be, what the light did. So there is no depth of focus, and no success within one.",
+)
+
+
+def list_saf_ranking_headers(ranking: SafRanking) -> list[str]:
+    """Return the headings of the table."""
+    return [
+        *("rank", "method", "error, % of recording", "median, frames", "within a block", "no answer"),
+        *("rank, ours", "error, % ", "median, frames "),
+        *(f"within 1 DoF, {run}" for run in ranking.beside),
+    ]
+
+
+def format_saf_ranking_row(row: SafRow) -> list[str]:
+    """Return the texts of a row of the table."""
+
+    def text(value: float | None) -> str:
+        return "–" if value is None else f"{value:.1f}"
+
+    return [
+        *(str(row.rank), row.method, f"{100 * row.off:.2f}", text(row.error_frames)),
+        *(format_leaderboard_percent(row.within_block), str(row.unanswered)),
+        *(str(row.own_rank), f"{100 * row.own_off:.2f}", text(row.own_error_frames)),
+        *("–" if success is None else format_leaderboard_percent(success) for success in row.beside),
+    ]
+
+
+def describe_saf_ranking(ranking: SafRanking) -> str:
+    """Return how much a ranking is of, in words."""
+    recordings, scenes = len({a.recording for a in ranking.answers}), len({a.scene for a in ranking.answers})
+    return (
+        f"{count_noun_in_leaderboard(len(ranking.rows), 'method')} on "
+        f"{count_noun_in_leaderboard(recordings, 'recording')} of {count_noun_in_leaderboard(scenes, 'scene')}"
+    )
+
+
+def write_saf_ranking(folder: Path, ranking: SafRanking) -> list[Path]:
+    """Write ``ranking.json``, ``ranking.md`` and ``answers.csv``; return their paths."""
+    names = [field.name for field in fields(SafAnswer)]
+    document = {
+        "format": "saf-gen ranking on SAF's recordings 1",
+        "version": __version__,
+        "protocol": list(PROTOCOL_NOTES),
+        "beside": list(ranking.beside),
+        "rows": [asdict(row) for row in ranking.rows],
+        "rank_agreement": [asdict(one) for one in ranking.agreement],
+        "meanings": AGREEMENT_MEANINGS,
+        "left_out": dict(ranking.left_out),
+    }
+    texts = {
+        "ranking.json": json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        "ranking.md": _format_markdown(ranking),
+        "answers.csv": format_leaderboard_csv(
+            [*names, "error", "own_error"],
+            ([*(getattr(one, name) for name in names), one.error, one.own_error] for one in ranking.answers),
+        ),
+    }
+    for name, text in texts.items():
+        write_text_atomically(folder / name, text)
+    return [folder / name for name in texts]
+
+
+def _format_markdown(ranking: SafRanking) -> str:
+    rows: Sequence[Sequence[str]] = [format_saf_ranking_row(row) for row in ranking.rows]
+    grid = format_ranking_grid(
+        list(map(escape_markdown, list_saf_ranking_headers(ranking))),
+        [[escape_markdown(text) for text in row] for row in rows],
+        is_left=[n == 1 for n in range(len(rows[0]))],
+    )
+    parts = [f"# {describe_saf_ranking(ranking)}\n", grid, *(f"{note}\n" for note in PROTOCOL_NOTES)]
+    if ranking.agreement:
+        parts += ["## Agreement of ranks\n", format_rank_agreement_markdown(ranking.agreement)]
+    if ranking.left_out:
+        lines = (f"- {escape_markdown(name)}: {escape_markdown(why)}\n" for name, why in ranking.left_out.items())
+        parts += ["## Not run\n", "".join(lines)]
+    return "\n".join(parts)

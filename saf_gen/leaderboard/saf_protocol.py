@@ -1,0 +1,341 @@
+"""Ranks methods on SAF's recordings: by the protocol of its authors, by ours, and beside evaluations of generated data.
+
+Their programs score consecutive blocks of ``dt`` frames, a number that their list gives for each recording, and print
+the last frame of the best block, counted from 1; the golden searches print the middle of their last interval. The truth
+is a frame that was chosen by hand. They state no limit within which an answer is right, and no table of errors. So
+methods are ranked here by how far answers lie off, as a fraction of the recording. Of a depth of focus nothing is
+known: neither lens nor aperture nor pixels are stated.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
+from saf_gen.benchmark.kept_sequences import KeptSequences
+from saf_gen.benchmark.method_spec import (
+    DEFAULT_RECORDED_METHODS,
+    Method,
+    parse_method,
+    split_method_options,
+    split_method_region,
+)
+from saf_gen.benchmark.records import Record, read_records
+from saf_gen.benchmark.results import Evaluation
+from saf_gen.core.config.registry import refuse_code_named_in_file
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard.averages import mean_by_scene_for_ranking
+from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_ranked_scores
+from saf_gen.stream.dataset_index import index_streams_of_folder
+from saf_gen.stream.interop.saf_folder import CONFIG, SafRecording, import_saf_folder, read_imported_saf_config
+from saf_gen.stream.manifest import MANIFEST_NAME
+
+STREAMS = "recordings"
+THEIRS, OURS = "SAF's protocol", "ours, same recordings"
+BLOCK_OPTIONS = ("window", "dt")
+"""Options of a search that are the frames of a block."""
+PRINTS_LAST_FRAME = ("argmax",)
+"""Searches over consecutive blocks, of which SAF's programs print the last frame; others print the frame they mean."""
+
+
+@dataclass(frozen=True)
+class SafAnswer:
+    """What a method answers on a recording, as SAF's programs print it: frames counted from 1; None for no answer."""
+
+    method: str
+    recording: str
+    scene: str
+    frames: int
+    block: int
+    truth: int
+    printed: float | None
+    own: float | None
+    """The answer by our protocol: the centre of its window, counted from 1, the search with its own options."""
+
+    @property
+    def error(self) -> float | None:
+        """Printed frame minus the frame chosen by hand."""
+        return None if self.printed is None else self.printed - self.truth
+
+    @property
+    def own_error(self) -> float | None:
+        """The same of the answer by our protocol."""
+        return None if self.own is None else self.own - self.truth
+
+    def find_fraction_off(self, error: float | None) -> float:
+        """Return an error as a fraction of the recording; of no answer, the largest that any answer can have."""
+        off = max(self.truth - 1, self.frames - self.truth) if error is None else abs(error)
+        return off / self.frames
+
+
+@dataclass(frozen=True)
+class SafRow:
+    """One method on all recordings.
+
+    rank, own_rank : by the mean error over scenes, SAF's protocol and ours, 1 for the best.
+    off, own_off : that mean, a fraction of the recording; no answer counts as the largest error there is.
+    error_frames, own_error_frames : the median absolute error of the answers, frames; None without an answer.
+    within_block : the fraction of recordings whose answer lies within one block of the truth chosen by hand.
+    unanswered : recordings without an answer by SAF's protocol.
+    beside : success within 1 depth of focus in each evaluation beside, None where it has no such method.
+    """
+
+    rank: int
+    method: str
+    off: float
+    error_frames: float | None
+    within_block: float
+    unanswered: int
+    own_rank: int
+    own_off: float
+    own_error_frames: float | None
+    beside: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class SafRanking:
+    """Methods ranked on SAF's recordings, and how far the ranking agrees with others.
+
+    ``left_out`` says of each method of an evaluation beside why it was not run; ``own`` is the evaluation by our
+    protocol, as ``saf-gen evaluate`` has it.
+    """
+
+    rows: tuple[SafRow, ...]
+    answers: tuple[SafAnswer, ...]
+    agreement: tuple[RankAgreement, ...]
+    beside: tuple[str, ...]
+    left_out: Mapping[str, str]
+    own: Evaluation
+
+
+def rank_methods_on_saf_folder(
+    folder: Path,
+    out: Path,
+    *,
+    methods: Sequence[str] | None = None,
+    beside: Sequence[Path] = (),
+    readout_hz: float = 20_000,
+    progress: ProgressCallback | None = None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> SafRanking:
+    """Rank methods on a folder of SAF's recordings.
+
+    Parameters
+    ----------
+    folder : holds ``config.xlsx`` and the raw files that it lists.
+    out : where the streams are written, in ``recordings/``, and results are kept until the ranking is written.
+    methods : names; by default those of the evaluations beside whose code is registered, else the default ones.
+    beside : evaluations of other data, such as a generated test split, with whose rankings this one is compared.
+    readout_hz : readouts per second, which such files do not record.
+    progress : called with (steps done, steps in all, what was done).
+    tell : called with a line for people.
+
+    Raises
+    ------
+    BadInput : for a folder or an evaluation that cannot be read, a recording without a block length, streams of other
+        recordings in ``out``, and as evaluating does.
+    """
+    listed = read_imported_saf_config(folder)
+    for recording in listed:
+        if recording.block is None:
+            raise BadInput(
+                f"{recording.name} has no dt", where=str(folder / CONFIG), allowed="the frames of a block, at least 1"
+            )
+    runs = {_name_run(run): read_records(run) for run in beside}
+    for run, judged in runs.items():
+        if {record.track for record in judged} != {"recorded"}:
+            raise BadInput(f"{run} is of the closed loop", allowed="evaluations of recordings")
+    if len(runs) < len(beside):
+        raise BadInput("two evaluations beside have the same name", allowed="each once", hint="rename a folder")
+    chosen, left_out = _choose_methods(methods, runs)
+    streams = _import_recordings(folder, listed, streams=out / STREAMS, readout_hz=readout_hz)
+    recordings = {f"blocks-{recording.block}-{recording.name}": recording for recording in listed}
+    kept = [KeptSequences(out / ".ours.unfinished")]
+    own = evaluate(streams, methods=[method.name for method in chosen], progress=progress, keep=kept[0])
+    kept[0].write()
+    failures, records = list(own.failures), {(r.method, r.sequence): r for r in own.records}
+    printed: dict[tuple[str, str], float | None] = {}
+    for block in sorted({recording.block for recording in listed if recording.block}):
+        set_methods = {method.name: _set_block(method, block) for method in chosen}
+        kept.append(KeptSequences(out / f".blocks-{block}.unfinished"))
+        found = evaluate(
+            streams,
+            methods=[method.name for method in set_methods.values()],
+            split=f"blocks-{block}",
+            progress=progress,
+            keep=kept[-1],
+        )
+        kept[-1].write()
+        failures += found.failures
+        by_name = {(record.method, record.sequence): record for record in found.records}
+        for label, method in set_methods.items():
+            for sequence in {sequence for _, sequence in by_name}:
+                printed[label, sequence] = _print_frame(by_name[method.name, sequence], method)
+    if failures:
+        raise BadInput(failures[0].problem, where=f"{streams}: {failures[0].sequence}")
+    taken = max(one.taken for one in kept)
+    if taken:
+        tell(f"{taken} recording{'' if taken == 1 else 's'} had been evaluated by a run that was stopped")
+    answers = tuple(
+        SafAnswer(
+            method,
+            recordings[sequence].name,
+            record.scene,
+            recordings[sequence].frames,
+            recordings[sequence].block or 0,
+            recordings[sequence].focal_frame + 1,
+            printed[method, sequence],
+            None if record.frame is None else record.frame + 1,
+        )
+        for (method, sequence), record in records.items()
+    )
+    rows = _rank(answers, runs)
+    return SafRanking(rows, answers, _compare(answers, runs), tuple(runs), left_out, own)
+
+
+def remove_kept_results_of_ranking(out: Path) -> None:
+    """Remove what a run keeps so that it goes on after a stop; called when the ranking is written."""
+    for folder in out.glob(".*.unfinished"):
+        KeptSequences(folder).remove()
+
+
+def _name_run(run: Path) -> str:
+    """Return what an evaluation beside is called: by its dataset, where it lies in the usual folder."""
+    folder = (run if run.is_dir() else run.parent).resolve()
+    return folder.parent.name if folder.name == "evaluation" else folder.name
+
+
+def _choose_methods(
+    methods: Sequence[str] | None, runs: Mapping[str, Sequence[Record]]
+) -> tuple[list[Method], dict[str, str]]:
+    """Return the methods to run, and why those of evaluations beside are left out."""
+    left_out: dict[str, str] = {}
+    if methods is not None:
+        found = [parse_method(name) for name in methods]
+        return list({method.name: method for method in found}.values()), left_out
+    chosen: dict[str, Method] = {}
+    for run, records in runs.items():
+        for label in dict.fromkeys(record.method for record in records):
+            try:
+                with refuse_code_named_in_file(run):
+                    chosen.setdefault(label, parse_method(label))
+            except BadInput as error:
+                left_out[label] = error.problem
+    if runs and not chosen:
+        raise BadInput(f"no method of {', '.join(runs)} is at hand", hint="name methods: --method or --methods")
+    return list(chosen.values()) or [parse_method(name) for name in DEFAULT_RECORDED_METHODS], left_out
+
+
+def _import_recordings(folder: Path, listed: Sequence[SafRecording], *, streams: Path, readout_hz: float) -> Path:
+    """Write the recordings as a dataset with a split for each block length; return its folder."""
+    names = {streams / f"blocks-{recording.block}" / f"{recording.name}.h5" for recording in listed}
+    for path in sorted(streams.rglob("*.h5")):
+        if path not in names:
+            raise BadInput(f"{path} is no recording of {folder}", hint="choose another --out")
+    (streams / MANIFEST_NAME).unlink(missing_ok=True)
+    for _ in import_saf_folder(folder, streams, readout_hz=readout_hz, by_block=True):
+        pass
+    index_streams_of_folder(streams)
+    return streams
+
+
+def _set_block(method: Method, block: int) -> Method:
+    """Return the method with blocks of this length, unless its name says another; itself where it has no blocks."""
+    name, region = split_method_region(method.name)
+    given = split_method_options(name.split("+")[-1])[1] if "+" in name else ""
+    own = {field.name for field in fields(method.search)} if is_dataclass(method.search) else frozenset[str]()
+    options = [key for key in BLOCK_OPTIONS if key in own]
+    if name.startswith("@") or not options or any(item.startswith(f"{options[0]}=") for item in given.split(",")):
+        return method
+    text = f"{name}{',' if given else ':'}{options[0]}={block}"
+    with refuse_code_named_in_file("this method"):  # its code is loaded
+        return parse_method(f"{text}@{region}" if region else text)
+
+
+def _print_frame(record: Record, method: Method) -> float | None:
+    """Return what SAF's programs print for an answer: a frame counted from 1, of a block its last."""
+    if record.frame is None:
+        return None
+    block = getattr(method.search, "window", 1) if method.search_name in PRINTS_LAST_FRAME else 1
+    return record.frame + 1 + (block - 1) / 2
+
+
+def _rank(answers: Sequence[SafAnswer], runs: Mapping[str, Sequence[Record]]) -> tuple[SafRow, ...]:
+    by_method: dict[str, list[SafAnswer]] = {}
+    for answer in answers:
+        by_method.setdefault(answer.method, []).append(answer)
+    success = [_score_run(records) for records in runs.values()]
+    rows = []
+    for method, own in by_method.items():
+        errors = [a.error for a in own if a.error is not None]
+        own_errors = [a.own_error for a in own if a.own_error is not None]
+        rows.append(
+            SafRow(
+                0,
+                method,
+                float(np.mean(list(_mean_by_scene(own, lambda a: a.find_fraction_off(a.error)).values()))),
+                float(np.median(np.abs(errors))) if errors else None,
+                float(np.mean([a.error is not None and abs(a.error) <= a.block for a in own])),
+                len(own) - len(errors),
+                0,
+                float(np.mean(list(_mean_by_scene(own, lambda a: a.find_fraction_off(a.own_error)).values()))),
+                float(np.median(np.abs(own_errors))) if own_errors else None,
+                tuple(_mean_of_scenes(scores, method) for scores in success),
+            )
+        )
+    ranked = [
+        replace(
+            row,
+            rank=1 + sum(other.off < row.off - 1e-9 for other in rows),
+            own_rank=1 + sum(other.own_off < row.own_off - 1e-9 for other in rows),
+        )
+        for row in rows
+    ]
+    return tuple(sorted(ranked, key=lambda row: (row.rank, row.method)))
+
+
+def _mean_by_scene(answers: Sequence[SafAnswer], value: Callable[[SafAnswer], float]) -> dict[str, float]:
+    scenes: dict[str, list[float]] = {}
+    for answer in answers:
+        scenes.setdefault(answer.scene, []).append(value(answer))
+    return {scene: float(np.mean(numbers)) for scene, numbers in scenes.items()}
+
+
+def _mean_of_scenes(scores: Mapping[str, Mapping[str, float]], method: str) -> float | None:
+    known = [own[method] for own in scores.values() if method in own]
+    return float(np.mean(known)) if known else None
+
+
+def _score_run(records: Sequence[Record]) -> dict[str, dict[str, float]]:
+    """Return by scene the success of each method within 1 depth of focus."""
+    scores: dict[str, dict[str, float]] = {}
+    for method in dict.fromkeys(record.method for record in records):
+        own = [record for record in records if record.method == method]
+        for scene, mean in mean_by_scene_for_ranking(own, lambda r: r.success_1dof).items():
+            scores.setdefault(scene, {})[method] = mean
+    return scores
+
+
+def _compare(answers: Sequence[SafAnswer], runs: Mapping[str, Sequence[Record]]) -> tuple[RankAgreement, ...]:
+    """Return how far the rankings agree: by SAF's protocol, by ours, and of each evaluation beside."""
+    named = {
+        THEIRS: _score_answers(answers, lambda a: -a.find_fraction_off(a.error)),
+        OURS: _score_answers(answers, lambda a: -a.find_fraction_off(a.own_error)),
+    }
+    for run, records in runs.items():  # scenes of other data are others, even where they have the same name
+        named[run] = {f"{run}: {scene}": scores for scene, scores in _score_run(records).items()}
+    ranked = list(named.items())
+    pairs = [(first, second) for number, first in enumerate(ranked[:2]) for second in ranked[number + 1 :]]
+    found = (compare_ranked_scores(first, second, condition="ranking") for first, second in pairs)
+    return tuple(one for one in found if one is not None)
+
+
+def _score_answers(answers: Sequence[SafAnswer], score: Callable[[SafAnswer], float]) -> dict[str, dict[str, float]]:
+    scores: dict[str, dict[str, float]] = {}
+    for method in dict.fromkeys(answer.method for answer in answers):
+        own = [answer for answer in answers if answer.method == method]
+        for scene, mean in _mean_by_scene(own, score).items():
+            scores.setdefault(scene, {})[method] = mean
+    return scores

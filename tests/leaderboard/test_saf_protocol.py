@@ -1,0 +1,171 @@
+"""SAF's recordings under SAF's protocol: blocks of their length, the last frame of the best, a truth chosen by hand."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from handmade_records import record
+from planted_sweeps import make_spikes
+from reference_searches import literal_egs
+from refusals import refusal
+from scipy.stats import kendalltau
+from spreadsheets import HEADING, write_xlsx
+
+from saf_gen.benchmark.records import read_records, write_benchmark_records
+from saf_gen.leaderboard.rank_agreement import compare_ranked_scores
+from saf_gen.leaderboard.saf_protocol import rank_methods_on_saf_folder
+from saf_gen.stream.interop import export_raw_frames
+from saf_gen.stream.stream_writer import write_stream
+
+FRAMES = 160
+LISTED = {"desk": (60, 8), "leaf": (97, 16), "wheel": (41, 8)}
+"""Peak, counted from 0, and frames per block of each scene's recording."""
+METHODS = ("sd_code+argmax", "sd_code+egs_code", "er_count+argmax", "sd_code+argmax:window=40")
+
+
+def spikes_of(peak):
+    return np.tile(make_spikes(peak, shape=(FRAMES, 25, 40)), (1, 10, 10))
+
+
+@pytest.fixture(scope="module")
+def saf(tmp_path_factory):
+    """A folder as SAF's authors have it: ``datasets/config.xlsx``, and raw files in layout 416."""
+    root = tmp_path_factory.mktemp("SAF") / "datasets"
+    rows = [HEADING]
+    for number, (scene, (peak, block)) in enumerate(LISTED.items(), start=1):
+        write_stream(root / f"{scene}.h5", spikes_of(peak))
+        export_raw_frames(root / f"{scene}.h5", root / f"{scene}.dat", layout="416")
+        (root / f"{scene}.h5").unlink()
+        rows.append((number, scene, FRAMES, peak + 1, block, f"datasets\\{scene}.dat"))
+    write_xlsx(root / "config.xlsx", rows)
+    return root
+
+
+@pytest.fixture(scope="module")
+def ranked(saf, tmp_path_factory):
+    """The folder that one run writes, beside an evaluation of generated data."""
+    out = tmp_path_factory.mktemp("ranked")
+    beside = [
+        record(method, f"s{scene}", 0.1 if n <= scene else 4.0, scene=f"s{scene}")
+        for n, method in enumerate(METHODS)
+        for scene in range(3)
+    ]
+    write_benchmark_records(out / "bench/evaluation/records.jsonl", beside)
+    return out, rank_methods_on_saf_folder(saf, out / "mine", methods=METHODS, beside=[out / "bench/evaluation"])
+
+
+def best_block(peak, block):
+    """The last frame, counted from 1, of the block of largest spike dispersion, the plain way."""
+    blocks = spikes_of(peak)[: FRAMES // block * block].reshape(-1, block, 250, 400).sum(axis=1, dtype=float)
+    scores = [((c - c.mean()) ** 2).sum() / c.mean() ** 2 for c in blocks]
+    return (int(np.argmax(scores)) + 1) * block
+
+
+def test_answers_are_the_frames_that_the_released_code_prints(ranked):
+    found = {(a.method, a.scene): a for a in ranked[1].answers}
+    for scene, (peak, block) in LISTED.items():
+        assert found["sd_code+argmax", scene].printed == best_block(peak, block)
+        assert found["sd_code+argmax:window=40", scene].printed == best_block(peak, 40)
+        printed = literal_egs(Sweep(spikes_of(peak)), 1, FRAMES)[-1]
+        assert found["sd_code+egs_code", scene].printed == printed
+        assert found["sd_code+argmax", scene].truth == peak + 1
+
+
+class Sweep:
+    def __init__(self, frames):
+        self.total = np.concatenate(
+            [np.zeros((1, *frames.shape[1:]), np.uint32), frames.cumsum(axis=0, dtype=np.uint32)]
+        )
+
+    def score(self, first, stop):
+        counts = self.total[stop].astype(float) - self.total[first]
+        return ((counts - counts.mean()) ** 2).sum() / counts.mean() ** 2
+
+
+def test_ours_are_the_centres_of_the_searches_own_windows(ranked):
+    own = {(r.method, r.scene): r.frame + 1 for r in ranked[1].own.records}
+    for answer in ranked[1].answers:
+        assert answer.own == own[answer.method, answer.scene]
+        assert answer.own_error == answer.own - answer.truth
+        assert answer.find_fraction_off(answer.error) == abs(answer.error) / FRAMES
+
+
+def test_the_ranking_is_by_the_mean_fraction_and_no_answer_is_the_largest_error(ranked):
+    answer = next(a for a in ranked[1].answers if a.scene == "leaf")
+    assert answer.find_fraction_off(None) == 97 / FRAMES
+    for row in ranked[1].rows:
+        off = [abs(a.error) / FRAMES for a in ranked[1].answers if a.method == row.method]
+        assert row.off == pytest.approx(np.mean(off))
+        assert row.rank == 1 + sum(other.off < row.off for other in ranked[1].rows)
+    assert ranked[1].rows[-1].method == "er_count+argmax"
+
+
+def test_ranks_are_compared_with_those_of_generated_data(ranked):
+    theirs, beside, own_beside = ranked[1].agreement
+    rows = ranked[1].rows
+    assert theirs.tau == pytest.approx(kendalltau([r.off for r in rows], [r.own_off for r in rows]).statistic)
+    success = [r.beside[0] for r in rows]
+    assert beside.tau == pytest.approx(kendalltau([-r.off for r in rows], success).statistic)
+    assert beside.low <= beside.tau <= beside.high
+    assert (beside.first, beside.second, beside.scenes, beside.shared) == ("SAF's protocol", "bench", 6, 0)
+    assert own_beside.second == "bench"
+
+
+def test_the_command_writes_the_ranking_and_says_what_is_not_known(call, saf, tmp_path, monkeypatch):
+    monkeypatch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
+    given = [word for method in METHODS[:3] for word in ("--method", method)]
+    code, said, err = call("leaderboard", "saf", saf, "--out", tmp_path / "out", *given)
+    assert (code, err) == (0, "")
+    said = " ".join(said.split())
+    assert "3 methods on 3 recordings of 3 scenes" in said
+    assert "state no limit within which an answer is right" in said
+    assert "there is no depth of focus" in said
+    document = json.loads((tmp_path / "out/ranking.json").read_text())
+    assert [row["method"] for row in document["rows"]][-1] == "er_count+argmax"
+    with (tmp_path / "out/answers.csv").open() as file:
+        assert {line["scene"] for line in csv.DictReader(file)} == set(LISTED)
+    assert len(read_records(tmp_path / "out/ours")) == 9
+    assert "| rank | method |" in (tmp_path / "out/ranking.md").read_text()
+    assert not list((tmp_path / "out").glob(".*"))
+    again = call("leaderboard", "saf", saf, "--out", tmp_path / "out", "--method", "er_count+argmax", "--json")
+    assert json.loads(again[1])[0]["method"] == "er_count+argmax"
+
+
+def test_what_cannot_be_ranked_is_one_line(call, saf, ranked, tmp_path):
+    (tmp_path / "desk.dat").write_bytes((saf / "desk.dat").read_bytes())
+    write_xlsx(tmp_path / "config.xlsx", [HEADING, (1, "desk", FRAMES, 61, "", "desk.dat")])
+    assert "has no dt" in refusal(rank_methods_on_saf_folder, tmp_path, tmp_path / "out").problem
+    write_stream(tmp_path / "out/recordings/blocks-8/other.h5", np.zeros((8, 4, 4), np.uint8))
+    assert "is no recording of" in refusal(rank_methods_on_saf_folder, saf, tmp_path / "out").problem
+    racing = [record("sd+argmax", "s", 0.1, track="closed_loop", terms="x")]
+    write_benchmark_records(tmp_path / "loop/records.jsonl", racing)
+    code, said, err = call("leaderboard", "saf", saf, "--out", tmp_path / "o", "--beside", tmp_path / "loop")
+    assert (code, said, err.count("\n")) == (2, "", 1)
+    assert "loop is of the closed loop" in err
+    write_benchmark_records(tmp_path / "far/records.jsonl", [record("there.py:Mine+argmax", "s", 0.1)])
+    error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", beside=[tmp_path / "far"])
+    assert "no method of far is at hand" in error.problem
+
+
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
+
+
+def test_a_stopped_ranking_goes_on(call, saf, tmp_path, monkeypatch):
+    given = ("leaderboard", "saf", saf, "--out", tmp_path, "--method", "er_count+argmax")
+    with monkeypatch.context() as patch:
+        patch.setattr("saf_gen.leaderboard.report.write_evaluation_report", interrupted)
+        stopped = "saf-gen: stopped; what was done is kept: run the same command again to go on\n"
+        assert call(*given) == (130, "", stopped)
+        assert not (tmp_path / "ranking.json").exists()
+    monkeypatch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
+    code, _, told = call(*given)
+    assert (code, told) == (0, "3 recordings had been evaluated by a run that was stopped\n")
+
+
+def test_two_scenes_have_a_tau_and_no_interval():
+    scores = {scene: {"a": 3.0, "b": 2.0, "c": 1.0} for scene in ("desk", "leaf")}
+    found = compare_ranked_scores(("one", scores), ("other", scores), condition="ranking")
+    assert (found.tau, found.low, found.shared, found.by_chance) == (1.0, None, 2, None)
+    assert compare_ranked_scores(("one", scores), ("other", {"desk": {"a": 1.0}}), condition="ranking") is None
