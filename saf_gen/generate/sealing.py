@@ -65,7 +65,10 @@ def seal_recipe(recipe: Path, sealed: Path, *, secret_file: Path) -> SealedSeed:
         raise BadInput("this recipe is sealed already", where=document.locate("seed"))
     for path in (sealed, secret_file):
         if path.exists():
-            raise BadInput(f"{path} is there already", hint="choose another name: a secret is made once")
+            hint = "choose another name: a secret is made once"
+            if not sealed.exists():  # the secret is written first: a run was stopped, or the sealed recipe was moved
+                hint += f"; or remove it, if no recipe was ever published with it: there is no {sealed}"
+            raise BadInput(f"{path} is there already", hint=hint)
     salt, secret = secrets.token_hex(_DIGITS // 2), secrets.token_hex(_DIGITS)
     seed = SealedSeed(sealed=_commitment(secret, salt), salt=salt)
     text = _replace_seed(document, f'{{sealed: "{seed.sealed}", salt: "{seed.salt}"}}')
