@@ -3,7 +3,7 @@
     python benchmarks/interval_coverage.py [--trials 2000] [--scenes 20 7] [--only rate ...] [--earlier]
 
 Prints a Markdown table for each kind of interval: success rates, medians of the error, mean times, differences of two
-methods, ranks. Two scenes in five move and have 24 sequences, the others 12, as on the test split of saf_bench. Every
+methods, ranks. Every other scene moves and has 12 sequences, the others 6, as on the test split of saf_bench-v2. Every
 number is the fraction of trials in which the interval held the truth, with the mean width; ``--earlier`` adds the
 percentile bootstrap over scenes, 1,000 draws, which the leaderboard used before. Random streams are named
 ("interval_coverage", kind, law, rate, scenes). Of 2,000 trials a coverage of 0.95 has a standard error of 0.005.
@@ -26,7 +26,7 @@ from saf_gen.leaderboard.scene_intervals import (
 )
 from saf_gen.leaderboard.statistics import find_rank_intervals
 
-STILL, MOVING = 12, 24
+STILL, MOVING = 6, 12
 LAWS = ("beta 0.02", "beta 0.1", "beta 0.3", "beta 0.6", "two kinds", "logit-normal")
 """How the rates of scenes scatter about their mean: beta laws by the correlation of two sequences of a scene, scenes
 that are easy (99.9 %) or hard (30 %), and normal logits of standard deviation 1.5."""
@@ -64,8 +64,8 @@ class Coverage:
 
 
 def count_sequences(scenes: int) -> np.ndarray:
-    """Return the sequences of each scene: two in five move."""
-    return np.where(np.arange(scenes) % 5 < 2, MOVING, STILL)
+    """Return the sequences of each scene: every other moves."""
+    return np.where(np.arange(scenes) % 2 < 1, MOVING, STILL)
 
 
 def draw_rates(law: str, mean: float, *, shape: tuple[int, ...], random: np.random.Generator) -> np.ndarray:
@@ -95,7 +95,7 @@ def simulate_rates(scenes: int, trials: int, *, earlier: bool, law: str, rate: f
 def draw_solved(
     world: str, rates: Sequence[float], *, scenes: int, trials: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which sequences each method solves, bool (trials, methods, scenes, 24), and those of each scene."""
+    """Return which sequences each method solves, bool (trials, methods, scenes, 12), and those of each scene."""
     counts, shape = count_sequences(scenes), (trials, scenes)
     shared, chances = random.standard_normal(shape), []
     for number, rate in enumerate(rates):
