@@ -1,8 +1,8 @@
 """What pages show runs, what they name exists, and their tables agree with the code.
 
 A page's blocks are run in their order at a *desk*: a folder laid out like a checkout, with small versions of
-the datasets that pages name. A yaml or python block whose first line is a comment with a path in ``recipes/``
-or ``scenes/``, or a file ``my_...py``, is written there first, so that the commands below it find it.
+the datasets that pages name. A yaml or python block whose first line is a comment with a path in ``recipes/``,
+``scenes/`` or ``submissions/``, or a file ``my_...py``, is written there first, so that the commands below it find it.
 """
 
 import csv
@@ -32,8 +32,10 @@ from saf_gen import SpikeWindows
 from saf_gen.acceptance.speed import BenchSize
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, app, main
+from saf_gen.core.config.json_document import format_checked_json
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
+from saf_gen.leaderboard.submission import SubmissionCard
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
 from saf_gen.plugins.lights import light_gains_at_readouts
@@ -68,7 +70,7 @@ class Block:
     @property
     def path(self) -> str:
         """The path in its first line, '' where it has none."""
-        named = re.match(r"# ((?:recipes|scenes)/\S+|my_\w+\.py)\n", self.text)
+        named = re.match(r"# ((?:recipes|scenes|submissions)/\S+|my_\w+\.py)\n", self.text)
         return named[1] if named else ""
 
 
@@ -154,7 +156,7 @@ def test_every_language_of_a_block_is_one_that_is_tested():
 
 @pytest.mark.parametrize("block", of_language("yaml"))
 def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
-    """A recipe, a scene card, some keys of a card, or some keys of a recipe, put into the quickstart."""
+    """A recipe, the card of a scene or submission, some keys of a scene's card or of a recipe, in the quickstart."""
     data = yaml.safe_load(block.text)
     if set(data) == {"lens"}:
         TypeAdapter(LensCard).validate_python(data["lens"]).build_drive()
@@ -165,6 +167,9 @@ def test_a_yaml_block_is_read_by_the_code_it_is_for(block, tmp_path):
     if "lights" not in data and set(data) <= set(SceneCard.model_fields) - {"camera"}:
         whole = next(b for b in BLOCKS if b.path == "scenes/printed_card/scene.yaml")
         SceneCard.model_validate(yaml.safe_load(whole.text) | data)
+        return
+    if "statements" in data:
+        SubmissionCard.model_validate(data)
         return
     if "splits" not in data:
         assert set(data) <= set(Recipe.model_fields), "neither a recipe nor a part of one"
@@ -388,10 +393,47 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     return shown.getvalue()
 
 
+SUBMIT = ROOT / "docs/how-to/submit.md"
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("page", [p for p in PAGES if p != SUBMIT], ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_what_a_page_shows_runs_in_its_order(page, desk, monkeypatch):
     """A command that only reads the quickstart's dataset, and that another page has run already, is not run again."""
+    follow_page(page, desk, monkeypatch)
+
+
+@pytest.mark.slow
+def test_a_stranger_hands_in_a_method_by_the_page_alone_and_a_forged_answer_is_found(desk, tmp_path, monkeypatch):
+    (tmp_path / "datasets").symlink_to(desk / "datasets")
+    follow_page(SUBMIT, tmp_path, monkeypatch)
+    assert "1 submission: 1 re-run here" in (tmp_path / "submissions/submissions.md").read_text()
+    shown = (words for block in blocks_of(SUBMIT) if block.language == "sh" for words in commands(block))
+    (verify,) = (words for words in shown if words[1:3] == ["leaderboard", "verify"])
+    evaluation = tmp_path / "submissions/my_method/evaluation"
+    lines = (evaluation / "records.jsonl").read_text().splitlines()
+    answer = json.loads(lines[0])
+    answer.pop("checksum")
+    text = lines[0].replace(f'"frame": {answer["frame"]}', f'"frame": {answer["frame"] + 100}')
+    assert text != lines[0]
+    (evaluation / "records.jsonl").write_text("\n".join([text, *lines[1:]]) + "\n")
+    assert exit_code_of(verify) == 2  # by its checksum
+    forged = format_checked_json({**answer, "frame": answer["frame"] + 100})
+    (evaluation / "records.jsonl").write_text("\n".join([forged, *lines[1:]]) + "\n")
+    for state, code in (("claimed", None), ("differs", 1)):
+        assert code is None or exit_code_of(verify) == code
+        run(tmp_path, ["saf-gen", "submit", "page", "submissions"])
+        assert f"1 submission: 1 {state}" in (tmp_path / "submissions/submissions.md").read_text()
+
+
+def exit_code_of(words: list[str]) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main(words[1:])
+    return int(stop.value.code or 0)
+
+
+def follow_page(page, desk, monkeypatch):
+    """Write the files and run the commands that a page shows, in its order, in the folder ``desk``."""
     monkeypatch.chdir(desk)
     for block in blocks_of(page):
         if block.path:

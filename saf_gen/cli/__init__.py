@@ -104,8 +104,12 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "submit": (
-        "Hand in a method: begin a submission, or check one.",
-        {"new": submit_commands.new_submission_command, "check": submit_commands.check_submission_command},
+        "Hand in a method: begin a submission, check one, or write a page of many.",
+        {
+            "new": submit_commands.new_submission_command,
+            "check": submit_commands.check_submission_command,
+            "page": submit_commands.submissions_page_command,
+        },
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",

@@ -94,14 +94,15 @@ def evaluate_command(
     rows = rank_methods(result.records)
     sequences = len({record.sequence for record in result.records})
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
-    print_leaderboard(
+    title = data.resolve().name
+    written = write_evaluation_report(target, rows=rows, evaluation=result, title=title, pdf=pdf)
+    kept.remove()
+    print_leaderboard(  # after the files: a pipe that closes early, as `| head` does, ends the program
         rows,
         records=result.records,
         title=f"{data}: {sequences} sequences, region {regions}{', closed loop' if protocol else ''}",
     )
-    title = data.resolve().name
-    print_written_paths(write_evaluation_report(target, rows=rows, evaluation=result, title=title, pdf=pdf))
-    kept.remove()
+    print_written_paths(written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     if result.failures:

@@ -36,14 +36,15 @@ def merge_command(
                 )
         check_folder_writable(folder)
     board = read_leaderboard(*runs)
-    print_leaderboard(board, records=board.records, title=f"{board.size}, {len(runs)} evaluations")
+    written = None
     if folder is not None:
         evaluation = Evaluation(
             records=board.records, sweeps=(), failures=(), plugins=describe_recorded_methods(board.records)
         )
-        print_written_paths(
-            write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
-        )
+        written = write_evaluation_report(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
+    print_leaderboard(board, records=board.records, title=f"{board.size}, {len(runs)} evaluations")
+    if written is not None:
+        print_written_paths(written)
 
 
 def compare_rankings_command(

@@ -93,6 +93,12 @@ def tell_ranked_sensors_apart(runs: Mapping[str, Sequence[Record]]) -> Mapping[s
     return {run: [name_sensor(record) for record in own] for run, own in runs.items()}
 
 
+def describe_ranked_data(records: Sequence[Record]) -> frozenset[tuple[str, str, str]]:
+    """Return what records say that must agree with those of other methods in their table; see `_claims`."""
+    claims = (claim for record in records for claim in _claims(record, "", is_only_run=False))
+    return frozenset((what, subject, value) for what, subject, value, _ in claims if what != "code digest")
+
+
 def _claims(record: Record, run: str, *, is_only_run: bool) -> Iterator[tuple[str, str, str, str]]:
     """Yield (property, subject, value, source) for everything that must agree with other records.
 

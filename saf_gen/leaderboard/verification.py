@@ -1,15 +1,16 @@
 """Whose answers a table holds: the file beside an evaluation that says which rows were found again, and where.
 
 A table may come from anybody. A row is *re-run here* once its method, from code that is at hand, has given every answer
-again; *re-run elsewhere* where another machine says that of itself; *differs* where an answer is another one; and
-*claimed* where only the file says so.
+again; *re-run elsewhere* where the file says that of another machine, or is not signed by this user; *differs* where an
+answer is another one; and *claimed* where only the file says so. The signature is made with a secret of the user, so
+that no folder of a stranger brings a row that was *re-run here*.
 """
 
 import hashlib
 import json
 import socket
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -20,6 +21,7 @@ from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.files import write_text_atomically
+from saf_gen.core.user_folder import is_signed_by_user, sign_as_user
 
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"
@@ -55,13 +57,21 @@ class Verification:
     host: str
     machine: str
     version: str
+    signature: str = ""
+    """Of the user who ran it, in hex; '' where there is none."""
 
 
 def write_leaderboard_verification(folder: Path, verification: Verification) -> Path:
     """Write ``verification.json`` beside the records that it speaks of; return its path."""
     path = folder / VERIFICATION_FILE
-    write_text_atomically(path, format_checked_json({"format": FORMAT, **asdict(verification)}, indent=1) + "\n")
+    signature = sign_as_user(_signed_text(verification))
+    signed = replace(verification, signature="" if signature is None else signature.hex())
+    write_text_atomically(path, format_checked_json({"format": FORMAT, **asdict(signed)}, indent=1) + "\n")
     return path
+
+
+def _signed_text(verification: Verification) -> bytes:
+    return json.dumps(["verification", asdict(replace(verification, signature=""))], sort_keys=True).encode()
 
 
 def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
@@ -76,6 +86,7 @@ def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[st
     pop_benchmark_record_format(document, FORMAT, what="verification", hint=HINT)
     verification = validate_document(Verification, document, hint=HINT)
     here = (verification.host, verification.machine) == (socket.gethostname(), describe_machine())
+    here = here and _is_signed(verification)
     rows: dict[str, list[Record]] = {}
     for record in records:
         rows.setdefault(record.method, []).append(record)
@@ -85,6 +96,13 @@ def read_leaderboard_row_states(run: Path, records: Iterable[Record]) -> dict[st
         for method, own in rows.items()
         if method in found and found[method].answers == digest_leaderboard_answers(own)
     }
+
+
+def _is_signed(verification: Verification) -> bool:
+    try:
+        return is_signed_by_user(_signed_text(verification), bytes.fromhex(verification.signature))
+    except ValueError:
+        return False
 
 
 def digest_leaderboard_answers(records: Iterable[Record]) -> str:

@@ -192,6 +192,17 @@ def test_a_stream_made_elsewhere_with_gaps_is_evaluated_with_what_is_known(call,
         assert (held.error, held.success_1dof) == (None, None)
 
 
+def test_an_evaluation_is_written_before_it_is_printed_into_a_pipe_that_may_close(dataset, tmp_path, monkeypatch):
+    def closed(*_, **__):
+        raise RuntimeError("the pipe is closed")
+
+    monkeypatch.setattr("saf_gen.cli.evaluate_commands.print_leaderboard", closed)
+    monkeypatch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
+    with pytest.raises(RuntimeError, match="the pipe"):
+        main(["evaluate", str(dataset), "--method", "er_count+argmax", "--out", str(tmp_path / "out")])
+    assert len(read_records(tmp_path / "out")) == 2
+
+
 def interrupted(*_, **__):
     raise KeyboardInterrupt
 

@@ -20,6 +20,7 @@ FILLED = {
     'licence: ""': "licence: Apache-2.0",
     'date: ""': 'date: "2026-11-22"',
     'method: ""': "method: method.py:Mine+argmax",
+    "dataset: saf_bench-v2": "dataset: small",
     ": false": ": true",
 }
 
@@ -90,6 +91,7 @@ def test_a_complete_submission_is_complete_and_its_code_was_not_run(call, folder
         ("method.py:Mine", "method.py:Nine", "method", "did you mean 'Mine'?"),
         ("method.py:Mine", "../method.py:Mine", "method", "lies outside of"),
         ("method.py:Mine", "os.path:join", "method", "'os.path:join' is code outside the folder"),
+        ("method.py:Mine+argmax", "method.py:Mine_n_tfi+method.py:Mine_n", "method", "did you mean 'Mine'?"),
         ("method.py:Mine+argmax", "sd+argmaxx", "method", "did you mean 'argmax'?"),
         ("method.py:Mine+argmax", "sd", "method", "allowed: MEASURE+SEARCH"),
         ('predictions: ""', "predictions: answers.jsonl", "method", "method and predictions are both given"),
@@ -103,6 +105,17 @@ def test_a_complete_submission_is_complete_and_its_code_was_not_run(call, folder
 def test_what_does_not_fit_is_told(folder, old, new, check, told):
     edit(folder, old, new)
     assert told in errors(folder)[check]
+
+
+def test_a_measure_of_a_file_may_be_handed_in_divided_by_brightness_and_from_intervals(folder):
+    edit(folder, "method.py:Mine+argmax", "method.py:Mine_n_tfi+argmax")
+    assert "method" not in errors(folder)
+
+
+def test_another_dataset_than_the_card_names_is_told(folder, dataset):
+    assert "dataset" not in errors(folder, dataset=dataset)
+    edit(folder, "dataset: small", "dataset: saf_bench")
+    assert errors(folder, dataset=dataset)["dataset"] == f"the card names saf_bench, and {dataset} is small"
 
 
 def test_a_file_that_is_no_python_is_told(folder):

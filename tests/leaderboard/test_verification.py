@@ -142,6 +142,22 @@ def test_the_verdict_of_another_machine_is_named_so(call, evaluation, dataset, m
     assert states(evaluation)["a_net"] == "claimed"
 
 
+@pytest.mark.parametrize("signature", ["", "00" * 32, "no hex"])
+def test_a_verdict_that_a_stranger_wrote_is_not_ours(call, evaluation, dataset, signature):
+    call("leaderboard", "verify", evaluation, "--on", dataset)
+    assert states(evaluation)["sd+argmax"] == "re-run here"
+    written = json.loads((evaluation / "verification.json").read_text())
+    del written["checksum"]
+    forged = (
+        {**written, "signature": signature} if signature else {k: v for k, v in written.items() if k != "signature"}
+    )
+    (evaluation / "verification.json").write_text(format_checked_json(forged))
+    assert states(evaluation)["sd+argmax"] == "re-run elsewhere"
+    forged = {**written, "verdicts": [{**verdict, "state": "re-run here"} for verdict in written["verdicts"]]}
+    (evaluation / "verification.json").write_text(format_checked_json(forged))
+    assert states(evaluation)["a_net"] == "re-run elsewhere"
+
+
 def test_a_sequence_that_is_not_there_differs(evaluation, dataset, tmp_path):
     part = tmp_path / "part"
     manifest = json.loads((dataset / "manifest.json").read_text())

@@ -1,16 +1,8 @@
 """The page: one HTML file with its style, script and figures, which asks the network for nothing."""
 
-import base64
-import hashlib
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 from itertools import groupby
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
 
 from saf_gen import __version__
 from saf_gen.benchmark.curve_quality import AssessedCurve
@@ -29,8 +21,6 @@ from saf_gen.leaderboard import (
     list_shown_leaderboard_columns,
     tabulate_leaderboard_by_axis,
 )
-from saf_gen.leaderboard.columns import format_leaderboard_percent
-from saf_gen.leaderboard.figures import inline_svg
 from saf_gen.leaderboard.report import page_tables
 from saf_gen.leaderboard.report.captions import (
     AGREEMENT_CAPTION,
@@ -44,6 +34,7 @@ from saf_gen.leaderboard.report.captions import (
 from saf_gen.leaderboard.report.choose_figures import NO_COMPARISON, OPENING, ReportFigure
 from saf_gen.leaderboard.report.page_answers import MAX_ANSWERS, choose_answers_for_report
 from saf_gen.leaderboard.report.page_tables import PageTable
+from saf_gen.leaderboard.report.page_templates import hash_report_script, load_report_templates, read_report_asset
 from saf_gen.leaderboard.report.selections import list_report_selections
 from saf_gen.leaderboard.table_formats import count_noun_in_leaderboard
 
@@ -91,7 +82,7 @@ def build_report_page(
     The table of measures summarises ``curves``; ``failures`` are sequences that could not be read.
     ``plugins`` are the measures and searches that the page describes, ``comparison`` that of methods beside each other.
     """
-    script = "\n".join(map(_read_asset, SCRIPTS))
+    script = read_report_asset(*SCRIPTS)
     selections = list_report_selections(records)
     ranked = list(dict.fromkeys([tuple(rows), *(s.rows for s in selections)]))
     held = choose_answers_for_report(records)
@@ -103,13 +94,13 @@ def build_report_page(
     shown = list_shown_leaderboard_columns(rows)
     opening = next((figure for figure in report_figures if figure.kind == OPENING), None)
     return (
-        _templates()
+        load_report_templates()
         .get_template("page.html")
         .render(
             title=title,
-            script=Markup(script),
-            script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-            style=Markup(_read_asset("page.css")),
+            script=script,
+            script_hash=hash_report_script(script),
+            style=read_report_asset("page.css"),
             summary=_summarise(rows, records),
             judged=_say_what_is_judged(records),
             opening=opening,
@@ -161,30 +152,6 @@ def build_report_page(
     )
 
 
-@cache
-def _templates() -> Environment:
-    """The templates, which escape every text that is not marked as HTML."""
-    templates = Environment(
-        loader=PackageLoader("saf_gen.leaderboard.report", "assets"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    templates.filters["base64"] = lambda data: base64.b64encode(data).decode()
-    templates.filters["css_percent"] = lambda fraction: f"{100 * fraction:.4g}%"
-    templates.filters["inline_svg"] = lambda svg, label: Markup(inline_svg(svg, label=label))
-    templates.filters["fold_rules"] = _format_fold_rules
-    templates.filters["link_sources"] = _link_sources
-    templates.filters["percent"] = format_leaderboard_percent
-    templates.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
-    return templates
-
-
-def _read_asset(name: str) -> str:
-    return (files("saf_gen.leaderboard.report") / "assets" / name).read_text(encoding="utf-8")
-
-
 def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str:
     scenes, sequences = len({r.scene for r in records}), len({r.sequence for r in records})
     tracks = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}
@@ -220,24 +187,6 @@ def _list_code(plugins: Sequence[PluginDescription]) -> dict[tuple[str, str], st
     """Return an id of the page for the name and text of each file, those of the measures first."""
     files = dict.fromkeys(file for plugin in plugins for file in plugin.code)
     return {file: f"code-{number}" for number, file in enumerate(files, start=1)}
-
-
-def _format_fold_rules(table: PageTable) -> Markup:
-    """Return the style rules that hide the columns of a table, while it is folded, for which there is no room."""
-    rules = []
-    for room, where in (("none", "all"), ("wide", "screen and (max-width: 40rem)")):
-        numbers = [number for number, column in enumerate(table.columns, start=1) if column.room == room]
-        cells = ", ".join(f"#{table.id}.folded tr:not(.groups) > :nth-child({number})" for number in numbers)
-        rules += [f"@media {where} {{ {cells} {{ display: none; }} }}"] if numbers else []
-    return Markup("\n".join(rules))
-
-
-def _link_sources(text: str) -> Markup:
-    """Return the text with a link for each DOI."""
-    linked = re.sub(
-        r"\bdoi:(10\.\S+?)(?=[.,;)]*(?:\s|$))", r'<a href="https://doi.org/\1">doi:\1</a>', str(escape(text))
-    )
-    return Markup(linked)
 
 
 def _list_sections(

@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -18,6 +18,7 @@ from saf_gen.core.config.registry import names
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard.submission.card import SubmissionCard, read_submission
 from saf_gen.leaderboard.verification import DIFFERS, HERE, read_leaderboard_row_states
+from saf_gen.stream.manifest import read_manifest
 
 EVALUATION = "evaluation"
 JUDGED_SPLIT = "test"
@@ -41,6 +42,8 @@ def check_submission(folder: Path, *, dataset: Path | None = None) -> Iterator[S
     """
     card = read_submission(folder)
     yield from _check_card(card)
+    if dataset is not None:
+        yield from _check_dataset(card, dataset)
     yield from _check_what_is_handed_in(card, folder)
     yield from _check_constants(card, folder)
     yield from _check_answers(card, folder, dataset=dataset)
@@ -63,6 +66,12 @@ def _check_card(card: SubmissionCard) -> Iterator[SubmissionFinding]:
             yield SubmissionFinding("date", "error", f"{card.date!r} is no day; allowed: a day as 2026-11-22")
     if card.licence and not re.fullmatch(r"[A-Za-z0-9.+-]+( (AND|OR|WITH) [A-Za-z0-9.+-]+)*", card.licence):
         yield SubmissionFinding("licence", "error", f"{card.licence!r} is no SPDX name, such as Apache-2.0")
+
+
+def _check_dataset(card: SubmissionCard, dataset: Path) -> Iterator[SubmissionFinding]:
+    name = read_manifest(dataset).name if dataset.is_dir() else dataset.stem
+    if name != card.dataset:
+        yield SubmissionFinding("dataset", "error", f"the card names {card.dataset}, and {dataset} is {name}")
 
 
 def _check_what_is_handed_in(card: SubmissionCard, folder: Path) -> Iterator[SubmissionFinding]:
@@ -97,18 +106,22 @@ def _check_method(method: str, folder: Path) -> None:
         elif not file.endswith(".py"):
             raise BadInput(f"{name!r} is code outside the folder", allowed="a file of the folder, as method.py:Mine")
         else:
-            _check_member(_file_of(folder, file), member)
+            _check_member(_file_of(folder, file), member, has_forms=kind == "measures")
 
 
-def _check_member(file: Path, member: str) -> None:
-    """Raise BadInput unless a Python file defines this class or function; the file is read, not run."""
+def _check_member(file: Path, member: str, *, has_forms: bool) -> None:
+    """Raise BadInput unless a Python file defines this class or function; the file is read, not run.
+
+    A measure has forms beside its own name, with ``_n``, ``_tfi`` or both at the end.
+    """
     check_plain_file(file, most=MAX_METHOD_BYTES)
     try:
         body = ast.parse(file.read_bytes()).body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise BadInput(f"{file} is not Python: {error}") from error
     defined = [one.name for one in body if isinstance(one, ast.ClassDef | ast.FunctionDef)]
-    if member not in defined:
+    forms = {member, member.removesuffix("_tfi"), member.removesuffix("_tfi").removesuffix("_n")}
+    if not (forms if has_forms else {member}) & set(defined):
         raise unknown(f"class or function of {file}:", member, allowed=defined)
 
 
@@ -138,7 +151,8 @@ def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[SubmissionF
 
 
 def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) -> Iterator[SubmissionFinding]:
-    again = f"run saf-gen evaluate DATASET --split {JUDGED_SPLIT} --out {folder / EVALUATION} with your method"
+    data = dataset or "DATASET"
+    again = f"run saf-gen evaluate {data} --split {JUDGED_SPLIT} --out {folder / EVALUATION} with your method"
     tasks = None if dataset is None else {t.id for t in list_sequences_to_evaluate(dataset, split=JUDGED_SPLIT)}
     if not (folder / EVALUATION / RECORDS_FILE).is_file():
         yield SubmissionFinding("answers", "error", f"there is no {EVALUATION}/{RECORDS_FILE}: {again}")
@@ -148,7 +162,7 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
     except BadInput as error:
         yield SubmissionFinding("answers", "error", str(error))
         return
-    own = [record for record in every if _is_of(record, card)]
+    own = select_records_of_submission(every, card)
     if not own:
         rows = ", ".join(sorted({record.method for record in every}))
         yield SubmissionFinding("answers", "error", f"no row is of {card.method or card.name}, but of {rows}")
@@ -160,7 +174,7 @@ def _check_answers(card: SubmissionCard, folder: Path, *, dataset: Path | None) 
     elif state == HERE or card.predictions:
         yield SubmissionFinding("verified", "ok", state or "answers of another program stay a claim")
     else:
-        how = f"saf-gen leaderboard verify {folder / EVALUATION} --on DATASET"
+        how = f"saf-gen leaderboard verify {folder / EVALUATION} --on {data}"
         named = f" --method {folder / card.method}" if ".py:" in card.method else ""
         yield SubmissionFinding("verified", "warning", f"{state or 'nobody has run it again'}: {how}{named}")
 
@@ -182,8 +196,8 @@ def _check_records(own: list[Record], card: SubmissionCard, *, tasks: set[str] |
         )
 
 
-def _is_of(record: Record, card: SubmissionCard) -> bool:
-    """Return whether a row is the submission's: a file may have been named by a longer path."""
-    if card.predictions:
-        return record.method == card.name
-    return record.method == card.method or record.method.endswith(f"/{card.method}")
+def select_records_of_submission(records: Iterable[Record], card: SubmissionCard) -> list[Record]:
+    """Return the records of the submission's row: its file may have been named by a longer path."""
+    name = card.name if card.predictions else card.method
+    own = [record for record in records if record.method == name or record.method.endswith(f"/{name}")]
+    return [record for record in own if record.method == own[0].method]

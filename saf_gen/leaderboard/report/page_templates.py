@@ -1,0 +1,63 @@
+"""The templates and files that pages are made of; a template escapes every text that is not marked as HTML."""
+
+import base64
+import hashlib
+import re
+from functools import cache
+from importlib.resources import files
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from saf_gen.leaderboard.columns import format_leaderboard_percent
+from saf_gen.leaderboard.figures import inline_svg
+from saf_gen.leaderboard.report.page_tables import PageTable
+
+
+@cache
+def load_report_templates() -> Environment:
+    """Return the templates of pages."""
+    templates = Environment(
+        loader=PackageLoader("saf_gen.leaderboard.report", "assets"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters["base64"] = lambda data: base64.b64encode(data).decode()
+    templates.filters["css_percent"] = lambda fraction: f"{100 * fraction:.4g}%"
+    templates.filters["inline_svg"] = lambda svg, label: Markup(inline_svg(svg, label=label))
+    templates.filters["fold_rules"] = _format_fold_rules
+    templates.filters["link_sources"] = _link_sources
+    templates.filters["percent"] = format_leaderboard_percent
+    templates.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
+    return templates
+
+
+def read_report_asset(*names: str) -> Markup:
+    """Return the text of files of the pages, joined, for a style or script element."""
+    folder = files("saf_gen.leaderboard.report") / "assets"
+    return Markup("\n".join((folder / name).read_text(encoding="utf-8") for name in names))
+
+
+def hash_report_script(script: str) -> str:
+    """Return the hash by which a page's policy knows its script."""
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+
+
+def _format_fold_rules(table: PageTable) -> Markup:
+    """Return the style rules that hide the columns of a table, while it is folded, for which there is no room."""
+    rules = []
+    for room, where in (("none", "all"), ("wide", "screen and (max-width: 40rem)")):
+        numbers = [number for number, column in enumerate(table.columns, start=1) if column.room == room]
+        cells = ", ".join(f"#{table.id}.folded tr:not(.groups) > :nth-child({number})" for number in numbers)
+        rules += [f"@media {where} {{ {cells} {{ display: none; }} }}"] if numbers else []
+    return Markup("\n".join(rules))
+
+
+def _link_sources(text: str) -> Markup:
+    """Return the text with a link for each DOI."""
+    linked = re.sub(
+        r"\bdoi:(10\.\S+?)(?=[.,;)]*(?:\s|$))", r'<a href="https://doi.org/\1">doi:\1</a>', str(escape(text))
+    )
+    return Markup(linked)
