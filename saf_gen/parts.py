@@ -152,6 +152,13 @@ class View(Protocol):
         """
         ...
 
+    def counts(self, first: int, stop: int) -> np.ndarray:
+        """Return the spike counts of frames ``first <= t < stop`` in the region: uint32 (row, col), read-only.
+
+        For a search that looks at pictures, such as a network; it takes the time that ``score`` takes.
+        """
+        ...
+
     def position(self, frame: int) -> float:
         """Return the lens position at a frame that has passed, fraction of the travel; NaN where unknown.
 

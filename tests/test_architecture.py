@@ -40,6 +40,7 @@ DOORS = {
     "emva1288": ["acceptance.validation.emva_referee"],
     "gymnasium": ["benchmark.gym"],
     "torch": ["torch"],
+    "onnxruntime": ["core.onnx_network"],
     "yaml": ["core.config.yaml_document", "generate.run"],
 }
 """Heavy dependencies, and the only folders or modules that import them."""

@@ -142,6 +142,7 @@ def _cost_columns() -> tuple[Column, ...]:
     seen = "Fraction of the frames that the method waited for."
     travel = "Distance that the lens moves, in travels: over all frames seen, then to the answer."
     reversals = "How often the lens turned round, where the method moves it."
+    hunting = "Fraction of sequences in which the lens turned more than twice, which one pass and the way back take."
     until = "Seconds until the answer; on a recording without the lens's move to it."
     mean = "95 % interval of the seconds until the answer, over all scenes of this kind."
     ends = "time_to_focus_low_s", "time_to_focus_high_s"
@@ -152,6 +153,7 @@ def _cost_columns() -> tuple[Column, ...]:
         _column("frames_seen", "seen", meaning=seen, text=format_leaderboard_percent, group="cost", **_ALL),
         _column("lens_travel", "lens", meaning=travel, text=two, group="cost"),
         _column("reversals", "turns", meaning=reversals, text=_fixed(1), group="cost", is_optional=True),
+        _column("hunting", "hunts", meaning=hunting, text=format_leaderboard_percent, group="cost", is_optional=True),
         _column("time_to_focus_s", "to focus s", meaning=until, text=three, group="cost", is_optional=True),
         *_interval_columns(*ends, header="to focus s 95 %", meaning=mean, text=three, group="cost", detail=ALL),
         _column("windows", "scores", meaning=scores, text=_fixed(0), group="cost", **_ALL),

@@ -10,6 +10,9 @@ from saf_gen.leaderboard.averages import mean_over_scenes_for_ranking, median_ma
 from saf_gen.leaderboard.merging import merge_leaderboard_records
 from saf_gen.leaderboard.statistics import TIE_TOLERANCE, MethodIntervals, find_intervals_of_ranking
 
+TURNS_OF_A_PASS = 2
+"""Turns of a lens that goes to one end of its travel, passes it to the other, and comes back to the answer."""
+
 
 @dataclass(frozen=True)
 class LeaderboardRow:
@@ -34,6 +37,7 @@ class LeaderboardRow:
     lens_travel: float | None
     time_to_focus_s: float | None
     reversals: float | None
+    hunting: float | None
     windows: float | None
     seconds: float | None
     success_1dof_low: float | None = None
@@ -128,6 +132,11 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
         lens_travel=mean_over_scenes_for_ranking(records, lambda r: r.lens_travel),
         time_to_focus_s=mean_over_scenes_for_ranking(records, lambda r: r.time_to_focus_s),
         reversals=mean_over_scenes_for_ranking(records, lambda r: r.reversals),
+        hunting=mean_over_scenes_for_ranking(records, _hunts),
         windows=mean_over_scenes_for_ranking(records, lambda r: r.windows),
         seconds=mean_over_scenes_for_ranking(records, lambda r: r.seconds),
     )
+
+
+def _hunts(record: Record) -> float | None:
+    return None if record.reversals is None else float(record.reversals > TURNS_OF_A_PASS)

@@ -160,6 +160,21 @@ def test_what_was_seen_stays_as_it_was(capture):
     assert np.array_equal(captured.window(10, 50), before)
 
 
+def test_a_search_looks_at_the_counts_of_a_running_camera_as_a_measure_does(capture):
+    """A measure that sums what it is given tells the same window; looking makes the camera run, as scoring does."""
+    camera, other = start(capture), start(capture)
+    picture = camera.counts(16, 100)
+    assert camera.now >= 100
+    assert picture.sum() == other.score(16, 100, "er_count")
+    assert camera.scorer.windows == other.scorer.windows == 1
+    with pytest.raises(ValueError, match="read-only"):
+        picture += 1
+    sweep = SweepView(start(capture), begin=0.0, end=1.0, frames=320)
+    assert sweep.counts(0, 80).sum() > 0
+    assert sweep.now >= 80
+    assert "0 to 321" in refusal(sweep.counts, 0, 321).problem
+
+
 def test_the_camera_does_not_run_longer_than_the_budget(capture):
     camera = start(capture, budget=400)
     with pytest.raises(BudgetSpentError):

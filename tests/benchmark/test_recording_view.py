@@ -267,3 +267,14 @@ def test_a_stream_file_gives_the_same_textures(tmp_path):
         for first, stop in [(0, 4100), (1990, 2010), (7, 8), (1000, 3500)]:
             found = WindowCounts(stream, region).intervals(first, stop)
             np.testing.assert_array_equal(found, plain_texture(made.spikes[:, *region], first, stop))
+
+
+def test_a_search_may_look_at_the_counts_that_a_measure_would_score():
+    counts = WindowCounts(InMemory(500, 3, 4))
+    view = RecordingView(counts, get_measure("sd"))
+    picture = view.counts(10, 60)
+    np.testing.assert_array_equal(picture, counts.window(10, 60))
+    assert (view.now, view.scorer.windows) == (60, 1)
+    with pytest.raises(ValueError, match="read-only"):
+        picture += 1
+    assert "490 to 501" in refusal(view.counts, 490, 501).problem

@@ -253,13 +253,14 @@ def test_what_only_a_running_camera_knows_has_a_column_only_there():
     known = {"track": "closed_loop", "time_to_focus_s": 0.2, "error_frames": None}
     live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]
     (row,) = rows = rank_methods(live)
-    assert (row.reversals, row.time_to_focus_s) == (2.5, 0.2)
+    assert (row.reversals, row.hunting, row.time_to_focus_s) == (2.5, 0.5, 0.2)
     shown = {c.name: c.format_value(row) for c in list_shown_leaderboard_columns(rows)}
-    assert (shown["reversals"], shown["time_to_focus_s"]) == ("2.5", "0.200")
+    assert (shown["reversals"], shown["hunting"], shown["time_to_focus_s"]) == ("2.5", "50%", "0.200")
     assert "median_error_frames" not in shown
     (recorded,) = rank_methods([record("a+s", "x", 0.1)])
-    assert {"reversals", "time_to_focus_s"} & {c.name for c in list_shown_leaderboard_columns([recorded])} == set()
-    assert {"reversals", "time_to_focus_s"} <= {c.name for c in list_leaderboard_columns([recorded])}
+    live_only = {"reversals", "hunting", "time_to_focus_s"}
+    assert live_only & {c.name for c in list_shown_leaderboard_columns([recorded])} == set()
+    assert live_only <= {c.name for c in list_leaderboard_columns([recorded])}
 
 
 # -- LaTeX ----------------------------------------------------------------------------------------------

@@ -23,8 +23,8 @@ def conformance_bell_curve(frames: int, peak: float, *, width: float = 0.1) -> n
 class SyntheticRecording:
     """A recording as a saf_gen.parts.View in which a score is the mean of ``curve`` over the window.
 
-    A measure that is asked for by name scores a texture of the window's length whose contrast follows the
-    curve. ``unit`` multiplies the scores of the method's own measure, ``light`` is the mean rate, and
+    Counts, which a measure that is asked for by name scores, are a texture whose contrast follows the curve.
+    ``unit`` multiplies the scores of the method's own measure, ``light`` is the mean rate, and
     ``seen`` is the end of the latest window or position that was looked at.
     """
 
@@ -45,12 +45,18 @@ class SyntheticRecording:
         return self.seen
 
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
-        window = validate_window(first, stop, total=self.frames)
-        self.scores += 1
-        self._limits.check_scores(self.scores)
-        self.seen = max(self.seen, window.stop)
-        mean = float(self._sums[window.stop] - self._sums[window.start]) / len(window)
-        return self._unit * mean if measure is None else self._score_texture(measure, mean, frames=len(window))
+        mean, frames = self._look(first, stop)
+        if measure is None:
+            return self._unit * mean
+        scorer, counts = _measure(measure), self._make_texture(mean, frames=frames)
+        given = np.stack([counts, counts]) / 2 if wants_halves(scorer) else counts
+        if wants_frames(scorer):
+            return scorer(given, frames=frames)  # type: ignore[call-arg]
+        return scorer(given)
+
+    def counts(self, first: int, stop: int) -> np.ndarray:
+        mean, frames = self._look(first, stop)
+        return np.rint(self._make_texture(mean, frames=frames)).astype(np.uint32)
 
     def position(self, frame: int) -> float:
         validate_window(frame, frame + 1, total=self.frames)
@@ -63,14 +69,17 @@ class SyntheticRecording:
     def wait(self, frames: int) -> None:
         raise BadInput(f"the lens of a recording cannot go on for {frames} frames")
 
-    def _score_texture(self, name: str, mean: float, *, frames: int) -> float:
-        measure = _measure(name)
+    def _look(self, first: int, stop: int) -> tuple[float, int]:
+        """Return the mean of the curve over a window, and its frames."""
+        window = validate_window(first, stop, total=self.frames)
+        self.scores += 1
+        self._limits.check_scores(self.scores)
+        self.seen = max(self.seen, window.stop)
+        return float(self._sums[window.stop] - self._sums[window.start]) / len(window), len(window)
+
+    def _make_texture(self, mean: float, *, frames: int) -> np.ndarray:
         contrast = (mean - self._lowest) / self._range if self._range else 0.0
-        counts = self._light * frames * (1 + contrast * (make_conformance_texture(*SIZE) - 1))
-        given = np.stack([counts, counts]) / 2 if wants_halves(measure) else counts
-        if wants_frames(measure):
-            return measure(given, frames=frames)  # type: ignore[call-arg]
-        return measure(given)
+        return self._light * frames * (1 + contrast * (make_conformance_texture(*SIZE) - 1))
 
 
 _measure = cache(get_measure)

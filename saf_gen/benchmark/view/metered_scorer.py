@@ -22,7 +22,7 @@ class TimedWindowSource(WindowSource, Protocol):
 
 
 class MeteredScorer:
-    """Scores windows for one method; ``windows`` counts the scores and ``seconds`` what they took to compute.
+    """Scores windows for one method; ``windows`` counts these and what was looked at, ``seconds`` what they took.
 
     The seconds include the measure and its interval textures, and the search once run_search_of_method has added its
     own time. Counting, reading and encoding are left out, because they stand for the camera: how spikes are
@@ -42,6 +42,13 @@ class MeteredScorer:
     def add_seconds(self, seconds: float) -> None:
         """Add time that the method computed outside its scores."""
         self._watch.seconds += seconds
+
+    def look(self, source: WindowSource, *, first: int, stop: int) -> np.ndarray:
+        """Return the counts of frames ``first <= t < stop``, uint32 (h, w), read-only."""
+        self.windows += 1
+        counts = source.window(first, stop)
+        counts.flags.writeable = False
+        return counts
 
     def score(self, source: TimedWindowSource, *, first: int, stop: int, measure: str | None = None) -> float:
         """Return the score of frames ``first <= t < stop``, by the method's measure or by a named one.

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import numpy as np
+
 from saf_gen.benchmark.view.metered_scorer import MeteredScorer
 from saf_gen.benchmark.view.window_counts import WindowCounts
 from saf_gen.core.region import validate_window
@@ -11,8 +13,8 @@ from saf_gen.errors import BadInput
 class RecordingView:
     """The view of a recording that is handed to one method's search; see saf_gen.parts.View.
 
-    ``now`` is the end of the latest window scored, ``scores`` the method's own score of each window (first,
-    stop), and ``scorer`` counts what they cost.
+    ``now`` is the end of the latest window scored or looked at, ``scores`` the method's own score of each window
+    (first, stop), and ``scorer`` counts what they cost.
     """
 
     lag_s = 0.0  # the positions of a recording are those of the lens itself
@@ -52,6 +54,12 @@ class RecordingView:
         if measure is None:
             self.scores[first, stop] = score
         return score
+
+    def counts(self, first: int, stop: int) -> np.ndarray:
+        """Return the counts of frames ``first <= t < stop``: uint32 (h, w), read-only. Raises as ``score`` does."""
+        window = validate_window(first, stop, total=self.frames)
+        self.now = max(self.now, window.stop)
+        return self.scorer.look(self._counts, first=window.start, stop=window.stop)
 
 
 def _refuse_lens_command(what: str) -> BadInput:

@@ -1,5 +1,7 @@
 """The wrapper through which a search holds its view: the members of saf_gen.parts.View and nothing else."""
 
+import numpy as np
+
 from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.parts import View
 
@@ -45,6 +47,10 @@ class RestrictedView:
     def score(self, first: int, stop: int, measure: str | None = None) -> float:
         """Return the score of frames ``first <= t < stop``; raises what the view raises."""
         return self._within.time(self._view.score, first, stop, measure)
+
+    def counts(self, first: int, stop: int) -> np.ndarray:
+        """Return the spike counts of frames ``first <= t < stop``; raises what the view raises."""
+        return self._within.time(self._view.counts, first, stop)
 
     def position(self, frame: int) -> float:
         """Return the lens position that was read at a frame, a fraction of the travel."""

@@ -77,6 +77,10 @@ class RunningCamera:
         """
         return self.scorer.score(self.run_until(first, stop), first=first, stop=stop, measure=measure)
 
+    def counts(self, first: int, stop: int) -> np.ndarray:
+        """Return the counts of frames ``first <= t < stop``: uint32 (h, w), read-only. Raises as ``score`` does."""
+        return self.scorer.look(self.run_until(first, stop), first=first, stop=stop)
+
     def run_until(self, first: int, stop: int) -> CapturedFrames:
         """Let the camera run until a window has passed, and return the captured frames.
 

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from saf_gen.benchmark.view.running_camera import PACKET_FRAMES, RunningCamera
 from saf_gen.core.region import validate_window
 from saf_gen.errors import BadInput
@@ -42,6 +44,11 @@ class SweepView:
         """
         window = validate_window(first, stop, total=self.frames)
         return self._camera.score(self._offset + window.start, self._offset + window.stop, measure)
+
+    def counts(self, first: int, stop: int) -> np.ndarray:
+        """Return the counts of a window of the sweep: uint32 (h, w), read-only. Raises as ``score`` does."""
+        window = validate_window(first, stop, total=self.frames)
+        return self._camera.counts(self._offset + window.start, self._offset + window.stop)
 
     def position(self, frame: int) -> float:
         """Return what the position sensor read at a frame of the sweep; BadInput unless it has passed."""
