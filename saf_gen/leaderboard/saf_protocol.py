@@ -2,9 +2,10 @@
 
 Their programs score consecutive blocks of ``dt`` frames, a number that their list gives for each recording, and print
 the last frame of the best block, counted from 1; the golden searches print the middle of their last interval. The truth
-is a frame that was chosen by hand. They state no limit within which an answer is right, and no table of errors. So
-methods are ranked here by how far answers lie off, as a fraction of the recording. Of a depth of focus nothing is
-known: neither lens nor aperture nor pixels are stated.
+is a frame that was chosen by hand. They state no limit within which an answer is right, and no table of errors. Later
+work on the same recordings (CEN, ICML 2026) tells errors in blocks. So methods are ranked here by how far answers lie
+off, as a fraction of the recording. Of a depth of focus nothing is known: neither lens nor aperture nor pixels are
+stated.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -51,6 +52,8 @@ class SafAnswer:
     block: int
     truth: int
     printed: float | None
+    blocks: int | None
+    """Blocks between that of the answer and that of the truth, as the code of CEN (ICML 2026) counts them."""
     own: float | None
     """The answer by our protocol: the centre of its window, counted from 1, the search with its own options."""
 
@@ -77,6 +80,7 @@ class SafRow:
     rank, own_rank : by the mean error over scenes, SAF's protocol and ours, 1 for the best.
     off, own_off : that mean, a fraction of the recording; no answer counts as the largest error there is.
     error_frames, own_error_frames : the median absolute error of the answers, frames; None without an answer.
+    error_blocks : the mean error of the answers in blocks, as the code of CEN tells it; None without an answer.
     within_block : the fraction of recordings whose answer lies within one block of the truth chosen by hand.
     unanswered : recordings without an answer by SAF's protocol.
     beside : success within 1 depth of focus in each evaluation beside, None where it has no such method.
@@ -86,6 +90,7 @@ class SafRow:
     method: str
     off: float
     error_frames: float | None
+    error_blocks: float | None
     within_block: float
     unanswered: int
     own_rank: int
@@ -156,7 +161,7 @@ def rank_methods_on_saf_folder(
     own = evaluate(streams, methods=[method.name for method in chosen], progress=progress, keep=kept[0])
     kept[0].write()
     failures, records = list(own.failures), {(r.method, r.sequence): r for r in own.records}
-    printed: dict[tuple[str, str], float | None] = {}
+    theirs: dict[tuple[str, str], tuple[float | None, int | None]] = {}
     for block in sorted({recording.block for recording in listed if recording.block}):
         set_methods = {method.name: _set_block(method, block) for method in chosen}
         kept.append(KeptSequences(out / f".blocks-{block}.unfinished"))
@@ -172,7 +177,8 @@ def rank_methods_on_saf_folder(
         by_name = {(record.method, record.sequence): record for record in found.records}
         for label, method in set_methods.items():
             for sequence in {sequence for _, sequence in by_name}:
-                printed[label, sequence] = _print_frame(by_name[method.name, sequence], method)
+                record, recording = by_name[method.name, sequence], recordings[sequence]
+                theirs[label, sequence] = _print_frame(record, method), _count_blocks(record, recording)
     if failures:
         raise BadInput(failures[0].problem, where=f"{streams}: {failures[0].sequence}")
     taken = max(one.taken for one in kept)
@@ -186,7 +192,7 @@ def rank_methods_on_saf_folder(
             recordings[sequence].frames,
             recordings[sequence].block or 0,
             recordings[sequence].focal_frame + 1,
-            printed[method, sequence],
+            *theirs[method, sequence],
             None if record.frame is None else record.frame + 1,
         )
         for (method, sequence), record in records.items()
@@ -262,6 +268,12 @@ def _print_frame(record: Record, method: Method) -> float | None:
     return record.frame + 1 + (block - 1) / 2
 
 
+def _count_blocks(record: Record, recording: SafRecording) -> int | None:
+    """Return the blocks between an answer and the truth, whose frame counts from 1 where that of blocks is from 0."""
+    block = recording.block or 1
+    return None if record.frame is None else abs(int(record.frame // block) - (recording.focal_frame + 1) // block)
+
+
 def _rank(answers: Sequence[SafAnswer], runs: Mapping[str, Sequence[Record]]) -> tuple[SafRow, ...]:
     by_method: dict[str, list[SafAnswer]] = {}
     for answer in answers:
@@ -270,6 +282,7 @@ def _rank(answers: Sequence[SafAnswer], runs: Mapping[str, Sequence[Record]]) ->
     rows = []
     for method, own in by_method.items():
         errors = [a.error for a in own if a.error is not None]
+        blocks = [a.blocks for a in own if a.blocks is not None]
         own_errors = [a.own_error for a in own if a.own_error is not None]
         rows.append(
             SafRow(
@@ -277,6 +290,7 @@ def _rank(answers: Sequence[SafAnswer], runs: Mapping[str, Sequence[Record]]) ->
                 method,
                 float(np.mean(list(_mean_by_scene(own, lambda a: a.find_fraction_off(a.error)).values()))),
                 float(np.median(np.abs(errors))) if errors else None,
+                float(np.mean(blocks)) if blocks else None,
                 float(np.mean([a.error is not None and abs(a.error) <= a.block for a in own])),
                 len(own) - len(errors),
                 0,

@@ -29,7 +29,11 @@ from saf_gen.plugins.motions import motion_positions_at_readouts
 from saf_gen.plugins.searches import search_names
 
 PAGES = [Path(__file__).parents[2] / "docs/how-to" / name for name in ("add-a-method.md", "add-a-search.md")]
-WARNINGS = {"sgfs_printed": ["finds a bell"]}  # the paper's algorithm to the letter stops at once
+WARNINGS = {
+    "sgfs_printed": ["finds a bell"],  # the paper's algorithm to the letter stops at once
+    "sign_change": ["finds a bell"],  # one that begins in its first blocks, before noise can be told from growth
+    "valley": ["finds a bell"],  # it looks for the lowest place between two peaks
+}
 """Registered searches that a check warns of, and that are kept as they are."""
 
 
@@ -109,7 +113,9 @@ def test_a_refined_argmax_conforms(refine):
 def test_the_paper_s_measures_and_searches_are_registered():
     measures = {"sd", "sd_code", "er_sumsq", "er_count", "gradient_code", "mfdct_code", "mfdct_lee"}
     assert measures <= set(measure_names())
-    estimating = set("argmax naive egs egs_code sgfs_code sgfs_causal sgfs_printed photon_aware".split())
+    estimating = set(
+        "argmax naive egs egs_code sgfs_code sgfs_causal sgfs_printed photon_aware sign_change valley".split()
+    )
     commanding = set("golden_section fibonacci ternary hill_climb rule_based coarse_to_fine".split())
     assert registry._own("searches") == estimating | commanding
     assert {name for name in registry._own("searches") if commands(get_search(name))} == commanding

@@ -70,6 +70,8 @@ def test_answers_are_the_frames_that_the_released_code_prints(ranked):
         printed = literal_egs(Sweep(spikes_of(peak)), 1, FRAMES)[-1]
         assert found["sd_code+egs_code", scene].printed == printed
         assert found["sd_code+argmax", scene].truth == peak + 1
+        blocks = best_block(peak, block) // block - 1 - (peak + 1) // block
+        assert found["sd_code+argmax", scene].blocks == abs(blocks)
 
 
 class Sweep:

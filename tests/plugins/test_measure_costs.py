@@ -22,8 +22,9 @@ from saf_gen.plugins.measures import (
 )
 
 OWN = sorted(registry._own("measures"))
-BEYOND = {"cen", "mid_band_power", "entropy"}
-"""A Fourier transform is worked out below; a table of levels is an addition of each pixel's to its place."""
+BEYOND = {"cen", "mid_band_power", "entropy", "change_rate"}
+"""A Fourier transform is worked out below; a table of levels is an addition of each pixel's to its place; a whole
+number times a fraction is a product that these numbers do not see."""
 
 
 class Tally:

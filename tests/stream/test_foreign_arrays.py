@@ -214,7 +214,7 @@ def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw
     folder = tmp_path / "datasets"
     (folder / "desk").mkdir(parents=True)
     (folder / "desk" / "a.dat").write_bytes(raw)
-    rows = [HEADING, (1, "desk lamp", 20, 11, 4, "datasets\\desk\\a.dat"), (2, "desk", 16, 1, 4, "desk/a.dat")]
+    rows = [HEADING, (1, "desk lamp", 20, 11, 4, "datasets\\desk\\a.dat"), (2, "desk", 16, 1, 4, "./sad/desk/a.dat")]
     write_xlsx(folder / "config.xlsx", rows, shared=shared)
     code, said, err = call("import", folder, "--out", tmp_path / "mine")
     assert code == 0

@@ -18,8 +18,10 @@ class SpectralCentroid:
 
     Shot noise is white and draws the centroid outwards; the bound keeps most of it out. 0.15 is the best of five on the
     benchmark's train split (``benchmarks/tuned/cen.json``, 644e04f8e620). The border is not tapered, as published, so
-    its jump counts. The published method goes on to the centroid of the curve near its maximum:
-    ``cen+argmax:refine=centroid``. The score is 0.0 where no power lies in the band, and never rises when a periodic
+    its jump counts. The published method goes on to the centroid of the curve near its maximum,
+    ``cen+argmax:refine=centroid``, and chooses the bound anew for each recording, from the shapes of the curves of all
+    bounds, which is not done here: a search sees one measure.
+    The score is 0.0 where no power lies in the band, and never rises when a periodic
     scene is blurred further by a Gaussian.
 
     Range 0 to ``highest``, in cycles per pixel; degree 0; cost 45 for 400 x 250 pixels: a real Fourier

@@ -36,8 +36,9 @@ class SafRecording:
 def read_imported_saf_config(folder: str | Path) -> list[SafRecording]:
     """Return the recordings that ``config.xlsx`` of a folder lists; its columns are COLUMNS, in this order.
 
-    Paths are relative to the folder or to the one above it, in which SAF's programs run. The focal frame counts from 1,
-    as the frames that these programs print.
+    Paths are relative to the folder or to the one above it, in which SAF's programs run; where the folder has another
+    name than they expect, as ``./datasets/a.dat``, the first part of a path is left out. The focal frame counts from
+    1, as the frames that these programs print.
 
     Raises BadInput for a table without rows, a row that does not fit, and a file that is missing, too short or outside
     both folders; each with its row.
@@ -79,8 +80,8 @@ def _read_recording(row: list[str], *, root: Path, where: str) -> SafRecording:
     if focal > frames:
         raise BadInput(f"focal frame is {focal}", where=where, allowed=f"1 to {frames}")
     inside = Path(*PureWindowsPath(cells["path"]).parts)  # either kind of slash
-    tried = [base / inside for base in (root, root.parent)]
-    bases = [root.resolve(), root.resolve().parent]
+    tried = [root / inside, root.parent / inside, root / Path(*inside.parts[1:])]
+    bases = [root.resolve(), root.resolve().parent, root.resolve()]
     there = [f for f, base in zip(tried, bases, strict=True) if f.is_file() and f.resolve().is_relative_to(base)]
     if not there:
         raise BadInput(f"path is {cells['path']!r}", where=where, allowed=f"a file in {root}, or beside it")

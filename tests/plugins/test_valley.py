@@ -1,0 +1,75 @@
+"""ESVA: a rate of events that has two peaks with the focus between them, and the search for the valley."""
+
+import numpy as np
+import pytest
+from refusals import refusal
+
+from saf_gen import get_measure, get_search
+
+
+class Curve:
+    """A view whose blocks of 10 frames have these scores."""
+
+    def __init__(self, scores):
+        self.scores, self.frames = scores, 10 * len(scores)
+
+    def score(self, first, stop):
+        assert stop - first == 10
+        return float(self.scores[first // 10])
+
+
+def two_peaks(first, second, *, blocks=200, width=12.0, heights=(1.0, 0.8)):
+    at = np.arange(blocks)
+    peaks = zip((first, second), heights, strict=True)
+    return sum(height * np.exp(-((at - peak) ** 2) / (2 * width**2)) for peak, height in peaks)
+
+
+def test_the_answer_is_the_lowest_block_between_the_two_highest_peaks():
+    scores = two_peaks(60, 120, heights=(1.0, 1.0)) + 0.1 * two_peaks(170, 190, width=4.0)
+    answer = get_search("valley", window=10)(Curve(scores))
+    assert answer.frame == pytest.approx(904.5, abs=10)
+    assert answer.trace == pytest.approx((604.5, 1204.5), abs=10)
+
+
+def test_a_curve_with_one_peak_or_none_is_no_answer():
+    for scores in (two_peaks(60, 60), np.ones(50), np.arange(50.0)):
+        assert get_search("valley", window=10)(Curve(scores)).frame is None
+
+
+def test_a_jump_goes_to_the_mean_of_its_neighbours_by_the_weight():
+    """Without smoothing: the third of 1 1 2 1 1 jumps by 1, more than 0.3, and keeps 0.4 of itself."""
+    search = get_search("valley", window=10, smooth=0.0)
+    assert search._regularise(np.array([1.0, 1.0, 2.0, 1.0, 1.0])) == pytest.approx([1, 1, 1.4, 1.3, 1])
+
+
+def test_the_rate_counts_pixels_whose_logarithm_changed_by_the_contrast():
+    halves = np.array([[[10, 10, 10, 0, 0]], [[10, 12, 13, 0, 1]]])
+    assert get_measure("change_rate", contrast=0.2)(halves) == 2 / 5  # 13/10 > e^0.2 > 12/10, and the first spike
+    assert get_measure("change_rate", contrast=0.2)(halves[::-1]) == 2 / 5
+    assert get_measure("change_rate")(7 * halves) == get_measure("change_rate")(halves)
+    assert get_measure("change_rate")(np.zeros((2, 3, 4))) == 0.0
+
+
+def test_the_rate_has_a_valley_where_blur_turns_round():
+    """An edge whose blur falls to nothing and rises again: fewest pixels change across the focus."""
+    x = np.arange(-60, 61)[None, :]
+
+    def edge(blur):
+        return 1000 * (1.2 + np.tanh(x / (0.3 + abs(blur))))
+
+    blurs = np.linspace(-20, 20, 81)
+    rates = [get_measure("change_rate", contrast=0.05)(np.stack([edge(b - 0.4), edge(b + 0.4)])) for b in blurs]
+    focus = len(blurs) // 2
+    assert rates[focus] < 0.5 * max(rates[:focus])
+    assert rates[focus] < 0.5 * max(rates[focus + 1 :])
+    assert max(rates) > max(rates[0], rates[-1])
+
+
+@pytest.mark.parametrize(("name", "options"), [("valley", {"weight": 2}), ("valley", {"window": 0})])
+def test_options_out_of_range_are_refused(name, options):
+    assert "allowed" in str(refusal(get_search, name, **options))
+
+
+def test_a_contrast_out_of_range_is_refused():
+    for contrast in (0, -1, float("nan"), True, "much"):
+        assert "above 0, at most 10" in str(refusal(get_measure, "change_rate", contrast=contrast))
