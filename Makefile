@@ -8,6 +8,8 @@ STAMP := $(VENV)/.installed
 BROWSER := $(VENV)/.browser
 KERNELS := $(VENV)/.kernels
 DOCS := $(VENV)/.docs
+# Tests start many commands, each of which would compile the package anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help install demo test test-fast test-long lint checked docs clean
 help:

@@ -1,6 +1,8 @@
 """What tests share: the scenes of this folder, and a sensor small enough to be quick."""
 
+import fcntl
 import logging
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,29 @@ def _jobs_in_this_process():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "run_jobs", run_jobs_inline)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def contact_sheets_as_for_a_user():
+    """Contact sheets of datasets are empty files, because drawing them takes longer than rendering a small stack.
+
+    Gives what draws them. Commands in processes of their own draw them all the same.
+    """
+    real = run._write_previews
+
+    def write_empty(resolved, folder):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("saf_gen.authoring.preview.write_scene_preview", _write_empty_sheet)
+            real(resolved, folder)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "_write_previews", write_empty)
+        yield real
+
+
+def _write_empty_sheet(stack, sensor, *, path):
+    path.parent.mkdir(exist_ok=True)
+    path.touch()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -118,10 +143,30 @@ def small_recipe(tmp_path) -> Path:
 @pytest.fixture(scope="session")
 def captured_dataset(tmp_path_factory) -> Path:
     """A dataset of 40 ms that can be captured again: two still and two moving sequences. Do not change it."""
+    return make_captured_dataset(tmp_path_factory, "captured")
+
+
+@pytest.fixture(scope="session")
+def half_captured_dataset(tmp_path_factory) -> Path:
+    """The same where half of the 40 ms have slices of all positions beside the others. Do not change it."""
+    return make_captured_dataset(
+        tmp_path_factory, "half_captured", changes=("whole_slices: true", "whole_slices: 0.02")
+    )
+
+
+def make_captured_dataset(factory: pytest.TempPathFactory, name: str, changes: tuple[str, str] = ("", "")) -> Path:
+    """Make the dataset of capture_dataset.py, or wait for the process of this test run that does; gives its folder."""
     import capture_dataset  # it looks for a renderer
 
-    with pytest.MonkeyPatch.context() as patch:
-        return capture_dataset.make_dataset(tmp_path_factory.mktemp("captured"), patch)
+    shared = factory.getbasetemp()
+    shared = shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared
+    with (shared / f"{name}.lock").open("a") as lock, pytest.MonkeyPatch.context() as patch:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (shared / f"{name}.made").exists():
+            (shared / name).mkdir()
+            capture_dataset.make_dataset(shared / name, patch, capture_dataset.RECIPE.replace(*changes))
+            (shared / f"{name}.made").touch()
+    return shared / name / "takes"
 
 
 @pytest.fixture

@@ -340,7 +340,7 @@ def test_the_light_schedule_shown_is_a_part(tmp_path):
 
 
 def shrunk(text: str) -> str:
-    """A recipe with a quarter of the pixels, few positions and few samples; all else stays."""
+    """A recipe with a sixth of the pixels, few positions and few samples; all else stays."""
     recipe = yaml.safe_load(text)
     recipe["camera"]["sensor"] = "quarter.yaml"
     recipe["focus"]["positions"] = 9
@@ -355,7 +355,7 @@ def desk(tmp_path_factory):
     shutil.copytree(ROOT / "recipes", folder / "recipes")
     (folder / "scenes").mkdir()
     sensor = yaml.safe_load((HERE / "small_sensor.yaml").read_text())
-    sensor |= {"rows": 125, "columns": 200, "pitch_m": 4e-5}
+    sensor |= {"rows": 100, "columns": 160, "pitch_m": 5e-5}
     for beside in (folder, folder / "recipes"):  # a recipe looks for its sensor in its own folder
         (beside / "quarter.yaml").write_text(yaml.safe_dump(sensor))
     recipe = folder / "quickstart.yaml"

@@ -20,19 +20,22 @@ def run(*arguments):
 
 
 @pytest.mark.slow
-def test_no_spoiled_input_ends_in_anything_but_one_line(tmp_path):
-    done = run("tools/fuzz", "--inputs", 17 * 8, "--seed", SEED, "--folder", tmp_path)
+@pytest.mark.parametrize("of_each_kind", [3, pytest.param(8, marks=pytest.mark.long)])
+def test_no_spoiled_input_ends_in_anything_but_one_line(tmp_path, of_each_kind):
+    inputs = 17 * of_each_kind
+    done = run("tools/fuzz", "--inputs", inputs, "--seed", SEED, "--folder", tmp_path)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
-    assert f"{17 * 8} inputs of 17 kinds, seed {SEED}: 0 faults" in done.stdout
+    assert f"{inputs} inputs of 17 kinds, seed {SEED}: 0 faults" in done.stdout
 
 
 @pytest.mark.slow
-def test_no_flipped_bit_is_read_in_silence():
+@pytest.mark.parametrize("flips", [12, pytest.param(40, marks=pytest.mark.long)])
+def test_no_flipped_bit_is_read_in_silence(flips):
     kinds = ["stream", "index of shards", "shard", "focal stack", "note of a focal stack"]
     done = run(
-        "tools/fuzz/flips.py", "--flips", 40, "--seed", SEED, *(word for kind in kinds for word in ("--kind", kind))
+        "tools/fuzz/flips.py", "--flips", flips, "--seed", SEED, *(word for kind in kinds for word in ("--kind", kind))
     )
     found = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     assert [one["kind"] for one in found] == kinds, done.stderr[-2000:]
-    assert all(one["told"] + one["harmless"] == 40 for one in found), found
-    assert sum(one["told"] for one in found) > 150
+    assert all(one["told"] + one["harmless"] == flips for one in found), found
+    assert sum(one["told"] for one in found) > 0.75 * 5 * flips

@@ -10,9 +10,11 @@ TOOL = Path(__file__).parent.parent / "tools" / "kill_points.py"
 
 
 @pytest.mark.slow
-def test_a_writer_that_is_stopped_anywhere_loses_nothing_and_leaves_nothing():
-    """One point in 25, with the three signals in turn, of the commands that compute little."""
-    command = [sys.executable, TOOL, "--only", "import", "export", "tune", "pack", "--every", "25", "--first", "4"]
+@pytest.mark.parametrize("every", [50, pytest.param(25, marks=pytest.mark.long)])
+def test_a_writer_that_is_stopped_anywhere_loses_nothing_and_leaves_nothing(every):
+    """One point in 50, with the three signals in turn, of the commands that compute little."""
+    commands = ["--only", "import", "export", "tune", "pack"]
+    command = [sys.executable, TOOL, *commands, "--every", str(every), "--first", "4"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.endswith("points, 0 wrong\n")

@@ -87,6 +87,19 @@ def test_a_recipe_becomes_streams_with_truth(made):
     assert counts.mean() / 400 == pytest.approx(0.2, rel=0.02)
 
 
+def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, work, monkeypatch, contact_sheets_as_for_a_user):
+    monkeypatch.setattr(run, "_write_previews", contact_sheets_as_for_a_user)
+    (sheet,) = (made.folder / "preview").iterdir()
+    sheet.unlink()
+    generate(work, made.folder)
+    drawn = sheet.read_bytes()
+    assert drawn.startswith(b"\x89PNG")
+    assert len(drawn) > 20_000
+    monkeypatch.setattr("saf_gen.authoring.preview.write_scene_preview", lambda *args, **how: pytest.fail("again"))
+    generate(work, made.folder)
+    assert sheet.read_bytes() == drawn
+
+
 def test_done_is_said_of_what_has_its_name(first):
     assert first.failed == {}
     whole = {f"record {name}": {f"{name}.h5"} for name in first.recorded}

@@ -29,12 +29,10 @@ MOVING = ["plane-dynamic-constant-00", "plane-dynamic-lamp_only-00"]
 CHOICES = ["all", "closed-loop", "none"]
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
+@pytest.fixture
+def made(half_captured_dataset):
     """The dataset with all of its slices; tests get copies of it."""
-    folder = tmp_path_factory.mktemp("made")
-    with pytest.MonkeyPatch.context() as patch:
-        yield capture_dataset.make_dataset(folder, patch, RECIPE)
+    return half_captured_dataset
 
 
 @pytest.fixture
@@ -90,7 +88,7 @@ def test_each_choice_keeps_what_it_says_and_the_recordings(work, made, copy, cho
     assert (once_more.rendered, once_more.recorded, once_more.freed_bytes) == ([], [], 0)
 
 
-@pytest.mark.parametrize("choice", ["closed-loop", "none"])
+@pytest.mark.parametrize("choice", [pytest.param("closed-loop", marks=pytest.mark.long), "none"])
 def test_a_dataset_made_with_a_choice_has_the_recordings_of_any_other(work, made, tmp_path, choice):
     result = run_again(work, tmp_path / "fresh", choice)
     assert digests(tmp_path / "fresh") == digests(made)
@@ -148,12 +146,15 @@ def test_the_closed_loop_runs_as_before_without_the_slices_of_recordings(work, m
         assert (here.plane_source.load_planes(3, 2, 4) == there.plane_source.load_planes(3, 2, 4)).all()
 
 
-@pytest.mark.parametrize("whole", ["true", "0.02"])
-def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(made, tmp_path, monkeypatch, whole):
+@pytest.mark.parametrize("whole", [pytest.param("true", marks=pytest.mark.long), "0.02"])
+def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(
+    made, captured_dataset, tmp_path, monkeypatch, whole
+):
     """And the same command with another choice does it: the recordings stay."""
     monkeypatch.setenv("SAF_GEN_SCENES", str(made.parent / "scenes"))
     path, folder = tmp_path / "takes.yaml", tmp_path / "takes"
     path.write_text(RECIPE.replace("whole_slices: 0.02", f"whole_slices: {whole}"))
+    shutil.copytree({"true": captured_dataset, "0.02": made}[whole], folder)
     run_again(resolve_recipe(path), folder, "none")
     with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
         error = refusal(Capture.from_stream, stream, folder / "stacks")
@@ -283,13 +284,14 @@ recipe, folder, variant = sys.argv[1:]
 run.generate(resolve_recipe(recipe), folder, variant=variant, keep_slices="closed-loop")
 """
 KILLED = {
-    "after the first slice": ["stacks/*/lamp.exr"],
     "after the first recording": ["test/*dynamic*.h5"],
+    "after the first slice": ["stacks/*/lamp.exr"],
     "after the last recording": [f"test/{name}.h5" for name in MOVING],
 }
+SHORT, *OTHERS = (pytest.param(files, id=name) for name, files in KILLED.items())
 
 
-@pytest.mark.parametrize("files", KILLED.values(), ids=KILLED)
+@pytest.mark.parametrize("files", [SHORT, *(pytest.param(*p.values, id=p.id, marks=pytest.mark.long) for p in OTHERS)])
 def test_a_killed_run_goes_on_and_renders_nothing_twice(work, made, tmp_path, files):
     """SIGKILL when these files are there, then the same again. tests/generate/test_generate.py kills workers too."""
     folder = tmp_path / "killed"
