@@ -66,7 +66,7 @@ def digest(values: object) -> str:
 
 
 def numbers(records: list[Record]) -> list[dict[str, object]]:
-    """What these records say but for seconds, data, code, versions, and for grain and sensor of the file."""
+    """What these records say but for seconds, data, code, versions, and for grain, sensor and benchmark of the file."""
     left_out = (
         "seconds",
         "note",
@@ -78,6 +78,7 @@ def numbers(records: list[Record]) -> list[dict[str, object]]:
         "grain_rms",
         "grain_of_curve",
         "sensor",
+        "benchmark",
     )
     names = [f.name for f in fields(Record) if f.name not in left_out]
     return [{name: getattr(record, name) for name in names} for record in records]
