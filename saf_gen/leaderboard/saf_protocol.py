@@ -25,6 +25,7 @@ from saf_gen.benchmark.method_spec import (
 )
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.benchmark.results import Evaluation
+from saf_gen.benchmark.tracks.recorded_track import check_method_leaves_lens
 from saf_gen.core.config.registry import refuse_code_named_in_file
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.averages import mean_by_scene_for_ranking
@@ -155,6 +156,7 @@ def rank_methods_on_saf_folder(
     if len(runs) < len(beside):
         raise BadInput("two evaluations beside have the same name", allowed="each once", hint="rename a folder")
     chosen, left_out = _choose_methods(methods, runs)
+    check_method_leaves_lens(chosen)
     streams = _import_recordings(folder, listed, streams=out / STREAMS, readout_hz=readout_hz)
     recordings = {f"blocks-{recording.block}-{recording.name}": recording for recording in listed}
     kept = [KeptSequences(out / ".ours.unfinished")]

@@ -148,6 +148,9 @@ def test_what_cannot_be_ranked_is_one_line(call, saf, ranked, tmp_path):
     write_benchmark_records(tmp_path / "far/records.jsonl", [record("there.py:Mine+argmax", "s", 0.1)])
     error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", beside=[tmp_path / "far"])
     assert "no method of far is at hand" in error.problem
+    error = refusal(rank_methods_on_saf_folder, saf, tmp_path / "o", methods=["sd+golden_section"])
+    assert "commands the lens" in error.problem
+    assert not (tmp_path / "o").exists()
 
 
 def interrupted(*_, **__):
