@@ -12,7 +12,6 @@ Research and Technique 65(3), 2004, doi:10.1002/jemt.20118.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks
 
 MIN_PROMINENCE = 0.1
 """Fraction of the curve's height; a smaller rise does not end the range and makes no false peak."""
@@ -71,6 +70,8 @@ def assess_evaluated_curve(
     Positions, the best focus ``truth`` and the depth of focus ``depth`` are fractions of the travel; scores have any
     unit. None where there is no curve: fewer than three blocks, constant scores, or a lens that comes back or rests.
     """
+    from scipy.signal import find_peaks  # loaded in half a second, which commands that judge no curve do without
+
     x, y = np.asarray(position, dtype=np.float64), np.asarray(scores, dtype=np.float64)
     steps = np.diff(x)
     if y.size < 3 or not (np.all(steps > 0) or np.all(steps < 0)) or not y.max() > y.min():

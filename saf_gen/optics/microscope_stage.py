@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.optimize import brentq
 
 from saf_gen.errors import BadInput
 from saf_gen.optics._drive import Drive
@@ -96,6 +95,8 @@ class Stage(Drive):
         as z grows, the term of a depth nearer than the focus grows by more than 3/u of itself, that of a
         farther one by less. The lens stays in front of the nearest depth.
         """
+        from scipy.optimize import brentq  # loaded in half a second, which all without a stage do without
+
         d = np.asarray(depths, dtype=np.float64)
         u, nearest = self._u, float(d.min())
         relief = d - nearest  # so that micrometres keep their digits next to millimetres
