@@ -24,8 +24,8 @@ class OctaveStructure:
     (1 − d/ū)², for all positions of the lens alike as long as the light stays. Pairs of lengths that the image does not
     have are left out; the score is 0.0 where no pixel counted a spike.
 
-    Range: 0 expected without texture, whatever the noise; else a few times the squared contrast; degree 0; cost 25 for
-    the lengths by default: per length and axis a difference, a product and an addition for each pixel, and the mean.
+    Range: 0 expected without texture, whatever the noise; else a few times the squared contrast; degree 0; cost 37 for
+    the lengths by default: per length and axis two differences, products and additions for each pixel, and the mean.
 
     References
     ----------
@@ -39,8 +39,8 @@ class OctaveStructure:
 
     @property
     def cost(self) -> float:
-        """The mean, and for each length and axis a difference, a product and an addition per pixel."""
-        return 1.0 + 6.0 * (self.longest.bit_length() + 1)
+        """The mean, and for each length and axis two differences, products and additions per pixel."""
+        return 1.0 + 12.0 * self.longest.bit_length()
 
     def __post_init__(self) -> None:
         check_measure_whole_number("longest", self.longest, highest=32, unit="number of pixels")
