@@ -86,7 +86,7 @@ def make_recipe_plan(recipe: Recipe, families: Mapping[str, SceneFamily] | None 
     families = families or {}
     sequences = []
     for split_name, split in recipe.splits.items():
-        moving = [scene for scene in split.scenes if families.get(scene, SceneFamily()).moves]
+        moving = [s for s in split.scenes if s not in split.at_rest and families.get(s, SceneFamily()).moves]
         if "dynamic" in split.scene_motion and not moving:
             raise BadInput(
                 f"split {split_name!r} asks for dynamic, and nothing moves in {', '.join(split.scenes)}",
@@ -188,4 +188,8 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
 
 def recipe_fingerprint(recipe: Recipe) -> str:
     """Return the SHA-256 of a recipe's values; its order of keys, comments and file name do not enter."""
-    return hashlib.sha256(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+    values = recipe.model_dump(mode="json")
+    for split in values["splits"].values():
+        if not split["at_rest"]:
+            del split["at_rest"]  # a recipe without it has the fingerprint that it had before there was such a key
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()

@@ -176,8 +176,10 @@ class SplitSettings(FrozenModel):
     """Members of each scene's family, which the repeats use in turn; at most as many as repeats."""
     scene_motion: tuple[Literal["static", "dynamic"], ...] = Field(default=("static",), min_length=1)
     """Whether a scene that moves is recorded standing still, moving, or both."""
+    at_rest: tuple[str, ...] = ()
+    """Scenes of the split that move and are recorded standing still all the same, such as those of many time slices."""
 
-    @field_validator("scenes", "lights", "scene_motion")
+    @field_validator("scenes", "lights", "scene_motion", "at_rest")
     @classmethod
     def _each_once(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         if len(set(value)) != len(value):
@@ -188,6 +190,15 @@ class SplitSettings(FrozenModel):
     def _variants_are_used(self) -> "SplitSettings":
         if self.variants > self.repeats:
             raise ValueError(f"at most as many variants as repeats, which are {self.repeats}")
+        return self
+
+    @model_validator(mode="after")
+    def _scenes_at_rest_are_its_own(self) -> "SplitSettings":
+        for scene in self.at_rest:
+            if scene not in self.scenes:
+                raise ValueError(f"at_rest: scenes of the split, and {scene!r} is none of them")
+        if self.at_rest and "static" not in self.scene_motion:
+            raise ValueError("scene_motion: [static, dynamic] where scenes are at_rest")
         return self
 
 

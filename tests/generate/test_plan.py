@@ -107,6 +107,17 @@ def test_the_fingerprint_sees_values_and_not_the_order_of_keys():
     assert recipe_fingerprint(recipe) != recipe_fingerprint(Recipe.model_validate(BASE | {"seed": 2}))
 
 
+def test_a_scene_at_rest_is_static_alone_and_changes_nothing_of_the_others():
+    families = {"camel": SceneFamily(moves=True), "bottle": SceneFamily(moves=True)}
+    split = {"scenes": ["camel", "bottle"], "lights": ["fixed"], "scene_motion": ["static", "dynamic"]}
+    plans = [
+        make_recipe_plan(Recipe.model_validate(BASE | {"splits": {"test": split | at_rest}}), families)
+        for at_rest in ({}, {"at_rest": ["camel"]})
+    ]
+    assert [s.id for s in plans[1]] == ["camel-fixed-00", "bottle-fixed-00", "bottle-dynamic-fixed-00"]
+    assert plans[1] == [s for s in plans[0] if s.id != "camel-dynamic-fixed-00"]
+
+
 # --- ids ----------------------------------------------------------------------------------------------
 
 

@@ -76,6 +76,16 @@ def test_every_recipe_of_the_project_is_right(path):
             "lights: [constant], scene_motion: [static, static]",
             "r.yaml:10 | splits.test.scene_motion is | each name once",
         ),
+        (
+            "lights: [constant, mixed]",
+            "lights: [constant], at_rest: [fan]",
+            "r.yaml:10 | splits.test is | at_rest: scenes of the split, and 'fan' is none of them",
+        ),
+        (
+            "lights: [constant, mixed]",
+            "lights: [constant], scene_motion: [dynamic], at_rest: [usaf_target]",
+            "r.yaml:10 | splits.test is | scene_motion: [static, dynamic] where scenes are at_rest",
+        ),
         ("[1, 2]}", "[1, .inf]}", "r.yaml:8 | uniform is [1, inf] | finite numbers"),
         (
             "{kind: constant}",
