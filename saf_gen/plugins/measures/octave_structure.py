@@ -22,7 +22,8 @@ class OctaveStructure:
     R of the counts the difference is 2·(R(l) − R(2l)), which for l = 1 is Vollath's F4 over both axes; the octaves
     above see blurred edges from farther away. The mean dark rate d is not taken off ū: it thins the score out by
     (1 − d/ū)², for all positions of the lens alike as long as the light stays. Pairs of lengths that the image does not
-    have are left out; the score is 0.0 where no pixel counted a spike.
+    have are left out; the score is 0.0 where no pixel counted a spike. Like F4 it need not fall with every blur:
+    stripes of two pixels differ from their neighbours and not from the next but one, and score below 0.
 
     Range: 0 expected without texture, whatever the noise; else a few times the squared contrast; degree 0; cost 37 for
     the lengths by default: per length and axis two differences, products and additions for each pixel, and the mean.
