@@ -193,10 +193,7 @@ class SplitSettings(FrozenModel):
         return self
 
     @model_validator(mode="after")
-    def _scenes_at_rest_are_its_own(self) -> "SplitSettings":
-        for scene in self.at_rest:
-            if scene not in self.scenes:
-                raise ValueError(f"at_rest: scenes of the split, and {scene!r} is none of them")
+    def _at_rest_is_recorded(self) -> "SplitSettings":
         if self.at_rest and "static" not in self.scene_motion:
             raise ValueError("scene_motion: [static, dynamic] where scenes are at_rest")
         return self
@@ -253,6 +250,10 @@ def read_recipe(path: str | Path) -> Recipe:
                 raise unknown(
                     "light", light, allowed=recipe.lights, where=document.locate("splits", split_name, "lights", i)
                 )
+        for i, scene in enumerate(split.at_rest):
+            if scene not in split.scenes:
+                where = document.locate("splits", split_name, "at_rest", i)
+                raise unknown(f"scene of {split_name} in at_rest:", scene, allowed=split.scenes, where=where)
         for i, scene in enumerate(split.scenes):
             where = document.locate("splits", split_name, "scenes", i)
             if scene in owners:

@@ -79,7 +79,7 @@ def test_every_recipe_of_the_project_is_right(path):
         (
             "lights: [constant, mixed]",
             "lights: [constant], at_rest: [fan]",
-            "r.yaml:10 | splits.test is | at_rest: scenes of the split, and 'fan' is none of them",
+            "r.yaml:10 | unknown scene of test in at_rest: 'fan' | allowed: usaf_target",
         ),
         (
             "lights: [constant, mixed]",

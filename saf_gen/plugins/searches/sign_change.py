@@ -2,13 +2,13 @@
 
 from collections import deque
 from dataclasses import dataclass
-from math import isfinite
 from typing import ClassVar
 
 import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
+from saf_gen.plugins.searches._numbers import check_search_numbers
 from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit
 
 FEWEST = 8
@@ -52,10 +52,7 @@ class SignChange:
         if self.window < 2:
             raise BadInput(f"window is {self.window!r}", allowed="at least 2 frames, which have two halves")
         check_search_frame_count("past", self.past)
-        for key, most in (("near", 1.0), ("above", 1e6)):
-            value = getattr(self, key)
-            if isinstance(value, bool) or not (isfinite(value) and 0 <= value <= most):
-                raise BadInput(f"{key} is {value!r}", allowed=f"0 to {most:g}")
+        check_search_numbers(self, {"near": 1, "above": 1e6})
 
     def __call__(self, view: View) -> Answer:
         """Search until the sign changes. Raise BadInput where the recording is shorter than one block."""

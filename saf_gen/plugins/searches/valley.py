@@ -1,15 +1,14 @@
 """The valley between the two highest peaks of a curve."""
 
 from dataclasses import dataclass
-from math import isfinite
 from typing import ClassVar
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
-from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
+from saf_gen.plugins.searches._numbers import check_search_numbers
 from saf_gen.plugins.searches._windows import check_search_frame_count, check_search_windows_fit, score_search_windows
 
 
@@ -44,10 +43,7 @@ class Valley:
 
     def __post_init__(self) -> None:
         check_search_frame_count("window", self.window)
-        for key, most in (("smooth", 1e3), ("jump", 1e6), ("weight", 1), ("apart", 1), ("stand_out", 1)):
-            value = getattr(self, key)
-            if isinstance(value, bool) or not (isfinite(value) and 0 <= value <= most):
-                raise BadInput(f"{key} is {value!r}", allowed=f"0 to {most:g}")
+        check_search_numbers(self, {"smooth": 1e3, "jump": 1e6, "weight": 1, "apart": 1, "stand_out": 1})
 
     def __call__(self, view: View) -> Answer:
         """Search the whole recording. Raise BadInput where it is shorter than one block."""

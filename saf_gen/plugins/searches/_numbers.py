@@ -1,0 +1,15 @@
+"""Options of searches that are numbers of a range."""
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+from saf_gen.errors import BadInput
+
+
+def check_search_numbers(search: Any, most: Mapping[str, float]) -> None:
+    """Raise BadInput where a field of a search is no finite number from 0 to the most that it may be."""
+    for key, highest in most.items():
+        value = getattr(search, key)
+        if isinstance(value, bool) or not (isfinite(value) and 0 <= value <= highest):
+            raise BadInput(f"{key} is {value!r}", allowed=f"0 to {highest:g}")
