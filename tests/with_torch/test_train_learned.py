@@ -20,6 +20,15 @@ def curves():
 
 
 @pytest.fixture(scope="module")
+def shot():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(LEARNED)
+        import train_single_shot
+
+        yield train_single_shot
+
+
+@pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     """Three streams of noise: of a size to train with, and nothing to learn."""
     return make_windowed_dataset(tmp_path_factory.mktemp("noise"), (24, 24), splits=("train", "validation", "test"))
@@ -76,3 +85,52 @@ def test_a_small_run_writes_weights_that_the_method_runs(curves, dataset, tmp_pa
     noise = {split: curves.read_examples(dataset, split, keep=dataset / "curves") for split in ("train", "validation")}
     first = curves.train(noise, seed=1, epochs=1).rows
     assert first == curves.train(noise, seed=1, epochs=1).rows != curves.train(noise, seed=2, epochs=1).rows
+
+
+def test_soft_ordinal_labels_are_highest_at_the_distance_and_alike_on_both_sides_of_a_bin(shot):
+    torch = pytest.importorskip("torch", reason="the extra train is not installed")
+    centres = shot.method.CENTRES
+    found = shot.label(torch.sinh(torch.tensor([centres[20], -centres[20]], dtype=torch.float32))).numpy()
+    assert found.sum(axis=1) == pytest.approx(1)
+    assert list(found.argmax(axis=1)) == [20, 8]
+    assert found[0, 19] == pytest.approx(found[0, 21], rel=1e-4)
+    assert np.allclose(found[0], found[1, ::-1], atol=1e-5)
+
+
+def test_the_network_that_is_exported_measures_windows_as_its_training_does(shot):
+    torch = pytest.importorskip("torch", reason="the extra train is not installed")
+    random = np.random.default_rng(7)
+    windows = random.poisson(8.0, (2, 6, 2, 64, 64)).astype(np.float32) / 8
+    found = shot.measure_windows(windows)
+    energies = [*found["alone"], found["both"][0, 1], *found["noise"]]
+    network = shot.make_network().eval()
+    apart = torch.tensor([[0.3]])
+    with torch.inference_mode():
+        trained = torch.softmax(network.score(torch.from_numpy(np.stack(energies))[None], apart), 2)[0]
+        exported = network(torch.from_numpy(np.concatenate(windows, axis=1))[None], apart)
+    assert np.allclose(trained, torch.cat(exported), atol=1e-5)
+
+
+def test_a_pair_is_mirrored_half_of_the_time_so_that_the_pictures_alone_tell_the_side(shot):
+    windows = shot.WINDOWS
+    flat = np.zeros((windows, shot.OCTAVES, shot.FILTERS), np.float32)
+    position = np.linspace(0, 1, windows)
+    away = (0.5 - position) / 0.05
+    example = {"position": position, "away": away, "alone": flat, "noise": flat, "both": np.stack([flat] * windows)}
+    random = np.random.default_rng(3)
+    drawn = [shot.draw_pair(example, random)[2] for _ in range(200)]
+    assert all(first > second for first, second in drawn)  # the focus is further ahead of the first window
+    middles = np.array([pair.sum() for pair in drawn])
+    assert abs((middles > 0).mean() - 0.5) < 0.15
+
+
+def test_a_small_network_trains_alike_with_the_same_seed(shot, dataset):
+    for package in ("torch", "onnxscript"):
+        pytest.importorskip(package, reason="the extra train is not installed")
+    keep = dataset / "windows"
+    noise = {split: shot.read_examples(dataset, split, keep=keep) for split in ("train", "validation")}
+    assert len(list(keep.glob("*.npz"))) == 2
+    again = {split: shot.read_examples(dataset, split, keep=keep) for split in ("train", "validation")}
+    assert np.array_equal(noise["train"][0]["both"], again["train"][0]["both"])
+    first = shot.train(noise, seed=1, epochs=1).rows
+    assert first == shot.train(noise, seed=1, epochs=1).rows != shot.train(noise, seed=2, epochs=1).rows
