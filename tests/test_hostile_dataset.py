@@ -181,6 +181,5 @@ def test_the_page_runs_nothing_of_theirs_in_chromium(desk, at_desk, tmp_path):
         "await new Promise((done) => setTimeout(done, 300));"
         "return { hit: window.hit ?? null, images: page.querySelectorAll('img[src=\"x\"]').length,"
         " text: page.body.textContent.includes('<script>window.hit=1') };",
-        profile=tmp_path / "profile",
     )
     assert answer == {"hit": None, "images": 0, "text": True}

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 import pytest
-from browser import CHROMIUM, NO_CHROMIUM, run_chromium, run_in_page
+from browser import CHROMIUM, NO_CHROMIUM, print_page, run_in_page
 from handmade_evaluations import make_evaluation, make_records
 from handmade_records import record
 
@@ -66,9 +66,9 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def ask(folder, tmp_path_factory):
+def ask(folder):
     def asked(script, **options):
-        return run_in_page(folder, READ + script, profile=tmp_path_factory.mktemp("profile"), **options)
+        return run_in_page(folder, READ + script, **options)
 
     return asked
 
@@ -268,11 +268,12 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
     assert min(answer["controls"]) >= 32
 
 
-def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, tmp_path_factory, monkeypatch):
+def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(choose_answers_for_report, "__kwdefaults__", {"most": 24})
     monkeypatch.setattr("saf_gen.leaderboard.report.page_answers.WORST_OF_METHOD", 2)
     for module in ("page", "page_answers"):
         monkeypatch.setattr(f"saf_gen.leaderboard.report.{module}.MAX_ANSWERS", 3)
+    monkeypatch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
     made = replace(make_evaluation(), sweeps=())
     write_report(tmp_path / "some", evaluation=made, rows=rank_methods(made.records), title="some")
     script = """
@@ -285,7 +286,7 @@ def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, tmp_path_factor
       two.dispatchEvent(new window.Event("input", { bubbles: true }));
       return { all, own, part, compared: page.querySelector("#compare [role=status]").textContent };
     """
-    answer = run_in_page(tmp_path / "some", READ + script, profile=tmp_path_factory.mktemp("profile"))
+    answer = run_in_page(tmp_path / "some", READ + script)
     assert answer["all"] == "The 3 worst of 48 answers."
     assert re.match(r"The \d+ worst of the \d+ answers of .* in this page; records.jsonl has 12\.", answer["own"][0])
     assert re.match(r"The \d+ worst of the \d+ answers in this page; records.jsonl has 32\.", answer["part"][0])
@@ -327,7 +328,7 @@ return { narrow, wide: [columns(), groups()] };
 @pytest.mark.parametrize("width", [1280, 390])
 def test_the_main_columns_need_no_sideways_scrolling_and_all_can_be_asked_for(crowded, tmp_path, width):
     out, every = crowded
-    answer = run_in_page(out, COLUMNS, profile=tmp_path, width=width)
+    answer = run_in_page(out, COLUMNS, width=width)
     columns, beyond, spanned = answer["narrow"]
     assert beyond <= 0
     assert spanned == len(columns)
@@ -519,8 +520,7 @@ def test_an_audit_of_accessibility_finds_nothing(folder, tmp_path, width, dark):
     assert count == 1
     (audited / "index.html").write_text(without_policy, encoding="utf-8")
     source = json.dumps(AXE.read_text(encoding="utf-8")).replace("</", "<\\/")
-    flags = ("--force-dark-mode",) if dark else ()
-    answer = run_in_page(audited, READ + AUDIT % source, profile=tmp_path / "profile", width=width, flags=flags)
+    answer = run_in_page(audited, READ + AUDIT % source, width=width, dark=dark)
     assert answer["violations"] == []
     assert min(answer["texts"], answer["bars"]) >= 4.5
 
@@ -533,7 +533,7 @@ def test_the_audit_finds_what_is_broken_on_purpose(folder, tmp_path):
     broken = page.replace("--soft: #59636e", "--soft: #b9c3ce").replace('aria-label="Picture of', 'data-label="')
     (audited / "index.html").write_text(broken, encoding="utf-8")
     source = json.dumps(AXE.read_text(encoding="utf-8")).replace("</", "<\\/")
-    answer = run_in_page(audited, READ + AUDIT % source, profile=tmp_path / "profile")
+    answer = run_in_page(audited, READ + AUDIT % source)
     assert {violation[0] for violation in answer["violations"]} >= {"color-contrast", "label"}
     assert answer["texts"] < 4.5
 
@@ -574,7 +574,7 @@ def test_the_page_and_its_figures_follow_the_readers_scheme(ask, dark):
       return { paper: luma(style(page.body, "backgroundColor")), ink: luma(style(page.body, "color")),
         figure: luma(style(text, "fill")) };
     """,
-        flags=("--force-dark-mode",) if dark else (),
+        dark=dark,
     )
     assert (answer["paper"] < 0.2) == dark
     assert (answer["ink"] > 0.8) == dark
@@ -608,7 +608,7 @@ def test_without_script_the_tables_and_figures_are_there_and_nothing_dead(ask):
     assert answer["text"] == "small"
 
 
-def test_on_paper_there_are_no_controls_and_nothing_scrolls(ask, folder, tmp_path):
+def test_on_paper_there_are_no_controls_and_nothing_scrolls(ask, folder):
     answer = ask(
         LUMA
         + """
@@ -634,10 +634,9 @@ def test_on_paper_there_are_no_controls_and_nothing_scrolls(ask, folder, tmp_pat
     assert set(answer["boxes"]) == {"visible"}
     assert answer["figures"]
     assert answer["wide"] <= 980
-    paper = tmp_path / "page.pdf"
-    run_chromium(f"--print-to-pdf={paper}", (folder / "index.html").as_uri(), profile=tmp_path / "profile")
-    assert paper.read_bytes().startswith(b"%PDF-")
-    assert paper.stat().st_size > 20_000
+    paper = print_page(folder / "index.html")
+    assert paper.startswith(b"%PDF-")
+    assert len(paper) > 20_000
 
 
 def test_long_and_hostile_names_neither_run_nor_widen_the_page(tmp_path):
@@ -647,10 +646,7 @@ def test_long_and_hostile_names_neither_run_nor_widen_the_page(tmp_path):
     out = tmp_path / "page"
     write_report(out, evaluation=made, rows=rank_methods(records), title=nasty)
     answer = run_in_page(
-        out,
-        "return { wide: page.documentElement.scrollWidth, ran: window.ran === 1, title: page.title };",
-        profile=tmp_path / "profile",
-        width=390,
+        out, "return { wide: page.documentElement.scrollWidth, ran: window.ran === 1, title: page.title };", width=390
     )
     assert answer["wide"] <= 390
     assert not answer["ran"]

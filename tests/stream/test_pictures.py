@@ -275,7 +275,7 @@ def test_a_page_is_scrubbed_by_keys_and_by_the_plots(stream, tmp_path):
     key(" "); const playing = page.querySelector("button").textContent; key(" ");
     return { seen, playing, wide: page.documentElement.scrollWidth, ratio: page.querySelector(".view").offsetWidth };
     """
-    answer = run_in_page(tmp_path, script, profile=tmp_path / "profile", width=390)
+    answer = run_in_page(tmp_path, script, width=390)
     # It begins nearest to the focus, at frame 479.5.
     assert [moment[1] for moment in answer["seen"]] == ["4", "5", "3", "11"]
     assert [moment[0] for moment in answer["seen"]] == ["400–499", "500–599", "300–399", "1,100–1,199"]
