@@ -1,6 +1,7 @@
 """Rows that are run again: whose answers a leaderboard holds."""
 
 import json
+import shutil
 import socket
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth
 from refusals import refusal
 
 from saf_gen.benchmark.records import RECORDS_FILE, benchmark_record_to_json, read_records
+from saf_gen.cli import main
 from saf_gen.core.config.json_document import format_checked_json
 from saf_gen.leaderboard.reading import read_leaderboard
 from saf_gen.leaderboard.rerun import verify_leaderboard_rows
@@ -44,19 +46,27 @@ def dataset(tmp_path_factory):
     return list_streams(folder, *sequences)
 
 
-@pytest.fixture
-def evaluation(call, dataset, tmp_path):
+@pytest.fixture(scope="module")
+def evaluated(dataset, tmp_path_factory):
     """An evaluation of two registered methods, one of a file that lay elsewhere then, and answers made elsewhere."""
-    (tmp_path / "mine.py").write_text(MEASURE)
+    place = tmp_path_factory.mktemp("evaluated")
+    (place / "mine.py").write_text(MEASURE)
     answers = [json.dumps({"method": "a_net", "sequence": name, "frame": 310.0}) for name in ("board", "leaf")]
-    (tmp_path / "answers.jsonl").write_text("\n".join(answers))
-    own = f"{tmp_path / 'mine.py'}:Spread+argmax"
+    (place / "answers.jsonl").write_text("\n".join(answers))
+    own, folder = f"{place / 'mine.py'}:Spread+argmax", place / "evaluation"
     methods = [word for method in ("sd+argmax", "er_count+argmax@frame", own) for word in ("--method", method)]
-    folder = tmp_path / "evaluation"
-    code, _, err = call("evaluate", dataset, *methods, "--predictions", tmp_path / "answers.jsonl", "--out", folder)
-    assert code == 0, err
-    forge(folder, own, sequences=("board", "leaf"), method=f"/{tmp_path.name}/theirs.py:Spread+argmax")
+    with pytest.raises(SystemExit) as ended:
+        main(["evaluate", *map(str, (dataset, *methods, "--predictions", place / "answers.jsonl", "--out", folder))])
+    assert ended.value.code == 0
+    forge(folder, own, sequences=("board", "leaf"), method=f"/{place.name}/theirs.py:Spread+argmax")
     return folder
+
+
+@pytest.fixture
+def evaluation(evaluated, tmp_path):
+    """A copy of it, beside the method's file, that a test may forge."""
+    shutil.copy(evaluated.parent / "mine.py", tmp_path)
+    return shutil.copytree(evaluated, tmp_path / "evaluation")
 
 
 def forge(folder, row, *, sequences=("leaf",), **changes):
