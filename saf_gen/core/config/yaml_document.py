@@ -1,5 +1,6 @@
 """YAML files read strictly: recipes, scene cards, sensor and actuator files."""
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ def parse_yaml(text: str, path: str | Path) -> Document:
     lines: dict[tuple[Key, ...], int] = {}
     try:
         node = _compose(text, path)
-        data = None if node is None else _to_plain(node, (), lines=lines, path=path)
+        data = None if node is None else _to_plain(node, (), lines=lines, path=path, loader=yaml.SafeLoader(""))
     except RecursionError:
         deepest = lines[max(lines, key=len)]
         raise BadInput(TOO_DEEP, where=f"{path}:{deepest}") from None
@@ -42,7 +43,9 @@ def parse_yaml(text: str, path: str | Path) -> Document:
     return Document(data, path, find_lines=lambda: lines)
 
 
+@lru_cache(maxsize=256)
 def _compose(text: str, path: Path) -> yaml.Node | None:
+    """Return the nodes of the text; a command reads some files, such as the cards of scenes, many times."""
     loader = yaml.SafeLoader(text)
     try:
         return loader.get_single_node()
@@ -55,7 +58,9 @@ def _compose(text: str, path: Path) -> yaml.Node | None:
         loader.dispose()
 
 
-def _to_plain(node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ...], int], path: Path) -> Any:
+def _to_plain(
+    node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ...], int], path: Path, loader: yaml.SafeLoader
+) -> Any:
     """Return the plain data of a node and add its lines; YAML itself would let a second key silently win."""
     lines[at] = node.start_mark.line + 1
     if len(lines) > MAX_VALUES:
@@ -70,14 +75,14 @@ def _to_plain(node: yaml.Node, at: tuple[Key, ...], *, lines: dict[tuple[Key, ..
             check_letters_whole(key, where=here)
             if key in out:
                 raise BadInput(f"the key {key!r} stands twice", where=here, hint="keep one of the two")
-            out[key] = _to_plain(value_node, (*at, key), lines=lines, path=path)
+            out[key] = _to_plain(value_node, (*at, key), lines=lines, path=path, loader=loader)
             lines[(*at, key)] = key_node.start_mark.line + 1
         return out
     if isinstance(node, yaml.SequenceNode):
-        return [_to_plain(item, (*at, i), lines=lines, path=path) for i, item in enumerate(node.value)]
+        return [_to_plain(item, (*at, i), lines=lines, path=path, loader=loader) for i, item in enumerate(node.value)]
     check_letters_whole(str(node.value), where=f"{path}:{lines[at]}")
     try:
-        return yaml.SafeLoader("").construct_object(node)
+        return loader.construct_object(node)
     except _YAML_SLIPS as error:
         kind = node.tag.removeprefix("tag:yaml.org,2002:")
         # Other exceptions describe PyYAML's inside and not the value.
