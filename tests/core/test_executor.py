@@ -10,78 +10,16 @@ import threading
 import time
 from concurrent.futures import wait
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from pool_jobs import Dies, DiesOnce, Heavy, Naps, Raises, Sleeps, Square
 
 from saf_gen.core.execution import run_jobs
 from saf_gen.core.execution.worker_pool import WorkerPool
 from saf_gen.errors import BadInput
 
 DEATH = "its process died: killed, or out of memory?"
-
-
-class Light:
-    """What all jobs here say of themselves."""
-
-    takes_all_cores = False
-    wants_gpu = False
-
-
-@dataclass(frozen=True)
-class Square(Light):
-    """A job that does well, and reports half way and at its end."""
-
-    number: int
-
-    @property
-    def name(self) -> str:
-        return f"square {self.number}"
-
-    def run(self, report):
-        report(self.name, 0.5)
-        report(self.name, 1.0)
-        return self.number**2, os.getpid()
-
-
-@dataclass(frozen=True)
-class Raises(Light):
-    """A job that fails in a way of its own."""
-
-    error: BaseException
-
-    @property
-    def name(self) -> str:
-        return f"raises {type(self.error).__name__}"
-
-    def run(self, report):
-        raise self.error
-
-
-@dataclass(frozen=True)
-class Dies(Light):
-    """A job whose whole process is gone, as when the kernel takes its memory back."""
-
-    name: str = "dies"
-
-    def run(self, report):
-        os._exit(9)
-
-
-@dataclass(frozen=True)
-class Sleeps(Light):
-    """A job that says where it runs, and takes its time."""
-
-    note: Path
-    seconds: float = 60.0
-    name: str = "sleeps"
-
-    def run(self, report):
-        half = self.note.with_suffix(".half")
-        half.write_text(str(os.getpid()))
-        half.replace(self.note)
-        time.sleep(self.seconds)
 
 
 def done(jobs, **options):
@@ -227,44 +165,12 @@ def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(workers
     assert len(again) <= 2 * workers
 
 
-@dataclass(frozen=True)
-class DiesOnce(Light):
-    """A job whose first process is killed."""
-
-    mark: Path
-    name: str = "dies once"
-
-    def run(self, report):
-        if not self.mark.exists():
-            self.mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return "done"
-
-
 def test_a_job_whose_process_dies_once_is_run_again_and_that_is_told(tmp_path):
     again = []
     results = done([DiesOnce(tmp_path / "mark"), Square(2)], tell=again.append)
     assert results["dies once"] == ("done", "")
     assert again == [f"again: dies once ({DEATH})"]
     assert results["square 2"][0][0] == 4
-
-
-@dataclass(frozen=True)
-class Naps(Light):
-    """A job that can be killed in its sleep."""
-
-    notes: Path
-    number: int
-
-    @property
-    def name(self) -> str:
-        return f"naps {self.number}"
-
-    def run(self, report):
-        (self.notes / str(os.getpid())).touch()
-        report(self.name, 0.5)
-        time.sleep(0.2)
-        return self.number
 
 
 @pytest.mark.slow
@@ -317,7 +223,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
             import sys
             from pathlib import Path
             from saf_gen.core.execution import run_jobs
-            from test_executor import Sleeps
+            from pool_jobs import Sleeps
             if __name__ == "__main__":
                 notes = [Path(n) for n in sys.argv[1:]]
                 jobs = [Sleeps(note, name=note.name) for note in notes]
@@ -345,18 +251,3 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, blow):
     finally:
         with suppress(ProcessLookupError):
             os.killpg(run.pid, signal.SIGKILL)
-
-
-@dataclass(frozen=True)
-class Heavy:
-    """A job that wants the machine for itself; long enough for another one to die meanwhile."""
-
-    seconds: float = 3.0
-    name: str = "heavy"
-    takes_all_cores: bool = True
-    wants_gpu = False
-
-    def run(self, report):
-        begin = time.monotonic()  # one clock for all processes of a machine
-        time.sleep(self.seconds)
-        return begin, time.monotonic()
