@@ -191,7 +191,8 @@ def test_sizes_and_distances_are_told(skeleton, sensor):
         ("[0.51, 0.49]", "warning", "open the lens or widen focus_range_m"),
     ],
 )
-def test_a_travel_that_does_not_fit_is_told(skeleton, sensor, travel, level, told):
+def test_a_travel_that_does_not_fit_is_told(skeleton, sensor, monkeypatch, travel, level, told):
+    monkeypatch.setattr(checks, "CHECKS_OF_BUILT_SCENES", (checks.check_scene_reach,))
     scene = skeleton(("[0.65, 0.40]", travel))
     findings = [f for f in check_scene(scene, sensor, backend=VARIANT) if f.check == "reach"]
     assert [f.level for f in findings] == [level]
