@@ -166,12 +166,39 @@ def test_the_closed_loop_says_what_to_do_where_no_slices_were_kept(
         assert Capture.from_stream(stream, folder / "stacks").frames == {"true": 800, "0.02": 400}[whole]
 
 
-def test_a_shard_deletes_nothing_that_another_needs(work, made, tmp_path):
-    """Of the two moving recordings each shard makes one; the second to end deletes."""
-    folder, recorded_from = tmp_path / "shards", slices(work)[0]
+def test_where_all_slices_are_whole_the_hint_is_the_same_and_only_they_would_be_rendered(
+    captured_dataset, tmp_path, monkeypatch
+):
+    """As the case ``true`` above, which renders them: here they are put back, and the closed loop runs to its end."""
+    monkeypatch.setenv("SAF_GEN_SCENES", str(captured_dataset.parent / "scenes"))
+    path, folder = tmp_path / "takes.yaml", tmp_path / "takes"
+    path.write_text(capture_dataset.RECIPE)
+    shutil.copytree(captured_dataset, folder)
+    work = resolve_recipe(path)
+    assert run_again(work, folder, "none").freed_bytes > 0
+    with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
+        error = refusal(Capture.from_stream, stream, folder / "stacks")
+    assert_says(error, "were not kept | generate again with --keep-slices closed-loop, or use --track recorded")
+    assert work.stacks_to_render(folder, "none") == {}
+    (needed,) = work.stacks_to_render(folder, "closed-loop")
+    assert needed == slices(work)[1]
+    assert {spec.rendered_count for spec in needed.specs} == {9}
+    for spec in needed.specs:
+        shutil.copytree(captured_dataset / "stacks" / spec.key, folder / "stacks" / spec.key, dirs_exist_ok=True)
+    assert work.stacks_to_render(folder, "closed-loop") == {}
+    with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
+        assert Capture.from_stream(stream, folder / "stacks").frames == 800
+
+
+def test_a_shard_deletes_nothing_that_another_needs(work, made, copy, tmp_path):
+    """Of the two moving recordings each shard makes one, from slices that are there; the second to end deletes."""
+    folder, recorded_from = copy, slices(work)[0]
+    for file in (folder / "manifest.json", *folder.glob("test/*.h5")):
+        file.unlink()
     shards = [resolve_recipe(tmp_path / "takes.yaml", part=(i, 2)) for i in (1, 2)]
     assert [sum(s.planned.scene_motion == "dynamic" for s in shard.sequences) for shard in shards] == [1, 1]
-    assert run_again(shards[0], folder, "closed-loop").freed_bytes == 0
+    first = run_again(shards[0], folder, "closed-loop")
+    assert (first.rendered, len(first.recorded), first.freed_bytes) == ([], len(shards[0].sequences), 0)
     assert len(pictures(folder, recorded_from)) == 33
     second = run_again(shards[1], folder, "closed-loop")
     assert second.rendered == []
