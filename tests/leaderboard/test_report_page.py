@@ -175,7 +175,7 @@ def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(whole):
 
 
 def test_without_pictures_the_opening_speaks_of_none(tmp_path):
-    made = replace(make_evaluation(), sweeps=())
+    made = Evaluation(make_evaluation().records[:2], (), ())
     write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
     top = (tmp_path / "index.html").read_text(encoding="utf-8").split("</header>")[0]
     assert '<figure id="depth-of-focus">' in top
@@ -480,7 +480,7 @@ def test_an_empty_evaluation_still_makes_a_page(tmp_path):
 
 
 def test_a_report_that_cannot_be_written_is_bad_input(tmp_path):
-    made = make_evaluation()
+    made = Evaluation(make_evaluation().records[:2], (), ())
     (tmp_path / "figures").write_text("in the way")
     error = refusal(write_report, tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
     assert str(tmp_path / "figures") in str(error)
