@@ -171,12 +171,19 @@ def make_captured_dataset(factory: pytest.TempPathFactory, name: str, changes: t
 
 @pytest.fixture
 def call(capsys) -> Callable[..., tuple[int, str, str]]:
-    """Run saf-gen in this process: (exit code, stdout, stderr)."""
+    """Run saf-gen in this process: (exit code, stdout, stderr).
 
-    def run_command(*arguments: object) -> tuple[int, str, str]:
+    The page of an evaluation has no figures, as drawing them takes longer than a small evaluation; with
+    ``figures=True`` it has them, as for a user.
+    """
+
+    def run_command(*arguments: object, figures: bool = False) -> tuple[int, str, str]:
         capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
+        with pytest.MonkeyPatch.context() as patch:
+            if not figures and arguments[:1] in (("evaluate",), ("leaderboard",)):
+                patch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
+            with pytest.raises(SystemExit) as ended:
+                main([str(argument) for argument in arguments])
         return ended.value.code, *capsys.readouterr()
 
     return run_command

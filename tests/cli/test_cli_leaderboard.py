@@ -150,12 +150,14 @@ def test_what_holds_no_records_is_one_line(call, runs, tmp_path):
 
 def test_an_evaluation_replaces_the_earlier_one_as_a_whole_and_says_so(call, dataset, tmp_path):
     out = tmp_path / "out"
-    code, printed, _ = call("evaluate", dataset, "--out", out, "--method", "sd+argmax", "--method", "sd+egs")
+    code, printed, _ = call(
+        *("evaluate", dataset, "--out", out, "--method", "sd+argmax", "--method", "sd+egs"), figures=True
+    )
     assert code == 0
     assert "replaced" not in printed
     assert (out / "curves.csv").is_file()
     (out / "notes.txt").write_text("mine")
-    code, printed, err = call("evaluate", dataset, "--out", out, "--method", "sd+egs")
+    code, printed, err = call("evaluate", dataset, "--out", out, "--method", "sd+egs", figures=True)
     assert (code, err) == (0, "")
     assert printed.splitlines()[-1] == "replaced the earlier evaluation of 2 methods"
     assert {r.method for r in read_records(out)} == {"sd+egs"}

@@ -114,8 +114,7 @@ def test_ranks_are_compared_with_those_of_generated_data(ranked):
     assert own_beside.second == "bench"
 
 
-def test_the_command_writes_the_ranking_and_says_what_is_not_known(call, saf, tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
+def test_the_command_writes_the_ranking_and_says_what_is_not_known(call, saf, tmp_path):
     given = [word for method in METHODS[:3] for word in ("--method", method)]
     code, said, err = call("leaderboard", "saf", saf, "--out", tmp_path / "out", *given)
     assert (code, err) == (0, "")
@@ -164,7 +163,6 @@ def test_a_stopped_ranking_goes_on(call, saf, tmp_path, monkeypatch):
         stopped = "saf-gen: stopped; what was done is kept: run the same command again to go on\n"
         assert call(*given) == (130, "", stopped)
         assert not (tmp_path / "ranking.json").exists()
-    monkeypatch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
     code, _, told = call(*given)
     assert (code, told) == (0, "3 recordings had been evaluated by a run that was stopped\n")
 
