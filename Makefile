@@ -44,9 +44,10 @@ $(BROWSER): $(STAMP) tools/install-chromium.sh
 	@sh tools/install-chromium.sh
 	@touch $@
 
-# Numba's kernels are compiled beside the linters, once for all processes of the tests.
+# Numba's kernels and the tests themselves are compiled beside the linters, once for all processes of the tests.
 $(KERNELS): $(STAMP) $(wildcard saf_gen/render/*.py saf_gen/camera/*.py saf_gen/core/*.py saf_gen/benchmark/view/*.py)
 	@$(BIN)/python tests/helpers/compile_kernels.py
+	@$(BIN)/pytest --collect-only -n 0 >/dev/null
 	@touch $@
 
 checked: install
