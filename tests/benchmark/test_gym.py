@@ -203,6 +203,30 @@ def test_the_rest_of_an_observation_is_the_sensor_and_the_time(dataset):
     assert rows[4][0]["lens"][0] == pytest.approx(0.75, abs=0.03)
 
 
+def test_a_period_is_scored_as_a_search_would_score_it_whatever_the_threads(dataset):
+    """So a wrapper that shows a policy scores shows what the benchmark does."""
+    env, sequence = make_env(dataset, threads=1), load(make_env(dataset))
+    env.reset(options={"sequence": PLANE})
+    env.step(np.array([0.75, 0], np.float32))
+    found, asked = env.episode.score("sd_calibrated"), []
+
+    class Asking(VisitingSearch):
+        def _score(self, view):
+            view.wait(STILL)
+            asked.append(view.score(view.now - STILL, view.now, "sd_calibrated"))
+
+    search = Asking(0.75)
+    run_closed_loop_method(
+        sequence.capture,
+        Method("sd+x", search.measure, search, "0" * 12),
+        protocol=PROTOCOL,
+        charge_source=sequence.charge_source,
+        region=sequence.box,
+    )
+    assert found == asked[1] != asked[0]
+    assert "sd_calibratd" in refusal(env.episode.score, "sd_calibratd").problem
+
+
 def test_the_truth_is_out_of_reach_before_the_end(dataset):
     """With another truth all that a policy sees is the same to the bit, and only the reward differs."""
     honest, moved = make_env(dataset), make_env(dataset)
@@ -512,6 +536,7 @@ def test_without_gymnasium_one_line_says_what_to_install():
         ({"pixels": 0}, "pixels is 0", "1 to 1024"),
         ({"pixels": 2.5}, "pixels is 2.5", "whole number"),
         ({"keep": 0}, "keep is 0", "1 or more"),
+        ({"threads": 0}, "threads is 0", "1 or more"),
         ({"render_mode": "human"}, "'human'", "rgb_array"),
     ],
 )

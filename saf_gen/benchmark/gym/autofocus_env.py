@@ -37,6 +37,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     control_s : the control period in seconds, rounded up to whole packets of 8 readouts.
     pixels : rows and columns of the observed image, 1 to 1024.
     keep : sequences that stay in memory, each with its focal stacks (1 GiB at most).
+    threads : threads that encode; None: one for each core.
     render_mode : ``rgb_array``, or None.
 
     Raises
@@ -78,6 +79,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         control_s: float = 0.005,
         pixels: int = 64,
         keep: int = 4,
+        threads: int | None = None,
         render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -88,6 +90,8 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             raise BadInput(f"the control period is {control_s:g} s", allowed="seconds, above 0")
         _check_whole("pixels", pixels, highest=MAX_PIXELS)
         _check_whole("keep", keep)
+        if threads is not None:
+            _check_whole("threads", threads)
         self.tasks = _select_tasks(list_sequences_to_evaluate(Path(dataset), split=split), sequences)
         self.protocol = ClosedLoopProtocol(get_actuator("voice_coil")) if protocol is None else protocol
         self.region, self.control_s, self.pixels = region, control_s, pixels
@@ -100,7 +104,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             }
         )
         self.action_space = spaces.Box(0, 1, (2,), np.float32)
-        self._keep = keep
+        self._keep, self._threads = keep, threads
         self._sequences: OrderedDict[str, ClosedLoopSequence] = OrderedDict()
         self._episodes = 0
         self._task: SequenceTask | None = None
@@ -144,7 +148,12 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             self._task = self.tasks[int(seeds.make_generator(*name).integers(len(self.tasks)))]
             noise = seeds.derive_seed(*name, "noise")
         self._episode = Episode(
-            self.load_sequence(self._task), self.protocol, control_s=self.control_s, pixels=self.pixels, seed=noise
+            self.load_sequence(self._task),
+            self.protocol,
+            control_s=self.control_s,
+            pixels=self.pixels,
+            seed=noise,
+            threads=self._threads,
         )
         return self._episode.observe(), self._make_info()
 

@@ -38,6 +38,7 @@ class Episode:
     control_s : the control period in seconds, rounded up to whole packets of the camera.
     pixels : rows and columns of the observed image.
     seed : names the initial lens position and the noise; None: those of the benchmark.
+    threads : threads that encode; None: one for each core.
 
     Attributes
     ----------
@@ -54,10 +55,16 @@ class Episode:
         control_s: float,
         pixels: int,
         seed: int | None = None,
+        threads: int | None = None,
     ) -> None:
         capture = sequence.capture if seed is None else replace(sequence.capture, seed=seed)
         self._camera = start_closed_loop_camera(
-            capture, _no_score, protocol=protocol, charge_source=sequence.charge_source, region=sequence.box
+            capture,
+            _no_score,
+            protocol=protocol,
+            charge_source=sequence.charge_source,
+            region=sequence.box,
+            threads=threads,
         )
         self._truth, self._hz, self._pixels = capture.truth, capture.sensor.readout_hz, pixels
         self._budget = protocol.count_frames(capture)[0]
@@ -77,6 +84,13 @@ class Episode:
     def seconds(self) -> float:
         """Time that has passed."""
         return self._camera.now / self._hz
+
+    def score(self, measure: str) -> float:
+        """Return the score of the last control period by a focus measure, for what a wrapper shows a policy.
+
+        Raises BadInput before the first period, for an unknown measure, and for a score that is not a finite number.
+        """
+        return self._camera.score(self._camera.now - self.period, self._camera.now, measure)
 
     def observe(self) -> dict[str, np.ndarray]:
         """Let a control period pass, or what is left of the budget, and return the observation."""
