@@ -43,7 +43,7 @@ class Explorer:
     def __init__(self, *, ends: tuple[float, float] = (0.0, 1.0), mirrored: bool = False) -> None:
         self.ends, self._sign = ends, -1.0 if mirrored else 1.0
         self.target = self.here = self.smear = self.turns = 0.0
-        self._direction, self.periods = 0.0, 0
+        self.direction, self.periods = 0.0, 0
         self.left, self._period, self.light = 1.0, 0.0, 0.0
         self._latest = np.zeros(2)
         self._weight, self._place, self._scores = np.zeros(CELLS), np.zeros(CELLS), np.zeros((CELLS, 2))
@@ -69,6 +69,11 @@ class Explorer:
         """Whether no whole period is left after the next."""
         return self.left < 2.01 * self._period
 
+    def list_scores(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the places that the lens has been seen at, rising, and their scores, (n,) and (n, 2)."""
+        known = np.flatnonzero(self._weight)
+        return self._place[known], self._scores[known]
+
     def find_peak(self) -> float:
         """Return the top of a parabola through the logarithms round the best cell, between its neighbours."""
         known = np.flatnonzero(self._weight)
@@ -91,8 +96,7 @@ class Explorer:
 
     def describe(self) -> np.ndarray:
         """Return what the network sees, float32 (FEATURES,): nothing that tells where in its travel the lens is."""
-        known = np.flatnonzero(self._weight)
-        place, scores = self._place[known], self._scores[known]
+        place, scores = self.list_scores()
         peak, sign = self.find_peak(), self._sign
         at = peak + sign * OFFSETS
         most = scores.max(axis=0)
@@ -105,7 +109,7 @@ class Explorer:
             4 * sign * (self.here - peak),
             4 * sign * (self.target - self.here),
             4 * sign * (self.target - peak),
-            sign * self._direction,
+            sign * self.direction,
             10 * self.smear,
             self.left,
             *latest,
@@ -114,6 +118,10 @@ class Explorer:
             min(self.turns, 4) / 4,
         )
         return np.concatenate([*curves, seen | outside, np.clip(rest, -2, 2)]).astype(np.float32)
+
+    def find_step(self, number: int, side: float) -> int:
+        """Return the action that sends the lens by STEPS[number] towards a side of the travel, 1 or -1."""
+        return 3 + 2 * number + (side * self._sign < 0)
 
     def command(self, action: int) -> tuple[float, bool]:
         """Return the position where an action sends the lens, and whether that is the answer."""
@@ -127,8 +135,8 @@ class Explorer:
         to = float(np.float32(min(max(to, self.ends[0]), self.ends[1])))  # as the environment takes it
         if to != self.target:
             direction = math.copysign(1, to - self.target)
-            self.turns += self._direction == -direction
-            self._direction, self.target = direction, to
+            self.turns += self.direction == -direction
+            self.direction, self.target = direction, to
         return to, stop
 
 

@@ -29,11 +29,12 @@ PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.2, swe
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained network, its seed, and a row for each epoch of its training."""
+    """A trained network, its seed, and a row for each epoch; the network is that of the least loss, or the last."""
 
     seed: int
     network: Any
     rows: list[dict[str, float]]
+    is_last: bool = False
 
 
 class Keeper:
@@ -48,9 +49,9 @@ class Keeper:
             self.least, self.network = loss, copy.deepcopy(network)
 
 
-def least_loss(trained: Trained) -> float:
-    """Return the least loss on validation of all epochs."""
-    return min(row["validation"] for row in trained.rows)
+def kept_loss(trained: Trained) -> float:
+    """Return the loss on validation of the network that is kept."""
+    return trained.rows[-1]["validation"] if trained.is_last else min(row["validation"] for row in trained.rows)
 
 
 def parse_options(about: str, *, epochs: int) -> argparse.Namespace:
@@ -132,8 +133,8 @@ def judge(
 
 
 def choose(judged: dict[str, tuple[Any, list[Record]]], trained: dict[str, Trained]) -> tuple[str, Trained]:
-    """Return the method with the most successes on validation, of equals that with the least loss, and its network."""
-    best = max(trained, key=lambda spec: (judged[spec][0].success_1dof or 0.0, -least_loss(trained[spec])))
+    """Return the method with the most successes on validation, of equals that with less loss, and its network."""
+    best = max(trained, key=lambda spec: (judged[spec][0].success_1dof or 0.0, -kept_loss(trained[spec])))
     return best, trained[best]
 
 
@@ -173,7 +174,7 @@ def describe_training(
     return (
         f"Seeds {', '.join(map(str, options.seeds))}, {options.epochs} epochs each; {weights:,} weights. "
         f"Processor time: {read_s / 60:.1f} min to see the data (once), {train_s / 60:.1f} min to train all "
-        f"seeds. Seed {chosen.seed} has the most successes on validation, and is kept (loss {least_loss(chosen):.3f})."
+        f"seeds. Seed {chosen.seed} has the most successes on validation, and is kept (loss {kept_loss(chosen):.3f})."
     )
 
 

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from ideal_camera import IdealCamera
+from ideal_camera import IdealCamera, bell_curve
 from refusals import refusal
 from scipy.ndimage import gaussian_filter
 from small_dataset import HERE
@@ -17,6 +17,7 @@ from saf_gen.core.seeds import make_generator
 
 LEARNED = HERE.parent / "benchmarks" / "learned"
 CURVES = f"{LEARNED}/running_curves.py:RunningCurves"
+POLICY = f"{LEARNED}/policy.py:Policy"
 SHOT = f"{LEARNED}/single_shot.py:SingleShot"
 
 
@@ -103,3 +104,32 @@ def test_single_shot_weighs_what_all_pairs_say_and_finds_a_focus_that_no_look_wa
         belief.add(position, np.zeros((6, 2, 64, 64), np.float32))
     assert belief.weigh().sum() == pytest.approx(1)
     assert belief.find_focus()[0] == pytest.approx(0.42, abs=0.02)
+
+
+class LitCamera(IdealCamera):
+    """The camera with an ideal lens, which sees four spikes per pixel in 20 frames."""
+
+    def counts(self, first, stop):
+        self.wait(max(stop - self.now, 0))
+        return np.full((4, 4), (stop - first) // 5)
+
+
+@pytest.mark.parametrize(("peak", "start"), [(0.5, 0.1), (0.5, 0.9), (0.3, 0.5), (0.7, 0.65)])
+def test_the_policy_ends_at_the_top_of_a_bell_within_its_time(peak, start):
+    curve = bell_curve(peak)
+    camera = LitCamera(curve, start=start, frames=4_000, speed=50.0, others={"sd_calibrated": curve})
+    answer = get_search(POLICY)(camera)
+    assert answer.position == pytest.approx(peak, abs=0.04)
+    assert answer.trace[-1] == answer.position
+    assert camera.now <= 4_000
+
+
+def test_the_policy_abstains_where_there_is_no_time_to_look_twice_and_moves_no_recording():
+    search = get_search(POLICY)
+    assert search(LitCamera(bell_curve(0.5), frames=200)).note == "no time to look twice"
+    assert "recording" in refusal(search, SyntheticRecording(np.ones(4_000))).problem
+
+
+def test_other_weights_are_another_policy(tmp_path):
+    assert get_search(POLICY).version != get_search(POLICY, weights=str(LEARNED / "running_curves.onnx")).version
+    assert "cannot be read" in refusal(get_search, POLICY, weights=str(tmp_path / "none.onnx")).problem

@@ -29,7 +29,8 @@ def training():
         import train_policy
 
         patch.setattr(train_policy, "PROTOCOL", PROTOCOL)
-        patch.setattr(train_policy, "STEPS_PER_EPOCH", 64)
+        for name, small in (("STEPS_PER_EPOCH", 64), ("CLONED", 64), ("ROUNDS", 2), ("PASSES", 2), ("LOOKS", 2)):
+            patch.setattr(train_policy, name, small)
         yield train_policy
 
 
@@ -126,6 +127,34 @@ def test_the_peak_is_the_top_of_a_parabola_and_the_best_place_where_there_is_non
     assert np.isfinite(dark.describe()).all()
 
 
+@pytest.mark.parametrize(("start", "peak", "mirrored"), [(0.1, 0.5, False), (0.9, 0.5, True), (0.45, 0.3, False)])
+def test_the_climber_that_is_cloned_passes_the_peak_to_either_side_and_answers_with_it(training, start, peak, mirrored):
+    explorer, here, looks = training.method.Explorer(mirrored=mirrored), start, 0
+    while True:
+        looks += 1
+        before, here = here, here + 0.4 * (explorer.target - here) if looks > 1 else start
+        score = float(np.exp(-((((before + here) / 2 - peak) / 0.1) ** 2)))
+        explorer.look(here, left=1 - 0.025 * looks, light=0.2, scores=(score, 1 + score))
+        action = training.choose_climbing_action(explorer, truth=peak, depth=0.06)
+        to, stop = explorer.command(action)
+        if stop:
+            break
+    places = explorer.list_scores()[0]
+    assert action == 0  # of its own accord, with time left
+    assert to == pytest.approx(peak, abs=0.01)
+    assert places[0] < peak - 0.05 < peak + 0.05 < places[-1]
+    assert explorer.turns <= 3
+
+
+def test_the_climber_looks_where_the_focus_is_rather_than_answer_with_a_wrong_peak(training):
+    explorer = explore(training, np.arange(0.105, 0.9, 0.05), peak=0.42)
+    assert training.choose_climbing_action(explorer, truth=0.42, depth=0.06) == 1
+    for truth, to in ((0.6, 0.48), (0.2, 0.36)):
+        explorer.target = 0.42
+        action = training.choose_climbing_action(explorer, truth=truth, depth=0.06)
+        assert explorer.command(action) == (pytest.approx(to, abs=1e-6), False)
+
+
 def test_a_policy_answers_before_its_time_is_spent(training, dataset):
     env = training.PolicyView(AutofocusEnv(dataset, sequences=[PLANE], protocol=PROTOCOL, pixels=1), varied=False)
     _, rewards, info = play(env, *[2] * 20, seed=1)
@@ -145,7 +174,7 @@ def test_the_reward_is_that_of_the_environment_less_time_reversals_and_blur(trai
         now, reward, *_ = inner.step(np.array([position, number == len(positions) - 1], np.float32))
         plain += reward
     spent = 1 - 104 / 800 - float(now["left"][0])
-    costs = 0.3 * spent + 0.1 * (env.explorer.turns - 2) + 0.3 * min(abs(info["error_dof"]), 1)
+    costs = 0.1 * spent + 0.05 * (env.explorer.turns - 2) + min(abs(info["error_dof"]), 1)
     assert env.explorer.turns > 2
     assert sum(rewards) == pytest.approx(plain - costs, abs=1e-6)
 
@@ -178,7 +207,10 @@ def test_a_small_run_writes_weights_that_the_method_runs(training, dataset, tmp_
     training.main()
     assert {path.name for path in tmp_path.iterdir()} == {f"policy.{end}" for end in ("csv", "md", "onnx", "png")}
     card = (tmp_path / "policy.md").read_text()
+    curve = (tmp_path / "policy.csv").read_text().splitlines()
+    assert [line[:4] for line in curve[1:]] == ["0,0,", "0,1,"]  # what the climber taught, and an epoch of rewards
     assert "Seed 0 has the most successes" in card
+    assert f"(loss {float(curve[-1].split(',')[3]):.3f})" in card  # that of the last epoch, which is kept
     assert "| seed 0 |" in card
     first = training.train(dataset, seed=1, epochs=1).rows
     assert first == training.train(dataset, seed=1, epochs=1).rows != training.train(dataset, seed=2, epochs=1).rows
