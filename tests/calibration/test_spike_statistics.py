@@ -100,12 +100,12 @@ def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_pat
 
 
 def test_a_spread_that_is_planted_between_halves_is_found(tmp_path):
-    """Rates of 20,000 pixels differ between halves by 5 % rms of the mean: 3.54 % a half, to 3 % (seed 5).
+    """Rates of 10,000 pixels differ between halves by 5 % rms of the mean: 3.54 % a half, to 3 %, four sigma (seed 5).
 
     Regular trains of 1/rate readouts; what reading in steps adds, about 1/(2·interval·number), is below 0.1 %.
     """
     random = make_generator("halves", 5)
-    shape, frames = (100, 200), 4000
+    shape, frames = (80, 125), 4000
     second = 0.1 * (1 + 0.05 * random.standard_normal(shape))
     phase = random.random(shape)
     t = np.arange(frames + 1)

@@ -12,8 +12,9 @@ from pathlib import Path
 import distributed
 import pytest
 from dask_processes import scheduler_process, wait_until, worker_processes
+from pool_jobs import DiesOnce, Light, Raises, Square
 from refusals import assert_says, refusal
-from test_executor import DiesOnce, Light, Raises, Square, done, followers
+from test_executor import done, followers
 
 from saf_gen.core.execution import Cluster, SchedulerLost, dask_cluster, run_jobs
 from saf_gen.core.extras import installed_versions
