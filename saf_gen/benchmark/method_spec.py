@@ -36,11 +36,13 @@ DEFAULT_RECORDED_METHODS = (
     "sd+sgfs_causal",
     "sd_calibrated+photon_aware",
     "structure_calibrated+photon_aware",
+    "octave_structure+peak_fit",
 )
 """What `saf-gen evaluate` runs when no method is named: the paper's measures and searches, two of its
-baselines divided by brightness, as SD is, and four more."""
+baselines divided by brightness, as SD is, and five more."""
 
 DEFAULT_CLOSED_LOOP_METHODS = (
+    "octave_structure+peak_fit",
     "structure_calibrated+photon_aware",
     "sd_calibrated+photon_aware",
     *(

@@ -114,7 +114,7 @@ def test_the_paper_s_measures_and_searches_are_registered():
     measures = {"sd", "sd_code", "er_sumsq", "er_count", "gradient_code", "mfdct_code", "mfdct_lee"}
     assert measures <= set(measure_names())
     estimating = set(
-        "argmax naive egs egs_code sgfs_code sgfs_causal sgfs_printed photon_aware sign_change valley".split()
+        "argmax naive egs egs_code sgfs_code sgfs_causal sgfs_printed peak_fit photon_aware sign_change valley".split()
     )
     commanding = set("golden_section fibonacci ternary hill_climb rule_based coarse_to_fine".split())
     assert registry._own("searches") == estimating | commanding

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lit_sweep import Sweep
 from planted_counts import CONTRAST, halves_of
 
 from saf_gen import get_measure, get_search
@@ -34,34 +35,6 @@ def test_the_score_is_the_contrast_of_the_light_whatever_the_light():
     assert calibrated(bright, frames=400) == pytest.approx(CONTRAST**2, rel=0.06)
     assert calibrated(dim, frames=1600) == pytest.approx(CONTRAST**2, rel=0.06)
     assert sd(dim.sum(axis=0)) < 0.75 * sd(bright.sum(axis=0))
-
-
-class Sweep:
-    """A recording with a focus curve over frames, lit by ``light``; notes the windows that were scored."""
-
-    readout_hz = 20_000.0
-
-    def __init__(self, curve, light=None, *, noise=0.0, broad=None):
-        self.frames = len(curve)
-        self.curve, self.noise, self.broad = curve, noise, curve if broad is None else broad
-        self.light = np.full(self.frames, 0.2) if light is None else light
-        self.spikes = np.concatenate([[0.0], np.cumsum(self.light)])
-        self.windows, self.now = [], 0
-
-    def score(self, first, stop, measure=None):
-        assert 0 <= first < stop <= self.frames
-        self.now = max(self.now, stop)
-        count = self.spikes[stop] - self.spikes[first]
-        if measure == "er_count":
-            return 1000 * count
-        if measure == "er_count_n":
-            return 1000.0
-        self.windows.append((first, stop, count))
-        curve = self.broad if measure == "sd_calibrated" else self.curve
-        value = float(np.average(curve[first:stop], weights=self.light[first:stop] + 1e-12))
-        return value + self.noise * float(make_generator("sweep", first, stop).standard_normal()) / np.sqrt(
-            count + 1e-12
-        )
 
 
 def bell(at, *, width=0.08, floor=0.3, frames=20_000):

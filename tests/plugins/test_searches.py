@@ -427,6 +427,7 @@ def test_the_printed_algorithm_abstains_where_it_does_not_stop():
         ("sgfs_code", 99, "at least one block"),
         ("sgfs_causal", 99, "at least one block"),
         ("photon_aware", 300, "at least 400 frames"),
+        ("peak_fit", 300, "at least 400 frames"),
     ],
 )
 def test_a_recording_too_short_for_the_option_is_refused(search, frames, allowed):
@@ -475,6 +476,9 @@ FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel
         ("photon_aware", {"smooth": math.inf}, "smooth is inf", "0 to 100"),
         ("photon_aware", {"counts": -1}, "counts is -1", "0 to 1e+06"),
         ("photon_aware", {"far": 1}, "far is 1", "true, false"),
+        ("peak_fit", {"steps": 0}, "steps is 0", FRAMES),
+        ("peak_fit", {"reach": 11}, "reach is 11", "0 to 10"),
+        ("peak_fit", {"rough": math.nan}, "rough is nan", "0 to 1"),
         ("golden_section", {"tolerance": 0}, "tolerance is 0", FRACTION),
         ("golden_section", {"tolerance": 1}, "tolerance is 1", FRACTION),
         ("fibonacci", {"tolerance": "a"}, "tolerance is 'a'", FRACTION),
