@@ -70,6 +70,11 @@ def test_the_end_of_the_sweep_is_the_answer_where_the_focus_lies_just_outside(ou
         assert "no focus in it" in answer.note
 
 
+def test_a_lens_that_rests_makes_no_bell():
+    x = np.where(np.arange(50) < 25, 0.3, 0.4)
+    assert fit_bell(x, bell(x, at=0.35) * np.linspace(1, 1.01, 50), light=np.ones(50), above=0.1) is None
+
+
 def test_a_lens_that_turns_back_is_followed_by_its_position_and_not_by_time():
     time = np.linspace(0, 1, FRAMES)
     lens = 0.5 * time + 0.12 * np.sin(9 * np.pi * time)

@@ -25,7 +25,7 @@ class Bell(NamedTuple):
     focus: float
     width: float
     misfit: float
-    """Root mean square of the relative residuals, weighted as the fit was, per degree of freedom."""
+    """Root mean square of the relative residuals, per degree of freedom; those near the top weigh more."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class PeakFit:
     Windows are cut by light: after each of the ``steps`` of a recording, the window that ends there is the shortest
     with ``counts`` spikes per pixel, no longer than ``longest`` of the recording. Its score belongs to the mean
     position of the lens in it. The fit takes the scores round the largest, in order of position, as far as they stay
-    above ``above`` of it. Its weights are those of equal relative errors, more where a window holds more spikes.
+    above ``above`` of it. Its weights are those of scores with equal errors, more where a window holds more spikes.
 
     A bell is believed if its misfit, the relative residual, is below ``rough``. The search stops when for three windows
     the lens has been behind the top by (``beyond`` + ``doubt``·misfit)·w, and was before it by as much; in a sweep that
@@ -142,18 +142,19 @@ def fit_bell(x: np.ndarray, y: np.ndarray, *, light: np.ndarray, above: float) -
     x, y, light = x[order], y[order], light[order]
     best = int(y.argmax())
     lower = np.flatnonzero(y <= above * y[best])
-    first, stop = np.searchsorted(lower, best), len(x)
+    first = np.searchsorted(lower, best)
     begin = lower[first - 1] + 1 if first else 0
     stop = lower[first] if first < len(lower) else len(x)
     x, y, light = x[begin:stop], y[begin:stop], light[begin:stop]
     if len(x) < LEAST_SCORES or y.min() <= 0 or np.ptp(x) <= 0:
         return None
     centre, scale = x.mean(), np.ptp(x)
-    weights = y * y * np.sqrt(light)  # the error of 1/y is that of y over y²
-    bend, slope, level = np.polyfit((x - centre) / scale, 1 / y, 2, w=weights)
-    if bend <= 0 or (least := level - slope * slope / (4 * bend)) <= 0:
-        return None
-    residuals = np.polyval((bend, slope, level), (x - centre) / scale) * y - 1
+    powers = np.vander((x - centre) / scale, 3)
+    weights = y * y * np.sqrt(light / light.max())  # the error of 1/y is that of y over y²
+    (bend, slope, level), _, rank, _ = np.linalg.lstsq(powers * weights[:, None], weights / y, rcond=1e-6)
+    if rank < 3 or bend <= 0 or (least := level - slope * slope / (4 * bend)) <= 0:
+        return None  # the lens rested, or 1/y is no parabola that opens upwards from above zero
+    residuals = powers @ (bend, slope, level) * y - 1
     misfit = np.sqrt(np.average(residuals**2, weights=weights) * len(x) / (len(x) - 3))
     return Bell(float(centre - scale * slope / (2 * bend)), float(scale * np.sqrt(least / bend)), float(misfit))
 
