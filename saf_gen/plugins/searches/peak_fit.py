@@ -14,7 +14,7 @@ from saf_gen.plugins.searches._windows import check_search_frame_count
 
 BROAD = "sd_calibrated"
 LEAST_SCORES = 8
-"""Of so few a bell is made: noise alone hardly ever puts so many neighbours on one."""
+"""A bell needs as many scores: noise alone hardly ever puts so many neighbours on one."""
 SMOOTH, UNTIL, LEAST, FALL = 2.0, 0.5, 0.2, 0.03
 """What photon_aware asks of a curve that is no bell: its options ``smooth``, ``until``, ``least`` and ``fall``."""
 
@@ -45,12 +45,13 @@ class PeakFit:
     A bell is believed if its misfit, the relative residual, is below ``rough``. The search stops when for three windows
     the lens has been behind the top by (``beyond`` + ``doubt``·misfit)·w, and was before it by as much; in a sweep that
     began nearer than that, if the misfit is below a quarter of ``rough``. Some score must lie below ``low`` of the
-    largest. It also stops where ``photon_aware`` with its own options would, for a curve need not be a bell.
+    largest. While no bell is believed it stops where ``photon_aware`` would, for a curve need not be a bell.
 
     The answer is the frame at which the lens was nearest to x₀. It may lie up to ``reach``·w outside of what the lens
-    passed: w is 1.2 to 2.2 depths of focus for ``structure_calibrated`` and 1.9 to 3.8 for ``octave_structure``, so
-    that the end of the sweep is about in focus. Without a bell the answer is that of ``photon_aware``, which abstains
-    from a curve without two sides. Where positions of the lens are not recorded, frames stand for them.
+    passed: on most scenes w is 1.2 to 2.2 depths of focus for ``structure_calibrated`` and 1.9 to 3.8 for
+    ``octave_structure``, so that the end of the sweep is about in focus. Without a bell the answer is that of
+    ``photon_aware``, which abstains from a curve without two sides. Where positions of the lens are not recorded,
+    frames stand for them.
 
     Choose a measure without a floor of noise: ``octave_structure`` needs no calibration either. Three scores per step,
     one of them by the method's own measure. The trace holds the frame of the focus so far, whenever it moves.
