@@ -17,21 +17,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import policy as method
-from training import (
-    PROTOCOL,
-    Trained,
-    check_dataset,
-    choose,
-    describe_splits,
-    describe_training,
-    export,
-    fill_card,
-    format_table,
-    judge,
-    parse_options,
-    run,
-    write_curves,
-)
+from training import PROTOCOL, Trained, check_dataset, keep_best, parse_options, run, write_curves
 
 from saf_gen.benchmark.gym import AutofocusEnv
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
@@ -284,28 +270,19 @@ def main() -> None:
     import torch
 
     torch.set_num_threads(1)
-    out, begin = options.out, process_time()
+    begin = process_time()
     trained = [train(options.dataset, seed=seed, epochs=options.epochs) for seed in options.seeds]
     train_s = process_time() - begin
-    write_curves(out, NAME, trained, what="1 − reward of an episode", splits=("train", "validation"))
-    path = f"{Path(method.__file__).resolve()}:Policy"
-    names, files = {}, {}
-    for each in trained:
-        file = out.resolve() / f"{NAME}-{each.seed}.onnx"
-        export(each.network, file, inputs={"seen": (method.FEATURES,)}, outputs=["worth"])
-        spec = f"{MEASURE}+{path}:weights={file}"
-        names[spec], files[spec] = f"seed {each.seed}", file
-    found = judge(options.dataset, [*names, *(f"{MEASURE}+{rival}" for rival in RIVALS)], protocol=PROTOCOL)
-    best, chosen = choose(found, dict(zip(names, trained, strict=True)))
-    files.pop(best).replace(out / f"{NAME}.onnx")
-    for file in files.values():
-        file.unlink()
-    weights = sum(p.numel() for p in chosen.network.parameters())
-    fill_card(
-        out / f"{NAME}.md",
-        data=describe_splits(options.dataset),
-        training=describe_training(options, chosen, weights=weights, read_s=0.0, train_s=train_s),
-        figures=format_table(found, names),
+    write_curves(options.out, NAME, trained, what="1 − reward of an episode", splits=("train", "validation"))
+    keep_best(
+        options,
+        trained,
+        method=f"{MEASURE}+{Path(method.__file__).resolve()}:Policy",
+        inputs={"seen": (method.FEATURES,)},
+        outputs=["worth"],
+        rivals=[f"{MEASURE}+{rival}" for rival in RIVALS],
+        protocol=PROTOCOL,
+        train_s=train_s,
     )
 
 

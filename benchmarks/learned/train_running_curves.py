@@ -18,14 +18,8 @@ from training import (
     Keeper,
     Trained,
     check_dataset,
-    choose,
     depth_of_focus,
-    describe_splits,
-    describe_training,
-    export,
-    fill_card,
-    format_table,
-    judge,
+    keep_best,
     open_split,
     parse_options,
     run,
@@ -177,30 +171,21 @@ def main() -> None:
     import torch
 
     torch.set_num_threads(1)
-    out, begin = options.out, process_time()
+    begin = process_time()
     examples = {s: read_examples(options.dataset, s, keep=options.dataset / "curves") for s in ("train", "validation")}
     read_s = process_time() - begin
     trained = [train(examples, seed=seed, epochs=options.epochs) for seed in options.seeds]
     train_s = process_time() - begin - read_s
-    write_curves(out, NAME, trained, what="cross-entropy", splits=("train", "validation"))
-    path = f"{Path(method.__file__).resolve()}:RunningCurves"
-    names, files = {}, {}
-    for each in trained:
-        file = out.resolve() / f"{NAME}-{each.seed}.onnx"
-        export(each.network, file, inputs={"curves": (CHANNELS, method.STEPS)}, outputs=["likely"])
-        spec = f"{MEASURE}+{path}:weights={file}"
-        names[spec], files[spec] = f"seed {each.seed}", file
-    found = judge(options.dataset, [*names, f"{MEASURE}+photon_aware", f"{MEASURE}+argmax"])
-    best, chosen = choose(found, dict(zip(names, trained, strict=True)))
-    files.pop(best).replace(out / f"{NAME}.onnx")
-    for file in files.values():
-        file.unlink()
-    weights = sum(p.numel() for p in chosen.network.parameters())
-    fill_card(
-        out / f"{NAME}.md",
-        data=describe_splits(options.dataset),
-        training=describe_training(options, chosen, weights=weights, read_s=read_s, train_s=train_s),
-        figures=format_table(found, names),
+    write_curves(options.out, NAME, trained, what="cross-entropy", splits=("train", "validation"))
+    keep_best(
+        options,
+        trained,
+        method=f"{MEASURE}+{Path(method.__file__).resolve()}:RunningCurves",
+        inputs={"curves": (CHANNELS, method.STEPS)},
+        outputs=["likely"],
+        rivals=[f"{MEASURE}+photon_aware", f"{MEASURE}+argmax"],
+        read_s=read_s,
+        train_s=train_s,
     )
 
 

@@ -19,14 +19,8 @@ from training import (
     Keeper,
     Trained,
     check_dataset,
-    choose,
     depth_of_focus,
-    describe_splits,
-    describe_training,
-    export,
-    fill_card,
-    format_table,
-    judge,
+    keep_best,
     open_split,
     parse_options,
     run,
@@ -255,32 +249,23 @@ def main() -> None:
     import torch
 
     torch.set_num_threads(1)
-    out, begin = options.out, process_time()
+    begin = process_time()
     keep = options.dataset / "windows"
     examples = {split: read_examples(options.dataset, split, keep=keep) for split in ("train", "validation")}
     read_s = process_time() - begin
     trained = [train(examples, seed=seed, epochs=options.epochs) for seed in options.seeds]
     train_s = process_time() - begin - read_s
-    write_curves(out, NAME, trained, what="cross-entropy", splits=("train", "validation"))
-    path = f"{Path(method.__file__).resolve()}:SingleShot"
-    names, files = {}, {}
-    shape = method.CROPS, 4, method.CROP, method.CROP
-    for each in trained:
-        file = out.resolve() / f"{NAME}-{each.seed}.onnx"
-        export(each.network, file, inputs={"windows": shape, "apart": (1,)}, outputs=["near", "far"])
-        spec = f"sd+{path}:weights={file}"
-        names[spec], files[spec] = f"seed {each.seed}", file
-    found = judge(options.dataset, [*names, *RIVALS], protocol=PROTOCOL)
-    best, chosen = choose(found, dict(zip(names, trained, strict=True)))
-    files.pop(best).replace(out / f"{NAME}.onnx")
-    for file in files.values():
-        file.unlink()
-    weights = sum(p.numel() for p in chosen.network.parameters())
-    fill_card(
-        out / f"{NAME}.md",
-        data=describe_splits(options.dataset),
-        training=describe_training(options, chosen, weights=weights, read_s=read_s, train_s=train_s),
-        figures=format_table(found, names),
+    write_curves(options.out, NAME, trained, what="cross-entropy", splits=("train", "validation"))
+    keep_best(
+        options,
+        trained,
+        method=f"sd+{Path(method.__file__).resolve()}:SingleShot",
+        inputs={"windows": (method.CROPS, 4, method.CROP, method.CROP), "apart": (1,)},
+        outputs=["near", "far"],
+        rivals=RIVALS,
+        protocol=PROTOCOL,
+        read_s=read_s,
+        train_s=train_s,
     )
 
 

@@ -193,6 +193,43 @@ def fill_card(path: Path, **figures: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
+def keep_best(
+    options: argparse.Namespace,
+    trained: Sequence[Trained],
+    *,
+    method: str,
+    inputs: dict[str, tuple[int, ...]],
+    outputs: Sequence[str],
+    rivals: Sequence[str],
+    protocol: ClosedLoopProtocol | None = None,
+    read_s: float = 0.0,
+    train_s: float,
+) -> None:
+    """Export a network of each seed, judge them beside rivals, keep the weights of the best, and fill the card.
+
+    ``method`` is MEASURE+FILE.py:CLASS; weights and card have the name of that file.
+    """
+    name = Path(method.partition("+")[2].rpartition(":")[0]).stem
+    files, networks = {}, {}
+    for each in trained:
+        file = options.out.resolve() / f"{name}-{each.seed}.onnx"
+        export(each.network, file, inputs=inputs, outputs=outputs)
+        spec = f"{method}:weights={file}"
+        files[spec], networks[spec] = file, each
+    found = judge(options.dataset, [*files, *rivals], protocol=protocol)
+    best, chosen = choose(found, networks)
+    files.pop(best).replace(options.out / f"{name}.onnx")
+    for file in files.values():
+        file.unlink()
+    weights = sum(parameter.numel() for parameter in chosen.network.parameters())
+    fill_card(
+        options.out / f"{name}.md",
+        data=describe_splits(options.dataset),
+        training=describe_training(options, chosen, weights=weights, read_s=read_s, train_s=train_s),
+        figures=format_table(found, {spec: f"seed {each.seed}" for spec, each in networks.items()}),
+    )
+
+
 def run(main: Callable[[], None], name: str) -> None:
     """Call ``main``; a BadInput ends it with one line and exit code 2."""
     try:
