@@ -17,7 +17,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import policy as method
-from training import PROTOCOL, Trained, check_dataset, keep_best, parse_options, run, write_curves
+from training import PROTOCOL, Trained, check_options, keep_best, parse_options, run, write_curves
 
 from saf_gen.benchmark.gym import AutofocusEnv
 from saf_gen.benchmark.tracks.closed_loop_sequence import ClosedLoopSequence
@@ -266,7 +266,7 @@ def train(dataset: Path, *, seed: int, epochs: int) -> Trained:
 
 def main() -> None:
     options = parse_options(__doc__, epochs=20)
-    check_dataset(options.dataset, "torch", "onnxscript", "stable_baselines3")
+    check_options(options, "torch", "onnxscript", "stable_baselines3")
     import torch
 
     torch.set_num_threads(1)

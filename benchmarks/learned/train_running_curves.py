@@ -17,7 +17,7 @@ import running_curves as method
 from training import (
     Keeper,
     Trained,
-    check_dataset,
+    check_options,
     depth_of_focus,
     keep_best,
     open_split,
@@ -167,7 +167,7 @@ def train(examples: dict[str, list[Example]], *, seed: int, epochs: int) -> Trai
 
 def main() -> None:
     options = parse_options(__doc__, epochs=15)
-    check_dataset(options.dataset, "torch", "onnxscript")
+    check_options(options, "torch", "onnxscript")
     import torch
 
     torch.set_num_threads(1)

@@ -64,13 +64,22 @@ def parse_options(about: str, *, epochs: int) -> argparse.Namespace:
     return parser.parse_args()
 
 
-def check_dataset(dataset: Path, *packages: str) -> None:
-    """Raise BadInput without these packages, and for a dataset that lacks the split train or validation."""
+def check_options(options: argparse.Namespace, *packages: str) -> None:
+    """Make the folder for what a training writes, before it begins.
+
+    Raises BadInput without these packages, for a dataset that lacks the split train or validation, and for a folder
+    that cannot be made.
+    """
     for package in packages:
         require_extra("train", package, of="training")
-    missing = {"train", "validation"} - set(read_manifest(dataset).splits)
+    missing = {"train", "validation"} - set(read_manifest(options.dataset).splits)
     if missing:
-        raise BadInput(f"has no split {' and '.join(sorted(missing))}", where=str(dataset), hint="recipes/learned.yaml")
+        where = str(options.dataset)
+        raise BadInput(f"has no split {' and '.join(sorted(missing))}", where=where, hint="recipes/learned.yaml")
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"--out: {error}", hint="name a folder that can be made") from None
 
 
 def open_split(dataset: Path, split: str) -> list[tuple[str, Path]]:

@@ -72,14 +72,28 @@ def test_what_cannot_be_trained_on_is_refused_in_one_line(curves, tmp_path, monk
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_that_cannot_be_made_is_told_before_the_training(curves, dataset, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("training.require_extra", lambda *names, of: None)
+    monkeypatch.setattr(curves, "read_examples", lambda *names, **more: pytest.fail("it has begun"))
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(sys, "argv", ["train", str(dataset), "--out", str(tmp_path / "file" / "out")])
+    with pytest.raises(SystemExit) as ended:
+        curves.run(curves.main, "train_running_curves")
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "Not a directory" in line
+    assert "name a folder that can be made" in line
+
+
 def test_a_small_run_writes_weights_that_the_method_runs(curves, dataset, tmp_path, monkeypatch):
     for package in ("torch", "onnxscript", "onnxruntime"):
         pytest.importorskip(package, reason="the extra train is not installed")
-    monkeypatch.setattr(sys, "argv", ["train", str(dataset), "--out", str(tmp_path), "--epochs", "1", "--seeds", "0"])
+    out = tmp_path / "new"
+    monkeypatch.setattr(sys, "argv", ["train", str(dataset), "--out", str(out), "--epochs", "1", "--seeds", "0"])
     curves.main()
     names = {"running_curves.csv", "running_curves.md", "running_curves.onnx", "running_curves.png"}
-    assert {path.name for path in tmp_path.iterdir()} == names
-    card = (tmp_path / "running_curves.md").read_text()
+    assert {path.name for path in out.iterdir()} == names
+    card = (out / "running_curves.md").read_text()
     assert "Seed 0 has the most successes" in card
     assert "| seed 0 |" in card
     noise = {split: curves.read_examples(dataset, split, keep=dataset / "curves") for split in ("train", "validation")}
