@@ -92,26 +92,30 @@ def test_a_note_that_describes_another_stack_is_refused(dataset, tmp_path):
         assert str(note) in refusal(Capture.from_stream, stream, tmp_path / "stacks").problem
 
 
-def test_slices_of_the_visited_positions_alone_are_refused(tmp_path, monkeypatch):
-    recipe = capture_dataset.RECIPE.replace(", whole_slices: true", "").replace("lamp_only]", "constant]", 1)
-    recipe = recipe.replace(
-        "[constant, constant], scene_motion: [static, dynamic]", "[constant], scene_motion: [dynamic]"
-    )
-    folder = capture_dataset.make_dataset(tmp_path, monkeypatch, recipe)
-    with saf_gen.open_stream(folder / "test" / "plane-dynamic-constant-00.h5") as stream:
-        error = refusal(Capture.from_stream, stream, folder / "stacks")
-    assert "whole_slices: SECONDS" in error.hint
-
-
 BEGINNING = capture_dataset.RECIPE.replace("[static, dynamic]", "[dynamic]").replace(
     "lights: [constant, lamp_only]", "lights: [lamp_only]"
 )
 
 
-def test_slices_of_its_own_are_captured_from_the_beginning(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def without_whole_slices(tmp_path_factory):
+    """A dataset of one moving sequence whose slices have the visited positions alone. Do not change it."""
+    with pytest.MonkeyPatch.context() as patch:
+        recipe = BEGINNING.replace(", whole_slices: true", "")
+        return capture_dataset.make_dataset(tmp_path_factory.mktemp("visited"), patch, recipe)
+
+
+def test_slices_of_the_visited_positions_alone_are_refused(without_whole_slices):
+    with saf_gen.open_stream(without_whole_slices / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
+        error = refusal(Capture.from_stream, stream, without_whole_slices / "stacks")
+    assert "whole_slices: SECONDS" in error.hint
+
+
+def test_slices_of_its_own_are_captured_from_the_beginning(without_whole_slices, tmp_path, monkeypatch):
     """20 of 40 ms. The recording is that of a recipe without them; they may be rendered later."""
-    without = BEGINNING.replace(", whole_slices: true", "")
-    folder = capture_dataset.make_dataset(tmp_path, monkeypatch, without)
+    monkeypatch.setenv("SAF_GEN_SCENES", str(without_whole_slices.parent / "scenes"))
+    folder = tmp_path / "takes"
+    shutil.copytree(without_whole_slices, folder)
     path = folder / "test" / "plane-dynamic-lamp_only-00.h5"
     before = path.read_bytes()
     (tmp_path / "takes.yaml").write_text(BEGINNING.replace("whole_slices: true", "whole_slices: 0.02"))
@@ -147,7 +151,7 @@ def test_slices_of_its_own_are_captured_from_the_beginning(tmp_path, monkeypatch
 
 @pytest.mark.parametrize(
     ("whole_s", "frames", "stacks"),
-    [(0.0399, 800, 22), (9.0, 800, 11), (1e-4, 80, 13)],  # slices every 80 frames
+    [pytest.param(0.0399, 800, 22, marks=pytest.mark.long), (9.0, 800, 11), (1e-4, 80, 13)],  # slices every 80 frames
 )
 def test_no_more_is_captured_than_was_recorded(tmp_path, monkeypatch, whole_s, frames, stacks):
     recipe = BEGINNING.replace("whole_slices: true", f"whole_slices: {whole_s}")
