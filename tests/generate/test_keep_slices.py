@@ -63,6 +63,12 @@ def slices(work):
     return moving.time_stack, moving.closed_loop_slices
 
 
+def put_slices(made, folder, stack):
+    """Put time slices of the dataset ``made`` there, as if they had been rendered."""
+    for spec in stack.specs:
+        shutil.copytree(made / "stacks" / spec.key, folder / "stacks" / spec.key, dirs_exist_ok=True)
+
+
 def run_again(work, folder, choice):
     """What another run renders and records, with everything kept."""
     again = generate(work, folder, variant=VARIANT, keep_slices=choice)
@@ -88,7 +94,8 @@ def test_each_choice_keeps_what_it_says_and_the_recordings(work, made, copy, cho
     assert (once_more.rendered, once_more.recorded, once_more.freed_bytes) == ([], [], 0)
 
 
-@pytest.mark.parametrize("choice", [pytest.param("closed-loop", marks=pytest.mark.long), "none"])
+@pytest.mark.long
+@pytest.mark.parametrize("choice", ["closed-loop", "none"])
 def test_a_dataset_made_with_a_choice_has_the_recordings_of_any_other(work, made, tmp_path, choice):
     result = run_again(work, tmp_path / "fresh", choice)
     assert digests(tmp_path / "fresh") == digests(made)
@@ -97,6 +104,22 @@ def test_a_dataset_made_with_a_choice_has_the_recordings_of_any_other(work, made
     assert pictures(tmp_path / "fresh", recorded_from) == []
     assert len(pictures(tmp_path / "fresh", for_closed_loop)) == {"closed-loop": 18, "none": 0}[choice]
     assert any("all positions" in piece for piece in result.rendered) == (choice == "closed-loop")
+
+
+def test_with_no_slices_to_keep_none_are_rendered_for_the_closed_loop_alone(work, made, tmp_path):
+    """As the case ``none`` above, but that the stacks of the recordings are there and not rendered."""
+    folder = tmp_path / "fresh"
+    recorded_from, for_closed_loop = slices(work)
+    still = next(s.time_stack for s in work.plan if s.planned.scene_motion == "static")
+    assert set(work.stacks_to_render(folder, "none")) == {still, recorded_from}
+    assert set(work.stacks_to_render(folder, "closed-loop")) == {still, recorded_from, for_closed_loop}
+    for stack in (still, recorded_from):
+        put_slices(made, folder, stack)
+    result = run_again(work, folder, "none")
+    assert (result.rendered, len(result.recorded)) == ([], 4)
+    assert result.freed_bytes > 0
+    assert digests(folder) == digests(made)
+    assert [len(pictures(folder, stack)) for stack in (still, recorded_from, for_closed_loop)] == [3, 0, 0]
 
 
 def test_the_sizes_are_those_of_the_planes(work, tmp_path):
@@ -183,8 +206,7 @@ def test_where_all_slices_are_whole_the_hint_is_the_same_and_only_they_would_be_
     (needed,) = work.stacks_to_render(folder, "closed-loop")
     assert needed == slices(work)[1]
     assert {spec.rendered_count for spec in needed.specs} == {9}
-    for spec in needed.specs:
-        shutil.copytree(captured_dataset / "stacks" / spec.key, folder / "stacks" / spec.key, dirs_exist_ok=True)
+    put_slices(captured_dataset, folder, needed)
     assert work.stacks_to_render(folder, "closed-loop") == {}
     with saf_gen.open_stream(folder / "test" / f"{MOVING[0]}.h5") as stream:
         assert Capture.from_stream(stream, folder / "stacks").frames == 800
@@ -209,7 +231,10 @@ def test_a_shard_deletes_nothing_that_another_needs(work, made, copy, tmp_path):
 
 
 def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(made, tmp_path, monkeypatch):
-    """The lens goes all the way, or stops short of its end: the first slices serve both."""
+    """The lens goes all the way, or stops short of its end: the first slices serve both.
+
+    Those of the first way are there, as if they had been rendered; the others of the second are rendered.
+    """
     monkeypatch.setenv("SAF_GEN_SCENES", str(made.parent / "scenes"))
     table = tmp_path / "short.csv"
     table.write_text("time_s,position\n0,0\n0.03,0.75\n0.04,0.75\n")
@@ -224,7 +249,10 @@ def test_slices_that_two_ways_of_the_lens_share_stay_until_both_are_recorded(mad
     one = replace(work, sequences=tuple(s for s in work.plan if s.planned.motion["kind"] == "sweep"))
     other = replace(work, sequences=tuple(s for s in work.plan if s.planned.motion["kind"] == "from_csv"))
     folder = tmp_path / "two"
-    assert run_again(one, folder, "none").freed_bytes > 0
+    put_slices(made, folder, stacks["sweep"])
+    first = run_again(one, folder, "none")
+    assert first.rendered == []
+    assert first.freed_bytes > 0
     left = {path.parent.name for path in pictures(folder, stacks["sweep"])}
     assert left == {spec.key for spec in shared}
     rest = run_again(other, folder, "none")
@@ -255,12 +283,16 @@ def test_a_damaged_recording_has_its_slices_rendered_again(work, copy):
             assert digests(copy) == before
 
 
-def test_more_repeats_have_the_slices_rendered_again(work, copy, tmp_path):
+def test_more_repeats_need_the_slices_again(work, made, copy, tmp_path):
+    """As the damaged recording above has them rendered: here they are put back, and deleted once more in the end."""
     run_again(work, copy, "closed-loop")
     (tmp_path / "takes.yaml").write_text(RECIPE.replace("scene_motion:", "repeats: 2, scene_motion:"))
     more = resolve_recipe(tmp_path / "takes.yaml")
+    (needed,) = more.stacks_to_render(copy, "closed-loop")
+    assert needed == slices(work)[0]
+    put_slices(made, copy, needed)
     again = run_again(more, copy, "closed-loop")
-    assert len(again.rendered) == 33
+    assert again.rendered == []
     assert {"plane-dynamic-constant-01", "plane-dynamic-lamp_only-01"} <= set(again.recorded)
     assert pictures(copy, slices(more)[0]) == []
     assert verify_streams_of_dataset(copy) == (8, {})
