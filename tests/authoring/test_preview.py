@@ -1,6 +1,7 @@
 """Contact sheets of a stack and of a scene, the gallery, and images side by side."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from refusals import refusal
 from written_scenes import VARIANT
 
 from saf_gen.authoring.preview import ContactSheet, draw_preview_sheet, save_preview_image_grid, write_scene_preview
-from saf_gen.authoring.preview.contact_sheet import choose_preview_columns
+from saf_gen.authoring.preview.contact_sheet import _list_cells, choose_preview_columns
 from saf_gen.authoring.preview.scene_sheet import make_preview_sheet, preview_scene
 from saf_gen.authoring.template import create_scene_from_template
 from saf_gen.camera import get_sensor
@@ -40,10 +41,10 @@ def grey(path):
         return np.asarray(picture.convert("L")), picture.size
 
 
-@pytest.mark.parametrize("kind", DRIVES)
+@pytest.mark.parametrize("kind", [pytest.param("image_distance", marks=pytest.mark.long), "focal_length", "stage"])
 @pytest.mark.slow
 def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
-    """With each drive: the same words fit."""
+    """With each drive, the first of which the sheets below have too: the same words fit."""
     write_scene_preview(stack_of(*DRIVES[kind]), SENSOR, path=tmp_path / "preview" / "plane.png")
     picture, size = grey(tmp_path / "preview" / "plane.png")
     assert size[0] == 1600
@@ -51,6 +52,7 @@ def test_a_sheet_of_a_stack_is_a_picture_of_the_stated_size(tmp_path, kind):
     assert [p.name for p in (tmp_path / "preview").iterdir()] == ["plane.png"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("everywhere", [False, True])
 def test_a_target_that_is_nowhere_or_everywhere_is_drawn_all_the_same(tmp_path, everywhere):
     stack = stack_of(*DRIVES["image_distance"], target=np.full((20, 32), everywhere))
@@ -66,12 +68,30 @@ def test_a_dark_stack_is_drawn_all_the_same(tmp_path):
     assert grey(tmp_path / "it.png")[1][0] == 1600
 
 
-@pytest.mark.parametrize("small", range(7))
-def test_images_leave_no_gap_in_their_grid(tmp_path, small):
-    """Every cell of the grid holds an image: white, where there is none, is nowhere in its middle."""
+def sheet_with(small):
+    """A sheet with so many small images."""
     stack = stack_of(*DRIVES["image_distance"])
     pictures = [(f"member {n}", stack.radiance[0, 0]) for n in range(small)]
-    draw_preview_sheet(ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures), tmp_path / "it.png")
+    return stack, ContactSheet("it", stack, SENSOR, stack.radiance[0, 2], pictures)
+
+
+@pytest.mark.parametrize("small", range(7))
+def test_so_many_images_are_listed_that_they_fill_their_rows(small):
+    cells = _list_cells(sheet_with(small)[1])
+    assert len(cells) % choose_preview_columns(len(cells)) == 0
+    assert len(cells) - 7 - small == (small in (4, 6))  # the target alone, where 11 or 13 would leave a gap
+
+
+MORE = (1, 2, 3, 5, 6)
+DRAWN = [4, pytest.param(0, marks=pytest.mark.slow), *(pytest.param(n, marks=pytest.mark.long) for n in MORE)]
+"""Twelve images of which one was added, seven in a row, and the others."""
+
+
+@pytest.mark.parametrize("small", DRAWN)
+def test_images_leave_no_gap_in_their_grid(tmp_path, small):
+    """Every cell of the grid holds an image: white, where there is none, is nowhere in its middle."""
+    stack, sheet = sheet_with(small)
+    draw_preview_sheet(sheet, tmp_path / "it.png")
     picture, _ = grey(tmp_path / "it.png")
     images = 5 + len(stack.spec.groups) + small
     count = next(n for n in (images, images + 1) if n % choose_preview_columns(n) == 0)
@@ -84,6 +104,7 @@ def test_images_leave_no_gap_in_their_grid(tmp_path, small):
         assert here.min() < 250, n
 
 
+@pytest.mark.slow
 def test_a_sheet_is_a_figure_of_the_kind_that_its_name_says(tmp_path):
     sheet = ContactSheet("it", stack_of(*DRIVES["image_distance"]), SENSOR)
     draw_preview_sheet(sheet, tmp_path / "it.pdf")
@@ -189,8 +210,13 @@ def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
     assert (code, err) == (0, "")
     assert (tmp_path / "scenes/mine/preview.png").is_file()
     assert find_scene("mine").digest == before
+    drawn = []
+    monkeypatch.setattr(
+        "saf_gen.authoring.preview.scene_sheet.preview_scene",
+        lambda scene, sensor, **how: drawn.append((scene.id, how)),
+    )
     assert call_scenes("preview", "scenes/mine", "--out", "it.png")[0] == 0
-    assert (tmp_path / "it.png").is_file()
+    assert drawn == [("mine", {"path": Path("it.png"), "backend": VARIANT})]
 
 
 @pytest.mark.parametrize(
