@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,11 +32,13 @@ BOARD = np.where(np.add.outer(np.arange(SHAPE[0]) // 4, np.arange(SHAPE[1]) // 4
 RAMPS = {"brighter": (0.5, 2.0), "darker": (2.0, 0.5)}
 
 
+@cache
 def halves_of(rate, ramp, *, contrast, width, shade=0.5):
     """Counts of the halves of 80 windows of a sweep, its light changing fourfold: (80, 2, h, w) uint32.
 
     A chequered field, shaded by ``shade`` to both sides, whose contrast is a Gaussian of this width at 0.3 of
-    the sweep. The sensor's noise without the dark current; one seed; 32,000 pixels.
+    the sweep. The sensor's noise without the dark current; one seed; 32,000 pixels. Encoded once for all tests that
+    ask for it: do not change it.
     """
     sensor = get_sensor("vidar_400x250").with_noise(dark=False)
     knots = np.linspace(0, 1, 65)
