@@ -92,6 +92,7 @@ for words in json.loads(sys.argv[1]):
 """
 
 
+@pytest.mark.slow
 def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp_path):
     refused = ["generate quickstart", "scenes check usaf_target", "scenes preview usaf_target", "validate --quick"]
     works = ["recipes check quickstart", "scenes list", "scenes new mine", "doctor"]
@@ -108,6 +109,7 @@ def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp
     assert [path.name for path in tmp_path.iterdir()] == ["scenes"]
 
 
+@pytest.mark.slow
 def test_a_dry_run_without_the_renderer_tells_the_plan(tmp_path):
     commands = json.dumps([["generate", "quickstart", "--dry-run"]])
     done = subprocess.run(

@@ -103,8 +103,8 @@ def test_a_target_out_of_sight_has_none(stripes):
 @pytest.mark.parametrize(
     ("said", "level", "told"),
     [
-        (None, "warning", r" 1[01]\.\d+% .*write interpolation_error: 0.1\d+"),
-        (0.15, "ok", r" 1[01]\.\d+% .* 15\.00%"),
+        pytest.param(None, "warning", r" 1[01]\.\d+% .*write interpolation_error: 0.1\d+", marks=pytest.mark.slow),
+        pytest.param(0.15, "ok", r" 1[01]\.\d+% .* 15\.00%", marks=pytest.mark.slow),
         (0.05, "warning", r" 1[01]\.\d+% .* 5\.00%: write slices_per_s: 8\d\d, or"),
     ],
 )

@@ -23,6 +23,7 @@ def here(own_folder):
     return own_folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["script", "xml"])
 def test_a_skeleton_passes_all_checks_but_for_a_licence_that_nobody_has_set(here, kind):
     """Before the middle of the vidar_400x250: pixels of its size, but few of them."""

@@ -78,6 +78,7 @@ def test_the_page_stands_alone_and_has_a_plot_of_each_kind(fit, recordings, tmp_
         assert word in page
 
 
+@pytest.mark.slow
 def test_a_fitted_sensor_has_the_statistics_of_the_camera(fit, recordings, call, tmp_path):
     """The way round: the sensor beside the recording it was fitted to, given its light. CV2 and a Fano factor to 15 %:
     the first column and row of the recording stay in its light, and count twice.
@@ -98,6 +99,7 @@ def test_one_recording_gives_bounds_and_no_file(fit, tmp_path):
     assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [False, True])
 def test_bounds_hold_whatever_the_light_does(moving):
     """A picture, at rest and moving, before cameras of 40 × 64 pixels: every bound is above what the camera has."""

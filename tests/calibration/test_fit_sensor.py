@@ -136,7 +136,8 @@ def test_without_theta_shot_noise_and_threshold_noise_are_one():
     assert any("cannot be told apart without --threshold-e" in note for note in fit.notes)
 
 
-def test_jitter_of_the_reset_is_told_from_threshold_noise():
+@pytest.mark.slow
+def test_jitter_of_the_reset_is_told_from_threshold_noise(small):
     """Both on, 2 % and 0.05 readouts: each to 6 %. Without jitter it is 0, with a bound below half of that."""
     jittery = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_jitter=0.05, noise={"reset_jitter": True})
     flats = [cameras.flat(jittery, rate, **SMALL) for rate in (0.1, 0.4)]
@@ -144,9 +145,8 @@ def test_jitter_of_the_reset_is_told_from_threshold_noise():
     assert fit.sensor.reset_jitter == pytest.approx(0.05, rel=0.06)
     assert fit.sensor.threshold_noise_rms == pytest.approx(0.02, rel=0.06)
     assert fit.sensor.noise.reset_jitter
-    calm = fit_small(threshold_e=29_900)
-    assert (calm.sensor.reset_jitter, calm.sensor.noise.reset_jitter) == (0, False)
-    assert 0 < calm.estimates["reset_jitter"].high < 0.025
+    assert (small.sensor.reset_jitter, small.sensor.noise.reset_jitter) == (0, False)
+    assert 0 < small.estimates["reset_jitter"].high < 0.025
 
 
 def test_one_level_bounds_and_says_so():

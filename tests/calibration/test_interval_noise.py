@@ -59,10 +59,10 @@ def test_the_law_of_many_pixels_is_that_of_each(noise, lag):
 @pytest.mark.parametrize(
     ("rate", "changes"),
     [
-        (0.2, {}),
+        pytest.param(0.2, {}, marks=pytest.mark.slow),
         (0.05, {"threshold_noise_rms": 0.03}),
-        (0.25, {"saturation": "dead_readout", "threshold_noise_rms": 0.01}),
-        (0.21, {"threshold_noise_rms": 0.0}),
+        pytest.param(0.25, {"saturation": "dead_readout", "threshold_noise_rms": 0.01}, marks=pytest.mark.slow),
+        pytest.param(0.21, {"threshold_noise_rms": 0.0}, marks=pytest.mark.slow),
     ],
 )
 def test_the_noise_of_intervals_is_found_inside_its_interval(rate, changes):

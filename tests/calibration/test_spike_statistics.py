@@ -82,6 +82,7 @@ def test_second_differences_are_those_of_every_so_many_spikes(measured):
             assert found.squares.reshape(-1, kernel.LAGS)[p, lag] == pytest.approx((second**2).sum())
 
 
+@pytest.mark.slow
 def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_path):
     """And a raw file of another camera is the recording it was made from, bit for bit."""
     sensor = get_sensor("vidar_400x250")
@@ -99,6 +100,7 @@ def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_pat
         assert (here.cv2, here.fano) == (there.cv2, there.fano)
 
 
+@pytest.mark.slow
 def test_a_spread_that_is_planted_between_halves_is_found(tmp_path):
     """Rates of 10,000 pixels differ between halves by 5 % rms of the mean: 3.54 % a half, to 3 %, four sigma (seed 5).
 

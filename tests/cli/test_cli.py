@@ -157,6 +157,7 @@ def test_a_dry_run_of_a_shard_lists_its_sequences_only(call, small_recipe, test_
     assert "plane-constant-00" not in out
 
 
+@pytest.mark.slow
 def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy):
     code, out, err = call("evaluate", copy, figures=True)
     assert (code, err) == (0, "")
@@ -667,6 +668,7 @@ def test_a_file_is_not_imported_or_exported_onto_itself(refused, call, tmp_path)
     assert stream.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_llvm_that_is_not_there_is_one_line_with_what_to_install(small_recipe, tmp_path):
     run = command_line(
         *("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "llvm"),

@@ -114,6 +114,7 @@ def test_ranks_are_compared_with_those_of_generated_data(ranked):
     assert own_beside.second == "bench"
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_ranking_and_says_what_is_not_known(call, saf, tmp_path):
     given = [word for method in METHODS[:3] for word in ("--method", method)]
     code, said, err = call("leaderboard", "saf", saf, "--out", tmp_path / "out", *given)
@@ -156,6 +157,7 @@ def interrupted(*_, **__):
     raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_a_stopped_ranking_goes_on(call, saf, tmp_path, monkeypatch):
     given = ("leaderboard", "saf", saf, "--out", tmp_path, "--method", "er_count+argmax")
     with monkeypatch.context() as patch:

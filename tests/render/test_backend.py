@@ -40,6 +40,7 @@ def test_scalar_runs_everywhere():
     assert choose_render_backend("scalar", NONE) == "scalar"
 
 
+@pytest.mark.slow
 def test_doctor_works_without_any_llvm_and_says_what_to_install(tmp_path):
     environment = os.environ | {"DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so")}
     run = subprocess.run(
@@ -51,6 +52,7 @@ def test_doctor_works_without_any_llvm_and_says_what_to_install(tmp_path):
     assert re.search(r"variant +scalar\b", run.stdout)
 
 
+@pytest.mark.slow
 def test_threads_that_wait_for_work_sleep():
     """What OpenMP itself says, in a process of its own; numba may have another kind of threads."""
     code = (

@@ -26,7 +26,7 @@ def count_and_send(stream, pipe):
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
-@pytest.mark.parametrize("method", ["fork", "spawn"])
+@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("threads", [None, 2])
 def test_a_stream_that_the_parent_opened_and_read_is_read_in_another_process(path, method, threads):
     """Threads do not survive a fork: a reader that waited for those of its parent would wait for ever."""

@@ -143,6 +143,7 @@ def test_a_moment_is_told_in_words(stream, bare):
     assert describe_moment_of_stream(bare, first=3, window=1) == "frame 3 · from 0.1 ms"
 
 
+@pytest.mark.slow
 def test_each_kind_of_figure_is_one_column_wide_and_the_same_again(stream, tmp_path):
     for name in ("a.png", "b.png", "a.svg", "b.svg", "a.pdf"):
         write_view(stream, tmp_path / name, measures=["sd", "variance"], window=50, every=575)
@@ -308,6 +309,7 @@ def test_what_cannot_be_drawn_is_one_line_and_nothing_is_written(stream, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_the_hint_of_too_many_pictures_leads_to_few_enough(stream, tmp_path):
     write_view(stream, tmp_path / "a.gif", every=-(-1_101 // FORMS["gif"].most), window=100)
     with Image.open(tmp_path / "a.gif") as image:

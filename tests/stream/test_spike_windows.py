@@ -109,7 +109,7 @@ def read_and_send(windows, numbers, pipe):
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
-@pytest.mark.parametrize("method", ["fork", "spawn"])
+@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
 def test_windows_are_read_in_other_processes(dataset, method):
     context = multiprocessing.get_context(method)
     windows = SpikeWindows(dataset, window=100)

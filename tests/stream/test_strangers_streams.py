@@ -145,7 +145,10 @@ def test_text_whose_pieces_have_no_end_is_refused_before_hdf5_looks_for_it(stran
         open_stream(stranger)
 
 
-@pytest.mark.parametrize("chunks", [(12, 10, 50), (6, 10, 25)], ids=["our chunks", "others"])
+@pytest.mark.parametrize(
+    "chunks",
+    [pytest.param((12, 10, 50), id="our chunks"), pytest.param((6, 10, 25), id="others", marks=pytest.mark.slow)],
+)
 def test_a_chunk_that_inflates_a_thousandfold_fills_no_memory(stranger, chunks):
     with h5py.File(stranger, "r+") as file:
         replace(file, "spikes", shape=(12, 10, 50), dtype="u1", chunks=chunks, compression="gzip")
@@ -162,6 +165,7 @@ def test_a_chunk_that_inflates_a_thousandfold_fills_no_memory(stranger, chunks):
 SEED, FLIPS = 17, 600
 
 
+@pytest.mark.slow
 def test_no_flipped_bit_is_read_as_data(tmp_path):
     """Everything that a stream gives is as written, or the damage is told."""
     path, rng = tmp_path / "a.h5", np.random.default_rng(SEED)
