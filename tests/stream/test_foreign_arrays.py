@@ -157,7 +157,7 @@ def test_slices_of_a_matlab_file_are_what_scipy_reads_in_any_order(tmp_path, pac
     kinds = (*"bhilBHILfd?", np.int64)
     arrays = {f"a{k}": np.random.default_rng(k).integers(0, 2, (3, 4, 9)).astype(t) for k, t in enumerate(kinds)}
     arrays["large"] = np.random.default_rng(3).integers(0, 255, (300, 400, 20), np.uint8)
-    arrays |= {"text": np.array("abc"), "complex": arrays["large"] * 1j}
+    arrays |= {"text": np.array("abc"), "complex": arrays["a0"] * 1j}
     io.savemat(tmp_path / "a.mat", arrays, do_compression=packed)
     known = io.loadmat(tmp_path / "a.mat")
     for name in [*arrays][:-2]:
