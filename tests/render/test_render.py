@@ -46,7 +46,13 @@ def plane(test_scenes):
 
 
 @needs_llvm
-@every_drive
+@pytest.mark.parametrize(
+    "drive",
+    [
+        pytest.param(drive, id=name, marks=pytest.mark.long if name == "focal_length" else ())
+        for name, drive in DRIVES.items()
+    ],
+)
 @pytest.mark.slow
 def test_one_pass_agrees_with_mitsubas_thin_lens(plane, drive):
     """Welch's t in every pixel of four positions, 8 + 8 renders of 64 samples, fixed seeds.
@@ -87,7 +93,10 @@ def test_every_position_gets_the_samples_asked_for(plane, drive):
 
 
 @needs_llvm
-@pytest.mark.parametrize("rays_per_pass", [1 << 30, 1 << 17], ids=["one pass", "several passes"])
+@pytest.mark.parametrize(
+    "rays_per_pass",
+    [pytest.param(1 << 30, id="one pass", marks=pytest.mark.long), pytest.param(1 << 17, id="several passes")],
+)
 @pytest.mark.slow
 def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, rays_per_pass, monkeypatch):
     """From 0.5 m to 36 mm the samples of a pixel go from 4.2 to 0.4 times those asked for."""
@@ -101,6 +110,7 @@ def test_an_even_light_is_even_at_both_ends_of_a_very_long_travel(plane, rays_pe
 
 
 @needs_llvm
+@pytest.mark.slow
 def test_light_groups_alone_add_up_to_all_together(plane):
     """Welch's t over 10 + 10 means of a whole stack, bound 5 sigma of 18 degrees of freedom (1e-4)."""
 
@@ -182,6 +192,7 @@ def test_defocus_conserves_flux(plane, drive):
 
 
 @needs_llvm
+@pytest.mark.slow
 @every_drive
 def test_a_window_of_positions_is_that_part_of_the_stack(plane, drive):
     """Equal within noise: mean squared difference against that of two whole stacks, 5120 pixels, 4 sigma.
@@ -280,6 +291,7 @@ def test_depth_counts_from_the_lens_of_the_card_wherever_the_stage_is(plane, nam
 
 
 @needs_llvm
+@pytest.mark.slow
 def test_the_scalar_variant_renders_the_same_scene(plane):
     """Never the same bits; Welch's t in every pixel of two positions, 8 + 8 stacks of 32 samples, fixed seeds.
 
