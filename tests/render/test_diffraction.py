@@ -223,9 +223,12 @@ def test_a_slanted_edge_shows_the_transfer_of_the_lens(tmp_path, monkeypatch, dr
 
 
 @needs_llvm
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_field_of_points_shows_the_transfer_of_the_lens(tmp_path, monkeypatch):
-    """As the edge, by a lens that does not breathe: the points keep their places in the pixels, and aliases cancel."""
+    """As the edge, by a lens that does not breathe: the points keep their places in the pixels, and aliases cancel.
+
+    20 million paths, fixed seed: with a quarter of them the transfer scatters by up to 0.028 between seeds.
+    """
     drive = DRIVES["focal_length"]
     stack = render_stack_once(point_setup(tmp_path, monkeypatch, drive), positions=7, samples=2048, seed=3)
     for position, image in zip(np.linspace(0, 1, 7), stack, strict=True):
