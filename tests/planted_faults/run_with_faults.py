@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 from fault_list import FAULTS
 from planting import NotPlantedError, Outcomes, Planter, changed_sources
@@ -47,6 +48,7 @@ def main(out: Path, jobs: list[tuple[str, list[str]]]) -> None:
     os.chdir(ROOT)
     for library in LIBRARIES.split():
         import_module(library)
+    numba.njit(lambda of: of.sum())(np.ones(2, np.float32))  # its tables of types, which take long to fill
     for n, (fault, tests) in enumerate(jobs):
         process = os.fork()
         if not process:
