@@ -152,6 +152,7 @@ def test_modules_stay_small():
     assert not long
 
 
+@pytest.mark.slow
 def test_evaluating_needs_no_renderer(tmp_path):
     """Evaluating imports nothing of mitsuba and drjit, which the extra `render` brings: they are made to fail here."""
     code = (

@@ -70,6 +70,7 @@ def test_divided_by_brightness_the_baselines_stand_a_fourfold_ramp_as_sd_does(na
 
 
 @pytest.mark.parametrize(("ramp", "dark_end"), [((0.5, 2.0), 0.0), ((2.0, 0.5), 1.0)])
+@pytest.mark.slow
 def test_at_three_counts_a_window_sd_goes_to_the_dark_end_and_the_debiased_does_not(ramp, dark_end):
     """Contrast 0.1 and 3 counts per window at the dark end: counting adds about 1/(6·ū²) = 0.02 to SD there.
 
@@ -151,6 +152,7 @@ int main(int argc, char **argv) {
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
+@pytest.mark.slow
 def test_predictions_of_a_program_in_c_go_through(tmp_path):
     (tmp_path / "d" / "test").mkdir(parents=True)
     for name in ("one", "two"):

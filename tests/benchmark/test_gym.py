@@ -131,6 +131,7 @@ def test_sequences_can_be_chosen(dataset):
     assert [task.id for task in env.tasks] == [PLANE]
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_over_resets(dataset):
     """Of all sequences that were loaded, only those to keep are alive."""
     env = make_env(dataset, keep=1)

@@ -148,7 +148,7 @@ def test_bad_input_is_told_apart_from_other_failures():
     assert errors["raises ZeroDivisionError"].exit_code == 1
 
 
-@pytest.mark.parametrize("workers", [1, 3])
+@pytest.mark.parametrize("workers", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_job_whose_process_dies_twice_is_named_and_all_others_are_done(workers):
     """Jobs that ran beside it when it died are run again, one at a time."""
     jobs = [Square(1), Dies(), *(Square(n) for n in range(2, 8)), Dies("dies too")]

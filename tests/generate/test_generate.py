@@ -330,6 +330,7 @@ def test_a_group_without_a_schedule_stays_at_gain_one():
     assert gains[:, 1] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_scalar_renders_geometric_stacks_and_says_so(work, small_recipe, tmp_path, call):
     """The file says that it was made without diffraction, has the geometric depth of focus, and is kept."""
     code, told, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--variant", "scalar")

@@ -76,6 +76,7 @@ def test_a_dataset_in_a_store_is_the_one_on_a_disk_and_nothing_is_left_here(made
     assert sorted(name for name in told if name.startswith("upload")) == [f"upload test/{name}.h5" for name in NAMES]
 
 
+@pytest.mark.slow
 def test_what_the_store_holds_is_neither_rendered_nor_recorded_nor_sent_again(made, work, store, s3, monkeypatch):
     lay_in_scratch(made, work, store)
     first = run(work, store)
@@ -87,6 +88,7 @@ def test_what_the_store_holds_is_neither_rendered_nor_recorded_nor_sent_again(ma
     assert {key: facts["ETag"] for key, facts in after.items()} == {k: facts["ETag"] for k, facts in before.items()}
 
 
+@pytest.mark.slow
 def test_a_lost_stream_is_recorded_from_the_stack_in_the_store_and_a_lost_manifest_is_written_anew(
     made, work, store, s3
 ):
@@ -143,6 +145,7 @@ def test_a_run_that_ends_before_or_after_any_upload_lists_nothing_that_is_not_wh
         assert ended == (steps == 34)
 
 
+@pytest.mark.slow
 def test_a_stream_of_another_recipe_is_not_listed_while_it_is_made_again(made, work, store, s3, monkeypatch):
     lay_in_scratch(made, work, store)
     run(work, store)
@@ -161,6 +164,7 @@ def test_a_stream_of_another_recipe_is_not_listed_while_it_is_made_again(made, w
     assert verify_streams_of_dataset(store) == (3, {})
 
 
+@pytest.mark.slow
 def test_shards_list_what_others_have_made(made, here, store):
     for part in (1, 2):
         shard = resolve_recipe(here / "small.yaml", part=(part, 2))
@@ -217,6 +221,7 @@ def test_bad_stores_are_refused_before_anything_is_made(work, store, here, s3, c
     assert [path.name for path in here.iterdir()] == ["small.yaml"]
 
 
+@pytest.mark.slow
 def test_a_store_that_fails_later_ends_the_run_in_one_line_and_the_next_one_goes_on(made, work, store, monkeypatch):
     lay_in_scratch(made, work, store)
     send = store_transfer.upload_file

@@ -72,6 +72,7 @@ def test_a_few_repeats_stand_for_all(write, monkeypatch, more, motion, stacks):
         assert getattr(few, name) == pytest.approx(getattr(whole, name), rel=0.1 if motion else 1e-9), name
 
 
+@pytest.mark.slow
 def test_a_million_sequences_are_planned_from_a_few(write):
     scenes, lights = ["fan", "bottle", "camel", "speculars", "usaf_target"], [f"l{i}" for i in range(20)]
     recipe = write(10)

@@ -422,7 +422,7 @@ def test_the_loop_of_hysteresis_is_as_wide_as_the_play():
 # --- the ends of the travel --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("end", [0, 1])
+@pytest.mark.parametrize("end", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_stop_takes_all_speed(end):
     """Sent to 0.1 before the stop it would swing past it; it leaves the stop as if let go there at rest.
 

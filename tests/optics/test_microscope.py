@@ -51,6 +51,7 @@ def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, mo
 
 
 @pytest.mark.parametrize("unit_m", [1e-7, 0.001, 1.0])
+@pytest.mark.slow
 def test_mitsubas_thin_lens_sees_the_same_in_any_unit(tmp_path, monkeypatch, unit_m):
     """Widths of the referee's edge at three positions: within 2 % of c as well (4 million paths each)."""
     grid = SensorGrid(rows=16, columns=96, pitch_m=PITCH)

@@ -106,7 +106,14 @@ def test_egs_code_takes_the_same_steps_for_other_thresholds_and_ratios(threshold
 BLOCKS = {333: (1,), 1000: (7,), 1001: (7, 50, 333), 4090: (50, 100, 333), 10_000: (100,), 20_000: (100,)}
 
 
-@pytest.mark.parametrize(("frames", "dt"), [(frames, dt) for frames, dts in BLOCKS.items() for dt in dts])
+@pytest.mark.parametrize(
+    ("frames", "dt"),
+    [
+        pytest.param(frames, dt, marks=pytest.mark.slow if frames == 20_000 else ())
+        for frames, dts in BLOCKS.items()
+        for dt in dts
+    ],
+)
 def test_sgfs_code_takes_the_same_steps_as_its_reference(frames, dt):
     for peak in PEAKS:
         for noise in (0.0, 1.0):

@@ -82,6 +82,7 @@ def uneven(random, shape):
 
 
 @pytest.mark.parametrize("kind", ["white", "uneven"])
+@pytest.mark.slow
 def test_an_interval_holds_the_truth_as_often_as_it_says(kind):
     """400 draws, seed 4, 64 × 96 pixels, noise of half the amplitude. At a significance of 10⁻⁴ a 95 % interval holds
     the truth at least 362 times, and in white noise that of the rms at most 395 times. Uneven noise may only widen it.

@@ -577,6 +577,7 @@ def test_growth_is_drawn_and_written(script, tmp_path, test_scenes, small_recipe
 
 
 @needs_llvm
+@pytest.mark.slow
 def test_the_thin_lens_error_falls_as_the_root_of_samples(script, tmp_path, test_scenes):
     """Over 2,560 pixels at five positions, 4 to 16 samples, one seed: the exponent is -1/2 within 0.1."""
     error = script("error")
@@ -612,6 +613,7 @@ def test_planted_bias_and_noise_are_told_apart(script):
 
 
 @needs_llvm
+@pytest.mark.slow
 def test_bias_maps_are_drawn_and_plain_renders_kept(script, tmp_path, test_scenes, monkeypatch):
     bias_maps = script("bias_maps")
     monkeypatch.setattr(bias_maps, "CASES", (bias_maps.Case("plane", 0.25, (24, 32)),))

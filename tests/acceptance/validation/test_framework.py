@@ -195,6 +195,7 @@ def test_a_figure_passes_inside_its_range_alone(value):
     assert Comparison("x", 3.0, at_most=4.0).tolerance_used == 0.75
 
 
+@pytest.mark.slow
 def test_right_samples_fail_as_rarely_as_promised_and_wrong_ones_are_found():
     """Of 4,000 checks of ten means of 50, 0.4 fail on average (P(≥ 5) = 10⁻⁴); all off by 1.5 sd do. Seed 1."""
     samples = np.random.default_rng(1).normal(size=(4000, 10, 50))
