@@ -3,31 +3,43 @@
     python benchmarks/contest_tables.py RECORDED [CLOSED_LOOP]
 
 RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, tables of the closed loop stay
-as they are. A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->``; NAME is a key of ``TABLES``. All else
-on a page is written by hand.
+as they are. A table stands between ``<!-- table: TRACK KIND -->`` and ``<!-- end -->``; KIND is a key of ``TABLES``.
+All else on a page is written by hand.
 """
 
 import argparse
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from saf_gen.leaderboard.columns import format_leaderboard_percent
+from saf_gen.leaderboard.method_comparison import NeighbourComparison
+from saf_gen.leaderboard.rank_agreement import RankAgreement
+from saf_gen.leaderboard.table_formats import (
+    format_neighbour_markdown_of_leaderboard,
+    format_rank_agreement_markdown,
+    format_ranking_grid,
+)
+
 HERE = Path(__file__).resolve().parent
 PAGES = HERE / "contest.md", HERE / "claims.md"
-TABLE = re.compile(r"(<!-- table: ([a-z_]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+TABLE = re.compile(r"(<!-- table: (recorded|closed_loop) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NEIGHBOURS = 12
 """Pairs of neighbours in rank that a page shows, from the best down."""
-RECORDED_SHOWN = (
-    *("octave_structure+peak_fit", "structure_calibrated+peak_fit", "structure_calibrated+photon_aware"),
-    *("gradient_code_n+egs_code", "gradient_code_n+argmax", "cen+argmax", "sd_code+argmax", "sd_code+egs_code"),
-    *("sd_code+sgfs_code", "er_sumsq+argmax"),
-)
-CLOSED_LOOP_SHOWN = (
-    *("octave_structure+peak_fit", "structure_calibrated+peak_fit", "structure_calibrated+photon_aware"),
-    *("sd_code+sgfs_code", "sd+sgfs_causal", "gradient_code_n+golden_section", "gradient_code_n+hill_climb"),
-)
+SHOWN = {
+    "recorded": (
+        *("octave_structure+peak_fit", "structure_calibrated+peak_fit", "structure_calibrated+photon_aware"),
+        *("gradient_code_n+egs_code", "gradient_code_n+argmax", "cen+argmax", "sd_code+argmax", "sd_code+egs_code"),
+        *("sd_code+sgfs_code", "er_sumsq+argmax"),
+    ),
+    "closed_loop": (
+        *("octave_structure+peak_fit", "structure_calibrated+peak_fit", "structure_calibrated+photon_aware"),
+        *("sd_code+sgfs_code", "sd+sgfs_causal", "gradient_code_n+golden_section", "gradient_code_n+hill_climb"),
+    ),
+}
+"""By track, the methods that have a column in the tables by condition."""
 CLAIMS_SHOWN = (
     *("sd_code+argmax", "sd_code+egs_code", "sd_code+sgfs_code", "gradient_code+argmax", "gradient_code_n+argmax"),
     *("gradient_code_n+egs_code", "mfdct_code+argmax", "mfdct_code_n+argmax", "mfdct_lee+argmax"),
@@ -35,24 +47,13 @@ CLAIMS_SHOWN = (
     *("structure_calibrated+photon_aware", "octave_structure+peak_fit"),
 )
 AXES = "light", "light_ratio", "scene_motion", "lens_motion", "photon_budget", "focus_position", "grain"
-Document = dict[str, Any]
-
-
-def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+Evaluation = dict[str, Any]
+"""What leaderboard.json holds."""
 
 
 def format_percent(fraction: float | None) -> str:
-    """Return a fraction as whole per cent, a half upwards, as the leaderboard prints it."""
-    return "–" if fraction is None else f"{fraction + 1e-9:.0%}".replace("%", " %")
-
-
-def format_interval(row: Document, name: str) -> str:
-    """Return the 95 % interval of a fraction, in per cent."""
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    return "–" if low is None or high is None else f"{100 * low + 1e-7:.0f}–{100 * high + 1e-7:.0f}"
+    """Return a fraction as whole per cent, or a dash where it is not known."""
+    return "–" if fraction is None else format_leaderboard_percent(fraction).replace("%", " %")
 
 
 def format_number(value: float | None, digits: int) -> str:
@@ -60,82 +61,68 @@ def format_number(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
-def tabulate_recorded_contest(recorded: Document, closed_loop: Document) -> str:
-    """Return all methods on recordings, best first."""
-    header = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF", "frames seen"
-    rows = ([*_first_cells(row), *_success_cells(row), format_percent(row["frames_seen"])] for row in recorded["rows"])
-    return format_table(header, rows)
+def format_interval(low: float | None, high: float | None, digits: int) -> str:
+    """Return the ends of an interval with so many digits, or a dash where it is not known."""
+    return "–" if low is None or high is None else f"{low:.{digits}f}–{high:.{digits}f}"
 
 
-def tabulate_closed_loop_contest(recorded: Document, closed_loop: Document) -> str:
-    """Return all methods in the closed loop, best first."""
-    costs = "to focus, s", "95 %", "turns", "hunts"
+def _format_grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return format_ranking_grid(header, list(rows), is_left=[True] * len(header))
+
+
+def tabulate_contest(evaluation: Evaluation) -> str:
+    """Return all methods, best first; how long they took to the focus in the closed loop, else the frames they saw."""
+    in_closed_loop = evaluation["track"] == ["closed_loop"]
+    costs = ("to focus, s", "95 %", "turns", "hunts") if in_closed_loop else ("frames seen",)
     header = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF", *costs
-    rows = (
-        [
-            *_first_cells(row),
-            *_success_cells(row),
-            format_number(row["time_to_focus_s"], 3),
-            f"{format_number(row['time_to_focus_low_s'], 3)}–{format_number(row['time_to_focus_high_s'], 3)}",
-            format_number(row["reversals"], 1),
-            format_percent(row["hunting"]),
-        ]
-        for row in closed_loop["rows"]
-    )
-    return format_table(header, rows)
+    rows = []
+    for row in evaluation["rows"]:
+        rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
+        cells = [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
+        cells += [format_percent(row["success_half_dof"]), *_success_cells(row)]
+        if in_closed_loop:
+            cells += [
+                format_number(row["time_to_focus_s"], 3),
+                format_interval(row["time_to_focus_low_s"], row["time_to_focus_high_s"], 3),
+                format_number(row["reversals"], 1),
+                format_percent(row["hunting"]),
+            ]
+        else:
+            cells.append(format_percent(row["frames_seen"]))
+        rows.append(cells)
+    return _format_grid(header, rows)
 
 
-def _first_cells(row: Document) -> list[str]:
-    rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
-    return [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
+def _success_cells(row: Evaluation) -> list[str]:
+    ends = (None if row[key] is None else 100 * row[key] for key in ("success_1dof_low", "success_1dof_high"))
+    return [format_percent(row["success_1dof"]), format_interval(*ends, 0), format_number(row["median_error_dof"], 2)]
 
 
-def _success_cells(row: Document) -> list[str]:
-    return [
-        format_percent(row["success_half_dof"]),
-        format_percent(row["success_1dof"]),
-        format_interval(row, "success_1dof"),
-        format_number(row["median_error_dof"], 2),
-    ]
+def tabulate_conditions(evaluation: Evaluation) -> str:
+    """Return success under each condition, for methods worth a column."""
+    return _tabulate_axes(evaluation, AXES)
 
 
-def tabulate_recorded_conditions(recorded: Document, closed_loop: Document) -> str:
-    """Return success on recordings under each condition, for methods worth a column."""
-    return _tabulate_axes(recorded, RECORDED_SHOWN, AXES)
+def tabulate_scenes(evaluation: Evaluation) -> str:
+    """Return success on each scene, for methods worth a column."""
+    return _tabulate_axes(evaluation, ["scene"])
 
 
-def tabulate_closed_loop_conditions(recorded: Document, closed_loop: Document) -> str:
-    """Return success in the closed loop under each condition, for methods worth a column."""
-    return _tabulate_axes(closed_loop, CLOSED_LOOP_SHOWN, [axis for axis in AXES if axis != "lens_motion"])
-
-
-def tabulate_recorded_scenes(recorded: Document, closed_loop: Document) -> str:
-    """Return success on recordings of each scene, for methods worth a column."""
-    return _tabulate_axes(recorded, RECORDED_SHOWN, ["scene"])
-
-
-def tabulate_closed_loop_scenes(recorded: Document, closed_loop: Document) -> str:
-    """Return success in the closed loop on each scene, for methods worth a column."""
-    return _tabulate_axes(closed_loop, CLOSED_LOOP_SHOWN, ["scene"])
-
-
-def _tabulate_axes(document: Document, methods: Sequence[str], names: Iterable[str]) -> str:
-    tables = {table["axis"]: table for table in document["axes"]}
+def _tabulate_axes(evaluation: Evaluation, names: Iterable[str]) -> str:
+    methods, tables = SHOWN[evaluation["track"][0]], {table["axis"]: table for table in evaluation["axes"]}
     rows = []
     for name in (name for name in names if name in tables):
-        table = tables[name]
-        for place, one in enumerate(table["bins"]):
-            cells = (format_percent(table["methods"][method][place]["success_1dof"]) for method in methods)
-            title = one["bin"] if name == "scene" else f"{name.replace('_', ' ')}: {one['bin']}"
-            rows.append([title, str(one["scenes"]), str(one["sequences"]), *cells])
-    return format_table(["condition", "scenes", "sequences", *(f"`{method}`" for method in methods)], rows)
+        for place, one in enumerate(tables[name]["bins"]):
+            cells = (format_percent(tables[name]["methods"][method][place]["success_1dof"]) for method in methods)
+            rows.append([f"{name.replace('_', ' ')}: {one['bin']}", str(one["scenes"]), str(one["sequences"]), *cells])
+    return _format_grid(["condition", "scenes", "sequences", *(f"`{method}`" for method in methods)], rows)
 
 
-def tabulate_division(recorded: Document, closed_loop: Document) -> str:
+def tabulate_division(evaluation: Evaluation) -> str:
     """Return each measure beside the same measure divided by brightness, by an exhaustive search."""
-    success = {row["method"]: row["success_1dof"] for row in recorded["rows"]}
-    twins = {method: _undivide(method) for method in success}
-    gains = {plain: success[method] - success[plain] for method, plain in twins.items() if plain in success}
+    success = {row["method"]: row["success_1dof"] for row in evaluation["rows"]}
+    pairs = ((name, f"{name.removesuffix('_n+argmax')}+argmax") for name in success if name.endswith("_n+argmax"))
+    gains = {plain: success[divided] - success[plain] for divided, plain in pairs if plain in success}
     rows = (
         [
             f"`{plain.removesuffix('+argmax')}`",
@@ -145,105 +132,53 @@ def tabulate_division(recorded: Document, closed_loop: Document) -> str:
         ]
         for plain, gain in sorted(gains.items(), key=lambda item: (-item[1], item[0]))
     )
-    return format_table(["measure", "as it is", "divided by brightness", "gain, points"], rows)
+    return _format_grid(["measure", "as it is", "divided by brightness", "gain, points"], rows)
 
 
-def _undivide(method: str) -> str:
-    """Return the method whose measure is not divided, of ``NAME_n+argmax``; '' of any other."""
-    measure, _, search = method.partition("+")
-    return f"{measure.removesuffix('_n')}+argmax" if measure.endswith("_n") and search == "argmax" else ""
+def tabulate_neighbours(evaluation: Evaluation) -> str:
+    """Return the best methods, each beside the next in rank."""
+    pairs = [NeighbourComparison(**pair) for pair in evaluation["neighbours"][:NEIGHBOURS]]
+    return format_neighbour_markdown_of_leaderboard(pairs)
 
 
-def tabulate_recorded_neighbours(recorded: Document, closed_loop: Document) -> str:
-    """Return the best methods on recordings, each beside the next in rank."""
-    return _tabulate_neighbours(recorded)
+def tabulate_agreement(evaluation: Evaluation) -> str:
+    """Return how far the ranking hangs on each condition."""
+    return format_rank_agreement_markdown([RankAgreement(**one) for one in evaluation["rank_agreement"]])
 
 
-def tabulate_closed_loop_neighbours(recorded: Document, closed_loop: Document) -> str:
-    """Return the best methods in the closed loop, each beside the next in rank."""
-    return _tabulate_neighbours(closed_loop)
-
-
-def _tabulate_neighbours(document: Document) -> str:
-    rows = (
-        [
-            f"`{pair['first']}`",
-            f"`{pair['second']}`",
-            f"{100 * pair['difference']:+.1f}",
-            f"{100 * pair['difference_low']:+.1f} to {100 * pair['difference_high']:+.1f}",
-            format_percent(pair["improvement"]),
-            format_interval(pair, "improvement"),
-            "yes" if pair["told_apart"] else "no",
-        ]
-        for pair in document["neighbours"][:NEIGHBOURS]
-    )
-    return format_table(["method", "next", "difference, points", "95 %", "nearer in", "95 %", "told apart"], rows)
-
-
-def tabulate_recorded_agreement(recorded: Document, closed_loop: Document) -> str:
-    """Return how far the ranking on recordings hangs on each condition."""
-    return _tabulate_agreement(recorded)
-
-
-def tabulate_closed_loop_agreement(recorded: Document, closed_loop: Document) -> str:
-    """Return how far the ranking in the closed loop hangs on each condition."""
-    return _tabulate_agreement(closed_loop)
-
-
-def _tabulate_agreement(document: Document) -> str:
-    rows = (
-        [
-            one["condition"].replace("_", " "),
-            one["first"],
-            one["second"],
-            format_number(one["tau"], 2),
-            "–" if one["low"] is None else f"{one['low']:.2f}–{one['high']:.2f}",
-            format_number(one["by_chance"], 2),
-            format_number(one["p_value"], 3),
-        ]
-        for one in document["rank_agreement"]
-    )
-    return format_table(["condition", "", "", "τ", "95 %", "by chance", "p"], rows)
-
-
-def tabulate_claims(recorded: Document, closed_loop: Document) -> str:
+def tabulate_claims(evaluation: Evaluation) -> str:
     """Return success by light for the methods that the paper's claims are about."""
-    lights = [bin_["bin"] for table in recorded["axes"] if table["axis"] == "light" for bin_ in table["bins"]]
-    rows = {row["method"]: row for row in recorded["rows"]}
+    key = "success_1dof_light_"
+    lights = [name.removeprefix(key) for name in evaluation["columns"] if name.startswith(key)]
+    rows = {row["method"]: row for row in evaluation["rows"]}
     lines = (
         [
             f"`{method}`",
-            *(format_percent(rows[method][f"success_1dof_light_{light}"]) for light in lights),
-            *_success_cells(rows[method])[1:],
+            *(format_percent(rows[method][f"{key}{light}"]) for light in lights),
+            *_success_cells(rows[method]),
         ]
         for method in CLAIMS_SHOWN
     )
-    return format_table(["method", *lights, "all", "95 %", "error"], lines)
+    return _format_grid(["method", *lights, "all", "95 %", "error"], lines)
 
 
-TABLES: dict[str, Callable[[Document, Document], str]] = {
-    "recorded": tabulate_recorded_contest,
-    "recorded_conditions": tabulate_recorded_conditions,
-    "recorded_scenes": tabulate_recorded_scenes,
-    "recorded_neighbours": tabulate_recorded_neighbours,
-    "recorded_agreement": tabulate_recorded_agreement,
+TABLES: dict[str, Callable[[Evaluation], str]] = {
+    "contest": tabulate_contest,
+    "neighbours": tabulate_neighbours,
     "division": tabulate_division,
-    "closed_loop": tabulate_closed_loop_contest,
-    "closed_loop_conditions": tabulate_closed_loop_conditions,
-    "closed_loop_scenes": tabulate_closed_loop_scenes,
-    "closed_loop_neighbours": tabulate_closed_loop_neighbours,
-    "closed_loop_agreement": tabulate_closed_loop_agreement,
+    "conditions": tabulate_conditions,
+    "scenes": tabulate_scenes,
+    "agreement": tabulate_agreement,
     "claims": tabulate_claims,
 }
 
 
-def rewrite(page: str, recorded: Document, closed_loop: Document | None = None) -> str:
-    """Return the text of a page with its tables made anew."""
+def rewrite(page: str, evaluations: Mapping[str, Evaluation]) -> str:
+    """Return the text of a page with the tables of these tracks made anew."""
 
     def make(found: re.Match[str]) -> str:
-        if closed_loop is None and found[2].startswith("closed_loop"):
-            return found[0]
-        return f"{found[1]}\n{TABLES[found[2]](recorded, closed_loop or {})}\n{found[3]}"
+        begin, track, kind, end = found.groups()
+        return f"{begin}\n{TABLES[kind](evaluations[track])}\n{end}" if track in evaluations else found[0]
 
     return TABLE.sub(make, page)
 
@@ -253,14 +188,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recorded", type=Path)
     parser.add_argument("closed_loop", type=Path, nargs="?")
-    folders = parser.parse_args()
-    documents = [
-        json.loads((folder / "leaderboard.json").read_text(encoding="utf-8"))
-        for folder in (folders.recorded, folders.closed_loop)
+    evaluations = {
+        track: json.loads((folder / "leaderboard.json").read_text(encoding="utf-8"))
+        for track, folder in vars(parser.parse_args()).items()
         if folder is not None
-    ]
+    }
     for page in PAGES:
-        page.write_text(rewrite(page.read_text(encoding="utf-8"), *documents), encoding="utf-8")
+        page.write_text(rewrite(page.read_text(encoding="utf-8"), evaluations), encoding="utf-8")
 
 
 if __name__ == "__main__":

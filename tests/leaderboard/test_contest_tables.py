@@ -12,8 +12,9 @@ from saf_gen.leaderboard import rank_methods, write_leaderboard
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 SCRIPT = runpy.run_path(str(BENCHMARKS / "contest_tables.py"), run_name="tables")
 LIGHTS = "constant", "darker"
+TRACKS = "recorded", "closed_loop"
 METHODS = dict.fromkeys(
-    (*SCRIPT["RECORDED_SHOWN"], *SCRIPT["CLOSED_LOOP_SHOWN"], *SCRIPT["CLAIMS_SHOWN"], "er_sumsq_n+argmax")
+    (*SCRIPT["SHOWN"]["recorded"], *SCRIPT["SHOWN"]["closed_loop"], *SCRIPT["CLAIMS_SHOWN"], "er_sumsq_n+argmax")
 )
 
 
@@ -40,31 +41,32 @@ def write(folder, *, track):
 @pytest.fixture(scope="module")
 def documents(tmp_path_factory):
     folder = tmp_path_factory.mktemp("contest")
-    return [write(folder / track, track=track) for track in ("recorded", "closed_loop")]
+    return {track: write(folder / track, track=track) for track in TRACKS}
 
 
 def cells(text):
     return [[cell.strip() for cell in line.strip("|\n ").split("|")] for line in text.splitlines()]
 
 
+@pytest.mark.parametrize("track", TRACKS)
 @pytest.mark.parametrize("name", SCRIPT["TABLES"])
-def test_every_line_of_a_table_has_as_many_cells_as_its_head(documents, name):
-    text = SCRIPT["TABLES"][name](*documents)
+def test_every_line_of_a_table_has_as_many_cells_as_its_head(documents, name, track):
+    text = SCRIPT["TABLES"][name](documents[track])
     head, *lines = cells(text)
     assert lines
     assert {len(line) for line in lines} == {len(head)}
 
 
-@pytest.mark.parametrize("name", ["recorded", "closed_loop"])
-def test_the_contest_has_a_line_for_each_method_best_first(documents, name):
-    _, _, *lines = cells(SCRIPT["TABLES"][name](*documents))
+@pytest.mark.parametrize("track", TRACKS)
+def test_the_contest_has_a_line_for_each_method_best_first(documents, track):
+    _, _, *lines = cells(SCRIPT["TABLES"]["contest"](documents[track]))
     assert {line[2].strip("`") for line in lines} == set(METHODS)
     assert lines[-1][2:5] == ["`er_sumsq+argmax`", "50 %", "50 %"]
     assert "100 %" in lines[0]
 
 
 def test_a_condition_is_a_line_for_each_bin_and_a_column_for_each_method(documents):
-    head, _, *lines = cells(SCRIPT["TABLES"]["recorded_conditions"](*documents))
+    head, _, *lines = cells(SCRIPT["TABLES"]["conditions"](documents["recorded"]))
     column = head.index("`er_sumsq+argmax`")
     assert [(line[0], line[1], line[2], line[column]) for line in lines][:2] == [
         ("light: constant", "4", "4", "100 %"),
@@ -73,29 +75,31 @@ def test_a_condition_is_a_line_for_each_bin_and_a_column_for_each_method(documen
 
 
 def test_a_measure_stands_beside_itself_divided_by_brightness(documents):
-    _, _, first, *_ = cells(SCRIPT["TABLES"]["division"](*documents))
+    _, _, first, *_ = cells(SCRIPT["TABLES"]["division"](documents["recorded"]))
     assert first == ["`er_sumsq`", "50 %", "100 %", "+50"]
 
 
 def test_a_page_keeps_what_was_written_by_hand_and_is_the_same_when_made_again(documents):
-    page = "before\n\n<!-- table: claims -->\nold\n<!-- end -->\n\nafter\n"
-    made = SCRIPT["rewrite"](page, *documents)
-    assert made.startswith("before\n\n<!-- table: claims -->\n\n| method | constant | darker | all |")
+    page = "before\n\n<!-- table: recorded claims -->\nold\n<!-- end -->\n\nafter\n"
+    made = SCRIPT["rewrite"](page, documents)
+    assert made.startswith("before\n\n<!-- table: recorded claims -->\n\n| method | constant | darker | all |")
     assert made.endswith("|\n\n<!-- end -->\n\nafter\n")
     assert "old" not in made
-    assert SCRIPT["rewrite"](made, *documents) == made
+    assert SCRIPT["rewrite"](made, documents) == made
 
 
 def test_without_a_closed_loop_its_tables_stay_as_they_are(documents):
-    page = "<!-- table: closed_loop -->\nold\n<!-- end -->\n<!-- table: claims -->\nold\n<!-- end -->\n"
-    made = SCRIPT["rewrite"](page, documents[0])
-    assert made.startswith("<!-- table: closed_loop -->\nold\n<!-- end -->\n<!-- table: claims -->\n\n| method |")
+    page = (
+        "<!-- table: closed_loop contest -->\nold\n<!-- end -->\n<!-- table: recorded claims -->\nold\n<!-- end -->\n"
+    )
+    made = SCRIPT["rewrite"](page, {"recorded": documents["recorded"]})
+    assert made.startswith(
+        "<!-- table: closed_loop contest -->\nold\n<!-- end -->\n<!-- table: recorded claims -->\n\n| method |"
+    )
 
 
 def test_the_pages_hold_every_table_of_recordings_once():
     pages = "".join(page.read_text(encoding="utf-8") for page in SCRIPT["PAGES"])
-    asked = [match[2] for match in SCRIPT["TABLE"].finditer(pages)]
+    asked = [match.group(2, 3) for match in SCRIPT["TABLE"].finditer(pages)]
     assert len(asked) == len(set(asked))
-    assert (
-        {name for name in SCRIPT["TABLES"] if not name.startswith("closed_loop")} <= set(asked) <= set(SCRIPT["TABLES"])
-    )
+    assert {kind for track, kind in asked if track == "recorded"} == set(SCRIPT["TABLES"])
