@@ -112,6 +112,18 @@ def s3() -> Iterator[Any]:
 
 
 @pytest.fixture
+def forget_store_clients() -> Iterator[None]:
+    """Hides fsspec's clients of S3 from a test that speaks to another server; the fixture ``s3`` is one of them."""
+    from s3fs import S3FileSystem
+
+    kept = dict(S3FileSystem._cache)
+    S3FileSystem.clear_instance_cache()
+    yield
+    S3FileSystem.clear_instance_cache()
+    S3FileSystem._cache.update(kept)
+
+
+@pytest.fixture
 def test_scenes(monkeypatch):
     """Makes tests/scenes known, beside the project's own scenes."""
     monkeypatch.setenv("SAF_GEN_SCENES", str(SCENES))

@@ -22,14 +22,12 @@ RECIPE = ONE_LIGHT.replace("name: small", "name: quickstart")
 
 @pytest.mark.slow
 def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_says(
-    tmp_path, monkeypatch, call, capsys
+    tmp_path, monkeypatch, call, capsys, forget_store_clients
 ):
     """Port and recipe are others, so that the server is ours and the render takes seconds; pip is not run.
 
     The server, and what makes the bucket, are processes of their own; what saf-gen and Python do is done in this one.
     """
-    from s3fs import S3FileSystem
-
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -61,7 +59,6 @@ def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_s
 
     command = start.partition("&& ")[2].removesuffix(" &").replace("moto_server", f"{sys.executable} -m moto.server")
     process = subprocess.Popen(["sh", "-c", f"exec {command}"], stderr=subprocess.DEVNULL, start_new_session=True)
-    S3FileSystem.clear_instance_cache()  # those of other tests speak to another server
     try:
         for _ in range(600):
             with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
@@ -80,5 +77,4 @@ def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_s
         assert capsys.readouterr().out.startswith("(400, 40, 64) ")
         assert not list((tmp_path / "datasets").iterdir())
     finally:
-        S3FileSystem.clear_instance_cache()
         end_session(process)

@@ -134,17 +134,13 @@ def ask(address):
         ("s3://data/a", {"AWS_PROFILE": "nobody"}, "no credentials | nobody"),
     ],
 )
-def test_a_store_that_cannot_be_used_is_told_in_one_line(s3, address, environment, fragments, monkeypatch, tmp_path):
+def test_a_store_that_cannot_be_used_is_told_in_one_line(
+    s3, forget_store_clients, address, environment, fragments, monkeypatch, tmp_path
+):
     for name, value in {"AWS_EC2_METADATA_DISABLED": "true", "AWS_MAX_ATTEMPTS": "1", **environment}.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
-    kind = type(s3)
-    kept = dict(kind._cache)
-    kind.clear_instance_cache()
-    try:
-        assert_says(refusal(ask(address)), fragments)
-    finally:
-        kind._cache.update(kept)
+    assert_says(refusal(ask(address)), fragments)
 
 
 def test_what_refuses_is_told(s3, monkeypatch):
