@@ -120,13 +120,8 @@ def run(capture, search, **protocol):
 
 
 def run_method(capture, method, *, protocol=None, charge_source=None):
-    return run_closed_loop_method(
-        capture,
-        method,
-        protocol=protocol or ClosedLoopProtocol(IDEAL),
-        charge_source=charge_source or capture.open_charge_source(),
-        region=WHOLE,
-    )
+    captured = CapturedFrames(capture, charge_source or capture.open_charge_source(), region=WHOLE)
+    return run_closed_loop_method(captured, method, protocol=protocol or ClosedLoopProtocol(IDEAL))
 
 
 def test_what_is_seen_is_the_stack_at_the_place_of_the_lens(capture):

@@ -183,9 +183,7 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
     sequence = load(env)
     search = VisitingSearch(0.25, 0.75, 0.5)
     method = Method("sd+x", search.measure, search, "0" * 12)
-    run = run_closed_loop_method(
-        sequence.capture, method, protocol=PROTOCOL, charge_source=sequence.charge_source, region=sequence.box
-    )
+    run = run_closed_loop_method(sequence.make_captured_frames(), method, protocol=PROTOCOL)
     assert np.array_equal(env.episode.run.path, run.path)
     assert env.episode.run.answer_frame == run.answer_frame
     for (seen, _, _), counts in zip(rows, search.counts, strict=False):
@@ -218,11 +216,7 @@ def test_a_period_is_scored_as_a_search_would_score_it_whatever_the_threads(data
 
     search = Asking(0.75)
     run_closed_loop_method(
-        sequence.capture,
-        Method("sd+x", search.measure, search, "0" * 12),
-        protocol=PROTOCOL,
-        charge_source=sequence.charge_source,
-        region=sequence.box,
+        sequence.make_captured_frames(), Method("sd+x", search.measure, search, "0" * 12), protocol=PROTOCOL
     )
     assert found == asked[1] != asked[0]
     assert "sd_calibratd" in refusal(env.episode.score, "sd_calibratd").problem

@@ -223,9 +223,8 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
     Search.commands = commands
     monkeypatch.setattr(closed_loop_run, "start_closed_loop_camera", lambda *given, **more: camera)
     protocol = SimpleNamespace(count_frames=lambda capture: (800, 320))
-    run = closed_loop_run.run_closed_loop_method(
-        None, Method("a+b", np.mean, Search(), "c"), protocol=protocol, charge_source=None, region=None
-    )
+    captured = SimpleNamespace(capture=None)
+    run = closed_loop_run.run_closed_loop_method(captured, Method("a+b", np.mean, Search(), "c"), protocol=protocol)
     assert run.problem == ("the budget of 800 frames was spent" if frames > 800 else "")
     assert (run.windows, run.seconds) == (2, 3 * THINKS + 2 * SCORES)
 

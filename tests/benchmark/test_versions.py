@@ -148,9 +148,7 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
     for drive in ("voice_coil", "liquid_lens"):
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
-            run = run_closed_loop_method(
-                sequence.capture, method, protocol=protocol, charge_source=sequence.charge_source, region=sequence.box
-            )
+            run = run_closed_loop_method(sequence.make_captured_frames(), method, protocol=protocol)
             records.append(sequence.make_record(run, protocol, method=method.name, code="", parameters="", common={}))
     assert digest(numbers(records)) == CLOSED_LOOP
 

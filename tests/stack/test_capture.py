@@ -15,11 +15,13 @@ from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import list_sequences_to_evaluate
 from saf_gen.benchmark.view import WindowCounts
 from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_method_view
+from saf_gen.camera import Encoder
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.plugins.motions import motion_positions_at_readouts
 from saf_gen.stack.capture import Capture
+from saf_gen.stack.charge_source import ChargeSource
 
 pytestmark = pytest.mark.slow
 
@@ -43,6 +45,55 @@ def test_the_same_lens_sees_the_same_spikes(dataset, name, region):
             frames.encode_until(stop, position)
         for first, last in ((0, 800), (3, 5), (90, 210)):
             assert np.array_equal(frames.window(first, last), stream.counts(first, last, region=region))
+
+
+def test_runs_share_what_was_encoded_as_far_as_their_lenses_went_the_same_way(dataset, monkeypatch):
+    """In any order: the same way again, a part of it, another way from a frame on, and the first one once more."""
+    region = slice(0, 40), slice(0, 64)
+    with saf_gen.open_stream(dataset / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
+        capture = Capture.from_stream(stream, dataset / "stacks")
+    first = np.linspace(0, 1, 800)
+    other = np.where(np.arange(800) < 400, first, 0.5)
+    encoded = []
+    encode = Encoder.encode
+    monkeypatch.setattr(
+        Encoder, "encode", lambda self, **inputs: (encoded.append(len(inputs["index"])), encode(self, **inputs))[1]
+    )
+    shared = CapturedFrames(capture, capture.open_charge_source(), region=region)
+    for position, stop, expected in (
+        (first, 480, 480), (first, 240, 0), (first, 640, 160), (other, 400, 0), (other, 408, 408), (first, 640, 640),
+    ):  # fmt: skip
+        encoded.clear()
+        shared.encode_until(stop, position)
+        assert sum(encoded) == expected
+        alone = CapturedFrames(capture, capture.open_charge_source(), region=region)
+        alone.encode_until(stop, position)
+        for window in ((0, stop), (stop - 60, stop - 3)):
+            assert np.array_equal(shared.window(*window), alone.window(*window))
+            assert np.array_equal(shared.intervals(*window), alone.intervals(*window))
+
+
+def test_frames_go_on_after_a_stack_that_could_not_be_read(dataset, monkeypatch):
+    """A run that met it leaves what it had encoded; the next one, on the same way, sees what it would have alone."""
+    region, position = (slice(0, 40), slice(0, 64)), np.linspace(0, 1, 800)
+    with saf_gen.open_stream(dataset / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
+        capture = Capture.from_stream(stream, dataset / "stacks")
+    shared, alone = (CapturedFrames(capture, capture.open_charge_source(), region=region) for _ in range(2))
+    inputs = ChargeSource.encoder_inputs
+
+    def fail_late(self, run, **options):
+        if run.end > 320:
+            raise OSError(5, "Input/output error")
+        return inputs(self, run, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ChargeSource, "encoder_inputs", fail_late)
+        with pytest.raises(OSError, match="Input/output"):
+            shared.encode_until(800, position)
+    assert 0 < shared.frames <= 320
+    for frames in (shared, alone):
+        frames.encode_until(800, position)
+    assert np.array_equal(shared.window(0, 800), alone.window(0, 800))
 
 
 def test_another_lens_sees_other_spikes(dataset):

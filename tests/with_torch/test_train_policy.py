@@ -80,13 +80,8 @@ def test_the_search_sees_and_commands_what_the_environment_showed_and_did(traini
     search = training.method.Policy()
     (task,) = inner.tasks
     sequence = inner.load_sequence(task)
-    run = run_closed_loop_method(
-        sequence.capture,
-        Method("m", get_measure(training.MEASURE), search, ""),
-        protocol=PROTOCOL,
-        charge_source=sequence.charge_source,
-        region=sequence.box,
-    )
+    method = Method("m", get_measure(training.MEASURE), search, "")
+    run = run_closed_loop_method(sequence.make_captured_frames(), method, protocol=PROTOCOL)
     assert run.problem == ""
     assert np.allclose(network.seen, shown[: len(ACTIONS)], atol=1e-5)
     assert run.commanded_positions == inner.episode.run.commanded_positions

@@ -14,6 +14,7 @@ from saf_gen.benchmark.conformance._test_scene import BEST_FOCUS, OVEREXPOSURE, 
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.view.captured_frames import CapturedFrames
 from saf_gen.benchmark.view.running_camera import BudgetSpentError
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Search, View, commands
@@ -99,9 +100,8 @@ def run_method_on_test_scene(
     )
     protocol = ClosedLoopProtocol(get_actuator(actuator), budget_s=frames / capture.sensor.readout_hz)
     region = slice(0, capture.sensor.rows), slice(0, capture.sensor.columns)
-    run = run_closed_loop_method(
-        capture, checked, protocol=protocol, charge_source=charge_source, region=region, threads=1
-    )
+    captured = CapturedFrames(capture, charge_source, region=region, threads=1)
+    run = run_closed_loop_method(captured, checked, protocol=protocol)
     if run.problem:
         raise CheckFailure(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or none")
     if commands(method.search):

@@ -58,14 +58,8 @@ class Episode:
         threads: int | None = None,
     ) -> None:
         capture = sequence.capture if seed is None else replace(sequence.capture, seed=seed)
-        self._camera = start_closed_loop_camera(
-            capture,
-            _no_score,
-            protocol=protocol,
-            charge_source=sequence.charge_source,
-            region=sequence.box,
-            threads=threads,
-        )
+        captured = replace(sequence, capture=capture).make_captured_frames(threads=threads)
+        self._camera = start_closed_loop_camera(captured, _no_score, protocol=protocol)
         self._truth, self._hz, self._pixels = capture.truth, capture.sensor.readout_hz, pixels
         self._budget = protocol.count_frames(capture)[0]
         self.period = max(-(-round(control_s * self._hz) // PACKET_FRAMES), 1) * PACKET_FRAMES

@@ -19,10 +19,7 @@ from saf_gen.benchmark.view.captured_frames import CapturedFrames
 from saf_gen.benchmark.view.running_camera import BudgetSpentError, RunningCamera
 from saf_gen.benchmark.view.sweep_view import SweepView
 from saf_gen.core import seeds
-from saf_gen.core.region import Region
 from saf_gen.parts import Answer, commands
-from saf_gen.stack.capture import Capture
-from saf_gen.stack.charge_source import ChargeSource
 
 SETTLE_TOLERANCE = 1e-4
 """Fraction of the travel within which the lens counts as settled at its last position."""
@@ -48,21 +45,15 @@ class ClosedLoopRun:
 
 
 def start_closed_loop_camera(
-    capture: Capture,
-    measure: Callable[..., float],
-    *,
-    protocol: ClosedLoopProtocol,
-    charge_source: ChargeSource,
-    region: Region,
-    threads: int | None = None,
+    captured: CapturedFrames, measure: Callable[..., float], *, protocol: ClosedLoopProtocol
 ) -> RunningCamera:
     """Return a camera before its first frame, with the lens where every method of this sequence begins.
 
-    ``charge_source`` covers the rows that ``region`` needs, for all methods. Raises BadInput for a protocol
-    that the recording cannot keep.
+    Raises BadInput for a protocol that the recording cannot keep.
     """
+    capture = captured.capture
     return RunningCamera(
-        CapturedFrames(capture, charge_source, region=region, threads=threads),
+        captured,
         measure,
         actuator=protocol.actuator,
         start=float(seeds.make_generator(capture.seed, "closed loop", "start").uniform(0, 1)),
@@ -103,24 +94,14 @@ def explain_spent_method_budget(budget: int) -> str:
     return f"the budget of {budget} frames was spent"
 
 
-def run_closed_loop_method(
-    capture: Capture,
-    method: Method,
-    *,
-    protocol: ClosedLoopProtocol,
-    charge_source: ChargeSource,
-    region: Region,
-    threads: int | None = None,
-) -> ClosedLoopRun:
-    """Let a method find the focus; ``charge_source`` covers the rows that ``region`` needs, for all methods.
+def run_closed_loop_method(captured: CapturedFrames, method: Method, *, protocol: ClosedLoopProtocol) -> ClosedLoopRun:
+    """Let a method find the focus; ``captured`` may be of another run, whose frames are kept where they are the same.
 
     Whatever the method raises or answers becomes a run. Raises BadInput for a protocol that the recording
     cannot keep, and what the focal stacks raise where they cannot be read.
     """
-    budget, sweep = protocol.count_frames(capture)
-    camera = start_closed_loop_camera(
-        capture, method.measure, protocol=protocol, charge_source=charge_source, region=region, threads=threads
-    )
+    budget, sweep = protocol.count_frames(captured.capture)
+    camera = start_closed_loop_camera(captured, method.measure, protocol=protocol)
     try:
         if commands(method.search):
             answer, to, problem = _run_commanding_search(camera, method)

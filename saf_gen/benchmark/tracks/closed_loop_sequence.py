@@ -11,7 +11,7 @@ from saf_gen.benchmark.tracks.closed_loop_judgement import judge_closed_loop_run
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_tasks import SequenceTask, check_stream_to_evaluate
-from saf_gen.benchmark.view.captured_frames import rows_in_method_view
+from saf_gen.benchmark.view.captured_frames import CapturedFrames, rows_in_method_view
 from saf_gen.core.region import Region, validate_region
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
@@ -50,6 +50,10 @@ class ClosedLoopSequence:
         box = validate_region(chosen, stream.shape[1:])
         charge_source = capture.open_charge_source(rows_in_method_view(capture, box))
         return cls(task, capture, box, region_name, charge_source, data)
+
+    def make_captured_frames(self, *, threads: int | None = None) -> CapturedFrames:
+        """Return captured frames of the box, none of them captured yet; ``threads`` encode, by default one per core."""
+        return CapturedFrames(self.capture, self.charge_source, region=self.box, threads=threads)
 
     def make_record(
         self,

@@ -49,10 +49,9 @@ def evaluate_closed_loop_sequence(
             common["grain_rms"] = describe_grain_for_record(stream)["grain_rms"]
     if not all(commands(method.search) for method in methods):  # the others are given a sweep
         protocol.check_sweep(sequence.capture)
+    captured = {commanding: sequence.make_captured_frames() for commanding in (False, True)}  # a sweep is shared
     for done, method in enumerate(methods, start=1):
-        run = run_closed_loop_method(
-            sequence.capture, method, protocol=protocol, charge_source=sequence.charge_source, region=sequence.box
-        )
+        run = run_closed_loop_method(captured[commands(method.search)], method, protocol=protocol)
         records.append(
             sequence.make_record(
                 run,

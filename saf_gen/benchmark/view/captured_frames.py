@@ -1,7 +1,10 @@
 """The frames that a running camera has captured, encoded from the stacks with the lens wherever it was.
 
-Only the rows that a region needs are encoded, and only when somebody looks.
+Only the rows that a region needs are encoded, and only when somebody looks. Runs whose lens went the same way share
+what was encoded: all methods that are given a sweep see the same spikes.
 """
+
+from functools import partial
 
 import numpy as np
 
@@ -15,31 +18,42 @@ from saf_gen.stream.interval_texture import time_texture_of_stream_window
 class CapturedFrames:
     """The spikes that a running camera has captured so far, in a region of the sensor with both ends filled in.
 
-    ``charge_source`` is the charge of ``rows_in_method_view(capture, region)``; runs of one capture may share it.
+    ``charge_source`` is the charge of ``rows_in_method_view(capture, region)``; runs of one capture may share it, and
+    may share the captured frames, one run after the other.
     """
 
     def __init__(
         self, capture: Capture, charge_source: ChargeSource, *, region: Region, threads: int | None = None
     ) -> None:
         rows, columns = region
-        self._capture, self._charge_source = capture, charge_source
+        self.capture, self._charge_source = capture, charge_source
         encoded = rows_in_method_view(capture, region)
-        self._encoder = capture.create_encoder(encoded, threads=threads)
+        self._create_encoder = partial(capture.create_encoder, encoded, threads=threads)
+        self._encoder = self._create_encoder()
         self._inside = slice(rows.start - encoded.start, rows.stop - encoded.start), columns
         self.shape = rows.stop - rows.start, columns.stop - columns.start
         self._planes = np.zeros((-(-capture.frames // 8), *self.shape), np.uint8)
+        self._position = np.zeros(capture.frames)
         self.frames, self.textures_s = 0, 0.0
 
     def encode_until(self, stop: int, position: np.ndarray) -> None:
-        """Encode all readouts before ``stop``, with the lens at ``position`` (T,), 0...1 of the travel."""
+        """Encode all readouts before ``stop``, whole bytes of them, with the lens at ``position``, 0...1 of the travel.
+
+        What an earlier run encoded is kept where its lens was at the same positions all the time; else encoding begins
+        anew, because the charge of a pixel comes from all that passed before.
+        """
+        known = min(self.frames, stop)
+        if not np.array_equal(self._position[:known], position[:known]):
+            self._encoder, self.frames = self._create_encoder(), 0
         begin = self.frames
         if stop <= begin:
             return
-        for run in self._capture.plane_source.time_stack.split_at_slices(begin, stop):
-            inputs = self._charge_source.encoder_inputs(run, position=position, gain=self._capture.gain)
+        self._position[begin:stop] = position[begin:stop]
+        for run in self.capture.plane_source.time_stack.split_at_slices(begin, stop):
+            inputs = self._charge_source.encoder_inputs(run, position=position, gain=self.capture.gain)
             spikes = self._encoder.encode(**inputs)[self._inside]
             self._planes[run.begin // 8 : -(-run.end // 8)] = spikes.transpose(2, 0, 1)
-        self.frames = stop
+            self.frames = run.end
 
     def window(self, first: int, stop: int) -> np.ndarray:
         """Return the counts in frames ``first <= t < stop`` that are encoded already: uint32 (h, w)."""

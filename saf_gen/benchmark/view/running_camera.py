@@ -90,12 +90,11 @@ class RunningCamera:
             raise BudgetSpentError(f"frame {stop} of a budget of {self.frames}")
         window = validate_window(first, stop, total=self.frames)
         self.wait(max(0, window.stop - self.now))
-        if self._captured.frames < window.stop:
-            try:
-                self._captured.encode_until(self.now, self.path)
-            except Exception as error:  # kept, because anybody's search may swallow it
-                self.stack_error = error
-                raise
+        try:
+            self._captured.encode_until(-(-window.stop // PACKET_FRAMES) * PACKET_FRAMES, self.path)
+        except Exception as error:  # kept, because anybody's search may swallow it
+            self.stack_error = error
+            raise
         return self._captured
 
     def position(self, frame: int) -> float:
