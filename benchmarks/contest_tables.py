@@ -30,12 +30,12 @@ NEIGHBOURS = 12
 """Pairs of neighbours in rank that a page shows, from the best down."""
 SHOWN = {
     "recorded": (
-        *("octave_structure+peak_fit", "structure_calibrated+peak_fit", "structure_calibrated+photon_aware"),
+        *("octave_structure+peak_fit", "structure_calibrated+peak_fit:dark=false", "structure_calibrated+photon_aware"),
         *("gradient_code_n+egs_code", "gradient_code_n+argmax", "cen+argmax", "sd_code+argmax", "sd_code+egs_code"),
         *("sd_code+sgfs_code", "er_sumsq+argmax"),
     ),
     "closed_loop": (
-        *("octave_structure+peak_fit", "structure_calibrated+peak_fit", "structure_calibrated+photon_aware"),
+        *("octave_structure+peak_fit", "structure_calibrated+peak_fit:dark=false", "structure_calibrated+photon_aware"),
         *("sd_code+sgfs_code", "sd+sgfs_causal", "gradient_code_n+golden_section", "gradient_code_n+hill_climb"),
     ),
 }

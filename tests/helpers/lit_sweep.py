@@ -8,14 +8,17 @@ from saf_gen.core.seeds import make_generator
 class Sweep:
     """A recording with a focus curve over frames, lit by ``light``; notes the windows that were scored.
 
-    ``lens`` holds the lens position at each frame; without it, nothing is known of the lens.
+    ``lens`` holds the lens position at each frame; without it, nothing is known of the lens. ``dark`` spikes per pixel
+    and frame are among those of ``light``, and thin contrast and scores out, but for ``broad``: that, and ``finest``,
+    are the curves of measures that a search names, of which the first is calibrated.
     """
 
     readout_hz = 20_000.0
 
-    def __init__(self, curve, light=None, *, noise=0.0, broad=None, lens=None):
+    def __init__(self, curve, light=None, *, noise=0.0, broad=None, finest=None, lens=None, dark=0.0):
         self.frames, self.lens = len(curve), lens
-        self.curve, self.noise, self.broad = curve, noise, curve if broad is None else broad
+        self.curve, self.noise, self.dark = curve, noise, dark
+        self.named = {"sd_calibrated": broad, "vollath_f4_n": finest}
         self.light = np.full(self.frames, 0.2) if light is None else light
         self.spikes = np.concatenate([[0.0], np.cumsum(self.light)])
         self.windows, self.now = [], 0
@@ -29,11 +32,20 @@ class Sweep:
         if measure == "er_count_n":
             return 1000.0
         self.windows.append((first, stop, count))
-        curve = self.broad if measure == "sd_calibrated" else self.curve
+        curve = self.curve if self.named.get(measure) is None else self.named[measure]
         value = float(np.average(curve[first:stop], weights=self.light[first:stop] + 1e-12))
+        if self.dark and measure != "sd_calibrated":
+            value *= (1 - self.dark * (stop - first) / count) ** 2
         return value + self.noise * float(make_generator("sweep", first, stop).standard_normal()) / np.sqrt(
             count + 1e-12
         )
+
+    def counts(self, first, stop):
+        """A board of 4 × 4 fields, one half three times as bright as the other."""
+        self.now = max(self.now, stop)
+        dark = self.dark * (stop - first)
+        lit = self.spikes[stop] - self.spikes[first] - dark
+        return dark + lit * np.where(np.indices((4, 4)).sum(axis=0) % 2, 1.5, 0.5)
 
     def position(self, frame):
         return float("nan") if self.lens is None else float(self.lens[frame])

@@ -5,7 +5,7 @@ import pytest
 from lit_sweep import Sweep
 
 from saf_gen import get_search
-from saf_gen.plugins.searches.peak_fit import fit_bell
+from saf_gen.plugins.searches.peak_fit import MOST_DARK, contrast_of_blocks, estimate_dark_rate, fit_bell
 
 FRAMES = 20_000
 WIDTH = 0.06
@@ -97,6 +97,58 @@ def test_a_curve_that_is_no_bell_ends_as_photon_aware_ends_it():
     view = Sweep(flat, lens=lens)
     assert get_search("peak_fit", rough=0.0)(view).frame == pytest.approx(FRAMES / 2, abs=0.08 * FRAMES)
     assert view.now < FRAMES
+
+
+STEPS_OF_LIGHT = np.repeat([0.05, 0.02, 0.1] * 7, -(-FRAMES // 21))[:FRAMES]
+
+
+@pytest.mark.parametrize("at", [0.3, 0.5, 0.7])
+def test_light_that_jumps_does_not_move_the_focus_though_the_dark_thins_contrast_out(at):
+    """0.01 of the dark among 0.02 to 0.1 spikes per frame: scores fall to a quarter, or to 0.8 of what they were."""
+    found = {}
+    for dark in (True, False):
+        view = sweep(0, 1, at=at, light=STEPS_OF_LIGHT, dark=0.01)
+        found[dark] = abs(get_search("peak_fit", dark=dark, near=0.0)(view).frame / FRAMES - at)
+    assert found[True] < 0.01 * WIDTH < 0.05 * WIDTH < found[False]
+
+
+def test_the_dark_rate_is_told_by_contrast_that_falls_with_the_light():
+    rate = np.array([0.2, 0.05, 0.02, 0.1])
+    assert estimate_dark_rate(rate, 0.3 * (1 - 0.015 / rate)) == pytest.approx(0.015)
+    assert estimate_dark_rate(rate, 0.3 * (1 + 0.015 / rate)) == 0
+    assert estimate_dark_rate(rate, np.zeros(4)) == 0
+    assert estimate_dark_rate(rate, -0.3 + 0.01 * rate) == 0
+    assert estimate_dark_rate(rate, 3 - 0.0599 / rate) == pytest.approx(MOST_DARK * 0.02)
+    little = np.array([0.2, 0.18, 0.16])  # changes that say more of noise than of the dark
+    assert estimate_dark_rate(little, 0.3 * (1 - 0.015 / little)) == 0
+
+
+def test_the_contrast_of_blocks_is_that_of_their_means():
+    fine = np.where(np.indices((40, 64)).sum(axis=0) % 2, 4.0, 0.0)
+    assert contrast_of_blocks(fine) == 0
+    halves = np.repeat([[1.0, 3.0]], 10, axis=0).repeat(8, axis=1)
+    assert contrast_of_blocks(halves) == pytest.approx(0.5)
+    assert contrast_of_blocks(np.zeros((40, 64))) == 0
+    assert contrast_of_blocks(np.array([[1.0, 3.0]])) == pytest.approx(0.5)  # smaller than the blocks are many
+
+
+def test_the_finest_differences_decide_near_the_top():
+    """Other depths of a target draw a broad bell half its width aside; the narrow one stands where the focus is."""
+    lens = np.linspace(0, 1, FRAMES)
+    finest = bell(lens, at=0.5, width=WIDTH / 2)
+    for near, expected in ((0.5, 0.5), (0.0, 0.5 + WIDTH / 2)):
+        view = sweep(0, 1, at=0.5 + WIDTH / 2, finest=finest)
+        answer = get_search("peak_fit", near=near)(view)
+        assert answer.frame / FRAMES == pytest.approx(expected, abs=0.1 * WIDTH)
+
+
+@pytest.mark.parametrize(
+    "finest", [np.full(FRAMES, 0.3), bell(np.linspace(0, 1, FRAMES), at=0.72), -np.ones(FRAMES)],
+    ids=["flat", "elsewhere", "below zero"],
+)  # fmt: skip
+def test_finest_differences_that_are_no_bell_there_change_nothing(finest):
+    found = [get_search("peak_fit", near=near)(sweep(0, 1, at=0.5, finest=finest)).frame for near in (0.5, 0.0)]
+    assert found[0] == found[1]
 
 
 def test_without_light_it_abstains():

@@ -486,6 +486,8 @@ FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel
         ("peak_fit", {"steps": 0}, "steps is 0", FRAMES),
         ("peak_fit", {"reach": 11}, "reach is 11", "0 to 10"),
         ("peak_fit", {"rough": math.nan}, "rough is nan", "0 to 1"),
+        ("peak_fit", {"near": 1.5}, "near is 1.5", "0 to 1"),
+        ("peak_fit", {"dark": 1}, "dark is 1", "true, false"),
         ("golden_section", {"tolerance": 0}, "tolerance is 0", FRACTION),
         ("golden_section", {"tolerance": 1}, "tolerance is 1", FRACTION),
         ("fibonacci", {"tolerance": "a"}, "tolerance is 'a'", FRACTION),

@@ -6,17 +6,22 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._light_windows import follow_windows_of_equal_light
 from saf_gen.plugins.searches._numbers import check_search_numbers
 from saf_gen.plugins.searches._score_curve import ScoreCurve
 from saf_gen.plugins.searches._windows import check_search_frame_count
 
-BROAD = "sd_calibrated"
+BROAD, FINEST = "sd_calibrated", "vollath_f4_n"
 LEAST_SCORES = 8
 """A bell needs as many scores: noise alone hardly ever puts so many neighbours on one."""
 SMOOTH, UNTIL, LEAST, FALL = 2.0, 0.5, 0.2, 0.03
 """What photon_aware asks of a curve that is no bell: its options ``smooth``, ``until``, ``least`` and ``fall``."""
+FINEST_WITHIN = 1.5
+"""Half widths of a bell within which the finest differences are asked."""
+BLOCKS, LIGHT_RATIO, MOST_DARK = 4, 1.3, 0.9
+"""Blocks of a picture across and down, how much light must change to tell the dark, and what it may be of the least."""
 
 
 class Bell(NamedTuple):
@@ -42,10 +47,20 @@ class PeakFit:
     position of the lens in it. The fit takes the scores round the largest, in order of position, as far as they stay
     above ``above`` of it. Its weights are those of scores with equal errors, more where a window holds more spikes.
 
+    Spikes of the dark thin contrast out, the more the less light there is: where light changes, the curve does, and not
+    for the focus. So the dark rate d is estimated while the search runs, from the contrast of coarse blocks of the
+    picture, which the focus hardly changes and which the dark lowers to c·(1 − d/rate). What is fitted is the score
+    over (1 − d/rate)²; with ``dark`` false, the score itself: for a measure that is calibrated.
+
     A bell is believed if its misfit, the relative residual, is below ``rough``. The search stops when for three windows
     the lens has been behind the top by (``beyond`` + ``doubt``·misfit)·w, and was before it by as much; in a sweep that
     began nearer than that, if the misfit is below a quarter of ``rough``. Some score must lie below ``low`` of the
     largest. While no bell is believed it stops where ``photon_aware`` would, for a curve need not be a bell.
+
+    Then the top is fitted once more, by the measure of the finest differences, ``vollath_f4_n``, which other depths of
+    the target reach less: its scores within 1.5·w of x₀, as far as they stay above ``near`` of their largest. Where
+    that is a bell with a top within w of x₀, and within what the lens passed, its x₀ counts. With ``near`` 0 it is not
+    asked.
 
     The answer is the frame at which the lens was nearest to x₀. It may lie up to ``reach``·w outside of what the lens
     passed: on most scenes w is 1.2 to 2.2 depths of focus for ``structure_calibrated`` and 1.9 to 3.8 for
@@ -54,7 +69,8 @@ class PeakFit:
     frames stand for them.
 
     Choose a measure without a floor of noise: ``octave_structure`` needs no calibration either. Three scores per step,
-    one of them by the method's own measure. The trace holds the frame of the focus so far, whenever it moves.
+    one of them by the method's own measure, a look at the counts, and some scores of the finest differences at the end.
+    The trace holds the frame of the focus so far, whenever it moves.
 
     References
     ----------
@@ -72,20 +88,25 @@ class PeakFit:
     low: float = 0.5
     rough: float = 0.1
     reach: float = 0.55
+    near: float = 0.5
+    dark: bool = True
 
     causal: ClassVar[bool] = True
-    measures: ClassVar[tuple[str, ...]] = ("er_count", "er_count_n", BROAD)
+    measures: ClassVar[tuple[str, ...]] = ("er_count", "er_count_n", BROAD, FINEST)
 
     def __post_init__(self) -> None:
         check_search_frame_count("steps", self.steps)
-        fractions = dict.fromkeys(("longest", "above", "low", "rough"), 1.0)
+        fractions = dict.fromkeys(("longest", "above", "low", "rough", "near"), 1.0)
         check_search_numbers(self, {"counts": 1e6, "beyond": 10, "doubt": 1e3, "reach": 10, **fractions})
+        if not isinstance(self.dark, bool):
+            raise BadInput(f"dark is {self.dark!r}", allowed="true, false")
 
     def __call__(self, view: View) -> Answer:
         """Search the sweep. Raise BadInput where it has fewer than two frames per step."""
         step = view.frames // self.steps
         lens: list[float] = []  # in the middle of each step so far
-        rows: list[tuple[float, float, float]] = []  # of each window: lens position, score, spikes per pixel
+        windows: list[tuple[int, int]] = []
+        rows: list[tuple[float, ...]] = []  # of each window: lens position, score, spikes per pixel, contrast of blocks
         curve, broad = (ScoreCurve(SMOOTH * step, self.steps) for _ in range(2))
         trace: list[float] = []
         bell, passed, fallen = None, 0, 0
@@ -95,17 +116,21 @@ class PeakFit:
             while len(lens) < stop // step:
                 lens.append(_lens_position(view, len(lens) * step + step // 2))
             middle, score = (first + stop) / 2 - 0.5, view.score(first, stop)
-            rows.append((float(np.mean(lens[first // step :])), score, light))
+            windows.append((first, stop))
+            contrast = contrast_of_blocks(view.counts(first, stop)) if self.dark else 0.0
+            rows.append((float(np.mean(lens[first // step :])), score, light, contrast))
             curve.add(middle, score)
             broad.add(middle, view.score(first, stop, BROAD))
-            x, y, spikes = np.array(rows).T
-            bell = fit_bell(x, y, light=spikes, above=self.above)
+            x, y, spikes, contrasts = np.array(rows).T
+            rate = spikes / np.array([b - a for a, b in windows])
+            undimmed = (1 - estimate_dark_rate(rate, contrasts) / rate) ** 2
+            bell = fit_bell(x, y / undimmed, light=spikes, above=self.above)
             if bell and bell.misfit >= self.rough:
                 bell = None
             best = curve.best() if bell is None else frame_nearest(bell.focus, lens, step=step)
             if not trace or trace[-1] != best:
                 trace.append(best)
-            passed = passed + 1 if bell and self._is_behind(bell, lens, rows=rows) else 0
+            passed = passed + 1 if bell and self._is_behind(bell, lens, x=x, y=y / undimmed) else 0
             fallen = fallen + 1 if all(each.has_fallen(UNTIL, LEAST) for each in (curve, broad)) else 0
             fell = fallen > max(2, steps) and all(each.is_peak(UNTIL / 2) for each in (curve, broad))
             if passed == 3 or (fell and bell is None):
@@ -114,23 +139,64 @@ class PeakFit:
         if not rows:
             return Answer(None, (), "too dark")
         if bell and max(min(lens) - bell.focus, bell.focus - max(lens)) <= self.reach * bell.width:
-            return Answer(frame_nearest(bell.focus, lens, step=step), tuple(trace), note)
+            finest = self._fit_finest(view, bell, windows=windows, x=x, undimmed=undimmed, light=spikes)
+            focus = bell.focus if finest is None else finest.focus
+            return Answer(frame_nearest(focus, lens, step=step), tuple(trace), note)
         if curve.is_peak(FALL):
             return Answer(curve.top(), tuple(trace), note)
         return Answer(None, tuple(trace), f"{note}: no focus in it, the curve has no two sides")
 
-    def _is_behind(self, bell: Bell, lens: list[float], *, rows: list[tuple[float, float, float]]) -> bool:
+    def _fit_finest(
+        self,
+        view: View,
+        bell: Bell,
+        *,
+        windows: list[tuple[int, int]],
+        x: np.ndarray,
+        undimmed: np.ndarray,
+        light: np.ndarray,
+    ) -> Bell | None:
+        """Return the bell of the finest differences near the top of another, or None where they tell nothing."""
+        if not self.near:
+            return None
+        inside = np.flatnonzero(np.abs(x - bell.focus) < FINEST_WITHIN * bell.width)
+        if len(inside) < LEAST_SCORES:
+            return None
+        y = np.array([view.score(*windows[i], FINEST) for i in inside]) / undimmed[inside]
+        found = fit_bell(x[inside], y, light=light[inside], above=self.near)
+        if found is None or found.misfit >= self.rough or abs(found.focus - bell.focus) >= bell.width:
+            return None
+        return found if x.min() < found.focus < x.max() else None
+
+    def _is_behind(self, bell: Bell, lens: list[float], *, x: np.ndarray, y: np.ndarray) -> bool:
         """Return whether the lens has passed the top of a bell, and had come from its other side."""
         margin = (self.beyond + self.doubt * bell.misfit) * bell.width
         way = np.sign(lens[-1] - bell.focus)
-        before = max(way * (bell.focus - x) for x in lens)
+        before = max(way * (bell.focus - position) for position in lens)
         began_near = before > 0 and abs(lens[0] - bell.focus) < margin and bell.misfit < self.rough / 4
-        scores = [score for _, score, _ in rows]
         return bool(
-            way * (rows[-1][0] - bell.focus) > margin
-            and (before > margin or began_near)
-            and min(scores) < self.low * max(scores)
+            way * (x[-1] - bell.focus) > margin and (before > margin or began_near) and y.min() < self.low * y.max()
         )
+
+
+def contrast_of_blocks(counts: np.ndarray) -> float:
+    """Return the standard deviation of the mean counts of BLOCKS × BLOCKS parts of a picture over their mean, or 0."""
+    rows, columns = (np.array_split(np.arange(size), min(BLOCKS, size)) for size in counts.shape)
+    means = np.array([[counts[r[0] : r[-1] + 1, c[0] : c[-1] + 1].mean() for c in columns] for r in rows])
+    return float(means.std() / means.mean()) if means.any() else 0.0
+
+
+def estimate_dark_rate(rate: np.ndarray, contrast: np.ndarray) -> float:
+    """Return how many spikes of the dark there are in ``rate`` (n,), spikes per pixel and frame of n windows.
+
+    ``contrast`` (n,) is that of the same windows, which the dark lowers to c·(1 − dark/rate): a line over 1/rate,
+    fitted by least squares. 0 where light changes by less than LIGHT_RATIO, or contrast does not fall with it; at most
+    MOST_DARK of the least rate.
+    """
+    if rate.max() < LIGHT_RATIO * rate.min():
+        return 0.0
+    slope, level = np.polyfit(1 / rate, contrast, 1)
+    return float(np.clip(-slope / level, 0, MOST_DARK * rate.min())) if level > 0 else 0.0
 
 
 def fit_bell(x: np.ndarray, y: np.ndarray, *, light: np.ndarray, above: float) -> Bell | None:
