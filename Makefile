@@ -11,7 +11,7 @@ DOCS := $(VENV)/.docs
 # Tests start many commands, each of which would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo test test-fast test-long lint checked docs clean
+.PHONY: help install demo test test-fast test-long lint compiled-tests checked docs clean
 help:
 	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (a minute, after a minute of set-up)"
 	@echo "make test       linters, types and every test (eight to ten minutes on two cores)"
@@ -44,14 +44,16 @@ $(BROWSER): $(STAMP) tools/install-chromium.sh
 	@sh tools/install-chromium.sh
 	@touch $@
 
-# Numba's kernels and the tests themselves are compiled beside the linters, once for all processes of the tests.
+# Numba's kernels are compiled beside the linters and the tests themselves, once for all processes of the tests.
 $(KERNELS): $(STAMP) $(wildcard saf_gen/render/*.py saf_gen/camera/*.py saf_gen/core/*.py saf_gen/benchmark/view/*.py)
 	@$(BIN)/python tests/helpers/compile_kernels.py
-	@$(BIN)/pytest --collect-only -n 0 >/dev/null
 	@touch $@
 
+compiled-tests: lint
+	@$(BIN)/pytest --collect-only -n 0 >/dev/null
+
 checked: install
-	@$(MAKE) --no-print-directory -j2 lint $(KERNELS)
+	@$(MAKE) --no-print-directory -j2 compiled-tests $(KERNELS)
 
 test: checked $(BROWSER)
 	$(BIN)/pytest -m 'not gpu and not long' -rs --durations=10

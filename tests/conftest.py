@@ -4,9 +4,11 @@ import fcntl
 import logging
 import os
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
+import own_cores  # noqa: F401, first: libraries count the cores when they are imported
 import pytest
 from inline_jobs import run_jobs_inline
 from small_dataset import HERE, SCENES, SMALL_RECIPE
@@ -74,9 +76,12 @@ def worker_processes(monkeypatch):
     monkeypatch.setattr(run, "run_jobs", run_jobs)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def cluster_address() -> Iterator[str]:
-    """A Dask scheduler in a thread of this process, with one plain worker and one that offers a GPU."""
+    """A Dask scheduler in a thread of this process, with one plain worker and one that offers a GPU.
+
+    It looks at the machine many times a second, so that a module's last test ends it.
+    """
     import distributed
 
     workers = {
@@ -181,21 +186,39 @@ def make_captured_dataset(factory: pytest.TempPathFactory, name: str, changes: t
     return shared / name / "takes"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def drawing_figures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
+    """Reports have no figures, as drawing them takes longer than a small evaluation; gives what draws them inside."""
+    from saf_gen.leaderboard.report import evaluation_folder
+
+    real = evaluation_folder.plot_report_figures
+
+    @contextmanager
+    def draw() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as inside:
+            inside.setattr(evaluation_folder, "plot_report_figures", real)
+            yield
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evaluation_folder, "plot_report_figures", lambda *_, **__: [])
+        yield draw
+
+
+@pytest.fixture
+def drawn_figures(drawing_figures) -> Iterator[None]:
+    """Reports have their figures, as for a user."""
+    with drawing_figures():
+        yield
+
+
 @pytest.fixture
 def call(capsys) -> Callable[..., tuple[int, str, str]]:
-    """Run saf-gen in this process: (exit code, stdout, stderr).
+    """Run saf-gen in this process: (exit code, stdout, stderr)."""
 
-    The page of an evaluation has no figures, as drawing them takes longer than a small evaluation; with
-    ``figures=True`` it has them, as for a user.
-    """
-
-    def run_command(*arguments: object, figures: bool = False) -> tuple[int, str, str]:
+    def run_command(*arguments: object) -> tuple[int, str, str]:
         capsys.readouterr()
-        with pytest.MonkeyPatch.context() as patch:
-            if not figures and arguments[:1] in (("evaluate",), ("leaderboard",)):
-                patch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
-            with pytest.raises(SystemExit) as ended:
-                main([str(argument) for argument in arguments])
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
         return ended.value.code, *capsys.readouterr()
 
     return run_command

@@ -369,11 +369,10 @@ def desk(tmp_path_factory):
     return folder
 
 
-def run(folder: Path, words: list[str], where: str = "", *, figures: bool = False) -> str:
+def run(folder: Path, words: list[str], where: str = "") -> str:
     """Run a saf-gen command; one meant for a recipe of the project only says what it would do, one that looks at a
-    scene does so with a quarter of the pixels, and so does a bench, with few frames; sensors are compared over 400. An
-    evaluation has no figures, or with ``figures`` those of all, and of the sweep of one sequence: to draw them takes
-    longer than all else."""
+    scene does so with a quarter of the pixels, and so does a bench, with few frames; sensors are compared over 400.
+    Where figures are drawn, the sweep of one sequence has some."""
     environment, (_, *arguments) = split_env(words)
     whole = [name for p in (ROOT / "recipes").glob("*.yaml") for name in (p.stem, f"recipes/{p.name}")]
     if arguments[0] == "generate" and arguments[1] in whole and "--dry-run" not in arguments:
@@ -384,8 +383,6 @@ def run(folder: Path, words: list[str], where: str = "", *, figures: bool = Fals
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(shown), redirect_stderr(told):
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
-        if not figures:
-            patch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
         for name in ("FLAT_FRAMES", "DARK_FRAMES"):
             patch.setattr(f"saf_gen.calibration.comparison.{name}", 400)
         patch.setattr("saf_gen.acceptance.speed.BenchSize", partial(BenchSize, sensor="quarter.yaml", frames=2000))
@@ -448,7 +445,7 @@ def follow_page(page, desk, monkeypatch):
         if block.language == "sh":
             for words in commands(block):
                 if split_env(words)[1][0] == "saf-gen" and words not in RUN_ALREADY:
-                    run(desk, words, block.where, figures=page.name == "README.md")
+                    run(desk, words, block.where)
                     RUN_ALREADY.extend([words] if "datasets/quickstart" in words else [])
         elif block.language == "python" and not block.path and (find_spec("torch") or "torch" not in block.text):
             exec(compile("\n" * (block.line - 1) + block.text, str(page), "exec"), {"__name__": "shown"})
@@ -478,6 +475,7 @@ def test_the_scene_shown_is_sharpest_at_its_true_focus(desk):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("drawn_figures")
 def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     made = desk / "datasets/quickstart"
     layout = (ROOT / "docs/reference/file-layout.md").read_text(encoding="utf-8")
@@ -486,7 +484,7 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     for line in folder.strip().splitlines():
         pattern = re.sub(r"<\w+>", "*", line.split()[0])
         assert list(made.glob(pattern)), f"{pattern} is not there"
-    run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--method", "sd+argmax"], figures=True)
+    run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--method", "sd+argmax"])
     for row in table("docs/reference/leaderboard.md", "file"):
         assert list((desk / "made").glob(ticked(row[0])[0].replace("SPLIT-SCENE", "*")))
     record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])

@@ -158,8 +158,9 @@ def test_a_dry_run_of_a_shard_lists_its_sequences_only(call, small_recipe, test_
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("drawn_figures")
 def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy):
-    code, out, err = call("evaluate", copy, figures=True)
+    code, out, err = call("evaluate", copy)
     assert (code, err) == (0, "")
     for method in DEFAULT_RECORDED_METHODS:
         assert method in out

@@ -148,16 +148,15 @@ def test_what_holds_no_records_is_one_line(call, runs, tmp_path):
     assert "records.jsonl:4: this is not JSON" in refused(call, *runs)
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_an_evaluation_replaces_the_earlier_one_as_a_whole_and_says_so(call, dataset, tmp_path):
     out = tmp_path / "out"
-    code, printed, _ = call(
-        *("evaluate", dataset, "--out", out, "--method", "sd+argmax", "--method", "sd+egs"), figures=True
-    )
+    code, printed, _ = call("evaluate", dataset, "--out", out, "--method", "sd+argmax", "--method", "sd+egs")
     assert code == 0
     assert "replaced" not in printed
     assert (out / "curves.csv").is_file()
     (out / "notes.txt").write_text("mine")
-    code, printed, err = call("evaluate", dataset, "--out", out, "--method", "sd+egs", figures=True)
+    code, printed, err = call("evaluate", dataset, "--out", out, "--method", "sd+egs")
     assert (code, err) == (0, "")
     assert printed.splitlines()[-1] == "replaced the earlier evaluation of 2 methods"
     assert {r.method for r in read_records(out)} == {"sd+egs"}
@@ -199,7 +198,6 @@ def test_an_evaluation_is_written_before_it_is_printed_into_a_pipe_that_may_clos
         raise RuntimeError("the pipe is closed")
 
     monkeypatch.setattr("saf_gen.cli.evaluate_commands.print_leaderboard", closed)
-    monkeypatch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
     with pytest.raises(RuntimeError, match="the pipe"):
         main(["evaluate", str(dataset), "--method", "er_count+argmax", "--out", str(tmp_path / "out")])
     assert len(read_records(tmp_path / "out")) == 2

@@ -61,6 +61,7 @@ def held(folder):
     return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_all_files_are_written_and_told(tmp_path):
     written = write(tmp_path / "new/out", with_curves())
     assert held(tmp_path / "new/out") == TABLES | CURVES | {ERRORS, OPENING}
@@ -73,6 +74,7 @@ def test_all_files_are_written_and_told(tmp_path):
     assert written.replaced == ""
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_figures_for_a_paper_are_a_column_wide_and_go_with_their_evaluation(tmp_path):
     """252 points are 3.5 inches. The line of the last curve ends as far to the right as in the SVG, scaled."""
     write_with_pdf(tmp_path, with_curves())
@@ -97,6 +99,7 @@ def test_figures_for_a_paper_are_a_column_wide_and_go_with_their_evaluation(tmp_
     }
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_or_figure_of_it(tmp_path):
     write(tmp_path, with_curves())
     for name in ("notes.txt", "figures/mine.svg", "figures/curves-camel-constant-edited.svg"):
@@ -118,6 +121,7 @@ def test_a_folder_of_figures_that_nobody_needs_goes(tmp_path):
     assert held(tmp_path) == TABLES
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_an_evaluation_that_cannot_be_read_is_replaced_and_told(tmp_path):
     write(tmp_path, with_curves())
     (tmp_path / "records.jsonl").write_text('{"half": ')
@@ -125,6 +129,7 @@ def test_an_evaluation_that_cannot_be_read_is_replaced_and_told(tmp_path):
     assert held(tmp_path) == TABLES | {ERRORS, OPENING}
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_curves_and_figures_that_somebody_else_made_stay(tmp_path):
     (tmp_path / "figures").mkdir()
     (tmp_path / "curves.csv").write_text("t,y\n0,1\n")
@@ -205,6 +210,7 @@ def test_what_fails_before_all_is_written_leaves_the_earlier_evaluation_whole(tm
     assert {name: (tmp_path / name).read_bytes() for name in held(tmp_path)} == before
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_a_file_in_the_way_of_the_figures_is_bad_input_and_the_earlier_evaluation_stays(tmp_path):
     write(tmp_path, Evaluation(of_one_method().records, (), ()))
     for figure in (ERRORS, OPENING):

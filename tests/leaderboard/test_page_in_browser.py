@@ -58,10 +58,11 @@ def python_rows(keep=lambda record: True):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, drawing_figures):
     out = tmp_path_factory.mktemp("page")
     made = make_evaluation()
-    write_report(out, evaluation=made, rows=rank_methods(made.records), title="small")
+    with drawing_figures():
+        write_report(out, evaluation=made, rows=rank_methods(made.records), title="small")
     return out
 
 
@@ -273,7 +274,6 @@ def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr("saf_gen.leaderboard.report.page_answers.WORST_OF_METHOD", 2)
     for module in ("page", "page_answers"):
         monkeypatch.setattr(f"saf_gen.leaderboard.report.{module}.MAX_ANSWERS", 3)
-    monkeypatch.setattr("saf_gen.leaderboard.report.evaluation_folder.plot_report_figures", lambda *_, **__: [])
     made = replace(make_evaluation(), sweeps=())
     write_report(tmp_path / "some", evaluation=made, rows=rank_methods(made.records), title="some")
     script = """

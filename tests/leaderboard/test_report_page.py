@@ -85,10 +85,11 @@ def read(text):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def whole(tmp_path_factory, drawing_figures):
     folder = tmp_path_factory.mktemp("report")
     made = make_evaluation()
-    paths = write_report(folder, evaluation=made, rows=rank_methods(made.records), title="small")
+    with drawing_figures():
+        paths = write_report(folder, evaluation=made, rows=rank_methods(made.records), title="small")
     return folder, paths, (folder / "index.html").read_text(encoding="utf-8")
 
 
@@ -174,6 +175,7 @@ def test_the_page_opens_with_what_is_judged_and_what_a_depth_of_focus_is(whole):
     assert (whole[0] / "figures/depth-of-focus.svg").is_file()
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_without_pictures_the_opening_speaks_of_none(tmp_path):
     made = Evaluation(make_evaluation().records[:2], (), ())
     write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="small")
@@ -250,6 +252,7 @@ def without_curves():
     return Evaluation(tuple(records), sweeps, ())
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
     made = without_curves()
     write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="no argmax")
@@ -412,6 +415,7 @@ def test_of_many_failures_the_page_names_some_and_counts_the_rest():
     assert "and 20 more" in text
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_text_from_files_cannot_break_the_page(tmp_path):
     records = [
         record(f"{NASTY}+{number}", f"{NASTY}{light}", 0.1, light=f"{NASTY}{light}", scene=NASTY, note=NASTY)
@@ -449,6 +453,7 @@ def test_of_many_sequences_some_of_every_scene_are_drawn(monkeypatch):
     assert MAX_SEQUENCES >= 12
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
     records = [
         record("sd+hill_climb", "camel-constant", 0.1, track="closed_loop", terms="voice_coil, 200 ms"),
@@ -479,6 +484,7 @@ def test_an_empty_evaluation_still_makes_a_page(tmp_path):
     assert "truncated" in text
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_a_report_that_cannot_be_written_is_bad_input(tmp_path):
     made = Evaluation(make_evaluation().records[:2], (), ())
     (tmp_path / "figures").write_text("in the way")

@@ -124,6 +124,7 @@ def test_names_of_a_whole_evaluation_are_escaped_for_page_and_figures():
     assert shown.failures[0].problem == r"\x07"
 
 
+@pytest.mark.usefixtures("drawn_figures")
 def test_names_in_other_scripts_are_text_in_the_figures_and_warn_of_nothing(tmp_path):
     records = tuple(record(f"网+{n}", "对焦", 0.1, light="光", scene="焦点") for n in (1, 2))
     made = Evaluation(records, (make_sweep("光", scene="焦点"),), ())

@@ -7,6 +7,11 @@ from random_paths import paths, windows
 from saf_gen.render import host_splat
 
 
+def splat(*arguments):
+    """All arguments are given, as by the renderer: numba compiles a kernel again for one that is left out."""
+    return host_splat.splat_paths(*arguments, *[None] * (11 - len(arguments)))
+
+
 def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=None):
     """The slow reference: sums and counts of the values that fall into each pixel at each position."""
     focus, rows, columns = shape
@@ -28,7 +33,7 @@ def test_the_stack_is_that_of_adding_paths_one_by_one(shape, windowed):
     arrays = paths(5, 3000, shape)
     window = windows(8, 3000, shape) if windowed else ()
     sums = host_splat.allocate_splat_accumulators(2, shape)
-    assert host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9, *window) == 0
+    assert splat(sums, *arrays, 2.0**30, 1e9, *window) == 0
     total, count = one_by_one(*arrays, shape, *window)
     seen = count > 0
     # float32 points may fall on the other side of a pixel's border in the reference's order of rounding
@@ -44,8 +49,8 @@ def test_a_window_of_all_positions_changes_no_bit():
         host_splat.allocate_splat_accumulators(2, shape),
         host_splat.allocate_splat_accumulators(2, shape),
     )
-    host_splat.splat_paths(plain, *arrays, 2.0**30, 1e9)
-    host_splat.splat_paths(windowed, *arrays, 2.0**30, 1e9, *whole)
+    splat(plain, *arrays, 2.0**30, 1e9)
+    splat(windowed, *arrays, 2.0**30, 1e9, *whole)
     assert np.array_equal(plain, windowed)
 
 
@@ -55,7 +60,7 @@ def test_the_number_of_workers_changes_no_bit():
     stacks = []
     for workers in (1, 2, 5):
         sums = host_splat.allocate_splat_accumulators(workers, shape)
-        host_splat.splat_paths(sums, *arrays, 2.0**30, 1e9)
+        splat(sums, *arrays, 2.0**30, 1e9)
         stacks.append(host_splat.mean_radiance_of_paths(sums, 2.0**30))
     assert np.array_equal(stacks[0], stacks[1])
     assert np.array_equal(stacks[0], stacks[2])
@@ -64,7 +69,7 @@ def test_the_number_of_workers_changes_no_bit():
 def test_a_path_that_stays_in_its_pixel_is_seen_at_every_position():
     one = np.ones(1, dtype=np.float32)
     sums = host_splat.allocate_splat_accumulators(1, (9, 3, 3))
-    host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, 0.25 * one, 2.0**30, 1e9)
+    splat(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, 0.25 * one, 2.0**30, 1e9)
     assert host_splat.mean_radiance_of_paths(sums, 2.0**30)[:, 1, 1] == pytest.approx(0.25)
 
 
@@ -72,7 +77,7 @@ def test_fireflies_are_clipped_and_counted():
     one = np.ones(3, dtype=np.float32)
     sums = host_splat.allocate_splat_accumulators(1, (2, 3, 3))
     value = np.array([1, 2, 500], dtype=np.float32)
-    assert host_splat.splat_paths(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, value, 2.0**20, 100.0) == 1
+    assert splat(sums, 1.5 * one, 1.5 * one, 0 * one, 0 * one, value, 2.0**20, 100.0) == 1
     assert host_splat.mean_radiance_of_paths(sums, 2.0**20)[0, 1, 1] == pytest.approx((1 + 2 + 100) / 3)
 
 
@@ -85,9 +90,9 @@ def test_a_weight_counts_a_path_as_often(windowed):
     weight = np.random.default_rng(3).integers(0, 5, count).astype(np.uint32)
     often = np.repeat(np.arange(count), weight)
     weighted, one_by_one = (host_splat.allocate_splat_accumulators(2, shape) for _ in range(2))
-    clipped = host_splat.splat_paths(weighted, *arrays, 2.0**30, 0.9, *window, weight)
+    clipped = splat(weighted, *arrays, 2.0**30, 0.9, *window, weight)
     repeated = [None if array is None else array[often] for array in (*arrays, *window)]
-    host_splat.splat_paths(one_by_one, *repeated[:5], 2.0**30, 0.9, *repeated[5:])
+    splat(one_by_one, *repeated[:5], 2.0**30, 0.9, *repeated[5:])
     assert np.array_equal(weighted.sum(axis=0), one_by_one.sum(axis=0))
     assert clipped == np.count_nonzero((arrays[4] > 0.9) & (weight > 0)) > 100
 
@@ -98,7 +103,7 @@ def test_a_weight_of_one_changes_no_bit_and_of_zero_leaves_nothing():
     found = []
     for weight in (None, np.ones(5000, dtype=np.uint32), np.zeros(5000, dtype=np.uint32)):
         sums = host_splat.allocate_splat_accumulators(2, shape)
-        clipped = host_splat.splat_paths(sums, *arrays, 2.0**30, 0.9, None, None, weight)
+        clipped = splat(sums, *arrays, 2.0**30, 0.9, None, None, weight)
         found.append((sums, clipped))
     assert np.array_equal(found[0][0], found[1][0])
     assert found[0][1] == found[1][1] > 0

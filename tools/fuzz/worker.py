@@ -29,6 +29,10 @@ FULL_REPORTS_EVERY = 40
 _plot = evaluation_folder.plot_report_figures
 
 
+def _plot_nothing(*_: object, **__: object) -> list[Any]:
+    return []
+
+
 def call(*arguments: str) -> tuple[int, str, str]:
     """Run a command in this process: exit code, what it printed, what it said of errors."""
     out, err = io.StringIO(), io.StringIO()
@@ -110,7 +114,7 @@ def run_case(kind: Kind, seed: int, number: int) -> dict[str, Any]:
     raw, command = path.read_bytes(), rng.choice(kind.commands)
     keep = path.with_name(f"{path.name}.keep")
     shutil.copy2(path, keep)
-    evaluation_folder.plot_report_figures = _plot if number % FULL_REPORTS_EVERY == 0 else lambda *a, **k: []
+    evaluation_folder.plot_report_figures = _plot if (number + 1) % FULL_REPORTS_EVERY == 0 else _plot_nothing
     told: dict[str, Any] = {"kind": kind.name, "number": number, "file": name, "command": command}
     try:
         if rng.random() < 0.03:
@@ -173,6 +177,7 @@ def write_samples_in(root: Path, *, check: bool = False) -> None:
     root.mkdir(parents=True, exist_ok=True)
     os.chdir(root)
     if not (root / "packed").exists():
+        evaluation_folder.plot_report_figures = _plot_nothing
         samples.write_samples(root, lambda *arguments: call(*arguments)[0])
         if check:
             _check_samples(root)

@@ -10,10 +10,13 @@ from saf_gen.camera import encoder
 
 @pytest.mark.slow
 def test_every_check_passes_at_its_small_size(tmp_path):
-    """A tolerance follows from the statistics of its workload; seeds are fixed."""
-    verdicts = run_validation_checks(list(all_validation_checks().values()), tmp_path, quick=True)
-    assert {v.name: v.reason or v.comparisons for v in verdicts if v.outcome not in ("passed", "skipped")} == {}
-    assert {v.name for v in verdicts if v.outcome == "skipped"} <= {"referee_emva1288"}
+    """A tolerance follows from the statistics of its workload; seeds are fixed.
+
+    The referee, which takes as long as five others, judges the same flat fields in the long test alone.
+    """
+    checks = [check for check in all_validation_checks().values() if check.name != "referee_emva1288"]
+    verdicts = run_validation_checks(checks, tmp_path, quick=True)
+    assert {v.name: v.reason or v.comparisons for v in verdicts if v.outcome != "passed"} == {}
 
 
 @pytest.mark.slow
