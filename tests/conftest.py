@@ -1,6 +1,7 @@
 """What tests share: the scenes of this folder, and a sensor small enough to be quick."""
 
 import fcntl
+import gc
 import logging
 import os
 from collections.abc import Callable, Iterator
@@ -29,6 +30,12 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     if all(Path(name.partition("::")[0]).suffix == ".py" for name in config.args):
         return 0
     return min(usable_cores(), WORKERS)
+
+
+def pytest_collection_finish() -> None:
+    """Take what stays to the end, libraries and tests, out of every later search for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
