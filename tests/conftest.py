@@ -4,8 +4,9 @@ import fcntl
 import gc
 import logging
 import os
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -195,9 +196,14 @@ def make_captured_dataset(factory: pytest.TempPathFactory, name: str, changes: t
 
 @pytest.fixture(scope="session", autouse=True)
 def drawing_figures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
-    """Reports have no figures, as drawing them takes longer than a small evaluation; gives what draws them inside."""
-    from saf_gen.leaderboard.report import evaluation_folder
+    """Reports have no figures, as drawing them takes longer than a small evaluation; gives what draws them inside.
 
+    Where none of the tests of this run imports what writes reports, it is left alone, because it takes a second.
+    """
+    evaluation_folder = sys.modules.get("saf_gen.leaderboard.report.evaluation_folder")
+    if evaluation_folder is None:
+        yield nullcontext
+        return
     real = evaluation_folder.plot_report_figures
 
     @contextmanager
