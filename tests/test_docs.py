@@ -371,7 +371,7 @@ def desk(tmp_path_factory):
 
 def run(folder: Path, words: list[str], where: str = "") -> str:
     """Run a saf-gen command; one meant for a recipe of the project only says what it would do, one that looks at a
-    scene does so with a quarter of the pixels, and so does a bench, with few frames; sensors are compared over 400.
+    scene does so with a sixth of the pixels, and so does a bench, with few frames; sensors are compared over 400.
     Where figures are drawn, the sweep of one sequence has some."""
     environment, (_, *arguments) = split_env(words)
     whole = [name for p in (ROOT / "recipes").glob("*.yaml") for name in (p.stem, f"recipes/{p.name}")]
