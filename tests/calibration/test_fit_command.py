@@ -44,6 +44,7 @@ def fit(recordings, call, tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path):
     """The sensor file is read as it is, tells what was measured from what was assumed, and stands in the JSON too."""
     code, shown, _ = fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="mine", threshold_e=29900)
@@ -64,6 +65,7 @@ def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path
     assert "dark_rate" in shown
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone_and_has_a_plot_of_each_kind(fit, recordings, tmp_path):
     """No address outside, no id twice, and as many drawings as captions."""
     fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="page")

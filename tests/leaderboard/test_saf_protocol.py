@@ -18,6 +18,8 @@ from saf_gen.leaderboard.saf_protocol import rank_methods_on_saf_folder
 from saf_gen.stream.interop import export_raw_frames
 from saf_gen.stream.stream_writer import write_stream
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 160
 LISTED = {"desk": (60, 8), "leaf": (97, 16), "wheel": (41, 8)}
 """Peak, counted from 0, and frames per block of each scene's recording."""

@@ -16,6 +16,8 @@ from saf_gen.core.object_store import find_path
 from saf_gen.stream.inspection import verify_streams_of_dataset
 from saf_gen.stream.manifest import read_manifest
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 8_000
 
 
