@@ -105,7 +105,7 @@ MEASURED = {}
 
 @pytest.fixture
 def measured_once(monkeypatch):
-    """What cards with the same slices say differs, and what is rendered of stripes at 0.9 pixels a slice does not."""
+    """What cards with the same slices say differs, and what is rendered of stripes that move by 0.9 pixels per slice does not."""
 
     def measure(subject, moment_s):
         key = (subject.scene.card.slices_per_s, moment_s)

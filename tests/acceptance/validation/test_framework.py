@@ -197,13 +197,13 @@ def test_a_figure_passes_inside_its_range_alone(value):
 
 @pytest.mark.slow
 def test_right_samples_fail_as_rarely_as_promised_and_wrong_ones_are_found():
-    """Of 1,000 checks of ten means of 50, 0.1 fail on average (P(≥ 4) = 4·10⁻⁶); all off by 1.5 sd do. Seed 1."""
-    samples = np.random.default_rng(1).normal(size=(1000, 10, 50))
+    """Of 4,000 checks of ten means of 50, 0.4 fail on average (P(≥ 5) = 10⁻⁴); all off by 1.5 sd do. Seed 1."""
+    samples = np.random.default_rng(1).normal(size=(4000, 10, 50))
     failed = sum(
         not all(inference.compare_mean_with_law("m", one, expected=0.0, figures=10).passed for one in check)
         for check in samples
     )
-    assert failed < 4
+    assert failed < 5
     assert not any(
         inference.compare_mean_with_law("m", one, expected=1.5, figures=10).passed for one in samples[:100, 0]
     )
