@@ -105,7 +105,7 @@ MEASURED = {}
 
 @pytest.fixture
 def measured_once(monkeypatch):
-    """What cards with the same slices say differs, and what is rendered of stripes that move by 0.9 pixels per slice does not."""
+    """Stripes that move by 0.9 pixels per slice are rendered once: their cards differ, and the pictures do not."""
 
     def measure(subject, moment_s):
         key = (subject.scene.card.slices_per_s, moment_s)
