@@ -341,9 +341,9 @@ def test_the_light_schedule_shown_is_a_part(tmp_path):
 
 
 def shrunk(text: str) -> str:
-    """A recipe with a sixth of the pixels, few positions and few samples; all else stays."""
+    """A recipe with a sixth of the pixels, half of the frames, few positions and few samples; all else stays."""
     recipe = yaml.safe_load(text)
-    recipe["camera"]["sensor"] = "quarter.yaml"
+    recipe["camera"] |= {"sensor": "quarter.yaml", "frames": recipe["camera"]["frames"] // 2}
     recipe["focus"]["positions"] = 9
     recipe["render"] = {"samples": 4, "max_depth": 3}
     return yaml.safe_dump(recipe, sort_keys=False)
@@ -371,8 +371,9 @@ def desk(tmp_path_factory):
 
 def run(folder: Path, words: list[str], where: str = "") -> str:
     """Run a saf-gen command; one meant for a recipe of the project only says what it would do, one that looks at a
-    scene does so with a sixth of the pixels, and so does a bench, with few frames; sensors are compared over 400.
-    Where figures are drawn, the sweep of one sequence has some."""
+    scene does so with a sixth of the pixels and few samples, and so does a bench, with few frames; sensors are compared
+    over 400.
+    Where figures are drawn, the sweep of one sequence has some; a fitted sensor has none of its plots."""
     environment, (_, *arguments) = split_env(words)
     whole = [name for p in (ROOT / "recipes").glob("*.yaml") for name in (p.stem, f"recipes/{p.name}")]
     if arguments[0] == "generate" and arguments[1] in whole and "--dry-run" not in arguments:
@@ -383,6 +384,8 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(shown), redirect_stderr(told):
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
+        patch.setattr("saf_gen.calibration.fit_files.draw_sensor_fit_plots", lambda fit: [])
+        patch.setattr("saf_gen.authoring.checks.scene_under_test.NEAR_SAMPLES", 4)
         for name in ("FLAT_FRAMES", "DARK_FRAMES"):
             patch.setattr(f"saf_gen.calibration.comparison.{name}", 400)
         patch.setattr("saf_gen.acceptance.speed.BenchSize", partial(BenchSize, sensor="quarter.yaml", frames=2000))

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from zipfile import ZipFile
 
+import numpy as np
 import pytest
 
 import saf_gen
@@ -35,6 +36,25 @@ def run(installed, *words):
     )
 
 
+AFTER_EACH = "=== after a command ===\n"
+RUN_EACH = f"""
+import json, sys
+from saf_gen.cli import main
+for words in json.loads(sys.argv[1]):
+    try:
+        main(words.split())
+    except SystemExit as ended:
+        print("exit code", ended.code, file=sys.stderr)
+        print({AFTER_EACH!r}, end="")
+"""
+
+
+def run_commands(code, commands, **how):
+    """Run code in a process of its own, RUN_EACH in it with these commands."""
+    command = [sys.executable, "-c", code, json.dumps(commands)]
+    return subprocess.run(command, capture_output=True, text=True, check=True, **how)
+
+
 @pytest.mark.slow
 def test_the_wheel_brings_every_scene_and_recipe_of_the_checkout(installed):
     for kind in ("scenes", "recipes"):
@@ -47,19 +67,17 @@ def test_the_wheel_brings_every_scene_and_recipe_of_the_checkout(installed):
 
 @pytest.mark.slow
 def test_what_was_installed_lists_and_plans_in_an_empty_folder(installed):
-    listed = run(installed, "recipes", "list")
-    assert listed.returncode == 0
-    assert all(name in listed.stdout for name in recipe_names())
-    assert "usaf_microscope" in run(installed, "scenes", "list").stdout
-    plan = run(installed, "generate", "quickstart", "--dry-run")
-    assert plan.returncode == 0
-    assert "usaf_target-sudden-00" in plan.stdout
-    imported = "import saf_gen.core.shipped as s, json; print(json.dumps(str(s.shipped_folder('scenes'))))"
+    """In one process, because its start takes longer than any of the commands."""
+    commands = ["recipes list", "scenes list", "generate quickstart --dry-run"]
+    folder = "from saf_gen.core.shipped import shipped_folder; print(shipped_folder('scenes'))"
     env = {**os.environ, "PYTHONPATH": str(installed / "site")}
-    found = subprocess.run(
-        [sys.executable, "-c", imported], cwd=installed / "empty", env=env, capture_output=True, text=True, check=True
-    )
-    assert Path(json.loads(found.stdout)).is_relative_to(installed / "site")
+    done = run_commands(f"{RUN_EACH}\n{folder}", commands, cwd=installed / "empty", env=env)
+    assert done.stderr.splitlines() == ["exit code 0"] * len(commands)
+    recipes, scenes, plan, found = done.stdout.split(AFTER_EACH)
+    assert all(name in recipes for name in recipe_names())
+    assert "usaf_microscope" in scenes
+    assert "usaf_target-sudden-00" in plan
+    assert Path(found.strip()).is_relative_to(installed / "site")
     assert not list((installed / "empty").iterdir())
 
 
@@ -80,41 +98,23 @@ def test_a_recipe_is_a_name_or_a_path():
         find_recipe("mine")
 
 
-WITHOUT_RENDERER = """
-import json, sys
-sys.modules["mitsuba"] = sys.modules["drjit"] = None
-from saf_gen.cli import main
-for words in json.loads(sys.argv[1]):
-    try:
-        main(words)
-    except SystemExit as ended:
-        print("exit code", ended.code, file=sys.stderr)
-"""
-
-
 @pytest.mark.slow
 def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp_path):
+    """Evaluating imports nothing of mitsuba and drjit, which the extra `render` brings: they are made to fail here."""
+    stream, empty = tmp_path / "a.h5", tmp_path / "empty"
+    empty.mkdir()
+    saf_gen.write_stream(stream, np.random.default_rng(0).random((400, 16, 24)) < 0.3)
     refused = ["generate quickstart", "scenes check usaf_target", "scenes preview usaf_target", "validate --quick"]
     works = ["recipes check quickstart", "scenes list", "scenes new mine", "doctor"]
-    commands = json.dumps([text.split() for text in (*refused, *works)])
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_RENDERER, commands], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
+    works.append(f"evaluate {stream} --method sd+argmax --out {tmp_path / 'out'}")
+    without = f"import sys\nsys.modules['mitsuba'] = sys.modules['drjit'] = None\n{RUN_EACH}"
+    done = run_commands(without, [*refused, *works, "generate quickstart --dry-run"], cwd=empty)
     line = "rendering needs the packages mitsuba and drjit; pip install 'saf-gen[render]'"
-    assert done.stderr.splitlines() == [
-        *[f"saf-gen: {line}", "exit code 2"] * len(refused),
-        *["exit code 0"] * len(works),
-    ]
+    *told, dry_run, last = done.stderr.splitlines()
+    assert told == [*[f"saf-gen: {line}", "exit code 2"] * len(refused), *["exit code 0"] * len(works)]
+    assert dry_run.startswith("scenes cannot be rendered here: ")
+    assert last == "exit code 0"
     assert "to render: pip install 'saf-gen[render]'" in done.stdout
-    assert [path.name for path in tmp_path.iterdir()] == ["scenes"]
-
-
-@pytest.mark.slow
-def test_a_dry_run_without_the_renderer_tells_the_plan(tmp_path):
-    commands = json.dumps([["generate", "quickstart", "--dry-run"]])
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_RENDERER, commands], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert "focal stacks to render: usaf_target" in done.stdout
-    assert done.stderr.splitlines()[0].startswith("scenes cannot be rendered here: ")
-    assert not list(tmp_path.iterdir())
+    assert "focal stacks to render: usaf_target" in done.stdout.split(AFTER_EACH)[-2]
+    assert len((tmp_path / "out/records.jsonl").read_text().splitlines()) == 1
+    assert [path.name for path in empty.iterdir()] == ["scenes"]

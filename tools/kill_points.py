@@ -15,6 +15,7 @@ The jobs of ``generate`` run in the process that is stopped, as in a killed mach
 
 import argparse
 import contextlib
+import gc
 import hashlib
 import importlib
 import itertools
@@ -44,7 +45,7 @@ from small_dataset import SCENES, SMALL_RECIPE  # noqa: E402
 from saf_gen.benchmark import kept_sequences  # noqa: E402
 from saf_gen.benchmark.records import benchmark_record_to_json, read_records  # noqa: E402
 from saf_gen.benchmark.tuned_method import read_tuned_method  # noqa: E402
-from saf_gen.cli import main  # noqa: E402
+from saf_gen.cli import main, whole_command  # noqa: E402
 from saf_gen.errors import BadInput  # noqa: E402
 from saf_gen.generate import run as generate_run  # noqa: E402
 from saf_gen.leaderboard.report import evaluation_folder  # noqa: E402
@@ -62,10 +63,12 @@ LOADED = {
         "saf_gen.generate.coarse_sampling",
         "saf_gen.render.second_render",
     ),
-    "tune": ("saf_gen.leaderboard.tuning",),
+    "tune": ("saf_gen.leaderboard.tuning", "saf_gen.plugins.searches", "scipy.signal"),
     "import": ("saf_gen.stream.interop",),
     "export": ("saf_gen.stream.interop",),
     "pack": ("saf_gen.stream.sharing",),
+    "leaderboard": ("scipy.signal",),
+    "evaluate": ("scipy.signal",),
 }
 """What a command imports when it runs, and a forked process should have."""
 LIMIT_S = 300
@@ -362,6 +365,8 @@ def main_of_tool() -> int:
     chosen = [writer for writer in WRITERS if not given.only or writer.name in given.only]
     for name in itertools.chain.from_iterable(LOADED.get(writer.name, ()) for writer in chosen):
         importlib.import_module(name)
+    whole_command()  # else each process that is forked makes it anew
+    gc.freeze()
     with tempfile.TemporaryDirectory(prefix="kill-points-") as name:
         remember_figures(Path(name))
         for writer in chosen:

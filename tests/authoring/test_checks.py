@@ -60,10 +60,15 @@ def sensor_file(tmp_path, small_sensor):
     return path
 
 
-def found(scene, sensor, check):
-    """Level and text of one check's findings."""
+def findings(scene, sensor, check):
+    """Level and text of one check's findings, each when it is asked for: the next may need pictures."""
     run = getattr(checks, f"check_scene_{check}")
-    return [(f.level, f.text) for f in run(SceneUnderTest(scene, sensor, backend=VARIANT))]
+    return ((f.level, f.text) for f in run(SceneUnderTest(scene, sensor, backend=VARIANT)))
+
+
+def found(scene, sensor, check):
+    """Level and text of all of one check's findings."""
+    return list(findings(scene, sensor, check))
 
 
 def ends_with(scene, sensor):
@@ -224,28 +229,28 @@ def test_a_member_of_the_family_out_of_reach_is_named(skeleton, sensor):
 def test_a_light_group_that_does_not_reach_the_target_is_told(skeleton, sensor):
     turned = ("look_at(origin=[0.3, 0.3, 0.6], target=[0, 0, 0]", "look_at(origin=[0.3, 0.3, 0.6], target=[9, 9, 9]")
     wall = ("translate([0, 0, -0.2]).scale(0.5)", "translate([0, 0, -0.2]).scale(0.01)")
-    text = next(text for level, text in found(skeleton(turned, wall), sensor, "exposure") if level == "error")
+    text = next(text for level, text in findings(skeleton(turned, wall), sensor, "exposure") if level == "error")
     assert "light group 'lamp' does not reach the target: move its lamps, or remove it" in text
 
 
 def test_the_lux_to_write_are_told_and_compared(skeleton, sensor):
     """The room alone: 0.5 W m⁻² sr⁻¹ from everywhere the card can see, π·0.5·683 = 1,073 lux."""
-    _, text = found(skeleton(), sensor, "exposure")[0]
+    _, text = next(findings(skeleton(), sensor, "exposure"))
     written = re.search(r"illuminance_lux: \{lamp: ([\d.]+), room: ([\d.]+)\}", text)
     lamp, room = (float(n) for n in written.groups())
     assert room == pytest.approx(np.pi * 0.5 * 683, rel=0.02)
     key = "illuminance_lux: {lamp: %g, room: %g}\ntarget: [card]"
     scene = skeleton(("target: [card]", key % (lamp, room)))
-    level, text = found(scene, sensor, "exposure")[0]
+    level, text = next(findings(scene, sensor, "exposure"))
     assert level == "ok"
     assert "as the card says" in text
-    level, text = found(skeleton((f"lamp: {lamp:g},", f"lamp: {2 * lamp:g},")), sensor, "exposure")[0]
+    level, text = next(findings(skeleton((f"lamp: {lamp:g},", f"lamp: {2 * lamp:g},")), sensor, "exposure"))
     assert level == "warning"
     assert f"lux from 'lamp', the card says {2 * lamp:,g}: write illuminance_lux: {{lamp: {lamp:g}" in text
 
 
 def test_light_that_no_lamp_gives_is_told(skeleton, sensor):
-    level, text = found(skeleton(('"radiance": 60.0', '"radiance": 6e5')), sensor, "exposure")[0]
+    level, text = next(findings(skeleton(('"radiance": 60.0', '"radiance": 6e5')), sensor, "exposure"))
     assert level == "warning"
     assert "implausible" in text
 
@@ -461,8 +466,9 @@ def test_the_fastest_of_a_lamp_and_a_shape_is_the_shape(lit_by, sensor):
     )
 
 
-def test_a_scene_in_the_dark_goes_through_all_checks(lit_by, sensor):
+def test_a_scene_in_the_dark_goes_through_all_checks(lit_by):
     """It moves, and its one lamp faces away."""
+    sensor = get_sensor("vidar_400x250", rows=20, columns=32)
     lamp = (
         "'type': 'rectangle', 'to_world': t.translate([0, 0, -0.6]).rotate([0, 1, 0], 180).scale(0.05),"
         " 'emitter': {'type': 'area', 'radiance': 5.0}"

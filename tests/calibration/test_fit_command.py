@@ -9,21 +9,23 @@ import synthetic_cameras as cameras
 import yaml
 
 from saf_gen import write_stream
+from saf_gen.calibration import fit_files
 from saf_gen.calibration.bounds import fit_bounds_of_sensor
 from saf_gen.calibration.estimates import Estimate
 from saf_gen.calibration.fit_files import format_fitted_interval, format_fitted_number
 from saf_gen.calibration.spike_statistics import measure_spike_statistics
 from saf_gen.camera import get_sensor
+from saf_gen.cli import main
+from saf_gen.stream.stream_writer import StreamWriter
 
 CAMERA = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_loss=0.01)
 SHAPE = (24, 40)
 
 
 def write(path, recording):
-    packed = np.concatenate(list(recording.blocks()), axis=2)
-    frames = np.unpackbits(packed, axis=2, bitorder="little", count=recording.shape[0]).transpose(2, 0, 1)
-    write_stream(path, frames, readout_hz=recording.readout_hz)
-    return path
+    with StreamWriter(path, shape=recording.shape, readout_hz=recording.readout_hz) as stream:
+        for block in recording.blocks():
+            stream.write(block)
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +34,17 @@ def recordings(tmp_path_factory):
     for name, rate in (("dim", 0.1), ("bright", 0.4)):
         write(folder / f"{name}.h5", cameras.flat(CAMERA, rate, shape=SHAPE, frames=3000))
     write(folder / "dark.h5", cameras.dark(CAMERA, shape=SHAPE, frames=8000))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def without_theta(recordings, tmp_path_factory):
+    """The folder of a fit whose sensor is named "free": θ is not given, and the page has its plots."""
+    folder = tmp_path_factory.mktemp("free")
+    command = ["sensors", "fit", "dim.h5", "bright.h5", "--dark", "dark.h5", "--name", "free", "--out", folder]
+    with pytest.raises(SystemExit) as ended:
+        main([str(recordings / word) if str(word).endswith(".h5") else str(word) for word in command])
+    assert ended.value.code == 0
     return folder
 
 
@@ -45,8 +58,12 @@ def fit(recordings, call, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path):
-    """The sensor file is read as it is, tells what was measured from what was assumed, and stands in the JSON too."""
+def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path, monkeypatch):
+    """The sensor file is read as it is, tells what was measured from what was assumed, and stands in the JSON too.
+
+    The page is without plots, which the next test looks at.
+    """
+    monkeypatch.setattr(fit_files, "draw_sensor_fit_plots", lambda found: [])
     code, shown, _ = fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="mine", threshold_e=29900)
     assert code == 0
     sensor = get_sensor(tmp_path / "out/mine.yaml")
@@ -63,13 +80,13 @@ def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path
     assert set(yaml.safe_load(text)) == set(yaml.safe_load((tmp_path / "out/mine.yaml").read_text()))
     assert "cannot be told apart by rates" in shown
     assert "dark_rate" in shown
+    assert "dark_rate" in (tmp_path / "out/mine.html").read_text()
 
 
 @pytest.mark.slow
-def test_the_page_stands_alone_and_has_a_plot_of_each_kind(fit, recordings, tmp_path):
+def test_the_page_stands_alone_and_has_a_plot_of_each_kind(without_theta):
     """No address outside, no id twice, and as many drawings as captions."""
-    fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="page")
-    page = (tmp_path / "out/page.html").read_text()
+    page = (without_theta / "free.html").read_text()
     assert page.count("<svg") == page.count("<figcaption") == 7
     assert not re.search(r'(src|href)="https?://', page)
     ids = re.findall(r' id="([^"]+)"', page)
@@ -81,12 +98,11 @@ def test_the_page_stands_alone_and_has_a_plot_of_each_kind(fit, recordings, tmp_
 
 
 @pytest.mark.slow
-def test_a_fitted_sensor_has_the_statistics_of_the_camera(fit, recordings, call, tmp_path):
+def test_a_fitted_sensor_has_the_statistics_of_the_camera(without_theta, recordings, call):
     """The way round: the sensor beside the recording it was fitted to, given its light. CV2 and a Fano factor to 15 %:
     the first column and row of the recording stay in its light, and count twice.
     """
-    fit("dim.h5", "bright.h5", dark=recordings / "dark.h5", name="round")
-    code, shown, _ = call("sensors", "compare", recordings / "dim.h5", tmp_path / "out/round.yaml", "--json")
+    code, shown, _ = call("sensors", "compare", recordings / "dim.h5", without_theta / "free.yaml", "--json")
     assert code == 0
     rows = {row["key"]: row for row in json.loads(shown)["statistics"]}
     assert rows["recording.cv2"]["b"] == pytest.approx(rows["recording.cv2"]["a"], rel=0.15)

@@ -1,6 +1,7 @@
 """The encoder against closed forms and against its slow reference."""
 
 import hashlib
+import inspect
 import os
 import subprocess
 import sys
@@ -392,14 +393,18 @@ def test_the_bits_are_the_same_on_every_machine():
 
 @pytest.mark.slow
 def test_the_bits_are_the_same_on_a_processor_without_vector_extensions(tmp_path):
-    """Compiled for the plainest processor, and without numpy's own vector loops."""
+    """Compiled for the plainest processor, and without numpy's own vector loops.
+
+    Its process is given the two functions alone: it imports neither pytest nor scipy's statistics.
+    """
     environment = os.environ | {
         "NUMBA_CPU_NAME": "generic",
         "NUMBA_CACHE_DIR": str(tmp_path),
         "NPY_DISABLE_CPU_FEATURES": "AVX2 AVX512F AVX512CD AVX512_SKX",
         "PYTHONPATH": os.pathsep.join(sys.path),
     }
-    code = "import test_encoder; print(test_encoder.digest_of_a_stream())"
+    code = "import hashlib\nimport numpy as np\nfrom saf_gen.camera import Encoder, encoder_knot_weights, get_sensor\n"
+    code += f"{inspect.getsource(schedule)}\n{inspect.getsource(digest_of_a_stream)}\nprint(digest_of_a_stream())"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.stdout.strip() == DIGEST, done.stderr
 

@@ -119,24 +119,31 @@ def test_what_follows_from_a_job_runs_after_it():
 
 
 @pytest.mark.slow
-def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another():
-    """The light one ends although the heavy ones, one after the other, are still at it."""
-    heavy = [Heavy(1.0, "one"), Heavy(1.0, "two")]
-    ended = list(run_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None))
-    first, second = sorted(result for job, result, _ in ended if isinstance(job, Heavy))
+def test_a_job_that_takes_all_cores_runs_beside_the_others_but_never_beside_another(tmp_path):
+    """The light one ends although the heavy ones, one after the other, are still at it: they wait for its end."""
+    heavy = [Heavy(tmp_path / "mark", 0.5, name=name) for name in ("one", "two")]
+    ended = []
+    for job, result, _ in run_jobs([*heavy, Square(1)], workers=1, report=lambda name, done: None):
+        ended.append((job.name, result))
+        (tmp_path / "mark").touch()
+    assert ended[0][0] == "square 1"
+    first, second = sorted(result for _, result in ended[1:])
     assert first[1] <= second[0]
-    assert ended[-1][0].name != "square 1"
 
 
 @pytest.mark.slow
-def test_what_follows_runs_although_a_process_has_died_before():
-    ended = run_jobs(
-        [Heavy(), Dies()],
+def test_what_follows_runs_although_a_process_has_died_before(tmp_path):
+    """The heavy job ends after the other has died twice."""
+    results = {}
+    for job, _, error in run_jobs(
+        [Heavy(tmp_path / "mark"), Dies()],
         workers=1,
         report=lambda name, done: None,
         follow_up=lambda job, result: [Square(2)] if job.name == "heavy" else [],
-    )
-    results = {job.name: error for job, _, error in ended}
+    ):
+        results[job.name] = error
+        (tmp_path / "mark").touch()
+    assert list(results) == ["dies", "heavy", "square 2"]
     assert results["heavy"] is results["square 2"] is None
     assert "its process died twice" in str(results["dies"])
 

@@ -1,5 +1,6 @@
 """Generating into an object store: whole, resumed from any moment, with a small folder of this machine."""
 
+import hashlib
 import json
 import shutil
 from dataclasses import replace
@@ -78,14 +79,20 @@ def test_a_dataset_in_a_store_is_the_one_on_a_disk_and_nothing_is_left_here(made
 
 @pytest.mark.slow
 def test_what_the_store_holds_is_neither_rendered_nor_recorded_nor_sent_again(made, work, store, s3, monkeypatch):
+    """Eight files of stacks, three streams, and twice three cards have gone up."""
     lay_in_scratch(made, work, store)
+    sent, send = [], store_transfer.upload_file
+    monkeypatch.setattr(store_transfer, "upload_file", lambda file, target: (sent.append(target), send(file, target)))
     first = run(work, store)
+    assert len(sent) == 8 + 3 + 2 * 3
     before = s3.find("data/sets/small", detail=True)
     monkeypatch.setattr(to_store, "generate", lambda *args, **options: pytest.fail("something is made again"))
     again = run(work, store)
     assert (again.recorded, again.kept, again.manifest) == ([], NAMES, first.manifest)
     after = s3.find("data/sets/small", detail=True)
     assert {key: facts["ETag"] for key, facts in after.items()} == {k: facts["ETag"] for k, facts in before.items()}
+    assert len(sent) == 8 + 3 + 2 * 3 + 3
+    assert not find_generate_scratch(work, store).exists()
 
 
 @pytest.mark.slow
@@ -110,9 +117,14 @@ class Killed(BaseException):
 def test_a_run_that_ends_before_or_after_any_upload_lists_nothing_that_is_not_whole_and_goes_on(
     made, work, store, s3, monkeypatch
 ):
-    """Eight files of stacks, three streams, and twice three cards go up: it ends before (even) or after one of them."""
+    """Eight files of stacks, three streams, and twice three cards go up: it ends before (even) or after one of them.
+
+    A run that ends after the last of them is that of the test of what is not sent again.
+    """
     send, sent = store_transfer.upload_file, []
-    for steps in (0, 7, 16, 17, 21, 24, 27, 34):
+    whole = {file.name: hashlib.md5(file.read_bytes()).hexdigest() for file in (made / "local/test").iterdir()}
+    monkeypatch.setattr(store_transfer, "TRANSFERS", 1)
+    for steps in (0, 7, 16, 17, 21, 24, 27):
         lay_in_scratch(made, work, store)
         sent.clear()
 
@@ -125,24 +137,19 @@ def test_a_run_that_ends_before_or_after_any_upload_lists_nothing_that_is_not_wh
                 raise Killed
 
         monkeypatch.setattr(store_transfer, "upload_file", stop)
-        monkeypatch.setattr(store_transfer, "TRANSFERS", 1)
-        ended = False
-        try:
+        with pytest.raises(Killed):
             run(work, store)
-            ended = True
-        except Killed:
-            pass
+        monkeypatch.setattr(store_transfer, "upload_file", send)
         if s3.exists(f"{store.key}/manifest.json"):
             assert verify_streams_of_dataset(store)[1] == {}
-        monkeypatch.setattr(store_transfer, "upload_file", send)
         shutil.rmtree(find_generate_scratch(work, store), ignore_errors=True) if steps % 4 == 3 else None
         result = run(work, store)
         assert result.failed == {}
-        assert result.manifest.sequences == read_manifest(made / "local").sequences
-        assert verify_streams_of_dataset(store) == (3, {})
+        assert result.manifest.sequences == read_manifest(store).sequences == read_manifest(made / "local").sequences
+        there = s3.find(f"{store.key}/test", detail=True)
+        assert {key.rpartition("/")[2]: facts["ETag"].strip('"') for key, facts in there.items()} == whole
         assert not find_generate_scratch(work, store).exists()
         s3.rm(store.key, recursive=True)
-        assert ended == (steps == 34)
 
 
 @pytest.mark.slow

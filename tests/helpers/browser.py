@@ -1,8 +1,9 @@
 """A page in a real browser: the machine's Chromium, without a window, driven by a script beside the page.
 
 The page is shown in a frame of an outer page, both from a server on this machine, so that the outer page's
-script may look into it and work it, while the page's own policy stays in force. One Chromium serves all tests of a
-process, as its start takes longer than a page; each page is shown in a profile of its own, which is new.
+script may look into it and work it, while the page's own policy stays in force. One Chromium and one outer page
+serve all tests of a process, as their start takes longer than a page; each page is shown in a frame of its own,
+which is new, and finds nothing stored by the one before.
 """
 
 import atexit
@@ -14,8 +15,6 @@ import shutil
 import subprocess
 import tempfile
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -35,38 +34,55 @@ OPTIONS = (
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
     "--remote-debugging-pipe",
 )
-OUTER = """<!doctype html><meta charset="utf-8"><body style="margin:0">
-<iframe id="page" %(sandbox)s style="border:0;width:%(width)dpx;height:900px"></iframe>
-<script>
-const frame = document.getElementById("page");
-const told = new Promise((tell) => frame.addEventListener("load", async () => {
+OUTER = b'<!doctype html><meta charset="utf-8"><body style="margin:0">'
+SHOWN = """(async () => {
+  localStorage.clear();
+  sessionStorage.clear();
+  const frame = document.createElement("iframe");
+  if (!%(scripts)s) frame.sandbox = "allow-same-origin";
+  frame.style = "border:0;width:%(width)dpx;height:900px";
+  frame.src = "index.html";
+  const loaded = new Promise((done) => frame.addEventListener("load", done, { once: true }));
+  document.body.append(frame);
+  await loaded;
   try {
-    tell(JSON.stringify(await (async (page, window) => { %(script)s })(frame.contentDocument, frame.contentWindow)));
-  } catch (error) { tell(JSON.stringify({ error: String(error.stack) })); }
-}));
-frame.src = "index.html";
-</script>"""
+    return JSON.stringify(await (async (page, window) => { %(script)s })(frame.contentDocument, frame.contentWindow));
+  } catch (error) {
+    return JSON.stringify({ error: String(error.stack) });
+  } finally { frame.remove(); }
+})()"""
 
 
 class _Quiet(SimpleHTTPRequestHandler):
-    """Serves a folder, and keeps what was asked for to itself."""
+    """Serves the outer page and the server's folder of the moment, and keeps what was asked for to itself."""
 
-    asked: list[str]
+    server: "_Server"
+
+    def do_GET(self) -> None:
+        self.directory = str(self.server.folder)
+        if self.path != "/outer.html":
+            return super().do_GET()
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(OUTER)
+
+    def end_headers(self) -> None:
+        self.send_header("Cache-Control", "no-store")
+        super().end_headers()
 
     def log_message(self, *_: Any) -> None:
         self.server.asked.append(self.path)
 
 
-@contextmanager
-def serve_folder(folder: Path) -> Iterator[ThreadingHTTPServer]:
-    """The folder at http://127.0.0.1:PORT/; ``asked`` lists the paths that were asked for."""
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(folder))) as server:
-        server.asked = []
-        threading.Thread(target=partial(server.serve_forever, 0.01), daemon=True).start()
-        try:
-            yield server
-        finally:
-            server.shutdown()
+class _Server(ThreadingHTTPServer):
+    """``folder`` at http://127.0.0.1:PORT/; ``asked`` lists the paths that were asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Quiet)
+        self.folder = Path()
+        self.asked: list[str] = []
+        threading.Thread(target=partial(self.serve_forever, 0.01), daemon=True).start()
 
 
 class _Chromium:
@@ -134,25 +150,24 @@ def _start_chromium() -> _Chromium:
     return _Chromium()
 
 
-@contextmanager
-def show_page(address: str, *, width: int = 1200, dark: bool = False) -> Iterator[partial]:
+def _open_tab(address: str) -> partial:
     """A tab with this page, loaded, in a profile of its own: what calls a method of the protocol in it."""
     chromium = _start_chromium()
     profile = chromium.call("Target.createBrowserContext")["browserContextId"]
-    try:
-        tab = chromium.call("Target.createTarget", url="about:blank", browserContextId=profile)["targetId"]
-        session = chromium.call("Target.attachToTarget", targetId=tab, flatten=True)["sessionId"]
-        size = {"width": max(width, 500), "height": 1000, "deviceScaleFactor": 1, "mobile": False}
-        chromium.call("Emulation.setDeviceMetricsOverride", session, **size)
-        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        chromium.call("Emulation.setEmulatedMedia", session, features=[scheme])
-        chromium.call("Emulation.setFocusEmulationEnabled", session, enabled=True)
-        chromium.call("Page.enable", session)
-        chromium.call("Page.navigate", session, url=address)
-        chromium.wait_for("Page.loadEventFired", session)
-        yield partial(chromium.call, session=session)
-    finally:
-        chromium.call("Target.disposeBrowserContext", browserContextId=profile)
+    tab = chromium.call("Target.createTarget", url="about:blank", browserContextId=profile)["targetId"]
+    session = chromium.call("Target.attachToTarget", targetId=tab, flatten=True)["sessionId"]
+    chromium.call("Emulation.setFocusEmulationEnabled", session, enabled=True)
+    chromium.call("Page.enable", session)
+    chromium.call("Page.navigate", session, url=address)
+    chromium.wait_for("Page.loadEventFired", session)
+    return partial(chromium.call, session=session)
+
+
+@cache
+def _open_outer_page() -> tuple[_Server, partial]:
+    """The outer page, which stays open for all tests of a process: its server, and what calls a method in its tab."""
+    server = _Server()
+    return server, _open_tab(f"http://127.0.0.1:{server.server_address[1]}/outer.html")
 
 
 def run_in_page(folder: Path, script: str, *, width: int = 1200, scripts: bool = True, dark: bool = False) -> Any:
@@ -161,21 +176,22 @@ def run_in_page(folder: Path, script: str, *, width: int = 1200, scripts: bool =
     ``width`` of the page in pixels; without ``scripts`` the page's own do not run; ``dark`` is what the reader
     prefers. The page may ask the server for nothing but itself.
     """
-    sandbox = "" if scripts else 'sandbox="allow-same-origin"'
-    outer = folder / "outer.html"
-    outer.write_text(OUTER % {"sandbox": sandbox, "width": width, "script": script}, encoding="utf-8")
-    with serve_folder(folder) as server:
-        address = f"http://127.0.0.1:{server.server_address[1]}/outer.html"
-        with show_page(address, width=width, dark=dark) as call:
-            told = call("Runtime.evaluate", expression="told", awaitPromise=True, returnByValue=True)
-        asked = [path for path in server.asked if path != "/favicon.ico"]
+    server, call = _open_outer_page()
+    server.folder, server.asked = folder, []
+    call("Emulation.setDeviceMetricsOverride", width=max(width, 500), height=1000, deviceScaleFactor=1, mobile=False)
+    scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+    call("Emulation.setEmulatedMedia", features=[scheme])
+    shown = SHOWN % {"scripts": json.dumps(scripts), "width": width, "script": script}
+    told = call("Runtime.evaluate", expression=shown, awaitPromise=True, returnByValue=True)
     answer = json.loads(told["result"]["value"])
     assert not (isinstance(answer, dict) and "error" in answer), answer["error"]
-    assert asked == ["/outer.html", "/index.html"]
+    assert [path for path in server.asked if path != "/favicon.ico"] == ["/index.html"]
     return answer
 
 
 def print_page(page: Path) -> bytes:
     """The page on paper, as a PDF file."""
-    with show_page(page.as_uri()) as call:
-        return base64.b64decode(call("Page.printToPDF")["data"])
+    call = _open_tab(page.as_uri())
+    printed = call("Page.printToPDF")["data"]
+    call("Page.close")
+    return base64.b64decode(printed)

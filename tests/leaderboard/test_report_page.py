@@ -85,12 +85,14 @@ def read(text):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory, drawing_figures):
-    folder = tmp_path_factory.mktemp("report")
-    made = make_evaluation()
-    with drawing_figures():
-        paths = write_report(folder, evaluation=made, rows=rank_methods(made.records), title="small")
-    return folder, paths, (folder / "index.html").read_text(encoding="utf-8")
+def whole(small_report):
+    return *small_report, (small_report[0] / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def empty_figures(monkeypatch):
+    """Figures are chosen and named as for a user, and nothing is in them."""
+    monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.plot_to_svg", lambda *_, **__: "<svg></svg>")
 
 
 def test_a_report_is_a_page_and_its_figures(whole):
@@ -269,6 +271,7 @@ def test_without_any_curve_sweeps_have_their_figure_viewer_and_steps(tmp_path):
     assert "Light and answers on camel-ramp, true focus at 0.375 of the travel" in labels
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_page_says_which_searches_and_sequences_have_no_figure(monkeypatch):
     searches = [f"s{i}" for i in range(MAX_SEARCHES + 2)]
     records = [
@@ -394,6 +397,7 @@ def test_neither_page_nor_figures_grow_with_the_sequences(monkeypatch):
     assert svgs[1] < 1.02 * svgs[0], svgs
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_of_many_scenes_the_largest_have_columns_figures_and_selections(monkeypatch):
     monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SCENES", 3)
     records = make_many(120, scenes=60)
@@ -434,6 +438,7 @@ def test_text_from_files_cannot_break_the_page(tmp_path):
     assert all(re.fullmatch(r"[\w.-]+", p.name) for p in (tmp_path / "out/figures").iterdir())
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_figures_whose_names_would_meet_are_files_of_their_own():
     records = [record("sd+argmax", "camel-a b", 0.1), record("sd+argmax", "camel-a_b", 0.1)]
     drawn = plot_report_figures(
@@ -443,6 +448,7 @@ def test_figures_whose_names_would_meet_are_files_of_their_own():
     assert names == ["curves-camel-a_b", "curves-camel-a_b-2"]
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_of_many_sequences_some_of_every_scene_are_drawn(monkeypatch):
     monkeypatch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 4)
     sweeps = tuple(make_sweep(light, scene=scene) for scene in ("camel", "fan") for light in ("a", "b", "c"))

@@ -5,6 +5,7 @@ process of its own, forked before anything of saf_gen is there. OUT/N.json says 
 changed and how its tests ended; OUT/N.txt is what they printed.
 """
 
+import gc
 import json
 import os
 import signal
@@ -15,12 +16,16 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from _pytest.config import default_plugins
 from fault_list import FAULTS
 from planting import NotPlantedError, Outcomes, Planter, changed_sources
 
 LIBRARIES = (
-    "h5py isal.igzip matplotlib.figure OpenEXR PIL.Image pydantic rich.console scipy.signal scipy.stats typer yaml"
+    "concurrent.futures.process h5py isal.igzip multiprocessing.queues OpenEXR pdb pydantic.dataclasses"
+    " pydantic.json_schema pydantic.plugin._loader pydantic.type_adapter rich.progress scipy.signal scipy.stats tarfile"
+    " tomllib typer urllib.request yaml zoneinfo"
 )
+OPTIONS = "-o addopts= -q --tb=no -p no:cacheprovider"
 ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 1800  # a fault that makes a loop endless is killed then
 
@@ -36,8 +41,7 @@ def run_tests(fault: str, tests: list[str], *, file: Path) -> None:
         if any("numba" in source or "compiled" in source for source in sources.values()):
             # Numba's cache knows a kernel by its file: faulty ones must not be kept there, nor right ones found.
             numba.config.CACHE_DIR = str(file.with_suffix(".numba"))  # type: ignore[attr-defined]
-        asked = [f"tests/{test}" for test in tests]
-        pytest.main(["-o", "addopts=", "-q", "-n", "0", "-p", "no:cacheprovider", *asked], plugins=[outcomes])
+        pytest.main([*OPTIONS.split(), *(f"tests/{test}" for test in tests)], plugins=[outcomes])
         found["planted"] = sorted(planter.planted)
     except NotPlantedError as error:
         found["not planted"] = str(error)
@@ -46,9 +50,11 @@ def run_tests(fault: str, tests: list[str], *, file: Path) -> None:
 
 def main(out: Path, jobs: list[tuple[str, list[str]]]) -> None:
     os.chdir(ROOT)
-    for library in LIBRARIES.split():
+    for library in (*LIBRARIES.split(), *(f"_pytest.{plugin}" for plugin in default_plugins)):
         import_module(library)
     numba.njit(lambda of: of.sum())(np.ones(2, np.float32))  # its tables of types, which take long to fill
+    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # the tests are told by name, and one process runs them
+    gc.freeze()  # so that no job looks through libraries for garbage
     for n, (fault, tests) in enumerate(jobs):
         process = os.fork()
         if not process:

@@ -269,6 +269,8 @@ def test_frames_must_hold_zero_and_one(tmp_path, value):
     error = refusal(write_stream, tmp_path / "a.h5", frames)
     assert repr(float(value)) in error.problem
     assert error.allowed == "0 and 1, or bool"
+    if value in (2, 255):  # frames of bytes, the usual ones, are looked at in a way of their own
+        assert f"value {value}" in refusal(write_stream, tmp_path / "a.h5", frames.astype(np.uint8)).problem
     assert not list(tmp_path.iterdir())
 
 

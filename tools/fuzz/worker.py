@@ -10,14 +10,12 @@ import traceback
 import unicodedata
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
-from functools import cache
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import changes
 import samples
-import typer.main
 from kinds import KINDS, Kind
 
 from saf_gen.cli import main
@@ -189,7 +187,6 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "w")
     for ignored in (ResourceWarning, DeprecationWarning, PendingDeprecationWarning):  # as Python itself does
         warnings.simplefilter("ignore", ignored)
-    typer.main.get_command = cache(typer.main.get_command)  # most of the time of a small command
     by_name = {kind.name: kind for kind in KINDS}
     write_samples_in(Path(sys.argv[1]), check=True)
     answers.write("ready\n")

@@ -44,6 +44,7 @@ class BenchSize:
     scenes : names of the scenes whose grain is measured; all that can be found if empty.
     public_frames : frames for the public encoders; the slower ones get a tenth or a hundredth.
     sequences : recordings that ten methods run on.
+    reads : windows that a process reads at random, after the first pass over them.
     jobs : jobs that do nothing, on which the scheduler is measured.
     recipe : recipe of the whole job; '' stands for sad_core.
     """
@@ -58,6 +59,7 @@ class BenchSize:
     scenes: tuple[str, ...] = ()
     public_frames: int = 200
     sequences: int = 6
+    reads: int = 20_000
     jobs: int = 100_000
     recipe: str = ""
 

@@ -22,7 +22,7 @@ from saf_gen.core.seeds import make_generator
 from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.spike_windows import SpikeWindows
 
-WINDOW, PROCESSES, READS = 100, 2, 20_000
+WINDOW, PROCESSES = 100, 2
 MIN_PER_SECOND, MAX_GIB = 1_500.0, 1.0
 
 
@@ -33,7 +33,7 @@ def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure |
         report("recordings to read", 0.0)
         _make_dataset(Path(folder), size)
         report("recordings to read", 1.0)
-        jobs = [_Reader(folder, number) for number in range(PROCESSES)]
+        jobs = [_Reader(folder, number, size.reads) for number in range(PROCESSES)]
         found = []
         for _, result, error in run_jobs(jobs, workers=PROCESSES, report=lambda stage, done: None):
             if error is not None:
@@ -66,6 +66,7 @@ class _Reader:
 
     folder: str
     number: int
+    reads: int
     takes_all_cores: bool = False
     wants_gpu: bool = False
 
@@ -80,7 +81,7 @@ class _Reader:
         mine = [n for n, window in enumerate(windows.windows) if int(window.sequence.id) % PROCESSES == self.number]
         return (
             self._read(windows, random.permutation(mine), stage="first"),
-            self._read(windows, random.integers(len(windows), size=READS), stage="later"),
+            self._read(windows, random.integers(len(windows), size=self.reads), stage="later"),
             peak_memory_of_bench_gib(),
         )
 

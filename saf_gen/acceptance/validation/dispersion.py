@@ -1,13 +1,18 @@
 """Theory of spike dispersion: noise at few counts, offset by dark charge, and where golden fast search is blind."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
 
 import saf_gen
 from saf_gen.acceptance.validation.check import Check, Comparison, Curve, Finding, Plot
-from saf_gen.acceptance.validation.inference import FALSE_ALARM, compare_estimate_with_law, compare_mean_with_law
+from saf_gen.acceptance.validation.inference import (
+    FALSE_ALARM,
+    compare_estimate_with_law,
+    compare_mean_with_law,
+    deviations_by_law,
+)
 from saf_gen.acceptance.validation.workload import DatasetMaker, Workload, workload_sensor_with_noise
 from saf_gen.acceptance.validation.written_scenes import (
     even_panel_of_workload,
@@ -177,17 +182,18 @@ def _find_undecided_width(streams: list[Path], frames: int) -> float:
     less than once in 10,000 times. What is chosen within the widest interval that is not sure cannot leave it.
     """
     measure, n = saf_gen.get_measure("sd"), len(streams)
-    sure = stats.t.isf(FALSE_ALARM, n - 1) * np.sqrt(1 + 1 / n)
+    sure = deviations_by_law(FALSE_ALARM, freedom=n - 1) * np.sqrt(1 + 1 / n)
     first, width = round(DEAD * frames), GOLDEN * frames / 4
-    while width > THRESHOLD:
-        kept, differences = round(GOLDEN * width), []
-        for path in streams:
-            with saf_gen.open_stream(path) as stream:
+    with ExitStack() as opened:
+        recordings = [opened.enter_context(saf_gen.open_stream(path)) for path in streams]
+        while width > THRESHOLD:
+            kept, differences = round(GOLDEN * width), []
+            for stream in recordings:
                 earlier, later = (stream.counts(a, a + kept) for a in (first, first + round(width) - kept))
-            differences.append(measure(earlier) - measure(later))
-        if np.mean(differences) < sure * np.std(differences, ddof=1):
-            return width
-        width *= GOLDEN
+                differences.append(measure(earlier) - measure(later))
+            if np.mean(differences) < sure * np.std(differences, ddof=1):
+                return width
+            width *= GOLDEN
     return THRESHOLD
 
 

@@ -114,12 +114,14 @@ def _check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     }
     photons["dark"] = 0.0
 
-    def windows(workload: Workload, light: str) -> list[np.ndarray]:
-        with maker.make(workload).open(light=light) as stream:
-            return [stream.counts(k, k + WINDOW) for k in range(0, workload.frames, WINDOW)]
+    def windows(workload: Workload) -> dict[float, list[np.ndarray]]:
+        made, found = maker.make(workload), {}
+        for name in workload.lights:
+            with made.open(light=name) as stream:
+                found[photons[name]] = [stream.counts(k, k + WINDOW) for k in range(0, workload.frames, WINDOW)]
+        return found
 
-    pairs = {photons[name]: windows(series, name) for name in lights}
-    stacks = {photons[name]: windows(stack, name) for name in held}
+    pairs, stacks = windows(series), windows(stack)
     theirs = _judge_flat_fields(pairs, stacks, saturated=len(RATES) - 1)
     # Another device was not drawn for the second workload: the recipe's seed names it. So ours is of each its own.
     ours = _our_figures(stacks[photons[bright]], stacks[0.0], per_spike=pixel_noise_per_spike(sensor))

@@ -8,7 +8,7 @@ follows from the scatter of the workload alone, with whatever the law itself lea
 import math
 
 import numpy as np
-from scipy import stats
+from scipy.special import gammaincinv, ndtri, stdtrit
 
 from saf_gen.acceptance.validation.check import Comparison
 
@@ -16,9 +16,17 @@ FALSE_ALARM = 1e-4
 """Probability that a check fails although every law of it holds."""
 
 
-def _deviations_allowed(figures: int) -> float:
-    """Return how many standard errors one of ``figures`` figures may lie off, normal and on both sides."""
-    return float(stats.norm.isf(FALSE_ALARM / (2 * figures)))
+def deviations_by_law(probability: float, *, freedom: float = math.inf) -> float:
+    """Return how many standard errors are exceeded with a probability, upwards: by Student's law, or the normal one.
+
+    Straight from the functions behind ``scipy.stats``, which alone takes longer to import than a check to run.
+    """
+    return -float(ndtri(probability) if math.isinf(freedom) else stdtrit(freedom, probability))
+
+
+def _chi_squared_by_law(probabilities: tuple[float, float], *, freedom: int) -> np.ndarray:
+    """Return the quantiles of χ² over its degrees of freedom."""
+    return np.asarray(2 * gammaincinv(freedom / 2, probabilities) / freedom)
 
 
 def compare_estimate_with_law(
@@ -35,8 +43,8 @@ def compare_estimate_with_law(
 
     ``figures`` is the number of figures of the check; ``model_error`` what the law leaves out, in the figure's unit.
     """
-    allowed = _deviations_allowed(figures) * standard_error + model_error
-    half = float(stats.norm.isf(0.025)) * standard_error
+    allowed = deviations_by_law(FALSE_ALARM / (2 * figures)) * standard_error + model_error
+    half = deviations_by_law(0.025) * standard_error
     return Comparison(
         what,
         float(measured),
@@ -59,14 +67,14 @@ def compare_mean_with_law(
     samples = np.asarray(samples, np.float64).ravel()
     error = float(samples.std(ddof=1) / math.sqrt(samples.size))
     mean, freedom = float(samples.mean()), samples.size - 1
-    allowed = float(stats.t.isf(FALSE_ALARM / (2 * figures), freedom)) * error + model_error
-    half = float(stats.t.isf(0.025, freedom)) * error
+    allowed = deviations_by_law(FALSE_ALARM / (2 * figures), freedom=freedom) * error + model_error
+    half = deviations_by_law(0.025, freedom=freedom) * error
     return Comparison(what, mean, expected, expected - allowed, expected + allowed, mean - half, mean + half, unit)
 
 
 def compare_chi_squared_with_law(what: str, chi_squared: float, *, freedom: int, figures: int) -> Comparison:
     """Return the comparison of χ² over its degrees of freedom with 1; too good a fit is refused as well."""
-    ends = stats.chi2.ppf([FALSE_ALARM / (2 * figures), 1 - FALSE_ALARM / (2 * figures)], freedom) / freedom
+    ends = _chi_squared_by_law((FALSE_ALARM / (2 * figures), 1 - FALSE_ALARM / (2 * figures)), freedom=freedom)
     ratio = chi_squared / freedom
-    spread = stats.chi2.ppf([0.025, 0.975], freedom) / freedom  # the law's own scatter
+    spread = _chi_squared_by_law((0.025, 0.975), freedom=freedom)  # the law's own scatter
     return Comparison(what, ratio, 1.0, float(ends[0]), float(ends[1]), ratio - 1 + spread[0], ratio - 1 + spread[1])

@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -45,7 +46,7 @@ def run_validation_checks(
         for other in (folder / KEPT).iterdir():
             if other.name.partition("-")[0] != home.name.partition("-")[0]:
                 shutil.rmtree(other, ignore_errors=True)
-    verdicts = []
+    verdicts, maker = [], DatasetMaker(home / "datasets")
     for done, check in enumerate(checks):
 
         def tell(stage: str, check: Check = check, done: int = done) -> None:
@@ -56,13 +57,13 @@ def run_validation_checks(
         if file.is_file():
             verdicts.append(Verdict.from_dict(json.loads(file.read_text(encoding="utf-8"))))
             continue
-        verdict = _run_check(check, DatasetMaker(home / "datasets", tell), quick=quick)
+        verdict = _run_check(check, replace(maker, report=tell), quick=quick)
         if verdict.outcome in ("passed", "failed"):
             text = json.dumps(verdict.as_dict(), ensure_ascii=False, allow_nan=False)
             write_text_atomically(file, text)
         verdicts.append(verdict)
     report(len(checks), len(checks), "done")
-    DatasetMaker(home / "datasets").clear()
+    maker.clear()
     return verdicts
 
 

@@ -114,10 +114,14 @@ class Made:
 
 @dataclass(frozen=True)
 class DatasetMaker:
-    """Where workloads are written and generated. A dataset that is there and whole is used again."""
+    """Where workloads are written and generated. A dataset that is there and whole is used again.
+
+    What this maker has ``made``, by the key of its workload, is used without being read back and checked once more.
+    """
 
     folder: Path
     report: Callable[[str], None] = lambda stage: None
+    made: dict[str, Made] = field(default_factory=dict)
 
     def resolve(self, workload: Workload) -> ResolvedRecipe:
         """Write a workload's files, and return its recipe resolved."""
@@ -130,18 +134,22 @@ class DatasetMaker:
 
     def make(self, workload: Workload) -> Made:
         """Write a workload's files, generate its dataset, and return it; SafGenError where a sequence fails."""
+        if workload.key in self.made:
+            return self.made[workload.key]
         resolved, home = self.resolve(workload), self._home(workload)
         with use_workload_scenes(home / "scenes"):
             result = generate(resolved, home / "dataset", report=lambda name, done: self.report(name))
         for name, error in result.failed.items():
             raise SafGenError(f"{name}: {error}")
-        return Made(home / "dataset", read_manifest(home / "dataset").sequences)
+        self.made[workload.key] = Made(home / "dataset", read_manifest(home / "dataset").sequences)
+        return self.made[workload.key]
 
     def _home(self, workload: Workload) -> Path:
         return self.folder / workload.key
 
     def clear(self) -> None:
         """Delete all datasets."""
+        self.made.clear()
         shutil.rmtree(self.folder, ignore_errors=True)
 
 

@@ -151,4 +151,4 @@ def _draw_cell(axes: Axes, cell: _Cell) -> None:
     if cell.outline is not None:
         axes.contour(cell.outline, levels=[0.5], colors="white", linewidths=0.6)
     axes.set_axis_off()
-    axes.set_title(cell.caption, pad=2, linespacing=1.1)
+    axes.set_title(cell.caption, y=1.0, pad=2, linespacing=1.1)  # without a place, that of every tick would be found

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from saf_gen.core.config.document import Document, Key, Lines, check_letters_whole, read_text
+from saf_gen.core.config.document import Document, Key, Lines, check_letters_whole, check_plain_file, read_text
 from saf_gen.core.object_store import AnyPath, StorePath
 from saf_gen.errors import BadInput
 
@@ -78,11 +78,15 @@ def _digits(text: str) -> str:
 def load_plain_json(source: str | Path) -> Any:
     """Return the plain data of a JSON text, or of a file, that only counts where it can be read.
 
-    Raises ValueError for whatever is wrong: no such file, no JSON, nested too deep for Python.
+    Raises ValueError for whatever is wrong: no such file, no JSON, nested too deep for Python. It looks for no nearest
+    name, because a plan asks for thousands of files that are not there.
     """
     try:
-        return json.loads(read_text(source) if isinstance(source, Path) else source)
-    except (BadInput, RecursionError) as error:
+        if isinstance(source, Path):
+            check_plain_file(source)
+            source = source.read_text(encoding="utf-8")
+        return json.loads(source)
+    except (BadInput, OSError, RecursionError) as error:
         raise ValueError(f"no JSON: {error}") from error
 
 

@@ -51,6 +51,7 @@ SMALL = BenchSize(
     reference=32,
     public_frames=4,
     sequences=2,
+    reads=500,
     jobs=20,
 )
 # Part of a figure's text, with its target.
