@@ -52,6 +52,7 @@ def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_records_state_the_grain_of_the_pictures_at_rest(dataset):
     """Of a moving scene the closed loop has other slices than the recording, whose grain the file states."""
     protocol = ClosedLoopProtocol(IDEAL, budget_s=0.02)

@@ -85,6 +85,7 @@ def test_a_sensor_file_is_checked(call, tmp_path):
     assert told.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_two_sensors_differ_where_their_files_differ(tmp_path, call):
     noisy = tmp_path / "noisy.yaml"
     noisy.write_text(SMALL.read_text().replace("threshold_noise_rms: 0.0058", "threshold_noise_rms: 0.05"))

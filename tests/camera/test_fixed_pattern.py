@@ -74,6 +74,7 @@ def devices():
 
 
 @pytest.mark.parametrize("name", REAL)
+@pytest.mark.slow
 def test_a_real_chip_could_be_one_of_these_devices(devices, name):
     """Its figure lies within 4 standard deviations of theirs, and half of its last digit."""
     ours = np.array([one[name] for one in devices])

@@ -95,6 +95,7 @@ def test_an_upload_is_read_back_where_the_store_gives_no_digest(store, tmp_path,
     assert list_objects(store) == {"file"}
 
 
+@pytest.mark.slow
 def test_an_upload_in_parts_is_checked_by_its_etag_alone(s3, tmp_path, monkeypatch):
     monkeypatch.setattr(object_transfers, "PART_BYTES", 5 << 20)
     monkeypatch.setattr(object_transfers, "_reads_the_same", lambda file, target: pytest.fail("it was read back"))

@@ -65,6 +65,7 @@ def run(work, store, **options):
     return generate_to_store(work, store, variant=VARIANT, **options)
 
 
+@pytest.mark.slow
 def test_a_dataset_in_a_store_is_the_one_on_a_disk_and_nothing_is_left_here(made, work, store, here, s3):
     told = []
     result = run(work, store, report=lambda name, done: told.append(name) if done >= 1 else None)

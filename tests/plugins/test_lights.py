@@ -260,6 +260,7 @@ def walks(times, count=2000, **options):
     return np.array([instantaneous(light, times, 0.1) for light in lights])
 
 
+@pytest.mark.slow
 def test_a_returning_walk_is_stationary_log_normal_with_an_exponential_memory():
     """2,000 walks (seeds 0 to 1,999), each test at 1e-4: mean, spread, shape of ln gain, memory."""
     gain = walks([0.0, 0.02, 0.09], sd=0.6, return_s=0.05, level=2.0)
@@ -273,6 +274,7 @@ def test_a_returning_walk_is_stationary_log_normal_with_an_exponential_memory():
         assert abs(seen - np.arctanh(np.exp(-lag / 0.05))) < stats.norm.isf(0.5e-4) / np.sqrt(y.shape[0] - 3)
 
 
+@pytest.mark.slow
 def test_a_free_walk_begins_at_its_level_and_spreads_as_the_root_of_time():
     """2,000 walks (seeds 0 to 1,999), each test at 1e-4."""
     gain = walks([0.0, 0.02, 0.08], sd=2.0, level=0.5)
@@ -284,6 +286,7 @@ def test_a_free_walk_begins_at_its_level_and_spreads_as_the_root_of_time():
 
 
 @pytest.mark.parametrize("return_s", [None, 0.05])
+@pytest.mark.slow
 def test_the_expected_gain_of_a_walk_is_its_level(return_s):
     """2,000 walks at three times, between the walk's own points too; 1e-4 two-sided."""
     gain = walks([0.01025, 0.04, 0.0999], sd=0.8, return_s=return_s, level=1.5)

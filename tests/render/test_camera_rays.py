@@ -82,6 +82,7 @@ def edge_of_a_disc(x, width):
     return 0.5 + (t * np.sqrt(1 - t**2) + np.arcsin(t)) / np.pi
 
 
+@pytest.mark.slow
 def test_the_profile_of_a_blurred_edge_is_that_of_a_disc(tmp_path, monkeypatch):
     """In every four columns: within 0.003 of the edge of a disc of diameter c, averaged over them, where it should be.
 

@@ -263,6 +263,7 @@ STRONG = {  # waves move paths by five pixels and more, defocus by less than one
 
 @needs_llvm
 @pytest.mark.parametrize("drive", STRONG.values(), ids=STRONG)
+@pytest.mark.slow
 def test_bent_paths_fall_as_densely_on_the_border_as_on_the_middle(tmp_path, monkeypatch, drive):
     """The outermost pixels get 1 % of the mean more or less; 140,000 paths, which scatter by 0.3 %.
 

@@ -39,6 +39,7 @@ def plane(tmp_path, monkeypatch):
 
 
 @needs_llvm
+@pytest.mark.slow
 def test_the_grain_of_a_stored_stack_is_that_of_two_full_renders(plane, tmp_path):
     """At 64 samples against 8: the law of 1/n makes it too large, if anything; by less than a half here."""
     root = tmp_path / "stacks"

@@ -349,6 +349,7 @@ def test_rare_bright_paths_are_not_lost(chance):
     assert reflect(gather((hits, radiance)), middles(128)).mean() == pytest.approx(radiance.mean(), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_estimate_is_that_of_its_slow_and_simple_way():
     """Two shapes that lie over four tiles and beyond the picture's corner; cells of one path up to forty."""
     random = np.random.default_rng(21)

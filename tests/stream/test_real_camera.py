@@ -41,6 +41,7 @@ def recording(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_raw_file_a_lens_log_and_a_truth_become_a_ranked_row_in_three_commands(recording, call, tmp_path):
     out = tmp_path / "mine" / "desk-daylight-00.h5"
     given = ("--focus", recording / "lens.csv", "--truth", TRUTH, "--depth-of-focus", 0.37, 0.47)

@@ -90,7 +90,7 @@ class Handler(SimpleHTTPRequestHandler):
 def serve(folder, *, ranges=True, breaks=None):
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(folder))) as server:
         server.asked, server.ranges, server.breaks = [], ranges, dict(breaks or {})
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+        threading.Thread(target=partial(server.serve_forever, 0.01), daemon=True).start()
         try:
             yield server, f"http://127.0.0.1:{server.server_address[1]}"
         finally:
