@@ -7,6 +7,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 BROWSER := $(VENV)/.browser
 KERNELS := $(VENV)/.kernels
+ENCODER := $(VENV)/.encoder
 DOCS := $(VENV)/.docs
 # Tests start many commands, each of which would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -46,14 +47,19 @@ $(BROWSER): $(STAMP) tools/install-chromium.sh
 
 # Numba's kernels are compiled beside the linters and the tests themselves, once for all processes of the tests.
 $(KERNELS): $(STAMP) $(wildcard saf_gen/render/*.py saf_gen/camera/*.py saf_gen/core/*.py saf_gen/benchmark/view/*.py)
-	@$(BIN)/python tests/helpers/compile_kernels.py
+	@$(BIN)/python tests/helpers/compile_kernels.py renderer
 	@touch $@
 
 compiled-tests: lint
 	@$(BIN)/pytest --collect-only -n 0 >/dev/null
 
+# After the linters, which take less time than the kernels of the renderer.
+$(ENCODER): $(STAMP) $(wildcard saf_gen/camera/*.py) | compiled-tests
+	@$(BIN)/python tests/helpers/compile_kernels.py encoder
+	@touch $@
+
 checked: install
-	@$(MAKE) --no-print-directory -j2 compiled-tests $(KERNELS)
+	@$(MAKE) --no-print-directory -j2 compiled-tests $(KERNELS) $(ENCODER)
 
 test: checked $(BROWSER)
 	$(BIN)/pytest -m 'not gpu and not long' -rs --durations=10
@@ -73,4 +79,4 @@ docs: $(DOCS)
 	$(BIN)/python tools/build_site.py --out build/site
 
 clean:
-	rm -rf build/site datasets/quickstart $(BROWSER) $(KERNELS) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf build/site datasets/quickstart $(BROWSER) $(KERNELS) $(ENCODER) .pytest_cache .mypy_cache .ruff_cache
