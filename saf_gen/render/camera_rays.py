@@ -67,8 +67,7 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
     rows, columns = grid.rows + 2 * covered.rows, grid.columns + 2 * covered.columns
     rows_per_pass = max(1, RAYS_PER_PASS // (columns * samples))
     inverse_v, inverse_u = (
-        opaque_number_for_rays(np.float32(1) / np.float32(distance(middle)))
-        for distance in (drive.image_distance, drive.object_distance)
+        _opaque_reciprocal(distance(middle)) for distance in (drive.image_distance, drive.object_distance)
     )
     # Rays start where the lens is farthest from the scene; trace_depth_and_target() has made sure that no
     # surface lies between.
@@ -76,6 +75,7 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
     ahead = opaque_number_for_rays(farthest - float(drive.shift(middle)))
     farthest, radius = opaque_number_for_rays(farthest), opaque_number_for_rays(covered.radius_m)
     half_rows, half_columns = opaque_number_for_rays(rows / 2), opaque_number_for_rays(columns / 2)
+    pitch = opaque_number_for_rays(grid.pitch_m)
     samples_word, row_length = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, columns)
     transform = mi.Transform4f(setup.to_world)
     for begin in range(0, rows, rows_per_pass):
@@ -87,8 +87,8 @@ def cast_camera_rays(setup: RenderSetup, focus: np.ndarray, *, samples: int, see
         row, column = pixel % height + dr.opaque(mi.UInt32, begin), pixel // height
         pixel = row * row_length + column
         across, down, lens = place_ray_samples(pixel, sample, samples=requested, seed=seed)
-        x = (mi.Float(column) + across - half_columns) * grid.pitch_m
-        y = (mi.Float(row) + down - half_rows) * grid.pitch_m
+        x = (mi.Float(column) + across - half_columns) * pitch
+        y = (mi.Float(row) + down - half_rows) * pitch
         a = mi.warp.square_to_uniform_disk_concentric(lens) * radius
         # Slope in object space. The equal (a - x)/v - a/f would lose digits where u is much larger than f.
         slope_x, slope_y = -(x * inverse_v + a.x * inverse_u), -(y * inverse_v + a.y * inverse_u)
@@ -120,12 +120,12 @@ def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarr
         first_v, step_v = _image_distance_line(setup, focus)
         first_x, first_y = first_x + first_v * angle.x, first_y + first_v * angle.y
         step_x, step_y = step_x + step_v * angle.x, step_y + step_v * angle.y
-    pitch = grid.pitch_m
+    pixels_per_m = _opaque_reciprocal(grid.pitch_m)
     return TracedPaths(
-        first_x / pitch + grid.columns / 2,
-        first_y / pitch + grid.rows / 2,
-        step_x / pitch,
-        step_y / pitch,
+        first_x * pixels_per_m + opaque_number_for_rays(grid.columns / 2),
+        first_y * pixels_per_m + opaque_number_for_rays(grid.rows / 2),
+        step_x * pixels_per_m,
+        step_y * pixels_per_m,
         None,
         *window,
     )
@@ -134,6 +134,11 @@ def land_rays_on_sensor(rays: CameraRays, setup: RenderSetup, *, focus: np.ndarr
 def opaque_number_for_rays(value: Any) -> Any:
     """Return a number that the kernel reads; as a constant, every value would need a kernel of its own."""
     return dr.opaque(mi.Float, float(value))
+
+
+def _opaque_reciprocal(value: Any) -> Any:
+    """Return 1/value, rounded as float32, for a kernel that would otherwise divide ray by ray."""
+    return opaque_number_for_rays(np.float32(1) / np.float32(value))
 
 
 def _sensor_and_lens_line(setup: RenderSetup, focus: np.ndarray, *, x: Any, a: Any) -> tuple[Any, Any, Any, Any]:
@@ -162,7 +167,8 @@ def ray_positions_through_aperture(first: Any, step: Any, *, radius: float, posi
     |first + k·step|² = R² is a quadratic in k. The root for which the textbook formula subtracts nearly equal
     numbers is computed as q/(...), so that a ray that hardly moves keeps its digits.
     """
-    first, step = first / radius, step / radius
+    per_radius = _opaque_reciprocal(radius)
+    first, step = first * per_radius, step * per_radius
     q, b, c = 1 - dr.squared_norm(first), dr.dot(first, step), dr.squared_norm(step)
     root = dr.sqrt(dr.maximum(b * b + c * q, 0))  # below 0 the ray misses: it leaves before it enters
     far = root + dr.abs(b)  # 0 for a ray that does not move across the lens: it is always inside, or never

@@ -8,7 +8,13 @@ import mitsuba as mi
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.render.render_setup import RenderSetup, SensorGrid, make_mitsuba_camera_dict, make_mitsuba_film_dict
+from saf_gen.render.render_setup import (
+    RenderSetup,
+    SensorGrid,
+    make_mitsuba_camera_dict,
+    make_mitsuba_film_dict,
+    render_with_mitsuba_camera,
+)
 
 BESIDE_PX = 1 / 256  # how far from a pixel's centre a second and a third ray go, either way
 BESIDE_DIRECTION = 0.554  # rad: along no line that a mesh has by design
@@ -148,8 +154,9 @@ def _first_surfaces(setup: RenderSetup, sensor: dict[str, Any], *, forward_m: fl
     # One sample, not jittered: the ray through the pixel's centre.
     loaded = mi.load_dict({**sensor, "sampler": {"type": "stratified", "sample_count": 1, "jitter": False}})
     integrator = mi.load_dict({"type": "aov", "aovs": "point:position,shape:shape_index"})
-    # Not mi.render, which keeps the scene in a cycle of references for the sake of gradients.
-    planes = np.array(integrator.render(setup.mitsuba_scene, sensor=loaded, spp=1), dtype=np.float64)
+    planes = render_with_mitsuba_camera(setup.mitsuba_scene, loaded, integrator=integrator, samples=1).astype(
+        np.float64
+    )
     point, shape = planes[..., 0:3], planes[..., 3].astype(np.int64)
     to_camera = np.linalg.inv(np.array(setup.to_world_at(forward_m).matrix, dtype=np.float64))
     axial = (point @ to_camera[2, :3] + to_camera[2, 3]) * setup.unit_m

@@ -67,13 +67,45 @@ def place_ray_samples(pixel: Any, sample: Any, *, samples: int, seed: int) -> tu
         word: Any = dr.opaque(mi.UInt32, (seed + j) & 0xFFFFFFFF)
         words += mi.sample_tea_32(pixel, word, 6)
     across, down, first, second, order, _ = words
-    in_block = sample % samples
-    other = mi.permute_kensler(in_block, samples, order) + (sample - in_block)
+    in_block = sample % dr.opaque(mi.UInt32, samples)
+    other = permute_ray_samples(in_block, samples, word=order) + (sample - in_block)
     return (
         _fraction(dr.brev(sample) ^ across),
         _fraction(_second_of_sobol(sample) ^ down),
         mi.Point2f(_fraction(dr.brev(other) ^ first), _fraction(_second_of_sobol(other) ^ second)),
     )
+
+
+def permute_ray_samples(index: Any, samples: int, *, word: Any) -> Any:
+    """Return where the permutation of 0...``samples`` - 1 that a word names takes an index, both uint32 (ray,).
+
+    The bits are those of Mitsuba's ``permute_kensler``, in which the number of samples is a constant of the kernel: for
+    each number it would be compiled anew. A round permutes the numbers up to the next power of two; those beyond
+    ``samples`` go round again.
+
+    References
+    ----------
+    A. Kensler, "Correlated Multi-Jittered Sampling", Pixar Technical Memo 13-01 (2013).
+    """
+    length, mask = (dr.opaque(mi.UInt32, n) for n in (samples, (1 << (samples - 1).bit_length()) - 1))
+
+    def mix(i: Any) -> Any:
+        i = (i ^ word) * 0xE170893D
+        i ^= word >> 16
+        i = (i ^ ((i & mask) >> 4) ^ (word >> 8)) * 0x0929EB3F
+        i ^= word >> 23
+        i = (i ^ ((i & mask) >> 1)) * (1 | word >> 27) * 0x6935FA69
+        i = (i ^ ((i & mask) >> 11)) * 0x74DCB303
+        i = (i ^ ((i & mask) >> 2)) * 0x9E501CC3
+        i = ((i ^ ((i & mask) >> 2)) * 0xC860A3DF) & mask
+        return i ^ (i >> 5)
+
+    def go_round(unfinished: Any, i: Any) -> tuple[Any, Any]:
+        i = mix(i)
+        return i >= length, i
+
+    _, index = dr.while_loop((mi.Bool(True), index), lambda unfinished, i: unfinished, go_round)
+    return (index + word) % length
 
 
 def _second_of_sobol(index: Any) -> Any:

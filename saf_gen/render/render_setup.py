@@ -92,3 +92,13 @@ def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, A
         "fov": math.degrees(2 * math.atan(half / float(drive.image_distance(position)))),
         "film": make_mitsuba_film_dict(grid),
     }
+
+
+def render_with_mitsuba_camera(scene: Any, camera: Any, *, integrator: Any, samples: int, seed: int = 0) -> np.ndarray:
+    """Return the channels that an integrator renders of a Mitsuba scene through a Mitsuba camera, float32 or float64.
+
+    (row, col, channel), or (row, col, 1) for a film of one channel. Unlike ``mi.render`` it keeps the scene in no cycle
+    of references for the sake of gradients: a scene is released as soon as nobody needs it.
+    """
+    seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba accepts an int, but its stubs want an array
+    return np.array(integrator.render(scene, sensor=camera, spp=samples, seed=seed_word))

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, PixelGrid, StackSpec
 
 STEPS = 1024  # of the travel, to which the position of a single picture is rounded
+SCENES_KEPT = 4
 PINHOLE_F_NUMBER = 64.0  # the smallest stop a card may have: no blur is as wide as a pixel
 
 
@@ -42,7 +42,7 @@ class SceneRenderer:
         backend.activate_render_backend(self.backend_name)
         self._described = mitsuba_scene.build_mitsuba_scene_dict(scene)
         self.motions = mitsuba_scene.mitsuba_shape_motions(scene, self._described)
-        self._loaded = lru_cache(maxsize=4)(self._load)
+        self._scenes: dict[tuple[tuple[str, ...], float | None], tuple[Any, Any]] = {}
         self._shadings: dict[tuple[tuple[float, ...], int, int], ShadingField] = {}
 
     @property
@@ -219,8 +219,23 @@ class SceneRenderer:
     def _moment(self, time_s: float | None) -> float:
         return self.scene.card.still_s if time_s is None and self.motions else time_s or 0.0
 
+    def _loaded(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
+        """Return the scene at a time, or with every shape where its geometry places it (None); the last four are kept.
+
+        A scene that goes is released before another is loaded, which then finds its kernels: see
+        :func:`saf_gen.render.render_missing_stacks`. An ``lru_cache`` on a method would keep self, and the scenes,
+        until a collection.
+        """
+        key = (groups, time_s)
+        found = self._scenes.pop(key, None)
+        if found is None:
+            while len(self._scenes) >= SCENES_KEPT:
+                del self._scenes[next(iter(self._scenes))]
+            found = self._load(groups, time_s)
+        self._scenes[key] = found
+        return found
+
     def _load(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
-        """Load the scene at a time, or with every shape where its geometry places it (None)."""
         card, moment = self.scene.card, self._described
         if time_s is not None:
             moment = posed_shapes.pose_rendered_shapes(moment, self.motions, time_s=time_s, unit_m=card.unit_m)

@@ -160,8 +160,8 @@ class SurfaceFinder:
             self._middle
         )  # from the lens at the middle of its travel, for all rays alike
         scale = opaque_number_for_rays(self._pixels_per_slope)
-        column = -point.x / depth * scale + setup.grid.columns / 2
-        row = -point.y / depth * scale + setup.grid.rows / 2
+        column = -point.x / depth * scale + opaque_number_for_rays(setup.grid.columns / 2)
+        row = -point.y / depth * scale + opaque_number_for_rays(setup.grid.rows / 2)
         beside = dr.maximum(dr.abs(column), dr.abs(row)) > PIXELS_BESIDE  # or behind: seen in a mirror
         shape = dr.select((depth <= 0) | beside, 0, shape)
         textured = (shape > 0) & (self._look_up(self._textured, hit, valid=shape > 0) > 0)

@@ -5,7 +5,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.render.render_setup import RenderSetup, make_mitsuba_camera_dict
+from saf_gen.render.render_setup import RenderSetup, make_mitsuba_camera_dict, render_with_mitsuba_camera
 
 
 def rendered_texel_footprints(
@@ -19,14 +19,14 @@ def rendered_texel_footprints(
     are left out, because geometry and formulas are sharp at any size.
     """
     sampler = {"type": "stratified", "sample_count": 1, "jitter": False}
-    sensor = mi.load_dict({"type": "perspective", **make_mitsuba_camera_dict(setup, position), "sampler": sampler})
+    camera = mi.load_dict({"type": "perspective", **make_mitsuba_camera_dict(setup, position), "sampler": sampler})
     sizes = []
     for shape in (s for s in setup.mitsuba_scene.shapes() if s.id() in target_shapes):
         density = _texel_density(shape.bsdf())
         if density > 0:
             alone = mi.load_dict({"type": "scene", "it": shape}, optimize=False)
             integrator = mi.load_dict({"type": "aov", "aovs": "u:dp_du,v:dp_dv"})
-            planes = np.array(mi.render(alone, sensor=sensor, integrator=integrator, spp=1), dtype=np.float64)
+            planes = render_with_mitsuba_camera(alone, camera, integrator=integrator, samples=1).astype(np.float64)
             area = np.linalg.norm(np.cross(planes[..., 0:3], planes[..., 3:6]), axis=-1)[target]
             sizes.append(np.sqrt(area[area > 0] / density) * setup.unit_m)
     return np.concatenate(sizes) if sizes else np.empty(0)

@@ -6,7 +6,6 @@ the aperture and the pixel, as ours is.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -17,6 +16,7 @@ from saf_gen.render.render_setup import (
     make_mitsuba_camera_dict,
     make_mitsuba_film_dict,
     positions_to_render,
+    render_with_mitsuba_camera,
 )
 
 
@@ -26,7 +26,7 @@ def render_position(
     """Render the mean radiance at one focus position, of all pixels or of a region: float32 (row, col)."""
     drive = setup.drive
     film = make_mitsuba_film_dict(setup.grid, region)
-    sensor = mi.load_dict(
+    camera = mi.load_dict(
         {
             "type": "thinlens",
             **make_mitsuba_camera_dict(setup, position),
@@ -36,9 +36,10 @@ def render_position(
             "sampler": {"type": "independent", "sample_count": samples},
         }
     )
-    seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba accepts an int, but its stubs want an array
-    image = mi.render(setup.mitsuba_scene, sensor=sensor, integrator=setup.integrator, spp=samples, seed=seed_word)
-    return np.array(image, dtype=np.float32).reshape(film["crop_height"], film["crop_width"])
+    image = render_with_mitsuba_camera(
+        setup.mitsuba_scene, camera, integrator=setup.integrator, samples=samples, seed=seed
+    )
+    return image.astype(np.float32).reshape(film["crop_height"], film["crop_width"])
 
 
 def render_stack(

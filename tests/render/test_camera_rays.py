@@ -1,7 +1,9 @@
 """The rays that are cast, and the light they bring, against closed forms of sensor, lens and edge."""
 
 import math
+from dataclasses import replace
 
+import drjit as dr
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -34,6 +36,27 @@ def cast(setup, *, samples):
     return np.concatenate(pixels), [
         None if part[0] is None else np.concatenate(part) for part in zip(*paths, strict=True)
     ]
+
+
+@pytest.mark.parametrize(
+    "drives",
+    [
+        (ImageDistanceDrive(0.025, 2.0, (0.60, 0.42)), ImageDistanceDrive(0.05, 4.0, (0.7, 0.3))),
+        (Stage(0.025, 2.0, 1 / 19, (-0.08, 0.10)), Stage(0.05, 4.0, 1 / 9, (-0.02, 0.03))),
+    ],
+    ids=["image_distance", "stage"],
+)
+def test_one_kernel_casts_the_rays_of_every_sensor_lens_and_number_of_samples(test_scenes, drives):
+    """What they are is read by the kernel, which takes a tenth of a second to compile."""
+    used = []
+    choices = zip(drives, [(24, 40, 60e-6), (20, 33, 17e-6)], [16, 7], strict=True)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for drive, grid, samples in choices:
+            setup = replace(load_setup(find_scene("plane"), drive=drive), grid=SensorGrid(*grid))
+            dr.kernel_history_clear()
+            cast(setup, samples=samples)
+            used.append({kernel["hash"] for kernel in dr.kernel_history() if kernel["type"] is dr.KernelType.JIT})
+    assert used[0] == used[1] != set()
 
 
 @every_drive

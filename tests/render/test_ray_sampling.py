@@ -9,7 +9,7 @@ from written_scenes import needs_llvm
 
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.render import backend, camera_rays
-from saf_gen.render.ray_sampling import compute_ray_coverage, place_ray_samples
+from saf_gen.render.ray_sampling import compute_ray_coverage, permute_ray_samples, place_ray_samples
 from saf_gen.render.render_setup import SensorGrid
 
 GRID = SensorGrid(rows=12, columns=20, pitch_m=100e-6)
@@ -133,6 +133,18 @@ def test_counts_that_are_no_power_of_two_are_even_too(samples):
             for b in corner:
                 share = ((first < a) & (second < b)).mean(axis=1)
                 assert np.abs(share - a * b).max() * samples <= np.log2(samples) + 2
+
+
+@needs_llvm
+@pytest.mark.parametrize("samples", [1, 2, 3, 5, 8, 24, 100, 1000, 1025])
+def test_samples_are_permuted_as_mitsuba_does_it(samples):
+    """Bit for bit, each of the samples by 4,096 words; each word's order is a permutation."""
+    backend.activate_render_backend("llvm")
+    word = dr.repeat(mi.sample_tea_32(dr.arange(mi.UInt32, 4096), mi.UInt32(11), 4)[0], samples)
+    index = dr.arange(mi.UInt32, 4096 * samples) % samples
+    own = permute_ray_samples(index, samples, word=word).numpy()
+    assert (own == mi.permute_kensler(index, samples, word).numpy()).all()
+    assert (np.sort(own.reshape(4096, samples), axis=1) == np.arange(samples)).all()
 
 
 @needs_llvm

@@ -1,9 +1,11 @@
 """The renderer against closed forms, and against Mitsuba's own thin lens."""
 
+import gc
 import shutil
 from dataclasses import replace
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 from refusals import refusal
@@ -28,6 +30,7 @@ from saf_gen.render import (
     thin_lens,
 )
 from saf_gen.render.render_setup import SensorGrid
+from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 
@@ -253,6 +256,30 @@ def test_the_target_is_found_beside_other_scenes_in_the_process(plane, name):
     others = [load_setup(plane, name=name) for _ in range(2)]
     assert depth_and_target.trace_depth_and_target(load_setup(plane, name=name), ("plane",)).target.all()
     assert len(others) == 2
+
+
+@needs_llvm
+def test_scenes_are_released_with_their_renderer(plane):
+    """Those still alive have indices that are part of a kernel's code: for the next scene it would be compiled anew."""
+
+    def first_free_index():
+        return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(mi.load_dict({"type": "sphere"})))[0])
+
+    gc.disable()
+    try:
+        renderer = SceneRenderer(plane, SensorGrid(4, 6, 400e-6), backend_name="llvm")
+        before = first_free_index()
+        for group in (*plane.card.lights, None):
+            renderer.prepare(group and (group,))
+        seen = renderer.trace_depth_and_target()
+        renderer.render_region(0.5, samples=1, region=(slice(0, 2), slice(0, 2)))
+        renderer.render_picture(0.5, samples=1)
+        renderer.texel_footprints(0.5, seen.target)
+        assert first_free_index() > before
+        del renderer
+        assert first_free_index() == before
+    finally:
+        gc.enable()
 
 
 @needs_llvm
