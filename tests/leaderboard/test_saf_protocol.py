@@ -12,6 +12,7 @@ from refusals import refusal
 from scipy.stats import kendalltau
 from spreadsheets import HEADING, write_xlsx
 
+from saf_gen.benchmark import thumbnails
 from saf_gen.benchmark.records import read_records, write_benchmark_records
 from saf_gen.leaderboard.rank_agreement import compare_ranked_scores
 from saf_gen.leaderboard.saf_protocol import rank_methods_on_saf_folder
@@ -27,7 +28,16 @@ METHODS = ("sd_code+argmax", "sd_code+egs_code", "er_count+argmax", "sd_code+arg
 
 
 def spikes_of(peak):
-    return np.tile(make_spikes(peak, shape=(FRAMES, 25, 40)), (1, 10, 10))
+    """A tenth of the camera's height and width; recordings have it a hundred times side by side."""
+    return make_spikes(peak, shape=(FRAMES, 25, 40))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_pictures():
+    """Pages have two pictures of a recording instead of 48: nobody looks at them here, and all are kept on disk."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(thumbnails, "THUMBNAIL_COUNT", 2)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +46,7 @@ def saf(tmp_path_factory):
     root = tmp_path_factory.mktemp("SAF") / "datasets"
     rows = [HEADING]
     for number, (scene, (peak, block)) in enumerate(LISTED.items(), start=1):
-        write_stream(root / f"{scene}.h5", spikes_of(peak))
+        write_stream(root / f"{scene}.h5", np.tile(spikes_of(peak), (1, 10, 10)))
         export_raw_frames(root / f"{scene}.h5", root / f"{scene}.dat", layout="416")
         (root / f"{scene}.h5").unlink()
         rows.append((number, scene, FRAMES, peak + 1, block, f"datasets\\{scene}.dat"))
@@ -59,7 +69,7 @@ def ranked(saf, tmp_path_factory):
 
 def best_block(peak, block):
     """The last frame, counted from 1, of the block of largest spike dispersion, the plain way."""
-    blocks = spikes_of(peak)[: FRAMES // block * block].reshape(-1, block, 250, 400).sum(axis=1, dtype=float)
+    blocks = spikes_of(peak)[: FRAMES // block * block].reshape(-1, block, 25, 40).sum(axis=1, dtype=float)
     scores = [((c - c.mean()) ** 2).sum() / c.mean() ** 2 for c in blocks]
     return (int(np.argmax(scores)) + 1) * block
 

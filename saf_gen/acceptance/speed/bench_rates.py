@@ -5,13 +5,14 @@ Processor time is measured where others that are busy on the machine would chang
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
 from saf_gen.acceptance.speed.fresh_process import time_benched_call
+from saf_gen.acceptance.speed.no_work import NoWork
 from saf_gen.acceptance.speed.synthetic_recording import make_bench_charge, record_bench_sweep
 from saf_gen.camera import get_sensor
 from saf_gen.core.cores import usable_cores
@@ -32,22 +33,6 @@ SCENE = "usaf_target"
 FEW, MANY = 4, 64
 """Samples of the two stacks whose difference in time is that of the paths alone."""
 RECIPE, REPEATS, OPENINGS = "quickstart", 100, 100
-
-
-@dataclass(frozen=True)
-class NoWork:
-    """A job that only reports, as all do."""
-
-    number: int
-    takes_all_cores: bool = False
-    wants_gpu: bool = False
-
-    @property
-    def name(self) -> str:
-        return f"nothing {self.number}"
-
-    def run(self, report: ReportProgress) -> None:
-        report(self.name, 1.0)
 
 
 def run_bench(size: BenchSize, report: ReportProgress) -> Iterator[BenchFigure | str]:

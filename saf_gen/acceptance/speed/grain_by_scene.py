@@ -14,7 +14,6 @@ from typing import Any
 
 import saf_gen
 from saf_gen.acceptance.speed.bench_figure import BenchFigure, BenchSize
-from saf_gen.camera import get_sensor
 from saf_gen.core.files import check_folder_writable, write_text_atomically
 from saf_gen.errors import BadInput, SafGenError
 from saf_gen.scene.scene_folder import Scene, find_scene, scene_names
@@ -109,6 +108,8 @@ def _read_figure(figure: dict[str, Any]) -> BenchFigure:
 
 def _identify(scenes: Mapping[str, Scene | None], size: BenchSize) -> dict[str, str]:
     """Return a digest, for each scene, of what decides its figures: the scene, the workload and this package's code."""
+    from saf_gen.camera import get_sensor  # every process of a bench imports this module, and few need a camera
+
     workload = (get_sensor(size.sensor), size.positions[0], size.still_samples, size.slice_samples)
     package = Path(saf_gen.__file__).parent
     code = b"".join(path.read_bytes() for path in sorted(package.rglob("*.py")))

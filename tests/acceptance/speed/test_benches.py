@@ -25,6 +25,7 @@ from saf_gen.acceptance.speed import (
     SceneFound,
     bench_encode,
     bench_grain,
+    bench_rates,
     bench_stack,
     bench_stream,
     fresh_process,
@@ -141,8 +142,9 @@ def test_a_bench_gives_every_figure_promised(name):
 
 
 @pytest.mark.slow
-def test_a_plan_reads_the_rates_that_the_bench_measures(tmp_path):
+def test_a_plan_reads_the_rates_that_the_bench_measures(tmp_path, monkeypatch):
     """So little is rendered here that its time may drown in that of others, which a remark then says."""
+    monkeypatch.setattr(bench_rates, "REPEATS", 5)
     found, stages = measured("rates")
     figures = [f for f in found if isinstance(f, BenchFigure)]
     assert {"recording", "rendering", "scheduler"} == {stage for stage, _ in stages}
