@@ -68,10 +68,7 @@ class HostAccumulator:
 
     def add(self, paths: TracedPaths) -> int:
         """Add paths (Dr.Jit arrays), and return the number of clipped samples among them."""
-        host = paths.to_host()
-        line = (host.first_x, host.first_y, host.step_x, host.step_y)
-        window = host.begin, host.end, host.weight
-        return int(splat_paths(self.sums, *line, host.radiance, self.scale, self.most, *window))
+        return splat_paths(self.sums, paths.to_host(), scale=self.scale, most=self.most)
 
     def mean_radiance(self) -> np.ndarray:
         """Return the mean radiance, float32 (focus, row, col)."""
@@ -107,25 +104,24 @@ def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most
     rows, columns, focus = sums.shape
     clipped = 0
     for i in range(a, b):
-        if weight is not None and weight[i] == 0:
+        times = np.int64(weight[i]) if weight.size else np.int64(1)
+        if times == 0:
             continue
         radiance = value[i]
         if radiance > most:
             radiance = most
             clipped += 1
-        word = (np.int64(radiance * scale + 0.5) << COUNT_BITS) + 1
-        if weight is not None:
-            word *= np.int64(weight[i])
+        word = ((np.int64(radiance * scale + 0.5) << COUNT_BITS) + 1) * times
         k, stop = 0, focus
         x, y = first_x[i], first_y[i]
-        if begin is not None:  # decided when compiled: drives without a window lose no time on it
+        if begin.size:
             k, stop = begin[i], min(end[i], focus)
             x += np.float32(k) * step_x[i]
             y += np.float32(k) * step_y[i]
         # From border to border (Amanatides and Woo 1987): one addition per border, and no division.
         column, right, to_x, pace_x = _axis(x, step_x[i])
         row, down, to_y, pace_y = _axis(y, step_y[i])
-        if begin is not None:
+        if begin.size:
             to_x += np.float32(k)
             to_y += np.float32(k)
         while k < stop:
@@ -147,12 +143,7 @@ def _splat_some(sums, a, b, first_x, first_y, step_x, step_y, value, scale, most
 
 
 @nb.njit(parallel=True, cache=True)
-def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begin=None, end=None, weight=None):
-    """Add paths, the fields of :class:`TracedPaths`, to the accumulators; return the number of clipped samples.
-
-    ``sums`` is int64 (worker, row, col, focus), changed in place; ``scale`` is the fixed-point units per unit of
-    radiance, ``most`` the radiance at which a sample is clipped.
-    """
+def _splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begin, end, weight):
     workers = sums.shape[0]
     clipped = np.zeros(workers, dtype=np.int64)
     for worker in nb.prange(workers):
@@ -162,6 +153,26 @@ def splat_paths(sums, first_x, first_y, step_x, step_y, value, scale, most, begi
             sums[worker], a, b, first_x, first_y, step_x, step_y, value, scale, most, begin, end, weight
         )
     return clipped.sum()
+
+
+def splat_paths(sums: np.ndarray, paths: TracedPaths, *, scale: float, most: float) -> int:
+    """Add paths, as numpy arrays, to the accumulators; return the number of clipped samples.
+
+    ``sums`` is int64 (worker, row, col, focus), changed in place; ``scale`` is the fixed-point units per unit of
+    radiance, ``most`` the radiance at which a sample is clipped.
+    """
+    line = (paths.first_x, paths.first_y, paths.step_x, paths.step_y)
+    return int(_splat_paths(sums, *line, paths.radiance, scale, most, *choices_of_splat(paths)))
+
+
+def choices_of_splat(paths: TracedPaths) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return ``begin``, ``end`` and ``weight``, empty where they are None.
+
+    With one type of argument for all paths a kernel of numba is compiled once: it takes seconds.
+    """
+    given = ((paths.begin, np.int32), (paths.end, np.int32), (paths.weight, np.uint32))
+    begin, end, weight = (np.empty(0, kind) if array is None else array for array, kind in given)
+    return begin, end, weight
 
 
 @nb.njit(parallel=True, cache=True)

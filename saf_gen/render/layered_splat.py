@@ -23,7 +23,7 @@ import numba as nb
 import numpy as np
 
 from saf_gen.optics import Drive
-from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths
+from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths, choices_of_splat
 from saf_gen.render.surface_hits import Distances
 
 SMOOTHING = 0.2  # standard deviation of the Gaussian over that of the disc of the least blurred paths of a layer
@@ -104,12 +104,10 @@ class LayeredSums:
             (line.first_x, line.first_y, line.step_x, line.step_y),
             radiance,
             (self._scale, self._most),
-            line.begin,
-            line.end,
-            line.weight,
+            *choices_of_splat(line),
             (distances.end, *lens),
-            distances.nearest,
-            distances.farthest,
+            NOTHING_CLEAR if distances.nearest is None else distances.nearest,
+            NOTHING_CLEAR if distances.farthest is None else distances.farthest,
             self._blur,
         )
 
@@ -118,10 +116,11 @@ class LayeredSums:
         _, focus, _, rows, columns, groups = self._sums.shape
         out = np.empty((groups, focus, rows, columns), dtype=np.float32)
         for k in range(focus):
-            _compose(self._sums[:, k], self._scale, out=out[:, k])
+            _compose(self._sums, self._scale, position=k, out=out)
         return out
 
 
+NOTHING_CLEAR = np.empty(0, np.float32)
 BLURS = LEAST_BLUR * 2.0 ** (np.arange(SIDE) / LAYERS_PER_OCTAVE)
 """Least blur (pixels) of the layers on either side of the focused one, from it on."""
 GAUSSIANS = np.concatenate([[0.0], SMOOTHING * BLURS / 4])
@@ -153,21 +152,21 @@ def _add_some(sums, a, b, line, values, units, begin, end, weight, points, neare
     words = np.empty(groups, dtype=np.int64)
     step = 0
     for i in range(a, b):
-        times = np.int64(1) if weight is None else np.int64(weight[i])
+        times = np.int64(weight[i]) if weight.size else np.int64(1)
         if times == 0:
             continue
         for g in range(groups):
             radiance = min(np.float64(values[g, i]), most[g])
             words[g] = ((np.int64(radiance * scale[g] + 0.5) << COUNT_BITS) + 1) * times
         k, stop = 0, focus
-        if begin is not None:
+        if begin.size:
             k, stop = begin[i], min(end[i], focus)
         while k < stop:
             x, y = first_x[i] + np.float32(k) * step_x[i], first_y[i] + np.float32(k) * step_y[i]
             layer = SIDE
             if end_at[i] > 0:
                 blur = np.float32(1) / (end_at[i] - shift[k]) - inverse_distance[k]
-                if nearest is not None and farthest[i] > 0:  # decided when compiled: None where nothing is clear
+                if farthest.size and farthest[i] > 0:
                     near = np.float32(1) / (nearest[i] - shift[k]) - inverse_distance[k]
                     far = np.float32(1) / (farthest[i] - shift[k]) - inverse_distance[k]
                     blur = _smaller(blur, np.float32(0) if near > 0 > far else _smaller(near, far))
@@ -213,9 +212,12 @@ def gaussian_splat_taps(sigma: float) -> np.ndarray:
     return taps / (taps[0] + 2 * taps[1:].sum())
 
 
-def _compose(sums: np.ndarray, scale: np.ndarray, *, out: np.ndarray) -> None:
-    """Fill in the image, float32 (light, row, col), of one position from its sums (worker, layer, row, col, light)."""
-    planes, samples = _split_layers(sums, scale)
+def _compose(sums: np.ndarray, scale: np.ndarray, *, position: int, out: np.ndarray) -> None:
+    """Fill in the image of one position in ``out``, float32 (light, focus, row, col), from the sums of all.
+
+    Kernels are given whole arrays: a part may lie in memory in several ways, and they would be compiled for each.
+    """
+    planes, samples = _split_layers(sums, position, scale)
     layers = np.flatnonzero(samples)
     planes = planes[layers]
     counts = planes[:, -1]
@@ -226,13 +228,13 @@ def _compose(sums: np.ndarray, scale: np.ndarray, *, out: np.ndarray) -> None:
     for n, kernel in enumerate(kernels):
         taps[n, : kernel.size] = kernel
     _smooth(planes, taps, np.array([kernel.size for kernel in kernels], dtype=np.int64))
-    _put_together(planes, out)
+    _put_together(planes, position, out)
 
 
 @nb.njit(parallel=True, cache=True)
-def _split_layers(sums, scale):
+def _split_layers(sums, k, scale):
     """Return radiance sums and, last, samples, float32 (layer, light + 1, row, col), and the samples of each layer."""
-    workers, layers, rows, columns, groups = sums.shape
+    workers, _, layers, rows, columns, groups = sums.shape
     mask = (np.int64(1) << COUNT_BITS) - 1
     planes = np.empty((layers, groups + 1, rows, columns), np.float32)
     samples = np.zeros((rows, layers))
@@ -243,7 +245,7 @@ def _split_layers(sums, scale):
                 for g in range(groups):
                     total = np.int64(0)
                     for worker in range(workers):
-                        total += sums[worker, layer, row, column, g]
+                        total += sums[worker, k, layer, row, column, g]
                     planes[layer, g, row, column] = (total >> COUNT_BITS) / scale[g]
                     count = total & mask
                 planes[layer, groups, row, column] = count
@@ -283,21 +285,21 @@ def _smooth(planes, taps, sizes):
 
 
 @nb.njit(parallel=True, cache=True)
-def _put_together(planes, out):
+def _put_together(planes, k, out):
     """Put layers over each other, from front to back: each covers a part of what those before it leave free."""
     layers, groups = planes.shape[0], planes.shape[1] - 2
     for row in nb.prange(planes.shape[2]):
         for column in range(planes.shape[3]):
             free = np.float32(1)
             for g in range(groups):
-                out[g, row, column] = 0
+                out[g, k, row, column] = 0
             for layer in range(layers):
                 count, rest = planes[layer, groups, row, column], planes[layer, groups + 1, row, column]
                 if count > 0:
                     weight = free * min(count / rest, np.float32(1)) / count
                     for g in range(groups):
-                        out[g, row, column] += weight * planes[layer, g, row, column]
+                        out[g, k, row, column] += weight * planes[layer, g, row, column]
                     free -= weight * count
             if free < 1:
                 for g in range(groups):
-                    out[g, row, column] /= 1 - free
+                    out[g, k, row, column] /= 1 - free

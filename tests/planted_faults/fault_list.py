@@ -137,8 +137,8 @@ FAULTS = {
         (
             Change(
                 "render.camera_rays",
-                "first_x / pitch + grid.columns / 2,",
-                "first_x / pitch + (grid.columns / 2 + 0.25),",
+                "first_x * pixels_per_m + opaque_number_for_rays(grid.columns / 2),",
+                "first_x * pixels_per_m + opaque_number_for_rays(grid.columns / 2 + 0.25),",
             ),
         ),
         (

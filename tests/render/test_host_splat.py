@@ -5,11 +5,12 @@ import pytest
 from random_paths import paths, windows
 
 from saf_gen.render import host_splat
+from saf_gen.render.host_splat import TracedPaths
 
 
-def splat(*arguments):
-    """All arguments are given, as by the renderer: numba compiles a kernel again for one that is left out."""
-    return host_splat.splat_paths(*arguments, *[None] * (11 - len(arguments)))
+def splat(sums, *arguments):
+    *path, scale, most = arguments[:7]
+    return host_splat.splat_paths(sums, TracedPaths(*path, *arguments[7:]), scale=scale, most=most)
 
 
 def one_by_one(first_x, first_y, step_x, step_y, value, shape, begin=None, end=None):

@@ -131,7 +131,7 @@ def test_what_is_not_blurred_is_summed_as_it_was_traced(distance, windowed):
     *line, radiance = paths(5, count, shape)
     more = windows(8, count, shape) if windowed else ()
     plain = host_splat.allocate_splat_accumulators(2, shape)
-    host_splat.splat_paths(plain, *line, radiance, SCALE, MOST, *more, *[None] * (3 - len(more)))
+    host_splat.splat_paths(plain, TracedPaths(*line, radiance, *more), scale=SCALE, most=MOST)
     lens = on_disc(np.random.default_rng(1), count)
     found = add_all(shape, (TracedPaths(*line, None, *more), lens, distance, radiance))
     assert found[0] == pytest.approx(host_splat.mean_radiance_of_paths(plain, SCALE), rel=1e-6)

@@ -69,7 +69,7 @@ class ActuatedLens:
             omega = 2 * pi * self.actuator.resonance_hz
             pieces = np.array(_until(self._seat, (stop - 0.5) / self.readout_hz))
             passed = integrate_lens_oscillator(
-                pieces, self._swing, first, self.readout_hz, omega, self.actuator.damping, positions
+                pieces, self._swing, first, self.readout_hz, omega, float(self.actuator.damping), positions
             )
             del self._seat[:passed]
             motor = self._motor_positions(first, stop)
