@@ -15,8 +15,8 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help install demo test test-fast test-long lint compiled-tests checked docs clean
 help:
 	@echo "make demo       recipe to leaderboard: renders, encodes, evaluates (a minute, after a minute of set-up)"
-	@echo "make test       linters, types and every test (about eight minutes on two cores)"
-	@echo "make test-fast  linters, types and the short tests (about three minutes)"
+	@echo "make test       linters, types and every test (five to seven minutes on two cores)"
+	@echo "make test-fast  linters, types and the short tests (two to three minutes)"
 	@echo "make test-long  a tenth of the paper's grid at full size, planted faults, checks (half an hour more)"
 	@echo "make docs       the documentation as a site with search: build/site/index.html (half a minute)"
 	@echo "make install    only set up .venv"

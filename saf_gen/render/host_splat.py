@@ -47,6 +47,15 @@ class TracedPaths(NamedTuple):
         """Return Dr.Jit's arrays as numpy arrays, without a copy where the device is the host (LLVM)."""
         return TracedPaths(*(array if array is None else array.numpy() for array in self))
 
+    def window_and_weight(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return ``begin``, ``end`` and ``weight`` as numpy arrays, empty where they are None.
+
+        Kernels of numba are then given the same types for all paths, and compiled once, which takes seconds.
+        """
+        given = ((self.begin, np.int32), (self.end, np.int32), (self.weight, np.uint32))
+        begin, end, weight = (np.empty(0, kind) if array is None else array for array, kind in given)
+        return begin, end, weight
+
 
 class HostAccumulator:
     """Sums of all rows of a stack, added to by the cores.
@@ -162,17 +171,7 @@ def splat_paths(sums: np.ndarray, paths: TracedPaths, *, scale: float, most: flo
     radiance, ``most`` the radiance at which a sample is clipped.
     """
     line = (paths.first_x, paths.first_y, paths.step_x, paths.step_y)
-    return int(_splat_paths(sums, *line, paths.radiance, scale, most, *choices_of_splat(paths)))
-
-
-def choices_of_splat(paths: TracedPaths) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return ``begin``, ``end`` and ``weight``, empty where they are None.
-
-    With one type of argument for all paths a kernel of numba is compiled once: it takes seconds.
-    """
-    given = ((paths.begin, np.int32), (paths.end, np.int32), (paths.weight, np.uint32))
-    begin, end, weight = (np.empty(0, kind) if array is None else array for array, kind in given)
-    return begin, end, weight
+    return int(_splat_paths(sums, *line, paths.radiance, scale, most, *paths.window_and_weight()))
 
 
 @nb.njit(parallel=True, cache=True)

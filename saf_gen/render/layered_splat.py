@@ -23,7 +23,7 @@ import numba as nb
 import numpy as np
 
 from saf_gen.optics import Drive
-from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths, choices_of_splat
+from saf_gen.render.host_splat import ACCUMULATOR_BYTES, COUNT_BITS, TracedPaths
 from saf_gen.render.surface_hits import Distances
 
 SMOOTHING = 0.2  # standard deviation of the Gaussian over that of the disc of the least blurred paths of a layer
@@ -104,7 +104,7 @@ class LayeredSums:
             (line.first_x, line.first_y, line.step_x, line.step_y),
             radiance,
             (self._scale, self._most),
-            *choices_of_splat(line),
+            *line.window_and_weight(),
             (distances.end, *lens),
             NOTHING_CLEAR if distances.nearest is None else distances.nearest,
             NOTHING_CLEAR if distances.farthest is None else distances.farthest,

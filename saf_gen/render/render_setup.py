@@ -95,10 +95,10 @@ def make_mitsuba_camera_dict(setup: RenderSetup, position: float) -> dict[str, A
 
 
 def render_with_mitsuba_camera(scene: Any, camera: Any, *, integrator: Any, samples: int, seed: int = 0) -> np.ndarray:
-    """Return the channels that an integrator renders of a Mitsuba scene through a Mitsuba camera, float32 or float64.
+    """Return what an integrator renders of a Mitsuba scene through a Mitsuba camera: float32 (row, col, channel).
 
-    (row, col, channel), or (row, col, 1) for a film of one channel. Unlike ``mi.render`` it keeps the scene in no cycle
-    of references for the sake of gradients: a scene is released as soon as nobody needs it.
+    ``mi.render`` would keep the scene in a cycle of references for the sake of gradients; here it is released as soon
+    as nobody needs it.
     """
     seed_word: Any = seed & 0xFFFFFFFF  # Mitsuba accepts an int, but its stubs want an array
     return np.array(integrator.render(scene, sensor=camera, spp=samples, seed=seed_word))

@@ -222,9 +222,9 @@ class SceneRenderer:
     def _loaded(self, groups: tuple[str, ...], time_s: float | None) -> tuple[Any, Any]:
         """Return the scene at a time, or with every shape where its geometry places it (None); the last four are kept.
 
-        A scene that goes is released before another is loaded, which then finds its kernels: see
-        :func:`saf_gen.render.render_missing_stacks`. An ``lru_cache`` on a method would keep self, and the scenes,
-        until a collection.
+        A scene that is not kept is released before another is loaded. That one then gets its indices in Dr.Jit's
+        registry, which are part of a kernel's code, and finds its kernels in the cache. An ``lru_cache`` on a method
+        would keep the renderer, and all its scenes, until garbage is collected.
         """
         key = (groups, time_s)
         found = self._scenes.pop(key, None)

@@ -39,7 +39,7 @@ def render_position(
     image = render_with_mitsuba_camera(
         setup.mitsuba_scene, camera, integrator=setup.integrator, samples=samples, seed=seed
     )
-    return image.astype(np.float32).reshape(film["crop_height"], film["crop_width"])
+    return image.reshape(film["crop_height"], film["crop_width"])
 
 
 def render_stack(
