@@ -71,17 +71,10 @@ def some_frames(inputs, frames):
         {"on": ("dark", "response", "threshold_spread")},
         {"on": ("shot", "threshold_noise"), "threshold_e": 2_000},
         {"on": tuple(QUIET), "reset_loss": 0.002},
-        # Three kernels more, each of which takes seconds to compile.
-        pytest.param({"row_skew": 0.8}, marks=pytest.mark.slow),
-        pytest.param({"on": ("reset_jitter",), "reset_jitter": 0.1}, marks=pytest.mark.slow),
-        pytest.param(
-            {"on": tuple(QUIET), "reset_jitter": 0.2, "row_skew": 1, "temperature_c": 40, "dead_fraction": 0.1},
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            {"on": tuple(QUIET), "reset_jitter": 0.2, "row_skew": 1, "saturation": "dead_readout", "reset": "hard"},
-            marks=pytest.mark.slow,
-        ),
+        {"row_skew": 0.8},
+        {"on": ("reset_jitter",), "reset_jitter": 0.1},
+        {"on": tuple(QUIET), "reset_jitter": 0.2, "row_skew": 1, "temperature_c": 40, "dead_fraction": 0.1},
+        {"on": tuple(QUIET), "reset_jitter": 0.2, "row_skew": 1, "saturation": "dead_readout", "reset": "hard"},
     ],
 )
 def test_the_bits_are_those_of_the_scalar_reference(changes):

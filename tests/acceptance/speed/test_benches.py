@@ -424,7 +424,6 @@ def test_a_target_is_met_on_its_own_side():
     assert BenchFigure("b", "size", 0.4, "bit").met is None
 
 
-@pytest.mark.slow
 def test_what_cannot_be_measured_here_is_left_out_and_said(monkeypatch):
     monkeypatch.setattr(bench_encode.saf_gen, "__file__", "/nowhere/saf_gen/__init__.py")
     monkeypatch.setattr(bench_stream, "bytes_read_by_bench", lambda: None)
